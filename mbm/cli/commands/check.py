@@ -1,0 +1,57 @@
+"""``mbm check``: what is wrong with a problem, without solving it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mbm.cli.failure import print_diagnostics, write_json
+from mbm.cli.inputs import named_paths
+from mbm.cli.options import terminal, verbosity_options
+from mbm.text.types import Severity
+
+OK, WRONG = 0, 2
+
+
+@click.command("check")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--problem", metavar="NAME", help="The problem of the file to check; all of them if left out.")
+@click.option("--data", multiple=True, metavar="NAME=PATH", help="The file of a table.")
+@click.option("--strict-units", is_flag=True, help="Want a unit for every column and unknown.")
+@click.option("--json", "json_path", metavar="PATH|-", help="Write the diagnostics as JSON.")
+@click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
+@verbosity_options
+def command(
+    file: Path,
+    problem: str | None,
+    data: tuple[str, ...],
+    strict_units: bool,
+    json_path: str | None,
+    sandbox: str | None,
+) -> int:
+    """Parse and expand FILE, check names, shapes, units, data and what can be estimated, and print what is wrong.
+
+    Exit status: 0 nothing, or nothing but warnings; 2 errors.
+    """
+    from mbm.api import check
+
+    found = check(
+        file,
+        problem=problem,
+        strict_units=strict_units,
+        data=named_paths("--data", data),
+        sandbox=None if sandbox is None else Path(sandbox),
+    )
+    screen = terminal()
+    errors = [diagnostic for diagnostic in found if diagnostic.severity is Severity.ERROR]
+    print_diagnostics(errors if screen.quiet else found, color=screen.color_errors)
+    if json_path is not None:
+        write_json(found, json_path)
+    if json_path != "-" and not screen.quiet:
+        click.echo(f"{file}: {_counted(len(errors), 'error')}, {_counted(len(found) - len(errors), 'warning')}")
+    return WRONG if errors else OK
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count or 'no'} {noun}{'' if count == 1 else 's'}"

@@ -1,0 +1,70 @@
+"""Diagnostics → standard error, and to where ``--json`` asks for them."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import click
+
+from mbm.cli import faults
+from mbm.cli.options import colorful
+from mbm.text.render import as_json, render
+from mbm.text.types import Diagnostic
+
+
+def report_failure(diagnostics: Sequence[Diagnostic], arguments: Sequence[str], fault: Exception | None = None) -> None:
+    """Prints what went wrong, and writes it as ``{"diagnostics": […]}`` where ``--json`` of the call points.
+
+    ``arguments`` is the command line, which may not have been readable. ``fault`` is an unforeseen exception, whose
+    traceback ``-v`` shows.
+    """
+    verbose = any(argument in ("-v", "--verbose") for argument in arguments)
+    if fault is not None and verbose:
+        traceback.print_exception(fault, file=sys.stderr)
+    print_diagnostics(diagnostics, color="--no-color" not in arguments and colorful(sys.stderr))
+    destination = _json_destination(arguments)
+    if destination is not None:
+        write_json(diagnostics, destination)
+
+
+def print_diagnostics(diagnostics: Iterable[Diagnostic], *, color: bool) -> None:
+    """The diagnostics with their excerpts on standard error, an empty line between two."""
+    texts = [render(diagnostic, color=color) for diagnostic in diagnostics]
+    if texts:
+        click.echo("\n\n".join(texts), err=True, color=color)
+
+
+def _json_destination(arguments: Sequence[str]) -> str | None:
+    """What follows the last ``--json``."""
+    destination = None
+    for argument, following in zip(arguments, (*arguments[1:], None), strict=True):
+        if argument == "--":
+            break
+        if argument == "--json":
+            destination = following
+        elif argument.startswith("--json="):
+            destination = argument.removeprefix("--json=")
+    return destination
+
+
+def write_json(diagnostics: Iterable[Diagnostic], destination: str) -> None:
+    """``{"diagnostics": […]}`` into a file, or to standard output for ``-``; a file that cannot be written is said."""
+    from mbm.report.encode import encode, to_bytes
+
+    content = to_bytes(encode({"diagnostics": [as_json(diagnostic) for diagnostic in diagnostics]}))
+    if destination == "-":
+        write_bytes(content)
+        return
+    try:
+        Path(destination).write_bytes(content)
+    except OSError as error:
+        print_diagnostics((faults.not_writable(destination, error.strerror or str(error)),), color=False)
+
+
+def write_bytes(content: bytes) -> None:
+    """Bytes to standard output."""
+    sys.stdout.buffer.write(content)
+    sys.stdout.buffer.flush()

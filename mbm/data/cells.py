@@ -1,0 +1,138 @@
+"""Cells → Column: texts of a file, Python values or a NumPy array become a column of numbers or of texts.
+
+A column is numeric if all its cells are, else text. A gap is neutral: it becomes NaN among numbers, an empty text among
+texts; a column of gaps only is one of numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from numbers import Integral, Real
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.data import faults
+from mbm.problem.tables import GAP_WORDS, Column, Numbers
+from mbm.text.types import DataPlace, MbmError
+
+Cell: TypeAlias = Real | float | str | None
+"""A number, a text, or None for a gap."""
+
+LARGEST_EXACT = 2.0**53
+GAP_TYPES = frozenset({"NAType", "NaTType"})
+"""Names of the types of ``pandas.NA`` and ``pandas.NaT``, which are gaps though pandas itself is not imported here."""
+KIND_NAMES = {
+    "b": "an array of truth values",
+    "c": "an array of complex numbers",
+    "M": "an array of dates",
+    "m": "an array of time differences",
+    "O": "an array of Python objects",
+    "S": "an array of bytes",
+    "V": "a structured array",
+}
+
+
+def frozen(numbers: Iterable[float] | NDArray[Any]) -> Numbers:
+    """A read-only copy as float64, shape unchanged."""
+    array = np.array(numbers, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+def column_from_texts(name: str, cells: Sequence[str]) -> Column:
+    """The column of a text format. Blanks around a cell do not count.
+
+    Numbers are decimal: ``5``, ``-.5``, ``2.5e-3``, ``inf``; neither hexadecimal nor with ``_`` between digits, which
+    Python's ``float`` would let pass. Gaps are an empty cell, ``NA`` and ``nan`` in any case.
+    """
+    numbers = _numbers_of_texts(cells)
+    if numbers is None:
+        stripped = [cell.strip() for cell in cells]
+        numbers = _numbers_of_texts(["nan" if cell in GAP_WORDS else cell for cell in stripped])
+        if numbers is None:
+            return Column(name=name, texts=tuple(stripped))
+    numbers.setflags(write=False)
+    return Column(name=name, numbers=numbers)
+
+
+def _numbers_of_texts(cells: Sequence[str]) -> Numbers | None:
+    """All cells as numbers, or None. One look at all characters at once spares a look at each cell."""
+    together = "".join(cells)
+    if "_" in together or not together.isascii():
+        return None
+    try:
+        return np.fromiter(map(float, cells), dtype=np.float64, count=len(cells))
+    except ValueError:
+        return None
+
+
+def column_from_values(name: str, values: Sequence[object], path: str) -> Column:
+    """The column of Python values: numbers, texts, and None, NaN or ``pandas.NA`` for gaps; cells count from row 1.
+
+    A text stays one even if it reads as a number; in a column with texts the numbers become texts.
+    Raises MbmError bad-cell for truth values and all else, naming ``path``, row and column.
+    """
+    if {type(value) for value in values} <= {float, int}:
+        return Column(name=name, numbers=frozen([_to_float(value) for value in values]))  # type: ignore[arg-type]
+    cells = [_checked(value, DataPlace(file=path, row=row, column=name)) for row, value in enumerate(values, start=1)]
+    return mixed_column(name, cells)
+
+
+def mixed_column(name: str, cells: Sequence[Cell]) -> Column:
+    """The column of checked cells: numbers, texts and None for gaps."""
+    if any(isinstance(cell, str) for cell in cells):
+        return Column(name=name, texts=tuple(_to_text(cell) for cell in cells))
+    return Column(name=name, numbers=frozen([_to_float(cell) for cell in cells]))  # type: ignore[arg-type]
+
+
+def column_from_array(name: str, array: NDArray[Any], path: str) -> Column:
+    """The column of an array of shape (rows,): numbers become float64, masked ones gaps.
+
+    Raises MbmError bad-array for another number of dimensions or another type of cells.
+    """
+    place = DataPlace(file=path, column=name)
+    if array.ndim != 1:
+        raise MbmError(faults.bad_array(place, f"an array of shape {array.shape}"))
+    if array.dtype.kind in "iuf":
+        if isinstance(array, np.ma.MaskedArray):
+            return Column(name=name, numbers=frozen(np.ma.filled(array.astype(np.float64), np.nan)))
+        return Column(name=name, numbers=frozen(array))
+    if array.dtype.kind in "UT":
+        return column_from_values(name, array.tolist(), path)
+    raise MbmError(faults.bad_array(place, KIND_NAMES.get(array.dtype.kind, f"an array of {array.dtype}")))
+
+
+def _checked(value: object, place: DataPlace) -> Cell:
+    """A number, a text or None (a gap)."""
+    if value is None or type(value).__name__ in GAP_TYPES:
+        return None
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool | np.bool_):
+        raise MbmError(faults.bad_cell(place, f"the truth value `{str(value).lower()}`"))
+    if isinstance(value, Real):
+        return None if value != value else value  # only NaN differs from itself
+    raise MbmError(faults.bad_cell(place, f"a value of type `{type(value).__name__}`"))
+
+
+def _to_float(cell: Real | float | None) -> float:
+    if cell is None:
+        return math.nan
+    try:
+        return float(cell)
+    except OverflowError:  # a whole number beyond 1e308; infinity is refused where it is used
+        return math.inf if cell > 0 else -math.inf  # type: ignore[operator]
+
+
+def _to_text(cell: Cell) -> str:
+    if cell is None:
+        return ""
+    if isinstance(cell, str):
+        return cell
+    if isinstance(cell, Integral):
+        return format(int(cell), "d") if abs(int(cell)) < 10**308 else format(_to_float(cell), "g")
+    number = float(cell)
+    return format(number, ".0f") if number.is_integer() and abs(number) < LARGEST_EXACT else repr(number)

@@ -1,0 +1,316 @@
+"""What may be wrong with a table: its file, its columns, its cells, its keys. ``readers.faults`` has the formats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import islice
+from pathlib import Path
+
+from mbm.problem.tables import CellKey
+from mbm.text.suggest import closest
+from mbm.text.types import Code, DataPlace, Diagnostic, Label, Place
+
+NEIGHBOURS_LOOKED_AT = 1000
+LONGEST_CELL_SHOWN = 40
+MOST_NAMES_SHOWN = 12
+
+MISSING_FILE = Code(
+    "missing-file",
+    "A data file does not exist. Paths in a problem are relative to the problem file, paths in `--data` to the folder"
+    " the command runs in.",
+    "Correct the path in the data clause, or give the file with `--data NAME=PATH`.",
+)
+NOT_A_FILE = Code(
+    "not-a-file",
+    "A data path leads to a folder, a pipe or a device. Only ordinary files are read, because others may never end.",
+    "Name a file; write what comes through a pipe to a file first.",
+)
+UNREADABLE_FILE = Code(
+    "unreadable-file",
+    "The operating system does not let the file be read.",
+    "Look at the permissions of the file and of the folders above it.",
+)
+FILE_TOO_LARGE = Code(
+    "file-too-large",
+    "A data file is larger than the bound that keeps a slip from filling the memory.",
+    "Split the file, leave out columns that are not used, or hand over the table through the Python API.",
+)
+EMPTY_FILE = Code(
+    "empty-file",
+    "A data file holds nothing, not even the names of its columns.",
+    "Look whether the program that wrote the file came to its end. A table without rows still has a header.",
+)
+NOT_TEXT = Code(
+    "not-text",
+    "A file of a text format is not UTF-8 text: it is a binary file, or a text in another encoding.",
+    "Save it as UTF-8, or name the format that it has.",
+)
+OUTSIDE_SANDBOX = Code(
+    "outside-sandbox",
+    "A data file lies outside the folder that `--sandbox` confines reads to, symbolic links followed.",
+    "Move the file into the folder, or name a wider one.",
+)
+UNKNOWN_FORMAT = Code(
+    "unknown-format",
+    "The ending of a file name tells no format, and the data clause names none either.",
+    "Rename the file, or name the format in the data clause: `(data NAME (csv …))`.",
+)
+MISSING_TABLE = Code(
+    "missing-table",
+    "A data clause says `external`, but no table was given.",
+    "Give it with `--data NAME=PATH`, or in Python with `solve(data={…})`.",
+)
+UNDECLARED_TABLE = Code(
+    "undeclared-table",
+    "A table was given by name, but the problem has no data clause of that name: it would not be used.",
+    "Correct the name, or add the data clause `(data NAME external)`.",
+)
+NOT_A_TABLE = Code(
+    "not-a-table",
+    "What was given as a table is none of: a data frame, a dict of arrays, a structured array, a list of dicts.",
+    "Give the columns by name, for example as a dict of arrays.",
+)
+BAD_COLUMN_NAME = Code(
+    "bad-column-name",
+    "A column has no name, or one that is not a text. What has no name cannot be meant by an equation.",
+    "Give every column a name. Row numbers that R or pandas write as a first column can be left out when writing.",
+)
+DUPLICATE_COLUMN = Code(
+    "duplicate-column",
+    "Two columns of one table have the same name, so that a use of it could mean either.",
+    "Rename one of them, in the file or with `:columns`.",
+)
+NO_COLUMNS = Code(
+    "no-columns",
+    "A table has no column at all.",
+    "Look at what was written to the file, or at what was given.",
+)
+MISSING_COLUMN = Code(
+    "missing-column",
+    "A data clause names a column that the table does not have. Names are case-sensitive.",
+    "Correct the name. `:columns` names columns as the file does, `:key` as the problem does.",
+)
+UNEQUAL_LENGTHS = Code(
+    "unequal-lengths",
+    "The columns of a table have different lengths, so that the rows are not known.",
+    "Give every column a value for each row, NaN where there is none.",
+)
+SHORT_ROW = Code(
+    "short-row",
+    "A row has fewer cells than the table has columns. Which ones are missing is not known, so none is guessed.",
+    "Complete the row. An empty cell is written as nothing between two separators.",
+)
+LONG_ROW = Code(
+    "long-row",
+    "A row has more cells than the table has columns.",
+    "Remove what is too much. A text with a separator in it must stand in double quotes, a decimal comma must be a"
+    " point.",
+)
+BAD_CELL = Code(
+    "bad-cell",
+    "A cell is neither a number nor a text (but a truth value, a list, a date or another object).",
+    "Write numbers or texts: 0 and 1 for truth values, seconds since a start for times, one column for each element.",
+)
+BAD_ARRAY = Code(
+    "bad-array",
+    "An array is no column of numbers or texts: it has not exactly one dimension, or cells of another type.",
+    "Give one-dimensional arrays of numbers or texts, one for each column.",
+)
+NOT_A_NUMBER = Code(
+    "not-a-number",
+    "A column that has a unit holds a cell that is no number. A column is numeric only if all its cells are.",
+    "Correct the cell. A decimal point is a point, digits are not grouped, and units stand in the data clause.",
+)
+EMPTY_COLUMN = Code(
+    "empty-column",
+    "`:missing skip` would leave out every row, because a column has no value in any of them.",
+    "Remove the column from the file, or give its values.",
+)
+MISSING_KEY = Code(
+    "missing-key",
+    "A row has an empty cell in the key column, so that nothing can refer to the row.",
+    "Fill in the key, or remove the row.",
+)
+DUPLICATE_KEY = Code(
+    "duplicate-key",
+    "Two rows of a table have the same key, so that what refers to the key could mean either.",
+    "Remove one of the rows, or choose a key that differs in all rows.",
+)
+
+
+def _did_you_mean(name: str, candidates: Iterable[str]) -> str | None:
+    similar = closest(name, tuple(candidates))
+    return None if similar is None else f"did you mean `{similar}`?"
+
+
+def _short(cell: str | None) -> str:
+    """A text of a file as messages show it: cut short, line breaks and other control characters escaped."""
+    text = cell or ""
+    shown = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in text[:LONGEST_CELL_SHOWN])
+    return "".join(shown) + ("…" if len(text) > LONGEST_CELL_SHOWN else "")
+
+
+def _names(names: Iterable[str]) -> str:
+    every = [f"`{_short(name)}`" for name in names]
+    more = len(every) - MOST_NAMES_SHOWN
+    return ", ".join(every[:MOST_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
+
+
+def missing_file(place: Place, path: Path) -> Diagnostic:
+    """No file at ``path``; the hint names a file of its folder that is spelt much the same."""
+    try:
+        neighbours = [entry.name for entry in islice(path.parent.iterdir(), NEIGHBOURS_LOOKED_AT)]
+    except (OSError, ValueError):  # the folder is missing too, or its name cannot be one
+        return Diagnostic(
+            code=MISSING_FILE,
+            message=f"the file `{path.as_posix()}` does not exist, nor does its folder",
+            place=place,
+        )
+    hint = _did_you_mean(path.name, neighbours)
+    return Diagnostic(code=MISSING_FILE, message=f"the file `{path.as_posix()}` does not exist", place=place, hint=hint)
+
+
+def not_a_file(place: Place, path: str, *, folder: bool) -> Diagnostic:
+    """``path`` leads to something that is no ordinary file."""
+    what = "a folder" if folder else "a pipe or a device"
+    return Diagnostic(code=NOT_A_FILE, message=f"`{path}` is {what}, not a file", place=place)
+
+
+def unreadable_file(place: Place, path: str, reason: str) -> Diagnostic:
+    """The operating system refuses; ``reason`` is what it says."""
+    return Diagnostic(code=UNREADABLE_FILE, message=f"the file `{path}` cannot be read: {reason}", place=place)
+
+
+def file_too_large(place: Place, path: str, size: int, largest: int) -> Diagnostic:
+    """``size`` bytes, where ``largest`` are allowed."""
+    message = f"the file `{path}` holds {size:,} bytes of data, more than the {largest:,} that are read"
+    return Diagnostic(code=FILE_TOO_LARGE, message=message, place=place)
+
+
+def empty_file(place: DataPlace) -> Diagnostic:
+    """Nothing in the file."""
+    return Diagnostic(code=EMPTY_FILE, message=f"the file `{place.file}` is empty", place=place)
+
+
+def not_text(place: DataPlace, byte: int) -> Diagnostic:
+    """``byte`` at ``place`` does not belong to UTF-8 text; 0 marks binary files."""
+    said = "it holds NUL bytes, as binary files and UTF-16 do" if byte == 0 else f"byte 0x{byte:02x} is not UTF-8"
+    return Diagnostic(
+        code=NOT_TEXT, message=f"`{place.file}` is not a text file: in row {place.row} {said}", place=place
+    )
+
+
+def outside_sandbox(place: Place, path: str, sandbox: str) -> Diagnostic:
+    """``path`` leads out of the folder ``sandbox``."""
+    message = f"the file `{path}` lies outside `{sandbox}`, and reads are confined to that folder"
+    return Diagnostic(code=OUTSIDE_SANDBOX, message=message, place=place)
+
+
+def unknown_format(place: Place, path: str, extensions: Iterable[str]) -> Diagnostic:
+    """No reader claims the ending of ``path``; ``extensions`` are those that some reader claims."""
+    message = f"the format of `{path}` is not known: the endings that are read are {_names(extensions)}"
+    return Diagnostic(code=UNKNOWN_FORMAT, message=message, place=place)
+
+
+def missing_table(place: Place, table: str) -> Diagnostic:
+    """``external`` and nothing given."""
+    hint = f'give it with `--data {table}=PATH`, or in Python with `solve(data={{"{table}": …}})`'
+    message = f"the table `{table}` is external, and none was given"
+    return Diagnostic(code=MISSING_TABLE, message=message, place=place, hint=hint)
+
+
+def undeclared_table(table: str, declared: Iterable[str]) -> Diagnostic:
+    """A table given under a name that no data clause has."""
+    names = tuple(declared)
+    has = f"it has {_names(names)}" if names else "it has no data clause"
+    message = f"a table `{table}` was given, but the problem has no data clause of that name; {has}"
+    return Diagnostic(code=UNDECLARED_TABLE, message=message, hint=_did_you_mean(table, names))
+
+
+def not_a_table(place: DataPlace, what: str) -> Diagnostic:
+    """``what`` was given where a table is wanted."""
+    message = f"a table cannot be made of {what}"
+    hint = "give a data frame, a dict of arrays, a structured array or a list of dicts"
+    return Diagnostic(code=NOT_A_TABLE, message=message, place=place, hint=hint)
+
+
+def bad_column_name(place: Place, position: int, name: object) -> Diagnostic:
+    """The column at ``position`` (from 1) is called ``name``, which is empty or no text."""
+    said = "has no name" if name == "" else f"is called {_short(repr(name))}, which is not a text"
+    return Diagnostic(code=BAD_COLUMN_NAME, message=f"column {position} {said}", place=place)
+
+
+def duplicate_column(place: Place, column: str) -> Diagnostic:
+    """Two columns called ``column``."""
+    return Diagnostic(code=DUPLICATE_COLUMN, message=f"two columns are called `{_short(column)}`", place=place)
+
+
+def no_columns(place: Place) -> Diagnostic:
+    """Nothing to make a table of."""
+    return Diagnostic(code=NO_COLUMNS, message="the table has no columns", place=place)
+
+
+def missing_column(place: Place, column: str, path: str, present: Iterable[str]) -> Diagnostic:
+    """The table read from ``path`` has the columns ``present``, ``column`` is not among them."""
+    names = tuple(present)
+    message = f"`{path}` has no column `{_short(column)}`; it has {_names(names)}"
+    return Diagnostic(code=MISSING_COLUMN, message=message, place=place, hint=_did_you_mean(column, names))
+
+
+def unequal_lengths(place: DataPlace, first: str, length: int, other: str, other_length: int) -> Diagnostic:
+    """Columns ``first`` and ``other`` differ in length."""
+    message = f"column `{_short(other)}` has {other_length} cells, column `{_short(first)}` has {length}"
+    return Diagnostic(code=UNEQUAL_LENGTHS, message=message, place=place)
+
+
+def short_row(place: Place, row: int, cells: int, columns: tuple[str, ...]) -> Diagnostic:
+    """Row ``row`` has only ``cells`` cells."""
+    message = (
+        f"row {row} is blank" if cells == 0 else f"row {row} has {cells} cells, but there are {len(columns)} columns"
+    )
+    hint = f"nothing stands for `{_short(columns[cells])}`" if cells else "only blank lines at the end are passed over"
+    return Diagnostic(code=SHORT_ROW, message=message, place=place, hint=hint)
+
+
+def long_row(place: Place, row: int, cells: int, columns: tuple[str, ...]) -> Diagnostic:
+    """Row ``row`` has ``cells`` cells, more than there are columns."""
+    message = f"row {row} has {cells} cells, but there are only {len(columns)} columns"
+    return Diagnostic(code=LONG_ROW, message=message, place=place)
+
+
+def bad_cell(place: DataPlace, what: str) -> Diagnostic:
+    """A cell holds ``what``."""
+    message = f"row {place.row}, column `{_short(place.column)}` holds {what}, neither a number nor a text"
+    return Diagnostic(code=BAD_CELL, message=message, place=place)
+
+
+def bad_array(place: DataPlace, what: str) -> Diagnostic:
+    """A column is ``what``."""
+    message = f"column `{_short(place.column)}` is {what}, not a one-dimensional array of numbers or texts"
+    return Diagnostic(code=BAD_ARRAY, message=message, place=place)
+
+
+def not_a_number(place: DataPlace, cell: str, unit: str, declared: Place) -> Diagnostic:
+    """A text ``cell`` in a column that the data clause reads in ``unit``."""
+    message = f"row {place.row}, column `{_short(place.column)}` holds the text `{_short(cell)}`, not a number"
+    label = Label(declared, f"read in `{unit}` here")
+    return Diagnostic(code=NOT_A_NUMBER, message=message, place=place, labels=(label,))
+
+
+def empty_column(place: DataPlace) -> Diagnostic:
+    """``:missing skip`` and a column of gaps only."""
+    message = f"column `{_short(place.column)}` has no value in any row, so `:missing skip` would leave out all of them"
+    return Diagnostic(code=EMPTY_COLUMN, message=message, place=place)
+
+
+def missing_key(place: DataPlace) -> Diagnostic:
+    """A gap in the key column."""
+    message = f"row {place.row} has no key: its cell in column `{_short(place.column)}` is empty"
+    return Diagnostic(code=MISSING_KEY, message=message, place=place)
+
+
+def duplicate_key(place: DataPlace, first: DataPlace, key: CellKey) -> Diagnostic:
+    """The row at ``place`` has the ``key`` that the row ``first`` has."""
+    shown = _short(key) if isinstance(key, str) else format(key, ".17g")
+    message = f"rows {first.row} and {place.row} have the same key `{shown}` in column `{_short(place.column)}`"
+    return Diagnostic(code=DUPLICATE_KEY, message=message, place=place, labels=(Label(first, "first here"),))

@@ -1,0 +1,142 @@
+"""TableDeclaration → Table: where the rows of a data clause come from is decided here, then they are read and shaped.
+
+The first of these that applies: a table given through the Python API, a path given on the command line, the rows
+written in the problem, the file that the data clause names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from mbm.data import faults
+from mbm.data.content import check_file
+from mbm.data.given import table_from_given
+from mbm.data.inline import table_from_inline
+from mbm.data.shaping import shape
+from mbm.data.types import RawTable, Reader
+from mbm.problem.tables import Table, TableDeclaration
+from mbm.text.types import Diagnostic, Label, MbmError, Span
+
+EXTERNAL = "external"
+
+
+def load_all(
+    declarations: Iterable[TableDeclaration],
+    *,
+    base: Path,
+    given: Mapping[str, object],
+    paths: Mapping[str, str],
+    sandbox: Path | None,
+    readers: Mapping[str, Reader],
+) -> dict[str, Table]:
+    """The tables of all data clauses by name, in their order; parameters as of ``load``.
+
+    Raises one MbmError with what is wrong with any of them, and undeclared-table for a table that was given under a
+    name that no data clause has.
+    """
+    declared = {declaration.name: declaration for declaration in declarations}
+    strangers = [name for name in dict.fromkeys((*given, *paths)) if name not in declared]
+    found: list[Diagnostic] = [faults.undeclared_table(name, declared) for name in strangers]
+    tables: dict[str, Table] = {}
+    for name, declaration in declared.items():
+        try:
+            tables[name] = load(declaration, base=base, given=given, paths=paths, sandbox=sandbox, readers=readers)
+        except MbmError as error:
+            found.extend(error.diagnostics)
+    if found:
+        raise MbmError(*found)
+    return tables
+
+
+def load(
+    declaration: TableDeclaration,
+    *,
+    base: Path,
+    given: Mapping[str, object],
+    paths: Mapping[str, str],
+    sandbox: Path | None,
+    readers: Mapping[str, Reader],
+) -> Table:
+    """The table of one data clause, numbers in SI.
+
+    ``base`` is the folder of the problem file as messages shall print it, ``given`` holds tables by name (they override
+    files), ``paths`` files by name, relative to the working directory (they override the data clause), ``sandbox`` the
+    folder that all reads are confined to, ``readers`` the formats by name.
+
+    ``:where`` and ``:with`` are left to the problem stage.
+
+    Raises MbmError for what is wrong with the file, the columns, the cells or the keys, with file, row and column;
+    ValueError if the data clause names a reader that ``readers`` does not have.
+    """
+    try:
+        return shape(_raw(declaration, base, given, paths, sandbox, readers), declaration)
+    except MbmError as error:
+        raise MbmError(*(_with_clause(fault, declaration) for fault in error.diagnostics)) from None
+
+
+def _with_clause(fault: Diagnostic, declaration: TableDeclaration) -> Diagnostic:
+    """The fault with a label at the data clause, unless it already speaks of a place in the problem."""
+    places = (fault.place, *(label.place for label in fault.labels))
+    if any(isinstance(place, Span) for place in places):
+        return fault
+    label = Label(declaration.span, f"table `{declaration.name}` is declared here")
+    return replace(fault, labels=(*fault.labels, label))
+
+
+def _raw(
+    declaration: TableDeclaration,
+    base: Path,
+    given: Mapping[str, object],
+    paths: Mapping[str, str],
+    sandbox: Path | None,
+    readers: Mapping[str, Reader],
+) -> RawTable:
+    """The table as its origin has it."""
+    name = declaration.name
+    if name in given:
+        return table_from_given(name, given[name])
+    if name in paths:
+        path = Path(paths[name])
+        return _read(_reader_for(path, declaration, readers), path, declaration, sandbox)
+    if declaration.inline is not None:
+        return table_from_inline(declaration.inline, declaration.span)
+    if declaration.source == EXTERNAL:
+        raise MbmError(faults.missing_table(declaration.span, name))
+    reader = readers.get(declaration.source)
+    if reader is None or declaration.path is None:
+        raise ValueError(f"no reader `{declaration.source}` for the path {declaration.path!r}")
+    return _read(reader, base / declaration.path, declaration, sandbox)
+
+
+def _reader_for(path: Path, declaration: TableDeclaration, readers: Mapping[str, Reader]) -> Reader:
+    """The reader of a path that overrides the data clause: by the ending; the clause's own where that says nothing."""
+    declared = readers.get(declaration.source)
+    ending = path.suffix.lower()
+    claiming = [reader for reader in readers.values() if ending in reader.extensions]
+    if declared is not None and (declared in claiming or not claiming):
+        return declared
+    if not claiming:
+        endings = [extension for reader in readers.values() for extension in reader.extensions]
+        raise MbmError(faults.unknown_format(declaration.span, path.as_posix(), endings))
+    return claiming[0]
+
+
+def _read(reader: Reader, path: Path, declaration: TableDeclaration, sandbox: Path | None) -> RawTable:
+    """Read a file that lies where it may; whether it is there is said of the place that names it."""
+    if sandbox is not None:
+        _check_confined(path, declaration, sandbox)
+    check_file(path, declaration.span)
+    return reader.read(path)
+
+
+def _check_confined(path: Path, declaration: TableDeclaration, sandbox: Path) -> None:
+    """Check that a path lies in the sandbox, symbolic links followed."""
+    try:
+        confined = path.resolve().is_relative_to(sandbox.resolve())
+    except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a name too long, a NUL in it
+        reason = str(error)
+        raise MbmError(faults.unreadable_file(declaration.span, path.as_posix(), reason)) from None
+    if not confined:
+        raise MbmError(faults.outside_sandbox(declaration.span, path.as_posix(), sandbox.as_posix()))

@@ -1,0 +1,83 @@
+"""What may be wrong with a file of a format: the text in it, the header and the rows of CSV, the shape of JSON, npz."""
+
+from __future__ import annotations
+
+from mbm.text.types import Code, DataPlace, Diagnostic
+
+MISSING_HEADER = Code(
+    "missing-header",
+    "The first row is blank or holds nothing but numbers, where the names of the columns are expected. Numbers read as"
+    " names would be lost as data.",
+    "Add a first row with the names of the columns.",
+)
+WRONG_SEPARATOR = Code(
+    "wrong-separator",
+    "The header is one single cell with another separator in it than the format has.",
+    "Save the file with the separator of its format, or name the other format: `csv` has commas, `tsv` tabulators.",
+)
+COMMENT_LINE = Code(
+    "comment-line",
+    "A line starts with `#`. Neither CSV nor TSV have comments, and a key may well start so: nothing is passed over.",
+    "Remove the line. A header behind a `#` must stand without it.",
+)
+BAD_QUOTES = Code(
+    "bad-quotes",
+    "The double quotes around a cell do not match, so that the ends of cells and rows are not known.",
+    'Close every quoted cell; a quote within it is written twice: `"a 5"" pipe"`.',
+)
+MALFORMED_JSON = Code(
+    "malformed-json",
+    "A file does not follow the rules of JSON.",
+    "Correct it at the line and column named, or write it anew with a program.",
+)
+WRONG_JSON_SHAPE = Code(
+    "wrong-json-shape",
+    "A JSON file is well-formed, but no table: a list of objects, an object of arrays, or"
+    ' `{"columns": […], "data": [[…], …]}`.',
+    "Write it in one of these shapes.",
+)
+MALFORMED_NPZ = Code(
+    "malformed-npz",
+    "A file is not an archive of NumPy arrays as `numpy.savez` writes it, or it is damaged.",
+    "Write it anew with `numpy.savez(path, x=…, y=…)`.",
+)
+
+
+def missing_header(place: DataPlace, said: str) -> Diagnostic:
+    """The first row has no names: it ``holds only numbers`` or ``is blank``."""
+    message = f"the first row of `{place.file}` {said}, where the names of the columns are expected"
+    return Diagnostic(code=MISSING_HEADER, message=message, place=place)
+
+
+def wrong_separator(place: DataPlace, wanted: str, found: str) -> Diagnostic:
+    """``found`` separates the names of the header, not ``wanted``."""
+    message = f"the columns of `{place.file}` are separated by {found}, where {wanted} are expected"
+    return Diagnostic(code=WRONG_SEPARATOR, message=message, place=place)
+
+
+def comment_line(place: DataPlace) -> Diagnostic:
+    """A row that starts with ``#`` and is no row of the table."""
+    message = f"row {place.row} starts with `#`, and this format has no comments"
+    return Diagnostic(code=COMMENT_LINE, message=message, place=place)
+
+
+def bad_quotes(place: DataPlace, reason: str) -> Diagnostic:
+    """``reason`` is what the parser of rows says."""
+    return Diagnostic(code=BAD_QUOTES, message=f"row {place.row} cannot be split into cells: {reason}", place=place)
+
+
+def malformed_json(place: DataPlace, reason: str, column: int | None = None) -> Diagnostic:
+    """``reason`` is what the JSON parser says; ``column`` counts characters from 1, the place's row counts lines."""
+    where = "" if column is None else f" at line {place.row}, column {column}"
+    return Diagnostic(code=MALFORMED_JSON, message=f"`{place.file}` is not JSON{where}: {reason}", place=place)
+
+
+def wrong_json_shape(place: DataPlace, what: str) -> Diagnostic:
+    """``what`` was found."""
+    hint = 'a table is a list of objects, an object of arrays, or `{"columns": […], "data": [[…], …]}`'
+    return Diagnostic(code=WRONG_JSON_SHAPE, message=f"`{place.file}` holds no table: {what}", place=place, hint=hint)
+
+
+def malformed_npz(place: DataPlace, reason: str) -> Diagnostic:
+    """``reason`` says what is wrong with the archive."""
+    return Diagnostic(code=MALFORMED_NPZ, message=f"`{place.file}` is no archive of arrays: {reason}", place=place)

@@ -1,0 +1,333 @@
+"""Building expressions: constants fold, neutral elements vanish, angles stay angles.
+
+Folding never hides a clash of units: a literal without a unit may still take one (LANGUAGE §6), so only numbers whose
+dimensions are both open, or both known, are combined.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+
+from mbm.expression.dimension import NONE, Dimension
+from mbm.expression.nodes import Apply, Constant, Expression, Number, Operation
+from mbm.text.types import Span
+
+_ANGLE_SURVIVES = frozenset({Operation.ADD, Operation.SUBTRACT, Operation.NEGATE})
+_ANGLE_BORN = frozenset({Operation.ATAN2, Operation.AS_ANGLE, Operation.WRAP})
+
+MAXIMUM_BITS = 4096
+"""Exact integers and fractions that grow longer than this become floating-point numbers or an error."""
+
+
+class UndefinedValueError(ArithmeticError):
+    """An operation on constants has no finite value; the message says which."""
+
+
+_REAL_FUNCTIONS: Mapping[Operation, Callable[[float], float]] = {
+    Operation.EXP: math.exp,
+    Operation.LOG: math.log,
+    Operation.SQRT: math.sqrt,
+    Operation.SIN: math.sin,
+    Operation.COS: math.cos,
+    Operation.TAN: math.tan,
+    Operation.ASIN: math.asin,
+    Operation.ACOS: math.acos,
+    Operation.ATAN: math.atan,
+    Operation.SINH: math.sinh,
+    Operation.COSH: math.cosh,
+    Operation.TANH: math.tanh,
+    Operation.ASINH: math.asinh,
+    Operation.ACOSH: math.acosh,
+    Operation.ATANH: math.atanh,
+}
+
+
+def wrap_angle(value: float) -> float:
+    """The representative of an angle in (-π, π]."""
+    wrapped = math.remainder(value, 2 * math.pi)
+    return math.pi if wrapped <= -math.pi else wrapped
+
+
+def number(value: int | Fraction | float, span: Span | None = None, dimension: Dimension | None = None) -> Number:
+    """A number; fractions that are whole become integers, so that they may index."""
+    if isinstance(value, Fraction) and value.denominator == 1:
+        value = int(value)
+    return Number(value, dimension, span)
+
+
+def apply(operation: Operation, *arguments: Expression, span: Span | None = None) -> Expression:
+    """``operation`` on ``arguments``, folded where all are numbers.
+
+    Raises:
+        UndefinedValueError: constants outside the operation's domain, division by zero, overflow.
+
+    """
+    simpler = _simplify(operation, arguments)
+    if simpler is not None:
+        return simpler
+    numbers = [a for a in arguments if isinstance(a, Number)]
+    if len(numbers) == len(arguments):
+        folded = _fold(operation, numbers, span)
+        if folded is not None:
+            return folded
+    angle = operation in _ANGLE_BORN or (operation in _ANGLE_SURVIVES and any(a.angle for a in arguments))
+    if operation is Operation.IF:
+        angle = arguments[1].angle or arguments[2].angle
+    return Apply(operation, arguments, angle, span)
+
+
+def add(a: Expression, b: Expression, span: Span | None = None) -> Expression:
+    """A + b."""
+    return apply(Operation.ADD, a, b, span=span)
+
+
+def subtract(a: Expression, b: Expression, span: Span | None = None) -> Expression:
+    """A − b."""
+    return apply(Operation.SUBTRACT, a, b, span=span)
+
+
+def multiply(a: Expression, b: Expression, span: Span | None = None) -> Expression:
+    """A · b."""
+    return apply(Operation.MULTIPLY, a, b, span=span)
+
+
+def divide(a: Expression, b: Expression, span: Span | None = None) -> Expression:
+    """A / b."""
+    return apply(Operation.DIVIDE, a, b, span=span)
+
+
+def negate(a: Expression, span: Span | None = None) -> Expression:
+    """−a."""
+    return apply(Operation.NEGATE, a, span=span)
+
+
+def wrap(a: Expression, span: Span | None = None) -> Expression:
+    """The representative of an angle in (−π, π]; its derivative is 1 everywhere."""
+    return apply(Operation.WRAP, a, span=span)
+
+
+def total(terms: tuple[Expression, ...], span: Span | None = None) -> Expression:
+    """The sum of ``terms``; zero if there are none."""
+    if not terms:
+        return number(0, span)
+    result = terms[0]
+    for term in terms[1:]:
+        result = add(result, term, span)
+    return result
+
+
+def dot(a: tuple[Expression, ...], b: tuple[Expression, ...], span: Span | None = None) -> Expression:
+    """Σ aᵢ bᵢ for tuples of one length."""
+    return total(tuple(multiply(x, y, span) for x, y in zip(a, b, strict=True)), span)
+
+
+def _simplify(operation: Operation, arguments: tuple[Expression, ...]) -> Expression | None:
+    if operation is Operation.ADD:
+        if _is_zero(arguments[0]):
+            return arguments[1]
+        return arguments[0] if _is_zero(arguments[1]) else None
+    if operation is Operation.SUBTRACT:
+        if _is_zero(arguments[1]):
+            return arguments[0]
+        return negate(arguments[1]) if _is_zero(arguments[0]) else None
+    if operation is Operation.MULTIPLY:
+        if _is_zero(arguments[0]) or _is_zero(arguments[1]):
+            return Number(0, None, None)
+        if _is_one(arguments[0]):
+            return arguments[1]
+        return arguments[0] if _is_one(arguments[1]) else None
+    if operation is Operation.DIVIDE and _is_one(arguments[1]):
+        return arguments[0]
+    if operation is Operation.POWER and isinstance(arguments[1], Number) and arguments[1].value == 1:
+        return arguments[0]
+    if operation is Operation.NEGATE:
+        inner = arguments[0]
+        if isinstance(inner, Apply) and inner.operation is Operation.NEGATE:
+            return inner.arguments[0]
+    return None
+
+
+def _is_zero(node: Expression) -> bool:
+    return isinstance(node, Number) and node.value == 0 and (node.dimension is None or node.dimension.is_none)
+
+
+def _is_one(node: Expression) -> bool:
+    return isinstance(node, Number) and node.value == 1 and node.dimension is not None and node.dimension.is_none
+
+
+def _fold(operation: Operation, arguments: list[Number], span: Span | None) -> Expression | None:
+    known = [a.dimension for a in arguments]
+    dimension = _folded_dimension(operation, arguments, known)
+    if dimension is _CLASH:
+        return None
+    value = fold_values(operation, [a.value for a in arguments])
+    if isinstance(value, bool):
+        return None
+    angle = operation in _ANGLE_BORN or (operation in _ANGLE_SURVIVES and any(a.angle for a in arguments))
+    return Number(value, dimension, span, angle)
+
+
+_CLASH = Dimension(())
+"""Stands for: do not fold, unit inference must see this node."""
+
+
+def _folded_dimension(operation: Operation, arguments: list[Number], known: list[Dimension | None]) -> Dimension | None:
+    first = known[0]
+    if operation in (Operation.ADD, Operation.SUBTRACT, Operation.MINIMUM, Operation.MAXIMUM, Operation.HYPOT):
+        if known[0] is None or known[1] is None:
+            return known[0] or known[1]
+        return first if known[0] == known[1] else _CLASH
+    if operation in (Operation.NEGATE, Operation.ABS):
+        return first
+    if operation in (Operation.MULTIPLY, Operation.DIVIDE):
+        second = known[1]
+        if first is None and second is None:
+            return None
+        if first is None or second is None:
+            return _CLASH
+        return first * second if operation is Operation.MULTIPLY else first / second
+    if operation is Operation.POWER:
+        if known[1] is not None and not known[1].is_none:
+            return _CLASH
+        if first is None:
+            return None
+        exponent = arguments[1].value
+        return first**exponent if isinstance(exponent, int | Fraction) else (NONE if first.is_none else _CLASH)
+    if operation is Operation.SQRT:
+        return first ** Fraction(1, 2) if first is not None else None
+    if operation is Operation.ATAN2:
+        return NONE if known[0] == known[1] or None in known else _CLASH
+    if operation is Operation.FLOOR:
+        return first
+    if operation is Operation.SIGN:
+        return NONE
+    return NONE if all(d is None or d.is_none for d in known) else _CLASH
+
+
+def fold_values(operation: Operation, values: list[int | Fraction | float]) -> int | Fraction | float | bool:
+    """The value of ``operation`` on plain numbers: exact where they are, checked to be finite.
+
+    Raises:
+        UndefinedValueError: outside the domain, division by zero, overflow.
+
+    """
+    try:
+        value = _fold_values(operation, values)
+    except (ValueError, ZeroDivisionError, OverflowError) as error:
+        shown = " ".join(_shown(v) for v in values)
+        raise UndefinedValueError(f"({operation.value} {shown})") from error
+    if isinstance(value, complex) or (isinstance(value, float) and not math.isfinite(value)):
+        shown = " ".join(_shown(v) for v in values)
+        raise UndefinedValueError(f"({operation.value} {shown})")
+    if isinstance(value, int | Fraction) and not isinstance(value, bool):
+        numerator, denominator = (value, 1) if isinstance(value, int) else (value.numerator, value.denominator)
+        if max(numerator.bit_length(), denominator.bit_length()) > MAXIMUM_BITS:
+            return _finite_float(operation, value)
+    return value
+
+
+def _finite_float(operation: Operation, value: int | Fraction) -> float:
+    try:
+        return float(value)
+    except OverflowError as error:
+        raise UndefinedValueError(f"({operation.value} …)") from error
+
+
+def _shown(value: int | Fraction | float) -> str:
+    if isinstance(value, int) and value.bit_length() > 200:
+        return "…"
+    if isinstance(value, float):
+        return f"{value:g}"
+    return str(value) if abs(value.numerator) < 10**15 else f"{float(value):g}"
+
+
+def _fold_values(operation: Operation, v: list[int | Fraction | float]) -> int | Fraction | float | bool:
+    if operation in _REAL_FUNCTIONS:
+        if operation is Operation.SQRT and isinstance(v[0], int) and v[0] >= 0 and math.isqrt(v[0]) ** 2 == v[0]:
+            return math.isqrt(v[0])
+        return _REAL_FUNCTIONS[operation](float(v[0]))
+    match operation:
+        case Operation.ADD:
+            return v[0] + v[1]
+        case Operation.SUBTRACT:
+            return v[0] - v[1]
+        case Operation.NEGATE:
+            return -v[0]
+        case Operation.MULTIPLY:
+            return v[0] * v[1]
+        case Operation.DIVIDE:
+            return _quotient(v[0], v[1])
+        case Operation.POWER:
+            return _power(v[0], v[1])
+        case Operation.ABS:
+            return v[0] if v[0] >= 0 else -v[0]
+        case Operation.SIGN:
+            return _sign(v[0])
+        case Operation.FLOOR:
+            return math.floor(v[0])
+        case Operation.MINIMUM:
+            return v[0] if v[0] <= v[1] else v[1]
+        case Operation.MAXIMUM:
+            return v[0] if v[0] >= v[1] else v[1]
+        case Operation.HYPOT:
+            return math.hypot(v[0], v[1])
+        case Operation.ATAN2:
+            return math.atan2(v[0], v[1])
+        case Operation.WRAP:
+            return wrap_angle(float(v[0]))
+        case Operation.LESS:
+            return v[0] < v[1]
+        case Operation.LESS_EQUAL:
+            return v[0] <= v[1]
+        case Operation.EQUAL:
+            return v[0] == v[1]
+        case Operation.FINITE:
+            return True
+        case _:
+            return v[0]
+
+
+def _sign(a: int | Fraction | float) -> int:
+    return 0 if a == 0 else 1 if a > 0 else -1
+
+
+def _quotient(a: int | Fraction | float, b: int | Fraction | float) -> int | Fraction | float:
+    if isinstance(a, int | Fraction) and isinstance(b, int | Fraction):
+        return Fraction(a) / Fraction(b)
+    return a / b
+
+
+def _power(a: int | Fraction | float, b: int | Fraction | float) -> int | Fraction | float:
+    if isinstance(a, int | Fraction) and isinstance(b, int):
+        size = max(abs(a.numerator).bit_length(), a.denominator.bit_length())
+        if size * abs(b) <= MAXIMUM_BITS:
+            power: Fraction = Fraction(a) ** b
+            return int(power) if power.denominator == 1 else power
+    return math.pow(float(a), float(b))
+
+
+def constant_value(node: Expression) -> int | Fraction | float | None:
+    """The value of an expression over numbers and constants only, or None if it holds anything else.
+
+    Raises:
+        UndefinedValueError: outside an operation's domain, division by zero, overflow.
+
+    """
+    if isinstance(node, Number):
+        return node.value
+    if isinstance(node, Constant):
+        return node.value
+    if not isinstance(node, Apply) or node.is_condition:
+        return None
+    if node.operation is Operation.IF:
+        return None
+    values = []
+    for argument in node.arguments:
+        value = constant_value(argument)
+        if value is None:
+            return None
+        values.append(value)
+    result = fold_values(node.operation, values)
+    return None if isinstance(result, bool) else result

@@ -1,0 +1,79 @@
+"""Expressions as text forms: for ``expand``, for messages, and for forms that functions of the user give back."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+from mbm.expression.nodes import (
+    Apply,
+    Column,
+    ColumnMember,
+    Component,
+    Constant,
+    Expression,
+    LiteralMember,
+    Number,
+    Opaque,
+    Operation,
+    postorder,
+)
+from mbm.text.build import numeral, sequence, symbol
+from mbm.text.types import Form, Span, Text
+
+
+def to_form(node: Expression, span: Span) -> Form:
+    """The form that evaluates to ``node`` where the names it uses are visible."""
+    forms: dict[int, Form] = {}
+    for each in postorder((node,)):
+        forms[id(each)] = _form(each, forms, span)
+    return forms[id(node)]
+
+
+def number_form(node: Number, span: Span) -> Form:
+    """A number as a numeral with its SI unit."""
+    unit = node.dimension.symbol() if node.dimension is not None else ""
+    value = node.value
+    if isinstance(value, Fraction) and unit:
+        value = float(value)
+    return numeral(value, span, unit or None)
+
+
+def _form(node: Expression, forms: dict[int, Form], span: Span) -> Form:
+    match node:
+        case Number():
+            return number_form(node, span)
+        case Constant():
+            return symbol(node.name, span)
+        case Column():
+            return symbol(node.name, span)
+        case Opaque():
+            return node.form
+        case Component():
+            return _component_form(node, span)
+        case Apply():
+            return _apply_form(node, forms, span)
+
+
+def _component_form(node: Component, span: Span) -> Form:
+    form: Form = symbol(node.unknown, span)
+    if isinstance(node.member, LiteralMember):
+        key = node.member.key
+        form = sequence((form, Text(value=key, span=span) if isinstance(key, str) else _number(key, span)), span)
+    elif isinstance(node.member, ColumnMember):
+        form = sequence((form, symbol(node.member.column, span)), span)
+    if node.index:
+        form = sequence((form, *(numeral(i, span) for i in node.index)), span)
+    return form
+
+
+def _number(value: float, span: Span) -> Form:
+    return numeral(int(value) if value == int(value) else value, span)
+
+
+def _apply_form(node: Apply, forms: dict[int, Form], span: Span) -> Form:
+    arguments = tuple(forms[id(a)] for a in node.arguments)
+    if node.operation is Operation.NEGATE:
+        return sequence((symbol("-", span), *arguments), span)
+    if node.operation is Operation.WRAP:
+        return arguments[0]
+    return sequence((symbol(node.operation.value, span), *arguments), span)

@@ -1,0 +1,218 @@
+"""Dimensions inferred through a whole problem by unification.
+
+Every number, column, constant or unknown without a stated unit is a variable of the Abelian group of dimensions; every
+sum, comparison and function call an equation in it. The equations are linear over the rationals in the exponents, so
+solving them one after the other decides them: a contradiction is a clash of two known dimensions (LANGUAGE §6).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import TypeAlias
+
+from mbm.expression.dimension import NONE, Dimension
+from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Number, Operation, leaves, postorder
+from mbm.text.types import Span
+
+Variable: TypeAlias = tuple[object, ...]
+
+_SAME = frozenset({Operation.ADD, Operation.SUBTRACT, Operation.MINIMUM, Operation.MAXIMUM, Operation.HYPOT})
+_KEPT = frozenset({Operation.NEGATE, Operation.ABS, Operation.FLOOR})
+_COMPARISONS = frozenset({Operation.LESS, Operation.LESS_EQUAL, Operation.EQUAL})
+_LOGIC = frozenset({Operation.NOT, Operation.AND, Operation.OR})
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """A dimension times powers of variables."""
+
+    known: Dimension
+    unknown: Mapping[Variable, Fraction] = field(default_factory=dict)
+
+    def combine(self, other: Term, power: Fraction | int) -> Term:
+        """Self · other^power."""
+        unknown = dict(self.unknown)
+        for variable, exponent in other.unknown.items():
+            value = unknown.get(variable, Fraction(0)) + exponent * power
+            if value:
+                unknown[variable] = value
+            else:
+                unknown.pop(variable, None)
+        return Term(self.known * other.known**power, unknown)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Clash:
+    """Two known dimensions that should be one. ``left`` and ``right`` are the expressions that carry them."""
+
+    span: Span | None
+    left: Expression
+    right: Expression | None
+    left_dimension: Dimension
+    right_dimension: Dimension
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Declared:
+    """What is known before any use: the stated dimensions of unknowns' components and of columns, and joined names."""
+
+    components: Mapping[tuple[str, tuple[int, ...]], Dimension]
+    columns: Mapping[tuple[str, str], Dimension]
+    same_column: Mapping[tuple[str, str], tuple[str, str]]
+
+
+class Inference:
+    """Collects equations between dimensions and solves them as they come. Local to one problem's check."""
+
+    def __init__(self, declared: Declared) -> None:
+        self._declared = declared
+        self._solved: dict[Variable, Term] = {}
+        self._terms: dict[int, Term] = {}
+        self._alive: list[Expression] = []
+        self.clashes: list[Clash] = []
+
+    def visit(self, roots: tuple[Expression, ...]) -> None:
+        """Take in the equations of every node below ``roots``."""
+        for node in postorder(roots):
+            if id(node) not in self._terms:
+                self._terms[id(node)] = self._term(node)
+                self._alive.append(node)  # ids stay unique only while the nodes live
+
+    def equate(self, left: Expression, right: Expression, span: Span | None) -> None:
+        """Two expressions have one dimension: a measured value and its sigma, an unknown and its start."""
+        self.visit((left, right))
+        self._equate(left, right, span)
+
+    def dimension(self, node: Expression) -> Dimension | None:
+        """The dimension of an expression, as far as the equations determine it."""
+        self.visit((node,))
+        term = self._reduce(self._terms[id(node)])
+        return None if term.unknown else term.known
+
+    def _leaf(self, node: Expression) -> Term:
+        variable: Variable
+        if isinstance(node, Number):
+            if node.dimension is not None:
+                return Term(node.dimension)
+            variable = ("number", id(node))
+        elif isinstance(node, Constant):
+            if node.dimension is not None:
+                return Term(node.dimension)
+            variable = ("constant", node.name)
+        elif isinstance(node, Column):
+            place = (node.table, node.name)
+            place = self._declared.same_column.get(place, place)
+            known = node.dimension or self._declared.columns.get(place)
+            if known is not None:
+                return Term(known)
+            variable = ("column", *place)
+        elif isinstance(node, Component):
+            if node.angle:
+                return Term(NONE)
+            known = self._declared.components.get((node.unknown, node.index))
+            if known is not None:
+                return Term(known)
+            variable = ("component", node.unknown, node.index)
+        else:
+            variable = ("opaque", id(node))
+        return Term(NONE, {variable: Fraction(1)})
+
+    def _term(self, node: Expression) -> Term:
+        if not isinstance(node, Apply):
+            return self._leaf(node)
+        operation, arguments = node.operation, node.arguments
+        terms = [self._terms[id(a)] for a in arguments]
+        if operation in _SAME:
+            self._equate(arguments[0], arguments[1], node.span)
+            return self._carrier(arguments[0], arguments[1])
+        if operation is Operation.IF:
+            self._equate(arguments[1], arguments[2], node.span)
+            return self._carrier(arguments[1], arguments[2])
+        if operation in _KEPT:
+            return terms[0]
+        if operation is Operation.MULTIPLY:
+            return terms[0].combine(terms[1], 1)
+        if operation is Operation.DIVIDE:
+            return terms[0].combine(terms[1], -1)
+        if operation is Operation.SQRT:
+            return Term(NONE).combine(terms[0], Fraction(1, 2))
+        if operation is Operation.POWER:
+            return self._power(node, terms)
+        if operation in _COMPARISONS or operation is Operation.ATAN2:
+            self._equate(arguments[0], arguments[1], node.span)
+        elif operation not in (Operation.SIGN, Operation.FINITE) and operation not in _LOGIC:
+            for argument in arguments:
+                self._pure(argument, node.span)
+        return Term(NONE)
+
+    def _power(self, node: Apply, terms: list[Term]) -> Term:
+        base, exponent = node.arguments
+        self._pure(exponent, node.span)
+        if isinstance(exponent, Number):
+            return Term(NONE).combine(terms[0], Fraction(exponent.value).limit_denominator(10**6))
+        self._pure(base, node.span)
+        return Term(NONE)
+
+    def _carrier(self, left: Expression, right: Expression) -> Term:
+        term = self._terms[id(left)]
+        return term if not self._reduce(term).unknown else self._terms[id(right)]
+
+    def _pure(self, node: Expression, span: Span | None) -> None:
+        difference = self._reduce(self._terms[id(node)])
+        if not self._solve(difference):
+            self.clashes.append(
+                Clash(
+                    span=span or node.span,
+                    left=node,
+                    right=None,
+                    left_dimension=difference.known,
+                    right_dimension=NONE,
+                )
+            )
+
+    def _equate(self, left: Expression, right: Expression, span: Span | None) -> None:
+        first, second = self._reduce(self._terms[id(left)]), self._reduce(self._terms[id(right)])
+        if not self._solve(first.combine(second, -1)):
+            self.clashes.append(
+                Clash(
+                    span=span or left.span or right.span,
+                    left=left,
+                    right=right,
+                    left_dimension=first.known,
+                    right_dimension=second.known,
+                )
+            )
+
+    def _reduce(self, term: Term) -> Term:
+        while True:
+            solved = next((v for v in term.unknown if v in self._solved), None)
+            if solved is None:
+                return term
+            exponent = term.unknown[solved]
+            rest = {v: e for v, e in term.unknown.items() if v != solved}
+            term = Term(term.known, rest).combine(self._solved[solved], exponent)
+
+    def _solve(self, term: Term) -> bool:
+        """Take in ``term = no dimension``; False where that contradicts what is known."""
+        if not term.unknown:
+            return term.known.is_none
+        # A literal number gives way first: it says least about the world.
+        variable = next((v for v in term.unknown if v[0] == "number"), next(iter(term.unknown)))
+        exponent = term.unknown[variable]
+        rest = Term(term.known, {v: e for v, e in term.unknown.items() if v != variable})
+        self._solved[variable] = Term(NONE).combine(rest, -1 / exponent)
+        return True
+
+
+def origin(node: Expression, inference: Inference, wanted: Dimension) -> Expression | None:
+    """The leaf below ``node`` that best explains its dimension: one of the wanted dimension, else a known one."""
+    known = [(leaf, inference.dimension(leaf)) for leaf in leaves((node,)) if leaf.span is not None]
+    for leaf, dimension in known:
+        if dimension == wanted and not isinstance(leaf, Number):
+            return leaf
+    for leaf, dimension in known:
+        if dimension is not None and (dimension == wanted or not dimension.is_none):
+            return leaf
+    return None

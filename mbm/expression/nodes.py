@@ -1,0 +1,210 @@
+"""Nodes of the expression DAG. Every node is one scalar; vectors and matrices are tuples of nodes.
+
+Scalars keep the DAG free of shapes: differentiation, units, the wrapping of angles and the printing of equations are
+all said once, for numbers. Nodes compare by identity; equal subexpressions are found where it matters, in ``symbolic``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from fractions import Fraction
+from typing import TypeAlias
+
+from mbm.expression.dimension import Dimension
+from mbm.text.types import Form, Span
+
+
+class Operation(StrEnum):
+    """What a node computes from its arguments; the value is the name that the language uses."""
+
+    ADD = "+"
+    SUBTRACT = "-"
+    NEGATE = "negate"
+    MULTIPLY = "*"
+    DIVIDE = "/"
+    POWER = "^"
+    SQRT = "sqrt"
+    EXP = "exp"
+    LOG = "log"
+    ABS = "abs"
+    SIGN = "sign"
+    FLOOR = "floor"
+    MINIMUM = "min"
+    MAXIMUM = "max"
+    HYPOT = "hypot"
+    SIN = "sin"
+    COS = "cos"
+    TAN = "tan"
+    ASIN = "asin"
+    ACOS = "acos"
+    ATAN = "atan"
+    ATAN2 = "atan2"
+    SINH = "sinh"
+    COSH = "cosh"
+    TANH = "tanh"
+    ASINH = "asinh"
+    ACOSH = "acosh"
+    ATANH = "atanh"
+    WRAP = "wrap"
+    AS_ANGLE = "angle"
+    IF = "if"
+    LESS = "<"
+    LESS_EQUAL = "<="
+    EQUAL = "="
+    NOT = "not"
+    AND = "and"
+    OR = "or"
+    FINITE = "finite"
+
+
+CONDITIONS = frozenset(
+    {
+        Operation.LESS,
+        Operation.LESS_EQUAL,
+        Operation.EQUAL,
+        Operation.NOT,
+        Operation.AND,
+        Operation.OR,
+        Operation.FINITE,
+    }
+)
+"""Operations whose value is true or false."""
+
+
+class RowChoice(StrEnum):
+    """Which row of its table a column is read from."""
+
+    EACH = "each"
+    FIRST = "first"
+    LAST = "last"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Number:
+    """A number in SI. ``dimension`` None: the number takes whatever dimension its uses ask for."""
+
+    value: int | Fraction | float
+    dimension: Dimension | None = None
+    span: Span | None = field(default=None, repr=False)
+    angle: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Constant:
+    """A constant of the problem: a value that a caller may override without compiling again."""
+
+    name: str
+    value: float
+    dimension: Dimension | None = None
+    span: Span | None = field(default=None, repr=False)
+    angle: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """A number from a table: from the row at hand, or from the first or last row of ``table``."""
+
+    table: str
+    name: str
+    row: RowChoice = RowChoice.EACH
+    dimension: Dimension | None = None
+    span: Span | None = field(default=None, repr=False)
+    angle: bool = False
+
+    @property
+    def identity(self) -> tuple[str, str, RowChoice]:
+        """What makes two references the same number."""
+        return (self.table, self.name, self.row)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiteralMember:
+    """The member of a family with a known key."""
+
+    key: str | float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ColumnMember:
+    """The member of a family whose key stands in a column of the row at hand (or of the first or last row)."""
+
+    table: str
+    column: str
+    row: RowChoice = RowChoice.EACH
+
+
+Member: TypeAlias = LiteralMember | ColumnMember
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Component:
+    """One number of an unknown: ``index`` counts from 1, empty for a scalar; ``member`` picks from a family."""
+
+    unknown: str
+    index: tuple[int, ...] = ()
+    member: Member | None = None
+    angle: bool = False
+    span: Span | None = field(default=None, repr=False)
+
+    @property
+    def identity(self) -> tuple[str, tuple[int, ...], Member | None]:
+        """What makes two references the same number."""
+        return (self.unknown, self.index, self.member)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Opaque:
+    """A scalar that stands for a form not yet evaluated; only in forms that a function of the user gives back."""
+
+    form: Form
+    span: Span | None = field(default=None, repr=False)
+    angle: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Apply:
+    """An operation on nodes. ``angle``: differences of this number wrap."""
+
+    operation: Operation
+    arguments: tuple[Expression, ...]
+    angle: bool = False
+    span: Span | None = field(default=None, repr=False)
+
+    @property
+    def is_condition(self) -> bool:
+        """Whether the value is true or false."""
+        if self.operation is Operation.IF:
+            second = self.arguments[1]
+            return isinstance(second, Apply) and second.is_condition
+        return self.operation in CONDITIONS
+
+
+Expression: TypeAlias = Number | Constant | Column | Component | Opaque | Apply
+Leaf: TypeAlias = Number | Constant | Column | Component | Opaque
+
+
+def postorder(roots: tuple[Expression, ...]) -> list[Expression]:
+    """Every node below ``roots`` once, arguments before the nodes that use them. Not recursive: DAGs may be deep."""
+    seen: set[int] = set()
+    order: list[Expression] = []
+    stack: list[tuple[Expression, bool]] = [(root, False) for root in reversed(roots)]
+    while stack:
+        node, expanded = stack.pop()
+        if expanded:
+            order.append(node)
+            continue
+        if id(node) in seen:
+            continue
+        seen.add(id(node))
+        if isinstance(node, Apply):
+            stack.append((node, True))
+            stack.extend((argument, False) for argument in reversed(node.arguments) if id(argument) not in seen)
+        else:
+            order.append(node)
+    return order
+
+
+def leaves(roots: tuple[Expression, ...]) -> list[Leaf]:
+    """The leaves below ``roots``, each node once, in the order in which they are met."""
+    return [node for node in postorder(roots) if not isinstance(node, Apply)]

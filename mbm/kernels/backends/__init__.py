@@ -1,0 +1,1 @@
+"""What evaluates kernels, one backend per file, each exporting ``BACKEND``."""

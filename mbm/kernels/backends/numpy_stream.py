@@ -1,0 +1,147 @@
+"""NumPy over the instruction stream: each instruction once for a block of rows. Needs no CasADi once lowered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbm.kernels.instructions import program_of
+from mbm.kernels.types import Floats, Kernel
+from mbm.target.program import Operator, Program
+
+BLOCK = 1024
+"""Rows evaluated together: their values stay in the cache, and Python's share of the work is small."""
+
+
+def _erf(x: Floats) -> Floats:
+    from scipy.special import erf
+
+    return np.asarray(erf(x), dtype=np.float64)
+
+
+_FUNCTIONS: Mapping[Operator, Callable[..., Floats]] = {
+    Operator.ADD: np.add,
+    Operator.SUB: np.subtract,
+    Operator.MUL: np.multiply,
+    Operator.DIV: np.divide,
+    Operator.NEG: np.negative,
+    Operator.EXP: np.exp,
+    Operator.LOG: np.log,
+    Operator.POW: np.power,
+    Operator.SQRT: np.sqrt,
+    Operator.SQUARE: np.square,
+    Operator.TWICE: lambda a: a + a,
+    Operator.RECIPROCAL: np.reciprocal,
+    Operator.SIN: np.sin,
+    Operator.COS: np.cos,
+    Operator.TAN: np.tan,
+    Operator.ASIN: np.arcsin,
+    Operator.ACOS: np.arccos,
+    Operator.ATAN: np.arctan,
+    Operator.ATAN2: np.arctan2,
+    Operator.SINH: np.sinh,
+    Operator.COSH: np.cosh,
+    Operator.TANH: np.tanh,
+    Operator.ASINH: np.arcsinh,
+    Operator.ACOSH: np.arccosh,
+    Operator.ATANH: np.arctanh,
+    Operator.LESS: np.less,
+    Operator.LESS_EQUAL: np.less_equal,
+    Operator.EQUAL: np.equal,
+    Operator.NOT_EQUAL: np.not_equal,
+    Operator.NOT: np.logical_not,
+    Operator.AND: np.logical_and,
+    Operator.OR: np.logical_or,
+    Operator.SELECT: lambda test, value: np.where(test != 0, value, 0.0),
+    Operator.FLOOR: np.floor,
+    Operator.CEIL: np.ceil,
+    Operator.FMOD: np.fmod,
+    Operator.REMAINDER: lambda a, b: a - b * np.rint(a / b),
+    Operator.ABS: np.abs,
+    Operator.SIGN: np.sign,
+    Operator.COPYSIGN: np.copysign,
+    Operator.MIN: np.fmin,
+    Operator.MAX: np.fmax,
+    Operator.HYPOT: np.hypot,
+    Operator.LOG1P: np.log1p,
+    Operator.EXPM1: np.expm1,
+    Operator.ERF: _erf,
+}
+
+
+def last_uses(program: Program) -> tuple[tuple[int, ...], ...]:
+    """For each instruction, the values that nobody needs after it."""
+    kept = set(program.outputs)
+    last: dict[int, int] = {}
+    for position, instruction in enumerate(program.instructions):
+        for argument in instruction.arguments:
+            last[argument] = position
+    dying: list[list[int]] = [[] for _ in program.instructions]
+    for value, position in last.items():
+        if value not in kept:
+            dying[position].append(value)
+    return tuple(tuple(d) for d in dying)
+
+
+def run(program: Program, dying: tuple[tuple[int, ...], ...], inputs: Floats, outputs: Floats) -> None:
+    """Fill ``outputs`` (rows, outputs) from ``inputs`` (rows, inputs)."""
+    with np.errstate(all="ignore"):
+        for start in range(0, len(inputs), BLOCK):
+            columns = np.ascontiguousarray(inputs[start : start + BLOCK].T)
+            values: list[Floats | float | None] = [None] * program.values
+            for value, constant in program.constants:
+                values[value] = np.float64(constant)
+            for position, value in enumerate(program.inputs):
+                if value >= 0:
+                    values[value] = columns[position]
+            for instruction, dead in zip(program.instructions, dying, strict=True):
+                arguments = [values[a] for a in instruction.arguments]
+                values[instruction.target] = _FUNCTIONS[instruction.operator](*arguments)
+                for value in dead:
+                    values[value] = None
+            target = outputs[start : start + BLOCK]
+            for position, value in enumerate(program.outputs):
+                target[:, position] = 0.0 if value < 0 else values[value]
+
+
+@dataclass(slots=True, eq=False)
+class _Evaluation:
+    inputs: Floats
+    _kernel: Kernel
+    _values: tuple[Program, tuple[tuple[int, ...], ...], Floats] | None = None
+    _both: tuple[Program, tuple[tuple[int, ...], ...], Floats] | None = None
+
+    def values(self) -> Floats:
+        if self._values is None:
+            program = program_of(self._kernel.value_function)
+            self._values = (program, last_uses(program), np.empty((len(self.inputs), self._kernel.outputs)))
+        program, dying, outputs = self._values
+        run(program, dying, self.inputs, outputs)
+        return outputs
+
+    def values_and_jacobian(self) -> tuple[Floats, Floats]:
+        count = self._kernel.outputs
+        if self._both is None:
+            program = program_of(self._kernel.jacobian_function)
+            shape = (len(self.inputs), count + len(self._kernel.jacobian_rows))
+            self._both = (program, last_uses(program), np.empty(shape))
+        program, dying, outputs = self._both
+        run(program, dying, self.inputs, outputs)
+        return outputs[:, :count], outputs[:, count:]
+
+
+@dataclass(frozen=True, slots=True)
+class NumpyBackend:
+    """For many rows, and wherever CasADi's virtual machine is not wanted."""
+
+    name: str = "numpy"
+
+    def prepare(self, kernel: Kernel, rows: int) -> _Evaluation:
+        """Buffers for ``rows`` rows; the instruction stream is read when first called."""
+        width = len(kernel.variables) + len(kernel.parameters)
+        return _Evaluation(np.zeros((rows, width)), kernel)
+
+
+BACKEND = NumpyBackend()

@@ -1,0 +1,60 @@
+"""Blocks of equations → differentiated kernels."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import casadi
+import numpy as np
+
+from mbm.kernels.lowering import lower
+from mbm.kernels.types import Kernel, KernelSet
+from mbm.symbolic.types import ResidualBlock, SymbolicModel
+
+
+def derive(model: SymbolicModel) -> KernelSet:
+    """The kernels of all blocks: values and analytic Jacobians as CasADi functions of one input vector per row."""
+    kernels = tuple(kernel_of(block) for block in model.blocks)
+    digest = hashlib.sha256()
+    for kernel in kernels:
+        digest.update(repr((kernel.name, kernel.variables, kernel.parameters)).encode())
+        digest.update(kernel.jacobian_function.serialize().encode())
+    return KernelSet(name=model.name, kernels=kernels, fingerprint=digest.hexdigest())
+
+
+def kernel_of(block: ResidualBlock) -> Kernel:
+    """One block, differentiated with respect to its unknowns."""
+    count = len(block.variables)
+    inputs = casadi.SX.sym("z", count + len(block.parameters))
+    scalars = casadi.vertsplit(inputs) if inputs.numel() else []
+    symbols = dict(zip((*block.variable_symbols, *block.parameter_symbols), scalars, strict=True))
+    values = casadi.densify(casadi.vertcat(*lower(block.expressions, symbols)))
+    if count:
+        jacobian = casadi.jacobian(values, inputs[:count])
+    else:
+        jacobian = casadi.SX(len(block.expressions), 0)
+    rows, columns = jacobian.sparsity().get_triplet()
+    scalars_of_jacobian: Any = jacobian.nonzeros()  # CasADi's stubs do not know their own type here
+    nonzeros = casadi.vertcat(*scalars_of_jacobian) if rows else casadi.SX(0, 1)
+    outputs = casadi.cse(casadi.vertcat(values, nonzeros))
+    dependence = np.zeros((len(rows), count), dtype=bool)
+    if rows and count:
+        pattern = casadi.jacobian_sparsity(nonzeros, inputs[:count])
+        found_rows, found_columns = pattern.get_triplet()
+        dependence[found_rows, found_columns] = True
+    return Kernel(
+        name=block.name,
+        purpose=block.purpose,
+        owner=block.owner,
+        case=block.case,
+        variables=block.variables,
+        parameters=block.parameters,
+        outputs=len(block.expressions),
+        jacobian_rows=np.asarray(rows, dtype=np.int64),
+        jacobian_columns=np.asarray(columns, dtype=np.int64),
+        dependence=dependence,
+        value_function=casadi.Function("values", [inputs], [casadi.cse(values)]),
+        jacobian_function=casadi.Function("values_and_jacobian", [inputs], [outputs]),
+        span=block.span,
+    )

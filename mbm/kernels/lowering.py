@@ -1,0 +1,121 @@
+"""SymPy → CasADi by a walk over the DAG: equal subexpressions become one node, nothing is simplified or expanded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import reduce
+from typing import Any
+
+import casadi
+import sympy
+
+from mbm.symbolic.conversion import Finite
+
+
+class UnsupportedOperationError(Exception):
+    """A SymPy node that has no counterpart in CasADi: an internal fault."""
+
+
+def _power(base: casadi.SX, exponent: casadi.SX) -> casadi.SX:
+    if exponent.is_constant():
+        value = float(exponent)
+        if value == 0.5:
+            return casadi.sqrt(base)
+        if value == -1:
+            return 1 / base
+        if value == 2:
+            return base * base
+    return casadi.power(base, exponent)
+
+
+def _piecewise(*pairs: tuple[casadi.SX, casadi.SX]) -> casadi.SX:
+    result = pairs[-1][0]
+    for value, test in reversed(pairs[:-1]):
+        result = casadi.if_else(test, value, result)
+    return result
+
+
+def _add(*terms: casadi.SX) -> casadi.SX:
+    return reduce(lambda a, b: a + b, terms)
+
+
+def _multiply(*factors: casadi.SX) -> casadi.SX:
+    return reduce(lambda a, b: a * b, factors)
+
+
+def _finite(a: casadi.SX) -> casadi.SX:
+    return casadi.lt(casadi.fabs(a), casadi.inf)
+
+
+_FUNCTIONS: Mapping[type, Callable[..., casadi.SX]] = {
+    sympy.Add: _add,
+    sympy.Mul: _multiply,
+    sympy.Pow: _power,
+    sympy.exp: casadi.exp,
+    sympy.log: casadi.log,
+    sympy.Abs: casadi.fabs,
+    sympy.sign: casadi.sign,
+    sympy.floor: casadi.floor,
+    sympy.ceiling: casadi.ceil,
+    sympy.Min: lambda *a: reduce(casadi.fmin, a),
+    sympy.Max: lambda *a: reduce(casadi.fmax, a),
+    sympy.sin: casadi.sin,
+    sympy.cos: casadi.cos,
+    sympy.tan: casadi.tan,
+    sympy.asin: casadi.asin,
+    sympy.acos: casadi.acos,
+    sympy.atan: casadi.atan,
+    sympy.atan2: casadi.atan2,
+    sympy.sinh: casadi.sinh,
+    sympy.cosh: casadi.cosh,
+    sympy.tanh: casadi.tanh,
+    sympy.asinh: casadi.asinh,
+    sympy.acosh: casadi.acosh,
+    sympy.atanh: casadi.atanh,
+    sympy.StrictLessThan: lambda a, b: a < b,
+    sympy.LessThan: lambda a, b: a <= b,
+    sympy.StrictGreaterThan: lambda a, b: a > b,
+    sympy.GreaterThan: lambda a, b: a >= b,
+    sympy.Equality: lambda a, b: a == b,
+    sympy.Unequality: lambda a, b: a != b,
+    sympy.Not: casadi.logic_not,
+    sympy.And: lambda *a: reduce(casadi.logic_and, a),
+    sympy.Or: lambda *a: reduce(casadi.logic_or, a),
+    sympy.Piecewise: _piecewise,
+    Finite: _finite,
+}
+
+
+def lower(expressions: tuple[sympy.Expr, ...], symbols: Mapping[sympy.Symbol, casadi.SX]) -> list[casadi.SX]:
+    """``expressions`` in CasADi; ``symbols`` gives the CasADi scalar of every SymPy symbol.
+
+    Raises:
+        UnsupportedOperationError: a node nobody translates.
+
+    """
+    memo: dict[sympy.Basic, Any] = dict(symbols)
+    for expression in expressions:
+        stack = [(expression, False)]
+        while stack:
+            node, ready = stack.pop()
+            if node in memo:
+                continue
+            if not ready and node.args:
+                stack.append((node, True))
+                stack.extend((argument, False) for argument in node.args if argument not in memo)
+                continue
+            memo[node] = _node(node, tuple(memo[a] for a in node.args))
+    return [memo[e] for e in expressions]
+
+
+def _node(node: sympy.Basic, arguments: tuple[Any, ...]) -> Any:
+    if isinstance(node, sympy.functions.elementary.piecewise.ExprCondPair):
+        return arguments
+    if node is sympy.true or node is sympy.false:
+        return casadi.SX(1 if node is sympy.true else 0)
+    if isinstance(node, sympy.Number | sympy.NumberSymbol):
+        return casadi.SX(float(node))
+    function = _FUNCTIONS.get(node.func)
+    if function is None:
+        raise UnsupportedOperationError(type(node).__name__)
+    return function(*arguments)

@@ -1,0 +1,86 @@
+"""Values of the kernel stage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.symbolic.types import Parameter, Purpose, Slot
+from mbm.text.types import Span
+
+if TYPE_CHECKING:
+    import casadi
+
+Floats: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Kernel:
+    """The equations of one group of rows, differentiated.
+
+    Inputs of a row: the numbers of unknowns (``variables``), then data (``parameters``). Outputs: ``outputs`` values,
+    and the nonzeros of their Jacobian with respect to ``variables``: nonzero k stands in row ``jacobian_rows[k]`` and
+    column ``jacobian_columns[k]``. ``dependence[k, j]`` says whether nonzero k depends on variable j: the equations are
+    affine in a set of variables if no nonzero in its columns depends on any of them.
+    """
+
+    name: str
+    purpose: Purpose
+    owner: int
+    case: int
+    variables: tuple[Slot, ...]
+    parameters: tuple[Parameter, ...]
+    outputs: int
+    jacobian_rows: NDArray[np.int64] = field(repr=False)
+    jacobian_columns: NDArray[np.int64] = field(repr=False)
+    dependence: NDArray[np.bool_] = field(repr=False)
+    value_function: casadi.Function = field(repr=False)
+    jacobian_function: casadi.Function = field(repr=False)
+    span: Span = field(repr=False)
+
+    def affine_in(self, variables: NDArray[np.bool_]) -> bool:
+        """Whether the outputs are affine in the variables that the mask picks, whatever the others are."""
+        columns = variables[self.jacobian_columns]
+        return not bool(self.dependence[np.ix_(columns, variables)].any())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KernelSet:
+    """All kernels of a problem. ``fingerprint`` identifies their content."""
+
+    name: str
+    kernels: tuple[Kernel, ...]
+    fingerprint: str
+
+
+class Evaluation(Protocol):
+    """A kernel made ready for a number of rows by a backend."""
+
+    @property
+    def inputs(self) -> Floats:
+        """Inputs, shape (rows, variables + parameters), to be filled by the caller before each call."""
+        ...
+
+    def values(self) -> Floats:
+        """The outputs, shape (rows, outputs); valid until the next call."""
+        ...
+
+    def values_and_jacobian(self) -> tuple[Floats, Floats]:
+        """The outputs and the nonzeros of the Jacobian, shapes (rows, outputs), (rows, nonzeros)."""
+        ...
+
+
+class Backend(Protocol):
+    """What evaluates kernels."""
+
+    @property
+    def name(self) -> str:
+        """As in ``--backend``."""
+        ...
+
+    def prepare(self, kernel: Kernel, rows: int) -> Evaluation:
+        """Make ``kernel`` ready for ``rows`` rows."""
+        ...

@@ -1,0 +1,246 @@
+"""The evaluator: one form in one scope gives one value. Pure, lazy at top level, bounded (LANGUAGE §1–2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+from mbm.expression.algebra import UndefinedValueError
+from mbm.expression.dimension import NONE
+from mbm.expression.nodes import Number
+from mbm.expression.units import parse_unit, refused_unit
+from mbm.language import faults
+from mbm.language.coerce import assemble
+from mbm.language.indexing import element
+from mbm.language.limits import Budget, Limits
+from mbm.language.scope import EmptyScope, Scope
+from mbm.language.values import (
+    FORMS,
+    SCALARS,
+    Array,
+    Builtin,
+    Call,
+    Callable_,
+    FamilyValue,
+    FunctionTable,
+    ListValue,
+    Macro,
+    SpecialForm,
+    Value,
+    describe,
+)
+from mbm.text.suggest import closest
+from mbm.text.types import (
+    Bracket,
+    Code,
+    Diagnostic,
+    Form,
+    Keyword,
+    Label,
+    MbmError,
+    Numeral,
+    Place,
+    Sequence,
+    Span,
+    Symbol,
+    Text,
+)
+
+MAXIMUM_LABELS = 4
+"""How many calls an error names on its way out: enough to find the cause, few enough to read."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Vocabulary:
+    """What heads may mean: special forms, functions (built-in, models, the user's), and names that come later."""
+
+    special_forms: Mapping[str, SpecialForm]
+    functions: FunctionTable
+    not_yet: Mapping[str, str]
+
+
+class Evaluator:
+    """Evaluates forms. Holds the vocabulary, counts the work and collects warnings; keeps no other state.
+
+    ``world`` is the scope of the problem being compiled: where ``perse`` finds k0 and k1.
+    """
+
+    def __init__(self, vocabulary: Vocabulary, limits: Limits) -> None:
+        self.vocabulary = vocabulary
+        self.world: Scope = EmptyScope()
+        self.budget = Budget(limits)
+        self.warnings: dict[tuple[Code, Place | None], Diagnostic] = {}
+
+    def warn(self, diagnostic: Diagnostic) -> None:
+        """Keep a warning, once for each place."""
+        self.warnings.setdefault((diagnostic.code, diagnostic.place), diagnostic)
+
+    def evaluate(self, form: Form, scope: Scope) -> Value:
+        """The value of ``form`` in ``scope``.
+
+        Raises:
+            MbmError: with a diagnostic at the innermost form that is wrong.
+            StaticColumnNeeded: the value of a data column decides what the expression is.
+
+        """
+        if isinstance(form, Numeral):
+            return self.number(form)
+        if isinstance(form, Symbol):
+            return self.name(form, scope)
+        if isinstance(form, Text):
+            return form.value
+        if isinstance(form, Keyword):
+            return form
+        self.budget.enter(form)
+        try:
+            if form.bracket is Bracket.SQUARE:
+                return self.vector(form, form.items, scope)
+            return self._list(form, scope)
+        finally:
+            self.budget.leave()
+
+    def wanted(self, form: Form, scope: Scope) -> Value:
+        """Like ``evaluate``, where an expression is wanted: a form that arrives is evaluated in its turn."""
+        return self.arrived(self.evaluate(form, scope), form, scope)
+
+    def arrived(self, value: Value, at: Form, scope: Scope) -> Value:
+        """``value``, or, if it is a form, what that form means here (LANGUAGE §2, forms as observation models)."""
+        while isinstance(value, FORMS) and not isinstance(value, Keyword):
+            self.budget.enter(at)
+            try:
+                value = self.evaluate(value, scope)
+            except MbmError as error:
+                raise _with_label(error, at.span, "in the form that this gave") from None
+            finally:
+                self.budget.leave()
+        return value
+
+    def number(self, form: Numeral) -> Number:
+        """A numeral in SI."""
+        if form.unit is None:
+            return Number(form.value, None, form.span)
+        unit = parse_unit(form.unit)
+        if unit is None:
+            raise MbmError(faults.unknown_unit(form.span, form.unit, refused_unit(form.unit)))
+        # Decimal factors multiply exactly: 70cm is 0.7 m, not 0.7000000000000001 m.
+        value = form.value
+        if unit.factor != 1:
+            value = float(Fraction(str(form.value)) * Fraction(repr(unit.factor)))
+        if not math.isfinite(value):
+            raise MbmError(faults.undefined_value(form.span, form.span.text))
+        return Number(value, unit.dimension, form.span)
+
+    def name(self, form: Symbol, scope: Scope) -> Value:
+        """What a symbol in argument position denotes: a variable, else a function."""
+        value = scope.lookup(form.name, form.span)
+        if value is not None:
+            return _located(value, form.span)
+        if form.name == "pi":
+            return Number(math.pi, NONE, form.span)
+        if form.name in ("true", "false"):
+            return form.name == "true"
+        function = self.vocabulary.functions.get(form.name)
+        if function is not None:
+            return function
+        raise MbmError(self._unknown(form, scope))
+
+    def vector(self, form: Form, items: tuple[Form, ...], scope: Scope) -> Array:
+        """A vector of scalars, or a matrix of vectors of one length."""
+        self.budget.spend(len(items), form)
+        return assemble([self.wanted(item, scope) for item in items], [item.span for item in items])
+
+    def _list(self, form: Sequence, scope: Scope) -> Value:
+        if not form.items:
+            return ListValue(())
+        head = form.items[0]
+        if isinstance(head, Symbol):
+            special = self.vocabulary.special_forms.get(head.name)
+            if special is not None:
+                return special(self, form, scope)
+            function = self.vocabulary.functions.get(head.name)
+            if function is not None:
+                return self.apply(function, form, scope)
+            value = scope.lookup(head.name, head.span)
+            if value is None and head.name == "pi":
+                value = Number(math.pi, NONE, head.span)
+            if value is None:
+                raise MbmError(self._unknown(head, scope, is_head=True))
+        elif isinstance(head, Numeral):
+            value = self.number(head)
+        elif isinstance(head, Sequence):
+            value = self.wanted(head, scope)
+        else:
+            raise MbmError(faults.bad_head(head.span, describe(head) if isinstance(head, Text) else "a keyword"))
+        return self._headed(value, form, scope)
+
+    def _headed(self, value: Value, form: Sequence, scope: Scope) -> Value:
+        """A list whose head has a value: a call, an element, or a paren vector."""
+        if isinstance(value, SCALARS):
+            return self.vector(form, form.items, scope)
+        if isinstance(value, Array | ListValue | FamilyValue):
+            arguments = tuple(self.wanted(item, scope) for item in form.items[1:])
+            return element(value, arguments, form)
+        if isinstance(value, Callable_):
+            return self.apply(value, form, scope)
+        raise MbmError(faults.bad_head(form.items[0].span, describe(value)))
+
+    def apply(self, function: Callable_, form: Sequence, scope: Scope) -> Value:
+        """Call ``function`` with the arguments that ``form`` holds."""
+        forms = form.items[1:]
+        if isinstance(function, Builtin):
+            _check_arity(function, form)
+            arguments = tuple([self.evaluate(f, scope) for f in forms])
+            if not function.takes_forms:
+                arguments = tuple([self.arrived(a, f, scope) for a, f in zip(arguments, forms, strict=True)])
+        elif isinstance(function, Macro):
+            arguments = ()
+        else:
+            arguments = tuple([self.evaluate(f, scope) for f in forms])
+        return self.call(function, arguments, form, scope)
+
+    def call(self, function: Callable_, arguments: tuple[Value, ...], form: Sequence, scope: Scope) -> Value:
+        """Call ``function`` with values; errors inside the user's functions name the call."""
+        call = Call(self, form, scope, arguments, form.items[1:])
+        try:
+            return function.call(call)
+        except UndefinedValueError as error:
+            raise MbmError(faults.undefined_value(form.span, str(error))) from None
+        except MbmError as error:
+            if isinstance(function, Builtin):
+                raise
+            raise _with_label(error, form.span, f"in this call of `{function.name}`") from None
+
+    def _unknown(self, symbol: Symbol, scope: Scope, *, is_head: bool = False) -> Diagnostic:
+        name = symbol.name
+        later = self.vocabulary.not_yet.get(name)
+        if later is not None:
+            return faults.not_available_yet(symbol.span, f"`{name}`", later)
+        functions = [*self.vocabulary.functions, *self.vocabulary.special_forms]
+        candidates = [*functions, *scope.names()] if is_head else [*scope.names(), *functions]
+        return faults.unknown_name(symbol.span, name, closest(name, dict.fromkeys(candidates)), is_head=is_head)
+
+
+def _located(value: Value, span: Span) -> Value:
+    """Numbers carry the place where they are used, so that a clash of units shows both places."""
+    if isinstance(value, SCALARS) and getattr(value, "span", None) is None and not isinstance(value, Number):
+        return replace(value, span=span)
+    return value
+
+
+def _check_arity(function: Builtin, form: Sequence) -> None:
+    count = len(form.items) - 1
+    if count < function.minimum or (function.maximum is not None and count > function.maximum):
+        raise MbmError(faults.wrong_arity(form.span, function.name, function.usage, count))
+
+
+def _with_label(error: MbmError, span: Span, message: str) -> MbmError:
+    return MbmError(
+        *(
+            replace(d, labels=(*d.labels, Label(span, message)))
+            if len(d.labels) < MAXIMUM_LABELS and d.place != span
+            else d
+            for d in error.diagnostics
+        )
+    )

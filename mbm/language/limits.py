@@ -1,0 +1,75 @@
+"""What bounds an evaluation: a problem file is data, and data may not make the compiler hang."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from mbm.language import faults
+from mbm.text.types import Form, MbmError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """Bounds of one compilation. The defaults let any sensible problem through and end a runaway within a second."""
+
+    depth: int = 3000
+    steps: int = 200_000
+    list_length: int = 100_000
+    text_length: int = 1_000_000
+    files: int = 200
+
+
+FRAMES_PER_LEVEL = 12
+"""Python frames that one level of evaluation may take, with room to spare."""
+
+
+@contextmanager
+def recursion_room(limits: Limits) -> Iterator[None]:
+    """Let the evaluator reach its own depth limit before Python's; restored afterwards."""
+    before = sys.getrecursionlimit()
+    sys.setrecursionlimit(max(before, limits.depth * FRAMES_PER_LEVEL))
+    try:
+        yield
+    finally:
+        sys.setrecursionlimit(before)
+
+
+class Budget:
+    """Counts the steps and the depth of one evaluation."""
+
+    def __init__(self, limits: Limits) -> None:
+        self.limits = limits
+        self._steps = 0
+        self._depth = 0
+
+    def reset(self) -> None:
+        """A new evaluation begins: of another clause, or of the same for other rows."""
+        self._steps = 0
+        self._depth = 0
+
+    def enter(self, form: Form) -> None:
+        """One step deeper, at ``form``."""
+        self._steps += 1
+        self._depth += 1
+        if self._depth > self.limits.depth:
+            raise MbmError(faults.too_deep(form.span, self.limits.depth))
+        if self._steps > self.limits.steps:
+            raise MbmError(faults.too_many_steps(form.span, self.limits.steps))
+
+    def leave(self) -> None:
+        """Back from ``enter``."""
+        self._depth -= 1
+
+    def spend(self, steps: int, form: Form) -> None:
+        """Work done outside the evaluation of forms: elements of a vector, nodes of an expression."""
+        self._steps += steps
+        if self._steps > self.limits.steps:
+            raise MbmError(faults.too_many_steps(form.span, self.limits.steps))
+
+    def check_length(self, length: int, form: Form) -> None:
+        """A list or vector of ``length`` is about to be made."""
+        if length > self.limits.list_length:
+            raise MbmError(faults.list_too_long(form.span, length, self.limits.list_length))

@@ -1,0 +1,53 @@
+"""Where names of variables are looked up: a chain of scopes, innermost first. Functions have another namespace."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from mbm.language.values import Value
+from mbm.text.types import Span
+
+
+class Scope(Protocol):
+    """A place in the text: what the names mean there."""
+
+    def lookup(self, name: str, span: Span) -> Value | None:
+        """The value of a variable, or None if there is none of this name. ``span`` is where it is used."""
+        ...
+
+    def names(self) -> Iterator[str]:
+        """All names visible, for suggestions."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EmptyScope:
+    """The outermost scope: nothing."""
+
+    def lookup(self, name: str, span: Span) -> Value | None:
+        """Nothing is known here."""
+        return None
+
+    def names(self) -> Iterator[str]:
+        """No names."""
+        return iter(())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalScope:
+    """Names bound by ``let``, ``lambda``, parameters and ``for`` over those of ``parent``."""
+
+    variables: Mapping[str, Value]
+    parent: Scope
+
+    def lookup(self, name: str, span: Span) -> Value | None:
+        """The innermost binding."""
+        value = self.variables.get(name)
+        return value if value is not None else self.parent.lookup(name, span)
+
+    def names(self) -> Iterator[str]:
+        """The names bound here, then those around."""
+        yield from self.variables
+        yield from self.parent.names()

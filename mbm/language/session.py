@@ -1,0 +1,93 @@
+"""An evaluator for the definitions of a program: the vocabulary, the models and the user's functions in one table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from mbm.language import faults
+from mbm.language.evaluator import Evaluator, Vocabulary
+from mbm.language.functions import bind_definition
+from mbm.language.limits import Limits
+from mbm.language.program import ConstantDefinition, ModelDefinition, Program
+from mbm.language.scope import Scope
+from mbm.language.values import Callable_, Value
+from mbm.text.types import MbmError, Span
+
+ModelMaker = Callable[[ModelDefinition, Scope], Callable_]
+
+
+class GlobalScope:
+    """The ``defconst`` names, each evaluated when first needed."""
+
+    def __init__(self, evaluator: Evaluator, constants: Mapping[str, ConstantDefinition]) -> None:
+        self._evaluator = evaluator
+        self._constants = constants
+        self._values: dict[str, Value] = {}
+        self._open: set[str] = set()
+
+    def lookup(self, name: str, span: Span) -> Value | None:
+        """The value of a constant."""
+        if name in self._values:
+            return self._values[name]
+        definition = self._constants.get(name)
+        if definition is None:
+            return None
+        if name in self._open:
+            raise MbmError(faults.circular_definition(span, name))
+        self._open.add(name)
+        try:
+            value = self._evaluator.wanted(definition.form, self)
+        finally:
+            self._open.discard(name)
+        self._values[name] = value
+        return value
+
+    def names(self) -> Iterator[str]:
+        """The constants' names."""
+        return iter(self._constants)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Session:
+    """What forms at top level are evaluated with; ``functions`` is the evaluator's own table."""
+
+    evaluator: Evaluator
+    scope: Scope
+    functions: dict[str, Callable_]
+
+    def define(self, function: Callable_) -> None:
+        """Add a function that the problem defines itself; it shadows one of the file."""
+        self.functions[function.name] = function
+
+
+def open_session(
+    program: Program,
+    vocabulary: Vocabulary,
+    make_model: ModelMaker,
+    limits: Limits,
+    *,
+    make_world: Callable[[Scope], Scope] | None = None,
+) -> Session:
+    """An evaluator that knows the program's functions and models; they shadow built-in ones.
+
+    ``make_world`` makes the scope of the problem being compiled over that of the file.
+    """
+    functions: dict[str, Callable_] = dict(vocabulary.functions)
+    evaluator = Evaluator(
+        Vocabulary(
+            special_forms=vocabulary.special_forms,
+            functions=MappingProxyType(functions),
+            not_yet=vocabulary.not_yet,
+        ),
+        limits,
+    )
+    scope = GlobalScope(evaluator, program.constants)
+    if make_world is not None:
+        evaluator.world = make_world(scope)
+    for definition in program.functions.values():
+        functions[definition.name] = bind_definition(definition, scope)
+    for model in program.models.values():
+        functions[model.name] = make_model(model, scope)
+    return Session(evaluator, scope, functions)

@@ -1,0 +1,170 @@
+"""Special forms: what does not evaluate its parts like a function does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from mbm.expression.algebra import number, total
+from mbm.expression.nodes import Apply
+from mbm.language import faults
+from mbm.language.coerce import condition, conditional, integer, vector
+from mbm.language.evaluator import Evaluator
+from mbm.language.functions import UserFunction
+from mbm.language.parameters import parse_parameters
+from mbm.language.quasiquote import fill
+from mbm.language.scope import LocalScope, Scope
+from mbm.language.values import SCALARS, Array, SpecialForm, Value
+from mbm.language.vocabulary.arithmetic import elementwise_sum
+from mbm.text.types import Form, MbmError, Sequence, Symbol
+
+LET_USAGE = "(let ((name value)…) body…)"
+
+
+def _quote(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
+    if len(form.items) != 2:
+        raise MbmError(faults.bad_form(form.span, "`quote` takes one form", "'form"))
+    return form.items[1]
+
+
+def _quasiquote(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
+    if len(form.items) != 2:
+        raise MbmError(faults.bad_form(form.span, "`quasiquote` takes one form", "`form"))
+    return fill(evaluator, form.items[1], scope)
+
+
+def _unquote(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
+    raise MbmError(
+        faults.bad_form(form.span, "a comma stands outside a quasi-quotation", "`(… ,form …); elsewhere write a space")
+    )
+
+
+def _if(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
+    if len(form.items) != 4:
+        raise MbmError(
+            faults.bad_form(form.span, "`if` takes a condition and two branches", "(if condition then else)")
+        )
+    test_form, then, other = form.items[1:]
+    test = condition(evaluator.wanted(test_form, scope), test_form.span)
+    if isinstance(test, bool):
+        return evaluator.evaluate(then if test else other, scope)
+    return conditional(test, evaluator.wanted(then, scope), evaluator.wanted(other, scope), form.span)
+
+
+def clauses_of_cond(form: Sequence) -> tuple[tuple[Form, tuple[Form, ...]], ...]:
+    """The (condition, body) pairs of a ``cond``; ``else`` and ``true`` stand for the last."""
+    clauses = []
+    for clause in form.items[1:]:
+        if not isinstance(clause, Sequence) or len(clause.items) < 2:
+            raise MbmError(
+                faults.bad_form(clause.span, "a clause of `cond` is (condition body…)", "(cond (condition body…)…)")
+            )
+        clauses.append((clause.items[0], clause.items[1:]))
+    if not clauses:
+        raise MbmError(faults.bad_form(form.span, "`cond` has no clauses", "(cond (condition body…)…)"))
+    return tuple(clauses)
+
+
+def cond_condition(evaluator: Evaluator, form: Form, scope: Scope) -> bool | Apply:
+    """The condition of a clause of ``cond``."""
+    if isinstance(form, Symbol) and form.name == "else":
+        return True
+    return condition(evaluator.wanted(form, scope), form.span)
+
+
+def _cond(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
+    pending: list[tuple[Apply, Value, Form]] = []
+    result: Value | None = None
+    for test_form, body in clauses_of_cond(form):
+        test = cond_condition(evaluator, test_form, scope)
+        if test is False:
+            continue
+        for each in body[:-1]:
+            evaluator.evaluate(each, scope)
+        if test is True:
+            value = evaluator.evaluate(body[-1], scope)
+            if not pending:
+                return value
+            result = evaluator.arrived(value, body[-1], scope)
+            break
+        pending.append((test, evaluator.wanted(body[-1], scope), body[-1]))
+    if result is None:
+        raise MbmError(
+            faults.bad_form(form.span, "no clause of `cond` is left for the remaining cases", "(cond … (else form))")
+        )
+    for test, value, at in reversed(pending):
+        result = conditional(test, value, result, at.span)
+    return result
+
+
+def let_scope(evaluator: Evaluator, form: Sequence, scope: Scope) -> tuple[LocalScope, tuple[Form, ...]]:
+    """The scope that ``let`` or ``let*`` opens, and its body."""
+    if len(form.items) < 3 or not isinstance(form.items[1], Sequence):
+        raise MbmError(faults.bad_form(form.span, f"`{form.head}` is not complete", LET_USAGE))
+    sequential = form.head == "let*"
+    variables: dict[str, Value] = {}
+    inner = LocalScope(variables, scope)
+    for binding in form.items[1].items:
+        if not (isinstance(binding, Sequence) and len(binding.items) == 2 and isinstance(binding.items[0], Symbol)):
+            raise MbmError(faults.bad_form(binding.span, "a binding is (name value)", LET_USAGE))
+        name, value_form = binding.items[0].name, binding.items[1]
+        if sequential:
+            inner = LocalScope({name: evaluator.evaluate(value_form, inner)}, inner)
+        else:
+            variables[name] = evaluator.evaluate(value_form, scope)
+    return inner, form.items[2:]
+
+
+def _let(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
+    inner, body = let_scope(evaluator, form, scope)
+    for each in body[:-1]:
+        evaluator.evaluate(each, inner)
+    return evaluator.evaluate(body[-1], inner)
+
+
+def _lambda(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
+    if len(form.items) < 3:
+        raise MbmError(faults.bad_form(form.span, "`lambda` is not complete", "(lambda (a b) body…)"))
+    return UserFunction("lambda", parse_parameters(form.items[1], "lambda"), form.items[2:], scope)
+
+
+def _sum(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
+    usage = "(sum (i first last) form)"
+    if len(form.items) != 3 or not isinstance(form.items[1], Sequence) or len(form.items[1].items) != 3:
+        raise MbmError(faults.bad_form(form.span, "`sum` is not complete", usage))
+    name, first_form, last_form = form.items[1].items
+    if not isinstance(name, Symbol):
+        raise MbmError(faults.bad_form(name.span, "the counter of `sum` should be a name", usage))
+    first = integer(evaluator.wanted(first_form, scope), first_form.span)
+    last = integer(evaluator.wanted(last_form, scope), last_form.span)
+    evaluator.budget.check_length(last - first + 1, form)
+    body = form.items[2]
+    terms: list[Value] = []
+    for i in range(first, last + 1):
+        inner = LocalScope({name.name: number(i)}, scope)
+        terms.append(evaluator.wanted(body, inner))
+    if not terms:
+        return number(0, form.span)
+    if all(isinstance(t, SCALARS) for t in terms):
+        return total(tuple(t for t in terms if isinstance(t, SCALARS)), form.span)
+    result: Value = terms[0] if isinstance(terms[0], Array) else vector(terms[0], body.span)
+    for term in terms[1:]:
+        result = elementwise_sum(result, term, body.span)
+    return result
+
+
+SPECIAL_FORMS: Mapping[str, SpecialForm] = MappingProxyType(
+    {
+        "quote": _quote,
+        "quasiquote": _quasiquote,
+        "unquote": _unquote,
+        "unquote-splicing": _unquote,
+        "if": _if,
+        "cond": _cond,
+        "let": _let,
+        "let*": _let,
+        "lambda": _lambda,
+        "sum": _sum,
+    }
+)
+"""The special forms of LANGUAGE §2."""

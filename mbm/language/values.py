@@ -1,0 +1,286 @@
+"""What forms evaluate to."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeAlias
+
+from mbm.expression.nodes import (
+    Apply,
+    Column,
+    Component,
+    Constant,
+    Expression,
+    Number,
+    Opaque,
+    RowChoice,
+)
+from mbm.text.types import Form, Keyword, Numeral, Place, Sequence, Span, Symbol, Text
+
+if TYPE_CHECKING:
+    from mbm.language.evaluator import Evaluator
+    from mbm.language.scope import Scope
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Array:
+    """A vector (shape (n,)) or matrix (shape (n, m), elements row by row) of scalars."""
+
+    shape: tuple[int, ...]
+    elements: tuple[Expression, ...]
+
+    @property
+    def is_matrix(self) -> bool:
+        """Whether there are rows and columns."""
+        return len(self.shape) == 2
+
+    def rows(self) -> tuple[tuple[Expression, ...], ...]:
+        """The rows of a matrix."""
+        width = self.shape[1]
+        return tuple(self.elements[i : i + width] for i in range(0, len(self.elements), width))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ListValue:
+    """What ``list`` makes: any values. A list of numbers may stand wherever a vector may."""
+
+    items: tuple[Value, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RotationValue:
+    """A rotation of the plane (2×2) or of space (3×3) as its matrix; columns are the images of the axes."""
+
+    matrix: Array
+
+    @property
+    def dimension(self) -> int:
+        """2 or 3."""
+        return self.matrix.shape[0]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseValue:
+    """A similarity ``y = c R x + t``; ``scale`` None means c = 1, a pose."""
+
+    rotation: RotationValue
+    translation: tuple[Expression, ...]
+    scale: Expression | None = None
+
+    @property
+    def kind(self) -> str:
+        """How messages call it."""
+        return "a pose" if self.scale is None else "a similarity"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraValue:
+    """A pinhole camera: focal lengths and principal point in px, distortion k1 k2 p1 p2 k3 (or none), and its axes."""
+
+    name: str
+    focal: tuple[Expression, Expression]
+    center: tuple[Expression, Expression]
+    distortion: tuple[Expression, ...]
+    axes: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TextColumn:
+    """A column of texts in the row at hand: a family's key as it stands, static wherever else its text is needed.
+
+    ``sample`` is the first cell that is no number, ``sample_place`` where it stands: what to blame where numbers are
+    wanted.
+    """
+
+    table: str
+    name: str
+    row: RowChoice = RowChoice.EACH
+    sample: str | None = None
+    sample_place: Place | None = None
+
+    @property
+    def identity(self) -> tuple[str, str, RowChoice]:
+        """What makes two references the same column."""
+        return (self.table, self.name, self.row)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FamilyValue:
+    """An unknown with one member for each key: ``(cam camera)``, ``(q "waist")``."""
+
+    name: str
+    keys: frozenset[str | float]
+    member: Callable[[str | float | Column | TextColumn], Value] = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TableName:
+    """A table's name where a form wants the table itself: ``(first TABLE FORM)``."""
+
+    name: str
+
+
+class Placeable(ABC):
+    """Features and shapes: what ``trans``, ``rotate`` and ``scale`` may move.
+
+    An abstract class, for values are asked for their kind all the time, and protocols answer ten times slower.
+    """
+
+    __slots__ = ()
+
+    @property
+    @abstractmethod
+    def kind(self) -> str:
+        """How messages call it: ``a line``, ``a shape``."""
+
+    @abstractmethod
+    def moved(self, by: Transform) -> Value:
+        """The same thing after ``by``."""
+
+    @abstractmethod
+    def as_point(self) -> Array | None:
+        """Its coordinates, if it is a point."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Transform:
+    """x ↦ A x + b with ``matrix`` A (None: unchanged) and ``offset`` b (None: zero); ``form`` is how it was written."""
+
+    matrix: Array | None
+    offset: tuple[Expression, ...] | None
+    head: str
+    argument: Value
+
+
+class Callable_(ABC):  # noqa: N801 - `Callable` is taken by the standard library
+    """What may stand at the head of a list and be called. An abstract class for speed, as ``Placeable``."""
+
+    __slots__ = ()
+
+    if TYPE_CHECKING:  # at run time a property here would become the default of the dataclasses' field
+
+        @property
+        def name(self) -> str:
+            """The name that messages use."""
+            ...
+
+    @abstractmethod
+    def call(self, call: Call) -> Value:
+        """The value for evaluated arguments."""
+
+
+class Macro(Callable_):
+    """A callable that takes its arguments unevaluated."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Call:
+    """One call: the evaluator, where it stands, and the arguments with the forms they came from."""
+
+    evaluator: Evaluator
+    form: Sequence
+    scope: Scope
+    arguments: tuple[Value, ...]
+    forms: tuple[Form, ...]
+
+    @property
+    def span(self) -> Span:
+        """Where the call stands."""
+        return self.form.span
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Builtin(Callable_):
+    """A function of the vocabulary. ``maximum`` None takes any number of arguments.
+
+    ``takes_forms``: quoted forms among the arguments are data (lists), not to be evaluated where they arrive.
+    """
+
+    name: str
+    usage: str
+    doc: str
+    minimum: int
+    maximum: int | None
+    function: Callable[[Call], Value] = field(repr=False)
+    takes_forms: bool = False
+
+    def call(self, call: Call) -> Value:
+        """The value for evaluated arguments; their number has been checked."""
+        return self.function(call)
+
+
+Value: TypeAlias = (
+    Number
+    | Constant
+    | Column
+    | Component
+    | Opaque
+    | Apply
+    | bool
+    | str
+    | Array
+    | ListValue
+    | RotationValue
+    | PoseValue
+    | CameraValue
+    | TextColumn
+    | FamilyValue
+    | TableName
+    | Symbol
+    | Keyword
+    | Numeral
+    | Sequence
+    | Text
+    | Callable_
+    | Placeable
+)
+
+SCALARS = (Number, Constant, Column, Component, Opaque, Apply)
+FORMS = (Symbol, Keyword, Numeral, Sequence, Text)
+
+
+class StaticColumnNeeded(Exception):  # noqa: N818 - not an error: it asks for another pass
+    """The value of a column is needed to go on; the caller groups the rows by it and evaluates again for each value."""
+
+    def __init__(self, column: Column | TextColumn, span: Span) -> None:
+        super().__init__(column.name)
+        self.column = column
+        self.span = span
+
+
+def describe(value: Value) -> str:
+    """How a message names a value, with article."""
+    if isinstance(value, Apply) and value.is_condition:
+        return "a condition"
+    if isinstance(value, SCALARS):
+        return "a number"
+    if isinstance(value, bool):
+        return "a truth value"
+    if isinstance(value, str | TextColumn):
+        return "a text"
+    if isinstance(value, Array):
+        shape = value.shape
+        return f"a vector of length {shape[0]}" if len(shape) == 1 else f"a {shape[0]}×{shape[1]} matrix"
+    if isinstance(value, ListValue):
+        return f"a list of {len(value.items)}"
+    if isinstance(value, RotationValue):
+        return "a rotation"
+    if isinstance(value, CameraValue):
+        return f"the camera `{value.name}`"
+    if isinstance(value, PoseValue | Placeable):
+        return value.kind
+    if isinstance(value, FamilyValue):
+        return f"the family `{value.name}`"
+    if isinstance(value, TableName):
+        return f"the table `{value.name}`"
+    if isinstance(value, FORMS):
+        return "a quoted form"
+    return f"the function `{value.name}`"
+
+
+SpecialForm: TypeAlias = "Callable[[Evaluator, Sequence, Scope], Value]"
+FunctionTable: TypeAlias = Mapping[str, Callable_]

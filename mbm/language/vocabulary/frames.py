@@ -1,0 +1,85 @@
+"""Moving points, features and shapes from frame to frame."""
+
+from __future__ import annotations
+
+from mbm.expression.algebra import add, dot, multiply
+from mbm.expression.dimension import NONE
+from mbm.expression.nodes import Expression, Number
+from mbm.language import faults
+from mbm.language.coerce import vector
+from mbm.language.values import SCALARS, Array, Builtin, Call, Placeable, Transform, Value
+from mbm.language.vocabulary.rotations import as_rotation, pose
+from mbm.text.types import MbmError, Span
+
+_ZERO = Number(0, NONE)
+
+
+def translation_transform(value: Value, span: Span) -> Transform:
+    """``(trans v …)``."""
+    return Transform(None, vector(value, span).elements, "trans", value)
+
+
+def rotation_transform(value: Value, span: Span) -> Transform:
+    """``(rotate r …)``: Euler angles or any rotation value."""
+    return Transform(as_rotation(value, span).matrix, None, "rotate", value)
+
+
+def scale_transform(value: Value, span: Span, dimension: int = 3) -> Transform:
+    """``(scale s …)`` or ``(scale (sx sy sz) …)``."""
+    if isinstance(value, SCALARS):
+        factors: tuple[Expression, ...] = (value,) * dimension
+    else:
+        factors = vector(value, span).elements
+    n = len(factors)
+    elements = tuple(factors[i] if i == j else _ZERO for i in range(n) for j in range(n))
+    return Transform(Array((n, n), elements), None, "scale", value)
+
+
+def move_point(by: Transform, point: Array, span: Span) -> Array:
+    """A x + b."""
+    elements = point.elements
+    size = by.matrix.shape[1] if by.matrix is not None else len(by.offset or ())
+    if size != len(elements):
+        raise MbmError(faults.length_clash(span, f"a point of {len(elements)} coordinates", f"`{by.head}` in {size}"))
+    if by.matrix is not None:
+        elements = tuple(dot(row, elements, span) for row in by.matrix.rows())
+    if by.offset is not None:
+        elements = tuple(add(e, b, span) for e, b in zip(elements, by.offset, strict=True))
+    return Array((len(elements),), elements)
+
+
+def _move(call: Call, by: Transform) -> Value:
+    thing = call.arguments[1]
+    if isinstance(thing, Placeable):
+        return thing.moved(by)
+    return move_point(by, vector(thing, call.forms[1].span), call.span)
+
+
+def _trans(call: Call) -> Value:
+    return _move(call, translation_transform(call.arguments[0], call.forms[0].span))
+
+
+def _rotate(call: Call) -> Value:
+    return _move(call, rotation_transform(call.arguments[0], call.forms[0].span))
+
+
+def _scale(call: Call) -> Value:
+    thing = call.arguments[1]
+    dimension = 3 if isinstance(thing, Placeable) else vector(thing, call.forms[1].span).shape[0]
+    return _move(call, scale_transform(call.arguments[0], call.forms[0].span, dimension))
+
+
+def _transform(call: Call) -> Value:
+    p = pose(call.arguments[0], call.forms[0].span)
+    m = p.rotation.matrix
+    if p.scale is not None:
+        m = Array(m.shape, tuple(multiply(p.scale, e, call.span) for e in m.elements))
+    return _move(call, Transform(m, p.translation, "transform", p))
+
+
+FUNCTIONS: tuple[Builtin, ...] = (
+    Builtin("trans", "(trans v X)", "X moved by v.", 2, 2, _trans),
+    Builtin("rotate", "(rotate r X)", "X turned: r is (φ θ ψ), a rotation, or an angle in the plane.", 2, 2, _rotate),
+    Builtin("scale", "(scale s X)", "X stretched by s or by (sx sy sz).", 2, 2, _scale),
+    Builtin("transform", "(transform P X)", "X by a pose or similarity: c R x + t.", 2, 2, _transform),
+)

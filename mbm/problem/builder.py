@@ -1,0 +1,236 @@
+"""A problem's clauses → ``Problem``: reads them in the order in which they need one another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+
+from mbm.language import faults as language_faults
+from mbm.language.evaluator import Vocabulary
+from mbm.language.functions import bind_definition, parse_definition
+from mbm.language.limits import Limits
+from mbm.language.program import ProblemDefinition, Program
+from mbm.language.session import Session, open_session
+from mbm.problem import faults
+from mbm.problem.checks import check_data
+from mbm.problem.clauses import effective_clauses
+from mbm.problem.dimensions import infer
+from mbm.problem.elaboration import Workspace
+from mbm.problem.joining import filtered, joined
+from mbm.problem.reading.cameras import read_camera
+from mbm.problem.reading.constants import constant_values, read_constants
+from mbm.problem.reading.constraints import model_constraints, read_constraints
+from mbm.problem.reading.derived import read_derived
+from mbm.problem.reading.observations import read_observation
+from mbm.problem.reading.request import read_request
+from mbm.problem.reading.sources import DataClause, read_source
+from mbm.problem.reading.unknowns import Declaration, declare_unknowns, given_start, read_unknown
+from mbm.problem.scopes import ProblemScope
+from mbm.problem.tables import Table, TableDeclaration
+from mbm.problem.types import Block, Derived, Overrides, Problem, TablePlan, Unknown
+from mbm.problem.vocabulary import NOT_YET, SPECIAL_FORMS
+from mbm.shapes.model import ModelLog, model_maker
+from mbm.text.types import MbmError, Sequence, Symbol
+
+Loader = Callable[[Iterable[TableDeclaration]], Mapping[str, Table]]
+"""Reads the tables of all data clauses."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Front:
+    """What elaboration needs besides the text: the vocabulary, and the bounds of evaluation."""
+
+    vocabulary: Vocabulary
+    limits: Limits
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Elaborated:
+    """A problem with the tables it was elaborated against, and the starts (SI) that were given from outside."""
+
+    problem: Problem
+    raw: Mapping[str, Table]
+    tables: Mapping[str, Table]
+    starts: Mapping[str, tuple[float, ...]]
+
+
+def elaborate(
+    program: Program, definition: ProblemDefinition, front: Front, overrides: Overrides, load: Loader
+) -> Elaborated:
+    """The problem that ``definition`` says, with its tables read by ``load``.
+
+    Raises:
+        MbmError: every error found; clauses are independent, so several may be reported.
+
+    """
+    clauses = effective_clauses(program, definition)
+    tables: dict[str, Table] = {}
+    log = ModelLog()
+    session = _session(program, front, tables, log)
+    world = session.evaluator.world
+    if not isinstance(world, ProblemScope):
+        raise TypeError(world)
+    work = Workspace(session.evaluator, world, tables)
+    _functions(work, session, clauses)
+    constants = [name for c in _all(clauses, "constants") for name in read_constants(work, c, overrides)]
+    numbers = constant_values(work, constants, definition.span)
+    plans, raw = _tables(work, clauses, load)
+    work.finish()
+    declarations = [d for c in _all(clauses, "unknowns") for d in declare_unknowns(work, c)]
+    for clause in _all(clauses, "camera"):
+        with work.collecting():
+            read_camera(work, clause)
+    _definitions(work, clauses)
+    unknowns, priors = _unknowns(work, declarations)
+    starts = _starts(work, declarations, constants, overrides)
+    taken: set[str] = set()
+    blocks = (*_blocks(work, clauses, taken), *priors)
+    derived = _derived(work, clauses)
+    blocks = (*blocks, *model_constraints(work, log, taken))
+    request = None
+    with work.collecting():
+        solves = _all(clauses, "solve")
+        request = read_request(work, solves[-1] if solves else None, _all(clauses, "for-each"))
+    if not declarations:
+        work.diagnostics.append(faults.no_unknowns(definition.span))
+    elif not blocks and not work.diagnostics:
+        work.diagnostics.append(faults.no_equations(definition.span))
+    work.finish()
+    dimensions, clashes = infer(unknowns, blocks, derived, plans, tables)
+    work.diagnostics.extend(clashes)
+    work.finish()
+    if request is None:
+        raise TypeError(definition.name)
+    problem = Problem(
+        name=definition.name,
+        doc=definition.doc,
+        plans=plans,
+        constants=numbers,
+        unknowns=unknowns,
+        blocks=blocks,
+        derived=derived,
+        request=request,
+        dimensions=dimensions,
+        warnings=tuple(work.evaluator.warnings.values()),
+        span=definition.span,
+    )
+    errors, warnings = check_data(problem, tables)
+    if errors:
+        raise MbmError(*errors)
+    problem = replace(problem, warnings=(*problem.warnings, *warnings))
+    return Elaborated(problem=problem, raw=raw, tables=tables, starts=starts)
+
+
+def _session(program: Program, front: Front, tables: Mapping[str, Table], log: ModelLog) -> Session:
+    vocabulary = Vocabulary(
+        special_forms={**front.vocabulary.special_forms, **SPECIAL_FORMS},
+        functions=front.vocabulary.functions,
+        not_yet={**front.vocabulary.not_yet, **NOT_YET},
+    )
+    return open_session(
+        program, vocabulary, model_maker(log), front.limits, make_world=lambda scope: ProblemScope(scope, tables)
+    )
+
+
+def _all(clauses: tuple[Sequence, ...], head: str) -> list[Sequence]:
+    return [c for c in clauses if c.head == head]
+
+
+def _functions(work: Workspace, session: Session, clauses: tuple[Sequence, ...]) -> None:
+    """A ``defun`` inside a problem sees its unknowns and constants."""
+    work.scope.evaluator = work.evaluator
+    for clause in _all(clauses, "defun"):
+        with work.collecting():
+            session.define(bind_definition(parse_definition(clause), work.scope))
+
+
+def _tables(
+    work: Workspace, clauses: tuple[Sequence, ...], load: Loader
+) -> tuple[tuple[TablePlan, ...], dict[str, Table]]:
+    found: dict[str, DataClause] = {}
+    for clause in _all(clauses, "data"):
+        with work.collecting():
+            data = read_source(work.evaluator, work.scope, clause)
+            name = data.declaration.name
+            if name in found:
+                other = found[name].declaration.span
+                raise MbmError(language_faults.duplicate_definition(data.declaration.span, name, other))
+            found[name] = data
+    work.finish()
+    raw = dict(load([data.declaration for data in found.values()]))
+    tables = work.tables
+    for name, data in found.items():
+        with work.collecting():
+            tables[name] = joined(raw[name], data.joins, {**raw, **tables})
+    work.finish()
+    plans = []
+    for data in found.values():
+        with work.collecting():
+            plans.append(_plan(work, data))
+    work.finish()
+    for plan in plans:
+        tables[plan.name] = filtered(plan, tables, plan.where)
+    return tuple(plans), raw
+
+
+def _plan(work: Workspace, data: DataClause) -> TablePlan:
+    table = work.tables[data.declaration.name]
+    where = None if data.where is None else work.conditions(data.where, table, 1, wanted="`:where`")
+    return TablePlan(declaration=data.declaration, joins=data.joins, where=where)
+
+
+def _definitions(work: Workspace, clauses: tuple[Sequence, ...]) -> None:
+    usage = "(define (name form)…)"
+    for clause in _all(clauses, "define"):
+        for item in clause.items[1:]:
+            with work.collecting():
+                if not (isinstance(item, Sequence) and len(item.items) == 2 and isinstance(item.items[0], Symbol)):
+                    raise MbmError(language_faults.bad_form(item.span, "a definition is (name form)", usage))
+                name = item.items[0]
+                other = work.scope.entries.get(name.name)
+                if other is not None:
+                    raise MbmError(language_faults.duplicate_definition(name.span, name.name, other.span))
+                if name.name in work.scope.definitions:
+                    place = work.scope.definitions[name.name].span
+                    raise MbmError(language_faults.duplicate_definition(name.span, name.name, place))
+                work.scope.definitions[name.name] = item.items[1]
+
+
+def _unknowns(work: Workspace, declarations: list[Declaration]) -> tuple[tuple[Unknown, ...], tuple[Block, ...]]:
+    unknowns, priors = [], []
+    for declaration in declarations:
+        with work.collecting():
+            unknown, prior = read_unknown(work, declaration)
+            unknowns.append(unknown)
+            if prior is not None:
+                priors.append(prior)
+    return tuple(unknowns), tuple(priors)
+
+
+def _starts(
+    work: Workspace, declarations: list[Declaration], constants: list[str], overrides: Overrides
+) -> dict[str, tuple[float, ...]]:
+    """Starts given from outside; a name that is neither a constant nor an unknown is an error."""
+    known = {d.name.name: d for d in declarations}
+    found = {}
+    for name, override in overrides.items():
+        with work.collecting():
+            if name in known:
+                found[name] = given_start(work, known[name], override)
+            elif name not in constants:
+                raise MbmError(faults.unknown_override(name, (*constants, *known)))
+    return found
+
+
+def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: set[str]) -> tuple[Block, ...]:
+    blocks = []
+    for clause in _all(clauses, "observe"):
+        with work.collecting():
+            blocks.append(read_observation(work, clause, taken))
+    for clause in _all(clauses, "constraints"):
+        blocks.extend(read_constraints(work, clause, taken))
+    return tuple(blocks)
+
+
+def _derived(work: Workspace, clauses: tuple[Sequence, ...]) -> tuple[Derived, ...]:
+    return tuple(d for c in _all(clauses, "derive") for d in read_derived(work, c))

@@ -1,0 +1,131 @@
+"""The data against the equations: gaps in what is used, keys without members, observations without rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Leaf, RowChoice, leaves
+from mbm.problem import faults
+from mbm.problem.joining import MAXIMUM_REPORTED
+from mbm.problem.rows import Positions, column_numbers, row_values, rows_of
+from mbm.problem.tables import Table
+from mbm.problem.types import Block, Problem
+from mbm.text.suggest import closest
+from mbm.text.types import Diagnostic
+
+
+def used_rows(block: Block, tables: Mapping[str, Table]) -> np.ndarray | None:
+    """Mask of the rows of a block's table that its ``:when`` keeps; None for a block without a table."""
+    if block.table is None:
+        return None
+    table = tables[block.table]
+    if block.when is None:
+        return np.ones(len(table), dtype=bool)
+    return np.asarray(row_values(block.when, tables)[:, 0] == 1)
+
+
+def check_data(problem: Problem, tables: Mapping[str, Table]) -> tuple[list[Diagnostic], list[Diagnostic]]:
+    """Errors and warnings about the data as far as the problem uses them."""
+    errors: list[Diagnostic] = []
+    warnings: list[Diagnostic] = []
+    families = {u.name: u.family.rows for u in problem.unknowns if u.family is not None}
+    for block in problem.blocks:
+        mask = used_rows(block, tables)
+        if mask is not None and not mask.any():
+            warnings.append(faults.no_rows(block.span, block.name))
+        for case in block.cases:
+            table = tables[block.table] if block.table is not None else None
+            positions = None
+            if table is not None and mask is not None:
+                positions = rows_of(case.static, table)
+                positions = positions[mask[positions]]
+            for equation in case.equations:
+                nodes = (*equation.components, *equation.noise)
+                errors.extend(_cells(nodes, table, positions, tables, families))
+    for derived in problem.derived:
+        table = tables[derived.table] if derived.table is not None else None
+        for value_case in derived.cases:
+            positions = rows_of(value_case.static, table) if table is not None else None
+            errors.extend(_cells(value_case.values, table, positions, tables, families))
+    return _first_of_each(errors), warnings
+
+
+def _first_of_each(errors: list[Diagnostic]) -> list[Diagnostic]:
+    found: dict[object, Diagnostic] = {}
+    for error in errors:
+        found.setdefault((error.code, error.place), error)
+    return list(found.values())
+
+
+def _cells(
+    nodes: tuple[Expression, ...],
+    table: Table | None,
+    positions: Positions | None,
+    tables: Mapping[str, Table],
+    families: Mapping[str, str],
+) -> list[Diagnostic]:
+    found: list[Diagnostic] = []
+    seen: set[object] = set()
+    for leaf in leaves(nodes):
+        if isinstance(leaf, Column) and leaf.identity not in seen:
+            seen.add(leaf.identity)
+            found.extend(_finite(leaf, table, positions, tables))
+        if not isinstance(leaf, Component) or not isinstance(leaf.member, ColumnMember):
+            continue
+        if (leaf.unknown, leaf.member) not in seen:
+            seen.add((leaf.unknown, leaf.member))
+            found.extend(_members(leaf, leaf.member, table, positions, tables, families))
+    return found
+
+
+def _finite(
+    leaf: Column, table: Table | None, positions: Positions | None, tables: Mapping[str, Table]
+) -> list[Diagnostic]:
+    owner, rows = _rows(leaf, leaf.row, table, positions, tables)
+    numbers = column_numbers(owner, leaf.name)
+    wrong = rows[~np.isfinite(numbers[rows])][:MAXIMUM_REPORTED]
+    return [
+        faults.not_finite_cell(owner.place(int(i), leaf.name), leaf.name, float(numbers[i]), leaf.span) for i in wrong
+    ]
+
+
+def _rows(
+    leaf: Leaf, row: RowChoice, table: Table | None, positions: Positions | None, tables: Mapping[str, Table]
+) -> tuple[Table, Positions]:
+    name = leaf.table if isinstance(leaf, Column) else ""
+    if row is RowChoice.EACH and table is not None and positions is not None:
+        return table, positions
+    owner = tables[name]
+    if len(owner) == 0:
+        return owner, np.empty(0, dtype=np.int64)
+    return owner, np.array([0 if row is RowChoice.FIRST else len(owner) - 1])
+
+
+def _members(
+    leaf: Component,
+    member: ColumnMember,
+    table: Table | None,
+    positions: Positions | None,
+    tables: Mapping[str, Table],
+    families: Mapping[str, str],
+) -> list[Diagnostic]:
+    family = tables[families[leaf.unknown]]
+    keys = set(family.keys())
+    if table is None or positions is None or member.table != table.name or member.row is not RowChoice.EACH:
+        return []
+    if member.column not in table.columns:
+        return []
+    cells = table.keys(member.column)
+    found = []
+    for i in positions:
+        if cells[i] not in keys:
+            cell = cells[i]
+            near = closest(cell, [str(k) for k in keys]) if isinstance(cell, str) else None
+            place = table.place(int(i), member.column)
+            where = f"the family `{leaf.unknown}`"
+            found.append(faults.dangling_key(place, cell, where, near, leaf.span))
+            if len(found) == MAXIMUM_REPORTED:
+                break
+    return found

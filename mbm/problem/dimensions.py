@@ -1,0 +1,180 @@
+"""Unit inference through a whole problem: every clash with both places, and the units that results are given in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from mbm.expression.dimension import NONE, Dimension
+from mbm.expression.inference import Clash, Declared, Inference, origin
+from mbm.expression.nodes import Apply, Column, Component, Expression, Number, Operation, leaves
+from mbm.expression.units import parse_unit
+from mbm.problem import faults
+from mbm.problem.tables import Table
+from mbm.problem.types import Block, Derived, NoiseKind, TablePlan, Unknown, UnknownKind
+from mbm.text.types import Diagnostic, Label, Place, Span
+
+
+def infer(
+    unknowns: tuple[Unknown, ...],
+    blocks: tuple[Block, ...],
+    derived: tuple[Derived, ...],
+    plans: tuple[TablePlan, ...],
+    tables: Mapping[str, Table],
+) -> tuple[dict[tuple[str, int], Dimension | None], list[Diagnostic]]:
+    """Dimensions of the components of unknowns and derived quantities, and the clashes found on the way."""
+    inference = Inference(_declared(unknowns, plans, tables))
+    for block in blocks:
+        _visit_block(inference, block)
+    for unknown in unknowns:
+        _visit_unknown(inference, unknown)
+    for each in derived:
+        for case in each.cases:
+            inference.visit(case.values)
+            if each.unit is not None:
+                wanted = Number(0.0, each.unit.dimension, each.span)
+                for value in case.values:
+                    inference.equate(value, wanted, each.span)
+    diagnostics = [_diagnostic(clash, inference, unknowns) for clash in inference.clashes]
+    return _dimensions(inference, unknowns, derived), _without_repeats(diagnostics)
+
+
+def _without_repeats(diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
+    """One clash per place: the components of a vector say the same thing."""
+    found: dict[Place | None, Diagnostic] = {}
+    for diagnostic in diagnostics:
+        found.setdefault(diagnostic.place, diagnostic)
+    return list(found.values())
+
+
+def _declared(unknowns: tuple[Unknown, ...], plans: tuple[TablePlan, ...], tables: Mapping[str, Table]) -> Declared:
+    components = {
+        (u.name, index): u.unit.dimension
+        for u in unknowns
+        if u.unit is not None and u.kind is not UnknownKind.ANGLE
+        for index in u.indices()
+    }
+    columns: dict[tuple[str, str], Dimension] = {}
+    for table in tables.values():
+        for column in table.columns.values():
+            unit = parse_unit(column.unit) if column.unit is not None else None
+            if unit is not None:
+                columns[table.name, column.name] = unit.dimension
+    same = {}
+    for plan in plans:
+        for join in plan.joins:
+            for name in tables[join.table].columns if join.table in tables else ():
+                same[plan.name, f"{join.alias}.{name}"] = (join.table, name)
+    for unknown in unknowns:
+        family = unknown.family
+        if family is not None and family.column is not None:
+            same[family.rows, family.column] = (family.table, family.column)
+    return Declared(components=components, columns=columns, same_column=same)
+
+
+def _visit_block(inference: Inference, block: Block) -> None:
+    for case in block.cases:
+        for equation in case.equations:
+            inference.visit((*equation.components, *equation.noise))
+            if block.unknown_factor:
+                continue
+            size = len(equation.components)
+            if equation.noise_kind is NoiseKind.SIGMA:
+                for component, sigma in zip(equation.components, equation.noise, strict=True):
+                    inference.equate(component, sigma, sigma.span)
+            elif equation.noise_kind is NoiseKind.COVARIANCE:
+                for i, component in enumerate(equation.components):
+                    variance = equation.noise[i * size + i]
+                    inference.equate(_square(component), variance, variance.span)
+
+
+def _square(node: Expression) -> Expression:
+    return Apply(Operation.MULTIPLY, (node, node), span=node.span)
+
+
+def _visit_unknown(inference: Inference, unknown: Unknown) -> None:
+    angle = unknown.kind is UnknownKind.ANGLE
+    options = (unknown.start, unknown.lower, unknown.upper, unknown.start_lower, unknown.start_upper)
+    for values in options:
+        if values is None:
+            continue
+        for case in values.cases:
+            for index, value in zip(unknown.indices(), case.values, strict=True):
+                component = Component(unknown.name, index, None, angle, unknown.span)
+                inference.equate(component, value, value.span or values.span)
+    if unknown.unit is not None and angle and not unknown.unit.dimension.is_none:
+        component = Component(unknown.name, (), None, angle, unknown.span)
+        inference.equate(component, Number(0.0, unknown.unit.dimension, unknown.span), unknown.span)
+
+
+def _dimensions(
+    inference: Inference, unknowns: tuple[Unknown, ...], derived: tuple[Derived, ...]
+) -> dict[tuple[str, int], Dimension | None]:
+    found: dict[tuple[str, int], Dimension | None] = {}
+    for unknown in unknowns:
+        for i, index in enumerate(unknown.indices()):
+            angle = unknown.kind is UnknownKind.ANGLE
+            found[unknown.name, i] = inference.dimension(Component(unknown.name, index, None, angle))
+    for each in derived:
+        if each.cases:
+            for i, value in enumerate(each.cases[0].values):
+                found[each.name, i] = NONE if value.angle else inference.dimension(value)
+    return found
+
+
+def _diagnostic(clash: Clash, inference: Inference, unknowns: tuple[Unknown, ...]) -> Diagnostic:
+    labels = []
+    sides = ((clash.left, clash.left_dimension), (clash.right, clash.right_dimension))
+    for side, dimension in sides:
+        leaf = origin(side, inference, dimension) if side is not None else None
+        place = _place(leaf, unknowns)
+        if leaf is not None and place is not None and place != clash.span:
+            labels.append(Label(place, f"{_name(leaf)} is {dimension.describe()}"))
+    left = f"{_shown(clash.left)}, {clash.left_dimension.describe()},"
+    if clash.right is None:
+        return faults.unit_clash(clash.span, left, "what wants a pure number", tuple(labels))
+    right = f"{_shown(clash.right)}, {clash.right_dimension.describe()}"
+    return faults.unit_clash(clash.span, left, right, tuple(labels))
+
+
+def _place(leaf: Expression | None, unknowns: tuple[Unknown, ...]) -> Span | None:
+    if leaf is None:
+        return None
+    if isinstance(leaf, Component):
+        declared = next((u for u in unknowns if u.name == leaf.unknown and u.unit is not None), None)
+        return declared.span if declared is not None else leaf.span
+    return leaf.span
+
+
+def _name(leaf: Expression) -> str:
+    if isinstance(leaf, Component):
+        return f"`{leaf.unknown}`"
+    if isinstance(leaf, Column):
+        return f"column `{leaf.name}`"
+    return "this"
+
+
+def _shown(node: Expression) -> str:
+    if isinstance(node, Component):
+        return f"`{node.unknown}`"
+    if isinstance(node, Column):
+        return f"column `{node.name}`"
+    text = node.span.text if node.span is not None else ""
+    return f"`{text}`" if 0 < len(text) <= 40 and "\n" not in text else "this"
+
+
+def missing_units(
+    unknowns: tuple[Unknown, ...], blocks: tuple[Block, ...], tables: Mapping[str, Table]
+) -> list[Diagnostic]:
+    """For ``--strict-units``: the unknowns and the columns in use that state no unit."""
+    found: dict[tuple[str, str], Diagnostic] = {}
+    for unknown in unknowns:
+        if unknown.unit is None and unknown.kind is not UnknownKind.ANGLE:
+            found["unknown", unknown.name] = faults.missing_unit(unknown.span, f"the unknown `{unknown.name}`")
+    equations = [e for block in blocks for case in block.cases for e in case.equations]
+    for equation in equations:
+        for leaf in leaves((*equation.components, *equation.noise)):
+            column = tables[leaf.table].columns.get(leaf.name) if isinstance(leaf, Column) else None
+            if isinstance(leaf, Column) and column is not None and column.unit is None:
+                fault = faults.missing_unit(leaf.span, f"column `{leaf.name}`")
+                found.setdefault((leaf.table, leaf.name), fault)
+    return list(found.values())

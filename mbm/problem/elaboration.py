@@ -1,0 +1,173 @@
+"""What all clauses share while a problem is elaborated: scopes, the grouping of rows by static columns, collected errors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+
+from mbm.expression.nodes import Apply, Component, Expression, Number, RowChoice, leaves
+from mbm.language import faults as language_faults
+from mbm.language.coerce import condition, scalar, vector
+from mbm.language.evaluator import Evaluator
+from mbm.language.scope import Scope
+from mbm.language.values import SCALARS, Array, ListValue, StaticColumnNeeded, Value, describe
+from mbm.problem import faults
+from mbm.problem.scopes import ROW, ProblemScope, RowScope
+from mbm.problem.tables import CellKey, Table
+from mbm.problem.types import RowValues, Static, ValueCase
+from mbm.text.types import Diagnostic, Form, Keyword, MbmError, Sequence, Span, Symbol
+
+MAXIMUM_CASES = 20_000
+"""Groups of rows with different static values that one clause may have; each is compiled on its own."""
+
+T = TypeVar("T")
+
+
+@dataclass(slots=True)
+class Workspace:
+    """The elaboration at work: local to one call, handed from clause to clause. ``diagnostics`` collects the errors."""
+
+    evaluator: Evaluator
+    scope: ProblemScope
+    tables: dict[str, Table]
+    diagnostics: list[Diagnostic] = field(default_factory=list)
+
+    @contextmanager
+    def collecting(self) -> Iterator[None]:
+        """Errors inside are kept, so that one run reports what several clauses have wrong."""
+        try:
+            yield
+        except MbmError as error:
+            known = {(d.code, d.place, d.message) for d in self.diagnostics}
+            self.diagnostics.extend(d for d in error.diagnostics if (d.code, d.place, d.message) not in known)
+        except StaticColumnNeeded as need:
+            self.diagnostics.append(language_faults.not_static(need.span, f"column `{need.column.name}`"))
+
+    def finish(self) -> None:
+        """Raise what was collected."""
+        if self.diagnostics:
+            raise MbmError(*self.diagnostics)
+
+    def table(self, form: Form) -> Table:
+        """The table that a symbol names."""
+        if not isinstance(form, Symbol) or form.name not in self.tables:
+            shown = form.name if isinstance(form, Symbol) else form.span.text
+            raise MbmError(faults.unknown_table(form.span, shown, tuple(self.tables)))
+        return self.tables[form.name]
+
+    def cases(self, table: Table | None, evaluate: Callable[[Scope], T], span: Span) -> list[tuple[Static, T]]:
+        """``evaluate`` for each group of rows that need one compilation; one group unless static columns are asked for."""
+        if table is None:
+            self.evaluator.budget.reset()
+            try:
+                return [((), evaluate(self.scope))]
+            except StaticColumnNeeded as need:
+                raise MbmError(language_faults.not_static(need.span, f"column `{need.column.name}`")) from None
+        pending: list[tuple[Static, np.ndarray]] = [((), np.arange(len(table)))]
+        found: list[tuple[Static, T]] = []
+        while pending:
+            static, rows = pending.pop()
+            self.evaluator.budget.reset()
+            scope = RowScope(self.scope, table, dict(static))
+            try:
+                found.append((static, evaluate(scope)))
+            except StaticColumnNeeded as need:
+                pending.extend(reversed(self._split(table, static, rows, need)))
+            if len(found) + len(pending) > MAXIMUM_CASES:
+                raise MbmError(faults.too_many_static_values(span, table.name, MAXIMUM_CASES))
+        return found
+
+    def _split(
+        self, table: Table, static: Static, rows: np.ndarray, need: StaticColumnNeeded
+    ) -> list[tuple[Static, np.ndarray]]:
+        name = need.column.name
+        if need.column.table != table.name or need.column.row is not RowChoice.EACH or name in dict(static):
+            raise MbmError(language_faults.not_static(need.span, f"column `{name}` of `{need.column.table}`"))
+        cells = static_cells(table, name)
+        groups: dict[CellKey, list[int]] = {}
+        for row in rows:
+            groups.setdefault(cells[row], []).append(int(row))
+        return [((*static, (name, value)), np.asarray(group)) for value, group in groups.items()]
+
+    def values(
+        self, form: Form, table: Table | None, shape: tuple[int, ...], *, wanted: str, broadcast: bool = True
+    ) -> RowValues:
+        """A form per row as numbers of a shape; a scalar stands for every component. Unknowns may not occur."""
+
+        def evaluate(scope: Scope) -> tuple[Expression, ...]:
+            value = self.evaluator.wanted(form, scope)
+            elements = shaped(value, shape, form.span, broadcast=broadcast)
+            self.refuse_unknowns(elements, form.span, wanted)
+            return elements
+
+        cases = self.cases(table, evaluate, form.span)
+        return RowValues(
+            table=table.name if table else None,
+            cases=tuple(ValueCase(static=s, values=v) for s, v in cases),
+            span=form.span,
+        )
+
+    def conditions(self, form: Form, table: Table | None, count: int, *, wanted: str) -> RowValues:
+        """A condition per row (or one for each of ``count`` components) as numbers 0 and 1."""
+
+        def evaluate(scope: Scope) -> tuple[Expression, ...]:
+            value = self.evaluator.wanted(form, scope)
+            items = value.items if isinstance(value, ListValue) else (value,) * count
+            if len(items) != count:
+                raise MbmError(
+                    language_faults.length_clash(form.span, f"{len(items)} conditions", f"{count} components")
+                )
+            found = tuple(_as_expression(condition(item, form.span), form.span) for item in items)
+            self.refuse_unknowns(found, form.span, wanted)
+            return found
+
+        cases = self.cases(table, evaluate, form.span)
+        return RowValues(
+            table=table.name if table else None,
+            cases=tuple(ValueCase(static=s, values=v) for s, v in cases),
+            span=form.span,
+        )
+
+    def refuse_unknowns(self, nodes: tuple[Expression, ...], span: Span, wanted: str) -> None:
+        """``wanted`` has to be known before the solve."""
+        for leaf in leaves(nodes):
+            if isinstance(leaf, Component):
+                raise MbmError(faults.depends_on_unknown(leaf.span or span, wanted, leaf.unknown))
+
+
+def _as_expression(value: bool | Apply, span: Span) -> Expression:
+    return Number(int(value), None, span) if isinstance(value, bool) else value
+
+
+def shaped(value: Value, shape: tuple[int, ...], span: Span, *, broadcast: bool = True) -> tuple[Expression, ...]:
+    """The components of a number, vector or matrix, row by row; a scalar broadcasts."""
+    size = int(np.prod(shape)) if shape else 1
+    if not shape:
+        return (scalar(value, span),)
+    if broadcast and isinstance(value, SCALARS):
+        return (scalar(value, span),) * size
+    if len(shape) == 1:
+        return vector(value, span, shape[0]).elements
+    if isinstance(value, ListValue):
+        value = Array((len(value.items), shape[1]), tuple(e for v in value.items for e in vector(v, span).elements))
+    if not isinstance(value, Array) or value.shape != shape:
+        raise MbmError(language_faults.length_clash(span, describe(value), f"shape {shape[0]}×{shape[1]}"))
+    return value.elements
+
+
+def static_cells(table: Table, column: str) -> list[CellKey]:
+    """The cells of a column as values that may decide an equation; ``row`` is the row's number."""
+    if column == ROW and ROW not in table.columns:
+        return [float(r) for r in table.rows]
+    return list(table.keys(column))
+
+
+def pair_of(form: Form, what: str) -> tuple[Form, Form]:
+    """The two forms of ``(lo hi)``."""
+    if not isinstance(form, Sequence) or len(form.items) != 2 or any(isinstance(i, Keyword) for i in form.items):
+        raise MbmError(language_faults.bad_form(form.span, f"`{what}` wants two ends", f"{what} (lo hi)"))
+    return form.items[0], form.items[1]

@@ -1,0 +1,163 @@
+"""``(constraints …)`` of the problem and of the models it uses: what is known beyond the data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mbm.expression.algebra import number, subtract, wrap
+from mbm.expression.nodes import Column, RowChoice, leaves
+from mbm.language import faults as language_faults
+from mbm.language.coerce import integer, scalar
+from mbm.language.scope import LocalScope, Scope
+from mbm.problem.elaboration import Workspace
+from mbm.problem.options import split_options
+from mbm.problem.reading.equations import data_only
+from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKind
+from mbm.shapes.constraints import calls_with_constraints
+from mbm.shapes.model import ModelLog
+from mbm.shapes.types import ModelCall, ModelConstraint, Shape
+from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
+
+USAGE = "(normal form mean sigma [:over TABLE] [:name n])"
+_LATER = ("=", "<", "<=", ">", ">=", "uniform")
+
+
+@dataclass(frozen=True, slots=True)
+class _Bound:
+    """A constraint with the counters of the ``for`` around it."""
+
+    form: Sequence
+    variables: tuple[tuple[str, int], ...]
+
+
+def read_constraints(work: Workspace, clause: Sequence, taken: set[str]) -> list[Block]:
+    """The blocks of a ``constraints`` clause."""
+    found = []
+    for item in clause.items[1:]:
+        for each in _unrolled(work, item, ()):
+            with work.collecting():
+                found.append(_normal(work, each, taken))
+    return found
+
+
+def _unrolled(work: Workspace, form: Form, variables: tuple[tuple[str, int], ...]) -> list[_Bound]:
+    found: list[_Bound] = []
+    with work.collecting():
+        if not isinstance(form, Sequence) or form.head is None:
+            raise MbmError(language_faults.bad_form(form.span, "a constraint is a list", USAGE))
+        if form.head != "for":
+            return [_Bound(form, variables)]
+        header = form.items[1] if len(form.items) > 2 else None
+        if not (isinstance(header, Sequence) and len(header.items) == 3 and isinstance(header.items[0], Symbol)):
+            raise MbmError(
+                language_faults.bad_form(form.span, "`for` is not complete", "(for (i first last) constraint…)")
+            )
+        scope = _scope(work.scope, variables)
+        first, last = (integer(work.evaluator.wanted(f, scope), f.span) for f in header.items[1:])
+        work.evaluator.budget.check_length((last - first + 1) * (len(form.items) - 2), form)
+        counter = header.items[0].name
+        for i in range(first, last + 1):
+            for inner in form.items[2:]:
+                found.extend(_unrolled(work, inner, (*variables, (counter, i))))
+    return found
+
+
+def _scope(scope: Scope, variables: tuple[tuple[str, int], ...]) -> Scope:
+    return LocalScope({name: number(value) for name, value in variables}, scope) if variables else scope
+
+
+def _normal(work: Workspace, bound: _Bound, taken: set[str]) -> Block:
+    form = bound.form
+    head = form.head or ""
+    if head in _LATER:
+        raise MbmError(
+            language_faults.not_available_yet(
+                form.items[0].span, f"the constraint `{head}`", "exact and penalty constraints"
+            )
+        )
+    if head != "normal":
+        raise MbmError(language_faults.bad_form(form.items[0].span, f"`{head}` is no constraint", USAGE))
+    options = split_options(
+        form.items[1:], form.span, owner="a constraint", known=("over", "name"), not_yet={"at": "sequences"}
+    )
+    over = options.get("over")
+    table = work.table(over) if over is not None else None
+    name_form = options.get("name")
+
+    def evaluate(scope: Scope) -> tuple[Equation, ...]:
+        return (normal_equation(work, options.positional, _scope(scope, bound.variables), form.span),)
+
+    cases = work.cases(table, evaluate, form.span)
+    return Block(
+        name=_name(name_form, bound, taken),
+        role=BlockRole.PRIOR,
+        table=table.name if table is not None else None,
+        cases=tuple(EquationCase(static=s, equations=e) for s, e in cases),
+        when=None,
+        unknown_factor=False,
+        span=form.span,
+    )
+
+
+def normal_equation(work: Workspace, forms: tuple[Form, ...], scope: Scope, span: Span) -> Equation:
+    """``(normal FORM mean sigma)`` as a residual FORM − mean."""
+    if len(forms) != 3:
+        raise MbmError(language_faults.bad_form(span, "`normal` takes a form, a mean and a sigma", USAGE))
+    value, mean, sigma = (scalar(work.evaluator.wanted(f, scope), f.span) for f in forms)
+    work.refuse_unknowns((sigma,), forms[2].span, "the sigma of `normal`")
+    difference = subtract(value, mean, span)
+    component = wrap(difference, span) if difference.angle else difference
+    return Equation(
+        components=(component,), noise_kind=NoiseKind.SIGMA, noise=(sigma,), measured=data_only((mean,)), span=span
+    )
+
+
+def _name(form: Form | None, bound: _Bound, taken: set[str]) -> str:
+    if isinstance(form, Symbol):
+        base = form.name
+    elif form is not None and hasattr(form, "value"):
+        base = str(form.value)
+    else:
+        base = f"normal {bound.form.items[1].span.text}" if len(bound.form.items) > 1 else "normal"
+    base += "".join(f" {name}={value}" for name, value in bound.variables)
+    return _free(base, taken)
+
+
+def _free(base: str, taken: set[str]) -> str:
+    candidate, count = base, 2
+    while candidate in taken:
+        candidate, count = f"{base}-{count}", count + 1
+    taken.add(candidate)
+    return candidate
+
+
+def model_constraints(work: Workspace, log: ModelLog, taken: set[str]) -> list[Block]:
+    """The constraints of the models that the problem uses, once for every distinct model with its arguments."""
+    for form in tuple(log.quoted):
+        with work.collecting():
+            work.evaluator.wanted(form, work.scope)
+    found = []
+    for call in calls_with_constraints(Shape(content=c, span=c.span) for c in log.calls):
+        for constraint in call.constraints:
+            with work.collecting():
+                found.append(_of_model(work, call, constraint, taken))
+    return found
+
+
+def _of_model(work: Workspace, call: ModelCall, constraint: ModelConstraint, taken: set[str]) -> Block:
+    if constraint.kind != "normal":
+        what = f"the constraint `{constraint.kind}` of the model `{call.name}`"
+        raise MbmError(language_faults.not_available_yet(constraint.span, what, "exact and penalty constraints"))
+    equation = normal_equation(work, constraint.forms, constraint.scope, constraint.span)
+    columns = [leaf for leaf in leaves(equation.components) if isinstance(leaf, Column)]
+    tables = {leaf.table for leaf in columns if leaf.row is RowChoice.EACH}
+    base = f"{call.name} normal {constraint.forms[0].span.text}"
+    return Block(
+        name=_free(base, taken),
+        role=BlockRole.PRIOR,
+        table=next(iter(tables), None),
+        cases=(EquationCase(static=(), equations=(equation,)),),
+        when=None,
+        unknown_factor=False,
+        span=constraint.span,
+    )

@@ -1,0 +1,87 @@
+"""``(derive (NAME FORM [:over TABLE] [:unit u])…)``: quantities computed from the estimates."""
+
+from __future__ import annotations
+
+from mbm.expression.nodes import Component, Expression
+from mbm.language import faults as language_faults
+from mbm.language.coerce import scalar, vector
+from mbm.language.scope import Scope
+from mbm.language.values import (
+    SCALARS,
+    Array,
+    ListValue,
+    Placeable,
+    PoseValue,
+    RotationValue,
+    Value,
+    describe,
+)
+from mbm.problem import faults
+from mbm.problem.elaboration import Workspace
+from mbm.problem.options import split_options
+from mbm.problem.reading.unknowns import stated_unit
+from mbm.problem.scopes import Entry
+from mbm.problem.types import Derived, ValueCase
+from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
+
+USAGE = "(derive (name form [:over TABLE] [:unit u])…)"
+
+
+def read_derived(work: Workspace, clause: Sequence) -> list[Derived]:
+    """The derived quantities of a clause; later ones may use earlier ones."""
+    found = []
+    for item in clause.items[1:]:
+        with work.collecting():
+            found.append(_derived(work, item))
+    return found
+
+
+def _derived(work: Workspace, item: Form) -> Derived:
+    if not (isinstance(item, Sequence) and len(item.items) > 1 and isinstance(item.items[0], Symbol)):
+        raise MbmError(language_faults.bad_form(item.span, "a derived quantity is (name form)", USAGE))
+    name = item.items[0]
+    options = split_options(item.items[1:], item.span, owner="a derived quantity", known=("over", "unit"))
+    if len(options.positional) != 1:
+        raise MbmError(language_faults.bad_form(item.span, "a derived quantity has one form", USAGE))
+    form = options.positional[0]
+    over, unit = options.get("over"), options.get("unit")
+    table = work.table(over) if over is not None else None
+
+    def evaluate(scope: Scope) -> tuple[tuple[int, ...], tuple[Expression, ...]]:
+        return _elements(work.evaluator.wanted(form, scope), form.span)
+
+    cases = work.cases(table, evaluate, item.span)
+    shapes = {shape for _, (shape, _) in cases}
+    if len(shapes) > 1:
+        raise MbmError(faults.unequal_branches(form.span))
+    if table is None:
+        value = _value(*cases[0][1])
+        work.scope.add(name.name, Entry("derived quantity", name.span, lambda: value))
+    else:
+        work.scope.definitions.setdefault(name.name, form)
+    return Derived(
+        name=name.name,
+        table=table.name if table is not None else None,
+        shape=next(iter(shapes), ()),
+        cases=tuple(ValueCase(static=s, values=v) for s, (_, v) in cases),
+        unit=stated_unit(unit) if unit is not None else None,
+        angle=any(e.angle for _, (_, v) in cases for e in v),
+        span=name.span,
+    )
+
+
+def _value(shape: tuple[int, ...], elements: tuple[Expression, ...]) -> Value:
+    return Array(shape, elements) if shape else elements[0]
+
+
+def _elements(value: Value, span: Span) -> tuple[tuple[int, ...], tuple[Expression, ...]]:
+    if isinstance(value, RotationValue | PoseValue):
+        raise MbmError(language_faults.not_available_yet(span, f"{describe(value)} as derived quantity", "manifolds"))
+    if isinstance(value, Array):
+        return value.shape, value.elements
+    if isinstance(value, ListValue | Placeable):
+        elements = vector(value, span).elements
+        return (len(elements),), elements
+    if isinstance(value, Component | SCALARS):
+        return (), (scalar(value, span),)
+    return (), (scalar(value, span),)

@@ -1,0 +1,157 @@
+"""Forms in equation position: ``(= MEASURED MODEL)``, or an expression that should be zero (LANGUAGE §4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mbm.expression.algebra import apply, subtract, wrap
+from mbm.expression.nodes import Apply, Component, Expression, Operation, leaves
+from mbm.language import faults as language_faults
+from mbm.language.coerce import condition, is_form, scalar, vector
+from mbm.language.evaluator import Evaluator
+from mbm.language.scope import Scope
+from mbm.language.special import clauses_of_cond, cond_condition, let_scope
+from mbm.language.values import (
+    SCALARS,
+    Array,
+    ListValue,
+    Placeable,
+    PoseValue,
+    RotationValue,
+    TextColumn,
+    Value,
+    describe,
+)
+from mbm.problem import faults
+from mbm.text.types import Bracket, Form, Keyword, MbmError, Sequence, Span
+
+
+@dataclass(frozen=True, slots=True)
+class Residual:
+    """Components that should be zero, model − measured; differences of angles are wrapped."""
+
+    components: tuple[Expression, ...]
+    measured: tuple[Expression, ...] | None
+    span: Span
+
+
+def data_only(nodes: tuple[Expression, ...]) -> tuple[Expression, ...] | None:
+    """``nodes`` if no unknown occurs in them."""
+    return None if any(isinstance(leaf, Component) for leaf in leaves(nodes)) else nodes
+
+
+def residuals(evaluator: Evaluator, form: Form, scope: Scope) -> list[Residual]:
+    """The residuals that a form in equation position stands for."""
+    head = form.head if isinstance(form, Sequence) else None
+    if isinstance(form, Sequence):
+        if head in ("let", "let*"):
+            inner, body = let_scope(evaluator, form, scope)
+            return [r for each in body for r in residuals(evaluator, each, inner)]
+        if head == "if" and len(form.items) == 4:
+            return _branch(evaluator, form, scope)
+        if head == "cond":
+            return _cond(evaluator, form, scope)
+        if head == "=":
+            return [_equation(evaluator, form, scope)]
+    value = evaluator.evaluate(form, scope)
+    if is_form(value) and not isinstance(value, Keyword):
+        evaluator.budget.enter(form)
+        try:
+            return residuals(evaluator, value, scope)  # type: ignore[arg-type]
+        finally:
+            evaluator.budget.leave()
+    return [Residual(tuple(_wrapped(e, form.span) for e in _elements(value, form.span)), None, form.span)]
+
+
+def _branch(evaluator: Evaluator, form: Sequence, scope: Scope) -> list[Residual]:
+    test_form, then, other = form.items[1:]
+    test = condition(evaluator.wanted(test_form, scope), test_form.span)
+    if isinstance(test, bool):
+        return residuals(evaluator, then if test else other, scope)
+    return _either(test, residuals(evaluator, then, scope), residuals(evaluator, other, scope), form.span)
+
+
+def _cond(evaluator: Evaluator, form: Sequence, scope: Scope) -> list[Residual]:
+    pending: list[tuple[Apply, list[Residual]]] = []
+    last: list[Residual] | None = None
+    for test_form, body in clauses_of_cond(form):
+        test = cond_condition(evaluator, test_form, scope)
+        if test is False:
+            continue
+        found = [r for each in body for r in residuals(evaluator, each, scope)]
+        if test is True:
+            last = found
+            break
+        pending.append((test, found))
+    if last is None:
+        raise MbmError(
+            language_faults.bad_form(
+                form.span, "no clause of `cond` is left for the other rows", "(cond … (else equation))"
+            )
+        )
+    for test, found in reversed(pending):
+        last = _either(test, found, last, form.span)
+    return last
+
+
+def _either(test: Apply, then: list[Residual], other: list[Residual], span: Span) -> list[Residual]:
+    if [len(r.components) for r in then] != [len(r.components) for r in other]:
+        raise MbmError(faults.unequal_branches(span))
+    return [
+        Residual(
+            tuple(apply(Operation.IF, test, a, b, span=span) for a, b in zip(t.components, o.components, strict=True)),
+            _either_measured(test, t, o, span),
+            t.span,
+        )
+        for t, o in zip(then, other, strict=True)
+    ]
+
+
+def _either_measured(test: Apply, then: Residual, other: Residual, span: Span) -> tuple[Expression, ...] | None:
+    if then.measured is None or other.measured is None:
+        return None
+    pairs = zip(then.measured, other.measured, strict=True)
+    return data_only(tuple(apply(Operation.IF, test, a, b, span=span) for a, b in pairs))
+
+
+def _equation(evaluator: Evaluator, form: Sequence, scope: Scope) -> Residual:
+    if len(form.items) != 3:
+        raise MbmError(language_faults.bad_form(form.span, "an equation has two sides", "(= MEASURED MODEL)"))
+    measured_form, model_form = form.items[1:]
+    measured = evaluator.wanted(measured_form, scope)
+    model = evaluator.wanted(model_form, scope)
+    left, right = _elements(measured, measured_form.span), _elements(model, model_form.span)
+    if len(left) != len(right) or _is_vector(measured) != _is_vector(model):
+        raise MbmError(faults.unequal_sides(form.span, describe(measured), describe(model)))
+    pairs = zip(left, right, strict=True)
+    components = tuple(_wrapped(subtract(b, a, form.span), form.span) for a, b in pairs)
+    return Residual(components, data_only(left), form.span)
+
+
+def _is_vector(value: Value) -> bool:
+    return not isinstance(value, SCALARS)
+
+
+def _elements(value: Value, span: Span) -> tuple[Expression, ...]:
+    if isinstance(value, bool) or (isinstance(value, Apply) and value.is_condition):
+        raise MbmError(faults.condition_as_equation(span))
+    if isinstance(value, RotationValue | PoseValue):
+        raise MbmError(language_faults.not_available_yet(span, f"an equation between {describe(value)}s", "manifolds"))
+    if isinstance(value, Array) and value.is_matrix:
+        return value.elements
+    if isinstance(value, ListValue | Array):
+        return vector(value, span).elements
+    if isinstance(value, Placeable) and not isinstance(value, TextColumn):
+        if value.as_point() is None:
+            raise MbmError(language_faults.not_available_yet(span, f"an equation of {value.kind}", "lines and curves"))
+        return vector(value, span).elements
+    return (scalar(value, span),)
+
+
+def _wrapped(node: Expression, span: Span) -> Expression:
+    return wrap(node, span) if node.angle else node
+
+
+def is_equation_form(form: Form) -> bool:
+    """Whether a form is a list that reads as an equation."""
+    return isinstance(form, Sequence) and form.bracket is Bracket.ROUND

@@ -1,0 +1,149 @@
+"""``(observe [NAME] [TABLE] EQUATION… option…)``: what was measured, and how well."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from mbm.expression.nodes import Expression, Number
+from mbm.language import faults as language_faults
+from mbm.language.scope import Scope
+from mbm.problem import faults
+from mbm.problem.elaboration import Workspace, shaped
+from mbm.problem.options import Options, split_options
+from mbm.problem.reading.equations import Residual, residuals
+from mbm.problem.tables import Table
+from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKind
+from mbm.text.suggest import closest
+from mbm.text.types import Form, Label, MbmError, Sequence, Span, Symbol
+
+USAGE = "(observe [name] [table] equation… [:sigma form])"
+NOISE = ("sigma", "covariance", "information")
+LATER = {"bound": "interval methods", "errors": "errors in the variables"}
+
+
+def read_observation(work: Workspace, clause: Sequence, taken: set[str]) -> Block:
+    """The block of equations of one ``observe`` clause; ``taken`` holds the names in use and gains this one."""
+    options = split_options(
+        clause.items[1:],
+        clause.span,
+        owner="`observe`",
+        known=("sigma", "covariance", "information", "loss", "when"),
+        not_yet=LATER,
+    )
+    _check_loss(options.get("loss"))
+    symbols, equations = _split(options.positional)
+    name, table = _name_and_table(work, symbols, clause.span)
+    if not equations:
+        raise MbmError(language_faults.bad_form(clause.span, "`observe` has no equation", USAGE))
+    kind, form, factor = _noise(work, options)
+
+    def evaluate(scope: Scope) -> tuple[Equation, ...]:
+        found = [r for each in equations for r in residuals(work.evaluator, each, scope)]
+        return tuple(_with_noise(work, r, kind, form, scope) for r in found)
+
+    try:
+        cases = work.cases(table, evaluate, clause.span)
+    except MbmError as error:
+        raise _explain_missing_table(work, error, symbols, table) from None
+    when_form = options.get("when")
+    when = None if when_form is None else work.conditions(when_form, table, 1, wanted="`:when`")
+    return Block(
+        name=_free_name(name, table, taken),
+        role=BlockRole.OBSERVATION,
+        table=table.name if table is not None else None,
+        cases=tuple(EquationCase(static=s, equations=e) for s, e in cases),
+        when=when,
+        unknown_factor=factor,
+        span=clause.items[0].span,
+    )
+
+
+def _check_loss(form: Form | None) -> None:
+    if form is not None and not (isinstance(form, Symbol) and form.name == "none"):
+        raise MbmError(language_faults.not_available_yet(form.span, f"`:loss {form.span.text}`", "robust estimation"))
+
+
+def _split(positional: tuple[Form, ...]) -> tuple[list[Symbol], list[Form]]:
+    symbols: list[Symbol] = []
+    for form in positional:
+        if not isinstance(form, Symbol) or len(symbols) == 2:
+            break
+        symbols.append(form)
+    return symbols, list(positional[len(symbols) :])
+
+
+def _name_and_table(work: Workspace, symbols: list[Symbol], span: Span) -> tuple[str | None, Table | None]:
+    if len(symbols) == 2:
+        return symbols[0].name, work.table(symbols[1])
+    if len(symbols) == 1:
+        if symbols[0].name in work.tables:
+            return None, work.tables[symbols[0].name]
+        return symbols[0].name, None
+    return None, None
+
+
+def _explain_missing_table(work: Workspace, error: MbmError, symbols: list[Symbol], table: Table | None) -> MbmError:
+    """An unknown column may mean that the table's name is misspelt: the one symbol is then taken for a name."""
+    if table is not None or len(symbols) != 1:
+        return error
+    near = closest(symbols[0].name, work.tables)
+    note = f"`{symbols[0].name}` names no table, so this observation has no columns"
+    label = Label(symbols[0].span, f"{note}; did you mean `{near}`?" if near else note)
+    return MbmError(*(replace(d, labels=(*d.labels, label)) for d in error.diagnostics))
+
+
+def _free_name(name: str | None, table: Table | None, taken: set[str]) -> str:
+    base = name or (table.name if table is not None else "observe")
+    candidate, number = base, 2
+    while candidate in taken:
+        candidate, number = f"{base}-{number}", number + 1
+    taken.add(candidate)
+    return candidate
+
+
+def _noise(work: Workspace, options: Options) -> tuple[NoiseKind, Form | None, bool]:
+    """The kind of noise, its form (None: 1), and whether it holds up to an unknown factor."""
+    given = [k for k in NOISE if options.get(k) is not None]
+    if len(given) > 1:
+        raise MbmError(faults.two_noises(options.places[given[1]]))
+    if not given:
+        return NoiseKind.SIGMA, None, True
+    form = options.get(given[0])
+    if given[0] == "sigma" and form is not None:
+        if isinstance(form, Symbol) and form.name == "unknown":
+            return NoiseKind.SIGMA, None, True
+        if isinstance(form, Sequence) and form.head == "unknown":
+            if len(form.items) != 2:
+                raise MbmError(language_faults.bad_form(form.span, "`unknown` takes one form", ":sigma (unknown form)"))
+            return NoiseKind.SIGMA, form.items[1], True
+    return NoiseKind(given[0]), form, False
+
+
+def _with_noise(work: Workspace, residual: Residual, kind: NoiseKind, form: Form | None, scope: Scope) -> Equation:
+    size = len(residual.components)
+    if form is None:
+        noise: tuple[Expression, ...] = tuple(Number(1) for _ in range(size))
+        return _equation(residual, kind, noise)
+    value = work.evaluator.wanted(form, scope)
+    if kind is NoiseKind.SIGMA:
+        noise = shaped(value, (size,) if size > 1 or not _is_number(value) else (), form.span)
+    elif size == 1 and _is_number(value):
+        noise = shaped(value, (), form.span)
+    else:
+        noise = shaped(value, (size, size), form.span, broadcast=False)
+    work.refuse_unknowns(noise, form.span, f"`:{kind.value}`")
+    return _equation(residual, kind, noise)
+
+
+def _equation(residual: Residual, kind: NoiseKind, noise: tuple[Expression, ...]) -> Equation:
+    return Equation(
+        components=residual.components,
+        noise_kind=kind,
+        noise=noise,
+        measured=residual.measured,
+        span=residual.span,
+    )
+
+
+def _is_number(value: object) -> bool:
+    return not hasattr(value, "elements") and not hasattr(value, "items")

@@ -1,0 +1,199 @@
+"""``(data NAME SOURCE option…)``: which table is read from where."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from mbm.expression.nodes import Constant, Number
+from mbm.expression.units import Unit
+from mbm.language import faults as language_faults
+from mbm.language.evaluator import Evaluator
+from mbm.language.scope import Scope
+from mbm.language.values import describe
+from mbm.problem import faults
+from mbm.problem.options import split_options
+from mbm.problem.reading.unknowns import stated_unit
+from mbm.problem.tables import ColumnDeclaration, InlineTable, TableDeclaration
+from mbm.problem.types import Join
+from mbm.text.suggest import closest
+from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol, Text
+
+USAGE = '(data name (csv "path") [:key column] [:with (table column)] [:columns ((new old :unit u)…)] [:where form] [:missing skip])'
+FILES = ("csv", "tsv", "json", "npz")
+LATER = ("parquet", "tum", "kitti", "euroc", "bal", "g2o", "image", "contour", "chessboard")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DataClause:
+    """A data clause before its table is read; ``where`` is a form still."""
+
+    declaration: TableDeclaration
+    joins: tuple[Join, ...]
+    where: Form | None
+
+
+def read_source(evaluator: Evaluator, scope: Scope, clause: Sequence) -> DataClause:
+    """The declaration that a data clause makes."""
+    items = clause.items[1:]
+    if len(items) < 2 or not isinstance(items[0], Symbol):
+        raise MbmError(language_faults.bad_form(clause.span, "a data clause has a name and a source", USAGE))
+    name = items[0]
+    options = split_options(
+        items[2:],
+        clause.span,
+        owner="`data`",
+        known=("key", "columns", "where", "missing"),
+        repeatable=("with",),
+    )
+    if options.positional:
+        raise MbmError(language_faults.bad_form(options.positional[0].span, "a data clause has one source", USAGE))
+    source, path, inline = _source(evaluator, scope, items[1])
+    columns = _columns(options.get("columns"))
+    if inline is not None:
+        columns = _inline_units(inline, columns)
+    key = options.get("key")
+    declaration = TableDeclaration(
+        name=name.name,
+        source=source,
+        path=path,
+        inline=inline.table if inline is not None else None,
+        key=_symbol(key, ":key") if key is not None else None,
+        columns=columns,
+        skip_missing=_skips(options.get("missing")),
+        span=name.span,
+    )
+    joins = tuple(_join(form) for form in options.repeated.get("with", ()))
+    return DataClause(declaration=declaration, joins=joins, where=options.get("where"))
+
+
+def _source(evaluator: Evaluator, scope: Scope, form: Form) -> tuple[str, str | None, _Inline | None]:
+    if isinstance(form, Symbol) and form.name == "external":
+        return "external", None, None
+    head = form.head if isinstance(form, Sequence) else None
+    if head in LATER:
+        raise MbmError(language_faults.not_available_yet(form.span, f"the source `{head}`", "other file formats"))
+    if isinstance(form, Sequence) and head in FILES:
+        if len(form.items) != 2 or not isinstance(form.items[1], Text):
+            raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes one path", f'({head} "path")'))
+        return str(head), form.items[1].value, None
+    if isinstance(form, Sequence) and head == "table":
+        return "table", None, _inline(evaluator, scope, form)
+    shown = head or form.span.text
+    raise MbmError(faults.unknown_source(form.span, shown, closest(shown, (*FILES, "table", "external", *LATER))))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Inline:
+    """An inline table with the SI unit of each column whose cells state one, and the place that states it."""
+
+    table: InlineTable
+    units: Mapping[str, tuple[str, Span]]
+
+
+def _inline(evaluator: Evaluator, scope: Scope, form: Sequence) -> _Inline:
+    usage = "(table (column…) (value…)…)"
+    header = form.items[1] if len(form.items) > 1 else None
+    if not isinstance(header, Sequence) or not all(isinstance(i, Symbol) for i in header.items):
+        raise MbmError(language_faults.bad_form(form.span, "an inline table begins with its columns", usage))
+    names = tuple(i.name for i in header.items if isinstance(i, Symbol))
+    if len(set(names)) != len(names):
+        twice = next(n for n in names if names.count(n) > 1)
+        raise MbmError(language_faults.duplicate_definition(header.span, twice, header.span))
+    rows = []
+    units: dict[str, tuple[str, Span]] = {}
+    for item in form.items[2:]:
+        if not isinstance(item, Sequence) or len(item.items) != len(names):
+            shown = f"{len(item.items)} values" if isinstance(item, Sequence) else "no list"
+            raise MbmError(language_faults.length_clash(item.span, f"a row of {shown}", f"{len(names)} columns"))
+        cells = [_cell(evaluator, scope, cell) for cell in item.items]
+        for name, (_, unit), cell in zip(names, cells, item.items, strict=True):
+            if unit is not None and units.setdefault(name, (unit, cell.span))[0] != unit:
+                raise MbmError(faults.mixed_units(cell.span, name, units[name][1]))
+        rows.append(tuple(value for value, _ in cells))
+    table = InlineTable(columns=names, rows=tuple(rows), spans=tuple(i.span for i in form.items[2:]))
+    return _Inline(table=table, units=units)
+
+
+def _inline_units(inline: _Inline, columns: tuple[ColumnDeclaration, ...]) -> tuple[ColumnDeclaration, ...]:
+    """Cells such as ``5mm`` state their column's unit; ``:columns`` may not state it again."""
+    for column in columns:
+        stated = inline.units.get(column.source)
+        if stated is not None and column.unit is not None:
+            raise MbmError(faults.mixed_units(column.span, column.source, stated[1]))
+    declared = {c.source for c in columns}
+    found = [
+        ColumnDeclaration(name=name, source=name, unit=unit or None, factor=1.0, span=span)
+        for name, (unit, span) in inline.units.items()
+        if name not in declared
+    ]
+    return (*columns, *found)
+
+
+def _cell(evaluator: Evaluator, scope: Scope, form: Form) -> tuple[float | str, str | None]:
+    """A cell in SI and its SI unit, if it states one (empty for a pure number such as an angle)."""
+    if isinstance(form, Text):
+        return form.value, None
+    if isinstance(form, Symbol) and scope.lookup(form.name, form.span) is None and form.name != "pi":
+        return form.name, None
+    value = evaluator.wanted(form, scope)
+    if isinstance(value, Number | Constant):
+        return float(value.value), value.dimension.symbol() if value.dimension is not None else None
+    raise MbmError(language_faults.wrong_kind(form.span, "a number or a text", describe(value)))
+
+
+def _columns(form: Form | None) -> tuple[ColumnDeclaration, ...]:
+    if form is None:
+        return ()
+    if not isinstance(form, Sequence):
+        raise MbmError(language_faults.bad_form(form.span, "`:columns` takes a list", ":columns ((new old :unit u)…)"))
+    return tuple(_column(item) for item in form.items)
+
+
+def _column(item: Form) -> ColumnDeclaration:
+    if isinstance(item, Symbol):
+        return ColumnDeclaration(name=item.name, source=item.name, unit=None, factor=1.0, span=item.span)
+    usage = "(new old :unit u) or (column :unit u)"
+    if not isinstance(item, Sequence):
+        raise MbmError(language_faults.bad_form(item.span, "a column is a list", usage))
+    options = split_options(item.items, item.span, owner="a column", known=("unit",))
+    names = [_symbol(f, "a column") for f in options.positional]
+    if not 1 <= len(names) <= 2:
+        raise MbmError(language_faults.bad_form(item.span, "a column has a name, or a new and an old one", usage))
+    unit_form = options.get("unit")
+    unit: Unit | None = stated_unit(unit_form) if unit_form is not None else None
+    return ColumnDeclaration(
+        name=names[0],
+        source=names[-1],
+        unit=unit.symbol if unit is not None else None,
+        factor=unit.factor if unit is not None else 1.0,
+        span=item.span,
+    )
+
+
+def _skips(form: Form | None) -> bool:
+    if form is None:
+        return False
+    if not (isinstance(form, Symbol) and form.name == "skip"):
+        raise MbmError(language_faults.bad_form(form.span, "`:missing` knows one rule", ":missing skip"))
+    return True
+
+
+def _join(form: Form) -> Join:
+    usage = ":with (table column) or :with (alias table column)"
+    if (
+        not isinstance(form, Sequence)
+        or not 2 <= len(form.items) <= 3
+        or any(isinstance(i, Keyword) for i in form.items)
+    ):
+        raise MbmError(language_faults.bad_form(form.span, "`:with` takes a table and a column", usage))
+    names = [_symbol(f, ":with") for f in form.items]
+    return Join(alias=names[0], table=names[-2], column=names[-1], span=form.span)
+
+
+def _symbol(form: Form, what: str) -> str:
+    if isinstance(form, Symbol):
+        return form.name
+    if isinstance(form, Text):
+        return form.value
+    raise MbmError(language_faults.bad_form(form.span, f"`{what}` wants a name", f"{what} name"))

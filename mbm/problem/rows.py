@@ -1,0 +1,73 @@
+"""Numbers for the rows of a table: which rows a case holds, and what data-only forms are worth there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.expression.evaluate import Lookup, Values, evaluate
+from mbm.expression.nodes import Column, Constant, Leaf, RowChoice
+from mbm.problem.scopes import ROW
+from mbm.problem.tables import Numbers, Table
+from mbm.problem.types import RowValues, Static
+
+Positions = NDArray[np.int64]
+
+
+def rows_of(static: Static, table: Table) -> Positions:
+    """Positions (from 0) of the rows that have the static values of a case."""
+    mask = np.ones(len(table), dtype=bool)
+    for name, value in static:
+        column = table.columns.get(name)
+        if column is not None and column.texts is not None:
+            mask &= np.fromiter((cell == value for cell in column.texts), dtype=bool, count=len(table))
+        else:
+            mask &= column_numbers(table, name) == value
+    return np.flatnonzero(mask)
+
+
+def column_numbers(table: Table, name: str) -> Numbers:
+    """A column of numbers; ``row`` is the row's number in the unfiltered table unless there is such a column."""
+    if name == ROW and ROW not in table.columns:
+        return table.rows.astype(np.float64)
+    return table.numbers(name)
+
+
+def lookup(table: Table | None, positions: Positions | None, tables: Mapping[str, Table]) -> Lookup:
+    """Values of leaves for the rows at ``positions`` of ``table``; unknowns have none."""
+
+    def value(leaf: Leaf) -> Values:
+        if isinstance(leaf, Constant):
+            return leaf.value
+        if not isinstance(leaf, Column):
+            raise TypeError(leaf)
+        if leaf.row is RowChoice.EACH and table is not None and leaf.table == table.name:
+            numbers = column_numbers(table, leaf.name)
+            return numbers if positions is None else numbers[positions]
+        return chosen_number(leaf, tables)
+
+    return value
+
+
+def chosen_number(leaf: Column, tables: Mapping[str, Table]) -> float:
+    """The number of the first or last row; NaN for a table without rows."""
+    numbers = column_numbers(tables[leaf.table], leaf.name)
+    if len(numbers) == 0:
+        return float("nan")
+    return float(numbers[0 if leaf.row is RowChoice.FIRST else -1])
+
+
+def row_values(values: RowValues, tables: Mapping[str, Table]) -> Numbers:
+    """The numbers of a form per row, shape (rows, components); (1, components) where there is no table."""
+    table = tables[values.table] if values.table is not None else None
+    count = len(table) if table is not None else 1
+    width = len(values.cases[0].values) if values.cases else 1
+    result = np.full((count, width), np.nan)
+    for case in values.cases:
+        positions = rows_of(case.static, table) if table is not None else np.arange(1)
+        found = evaluate(case.values, lookup(table, positions, tables))
+        for j, each in enumerate(found):
+            result[positions, j] = each
+    return result

@@ -1,0 +1,167 @@
+"""What names mean inside a problem: unknowns, constants, cameras, definitions, and the columns of the row at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+from mbm.expression.nodes import Column, Number, RowChoice
+from mbm.language import faults
+from mbm.language.evaluator import Evaluator
+from mbm.language.scope import Scope
+from mbm.language.values import TableName, TextColumn, Value
+from mbm.problem.tables import CellKey, Table
+from mbm.problem.tables import Column as TableColumn
+from mbm.text.types import Form, MbmError, Span
+
+ROW = "row"
+"""The name under which a row's number in its table, from 1, is known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A name of the problem: its value (made when first needed), what it is, and where it is declared."""
+
+    kind: str
+    span: Span
+    make: Callable[[], Value] = field(repr=False)
+
+
+class ProblemScope:
+    """The problem's own names over those of the file. Entries are added while the clauses are read, in order."""
+
+    def __init__(self, parent: Scope, tables: Mapping[str, Table]) -> None:
+        self._parent = parent
+        self.tables = tables
+        self.entries: dict[str, Entry] = {}
+        self.definitions: dict[str, Form] = {}
+        self.evaluator: Evaluator | None = None
+        self._values: dict[str, Value] = {}
+        self._open: set[str] = set()
+
+    def add(self, name: str, entry: Entry) -> None:
+        """Declare a name; two declarations of one name are an error."""
+        other = self.entries.get(name)
+        if other is not None:
+            raise MbmError(faults.duplicate_definition(entry.span, name, other.span))
+        self.entries[name] = entry
+
+    def own(self, name: str, span: Span) -> Value | None:
+        """The value of a name that the problem declares."""
+        if name in self._values:
+            return self._values[name]
+        entry = self.entries.get(name)
+        if entry is None:
+            return None
+        if name in self._open:
+            raise MbmError(faults.circular_definition(span, name))
+        self._open.add(name)
+        try:
+            value = entry.make()
+        finally:
+            self._open.discard(name)
+        self._values[name] = value
+        return value
+
+    def defined(self, name: str, scope: Scope, span: Span) -> Value | None:
+        """The value in ``scope`` of a name of a ``define`` clause: columns are those of the place where it is used."""
+        form = self.definitions.get(name)
+        if form is None or self.evaluator is None:
+            return None
+        if name in self._open:
+            raise MbmError(faults.circular_definition(span, name))
+        self._open.add(name)
+        try:
+            return self.evaluator.wanted(form, scope)
+        finally:
+            self._open.discard(name)
+
+    def lookup(self, name: str, span: Span) -> Value | None:
+        """A name outside of any row."""
+        value = self.own(name, span)
+        if value is None:
+            value = self.defined(name, self, span)
+        if value is None and name in self.tables:
+            value = TableName(name)
+        return value if value is not None else self._parent.lookup(name, span)
+
+    def outer(self, name: str, span: Span) -> Value | None:
+        """A name of the file, or a table."""
+        return TableName(name) if name in self.tables else self._parent.lookup(name, span)
+
+    def names(self) -> Iterator[str]:
+        """All names of the problem, then those of the file."""
+        yield from self.entries
+        yield from self.definitions
+        yield from self._parent.names()
+
+
+class RowScope:
+    """The columns of one row of a table over the problem's names.
+
+    ``static`` holds the columns whose values are known for the rows at hand; they are literals here.
+    """
+
+    def __init__(
+        self,
+        problem: ProblemScope,
+        table: Table,
+        static: Mapping[str, CellKey],
+        row: RowChoice = RowChoice.EACH,
+    ) -> None:
+        self._problem = problem
+        self.table = table
+        self._static = static
+        self._row = row
+        self._defined: dict[str, Value] = {}
+
+    def lookup(self, name: str, span: Span) -> Value | None:
+        """A column, or a name of the problem; a plain name that is both is ambiguous."""
+        column = self._column(name)
+        if column is not None:
+            entry = self._problem.entries.get(name)
+            if entry is not None and entry.kind in ("unknown", "constant", "state"):
+                raise MbmError(faults.ambiguous_name(span, name, self.table.name, entry.kind, entry.span))
+            return self._reference(column, span)
+        value = self._problem.own(name, span)
+        if value is None and name in self._problem.definitions:
+            value = self._defined.get(name)
+            if value is None:
+                value = self._problem.defined(name, self, span)
+                if value is not None:
+                    self._defined[name] = value
+        if value is None and name == ROW:
+            return self._row_number(span)
+        return value if value is not None else self._problem.outer(name, span)
+
+    def names(self) -> Iterator[str]:
+        """The columns, then the problem's names."""
+        yield from self.table.columns
+        yield from self._problem.names()
+
+    def _column(self, name: str) -> TableColumn | None:
+        column = self.table.columns.get(name)
+        if column is None and name.startswith(f"{self.table.name}."):
+            column = self.table.columns.get(name[len(self.table.name) + 1 :])
+        return column
+
+    def _row_number(self, span: Span) -> Value:
+        if ROW in self._static:
+            return Number(int(self._static[ROW]), None, span)
+        return Column(self.table.name, ROW, self._row, None, span)
+
+    def _reference(self, column: TableColumn, span: Span) -> Value:
+        if column.name in self._static:
+            known = self._static[column.name]
+            return known if isinstance(known, str) else Number(_exact(known), None, span)
+        if column.is_text:
+            position = column.first_text()
+            sample = column.texts[position] if column.texts is not None and position is not None else None
+            place = self.table.place(position, column.name) if position is not None else None
+            return TextColumn(self.table.name, column.name, self._row, sample, place)
+        return Column(self.table.name, column.name, self._row, None, span)
+
+
+def _exact(value: CellKey) -> int | float:
+    number = float(value)
+    return int(number) if number.is_integer() else number

@@ -1,0 +1,167 @@
+"""Tables: the measured values as they enter a problem, with where each of them came from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.text.types import DataPlace, Span
+
+Numbers: TypeAlias = NDArray[np.float64]
+CellKey: TypeAlias = str | float
+GAP_WORDS = frozenset({"", "NA"})
+"""What stands in a cell without a value, blanks around it taken off; beside these ``nan`` is NaN in any case."""
+
+
+def reads_as_number(cell: str) -> bool:
+    """Whether the text of a cell is a decimal number, ``nan`` or ``inf``; digit groups such as ``1_000`` are not."""
+    stripped = cell.strip()
+    if "_" in stripped or not stripped.isascii():
+        return False
+    try:
+        float(stripped)
+    except ValueError:
+        return False
+    return True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ColumnDeclaration:
+    """``(new old :unit u)`` of a data clause: the file's column ``old`` is called ``name`` and read in ``unit``."""
+
+    name: str
+    source: str
+    unit: str | None
+    factor: float
+    span: Span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InlineTable:
+    """``(table (col…) (value…)…)``: the cells as written (numbers already in SI), with the place of each row."""
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[float | str, ...], ...]
+    spans: tuple[Span, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableDeclaration:
+    """A ``data`` clause before anything is read. ``source`` names the reader (``csv``, ``external``, ``table`` …)."""
+
+    name: str
+    source: str
+    path: str | None
+    inline: InlineTable | None = None
+    key: str | None = None
+    columns: tuple[ColumnDeclaration, ...] = ()
+    skip_missing: bool = False
+    span: Span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Provenance:
+    """Where a table came from. ``file_rows[i]`` is the row of cell row i as in the file (header = 1)."""
+
+    path: str
+    sha256: str | None
+    rows: int
+    file_rows: NDArray[np.int64] = field(repr=False)
+    source_columns: Mapping[str, str] = field(default_factory=dict)
+
+    def place(self, row: int, column: str | None = None) -> DataPlace:
+        """The place of a cell; ``row`` counts the table's rows from 1, ``column`` is the name used in the problem."""
+        in_file = int(self.file_rows[row - 1]) if 0 < row <= len(self.file_rows) else row
+        name = self.source_columns.get(column, column) if column is not None else None
+        return DataPlace(file=self.path, row=in_file, column=name)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Column:
+    """A column: float64 numbers in SI (``texts`` None) or texts (``numbers`` None).
+
+    ``unit`` is the unit the data clause states, None if it states none. In a column of numbers NaN marks an empty cell;
+    a NaN written in a file never gets this far unless the problem allows gaps.
+    """
+
+    name: str
+    numbers: Numbers | None = field(default=None, repr=False)
+    texts: tuple[str, ...] | None = field(default=None, repr=False)
+    unit: str | None = None
+
+    @property
+    def is_text(self) -> bool:
+        """Whether the cells are texts."""
+        return self.texts is not None
+
+    def cell(self, position: int) -> CellKey:
+        """The cell at a position from 0."""
+        if self.texts is not None:
+            return self.texts[position]
+        assert self.numbers is not None  # noqa: S101 - one of the two is always there
+        return float(self.numbers[position])
+
+    def first_text(self) -> int | None:
+        """The position (from 0) of the cell that makes this a column of texts; None in a column of numbers.
+
+        It is the first cell that neither is a gap nor reads as a number. Where there is none (texts such as ``"1"`` in
+        a JSON file) it is the first cell.
+        """
+        if not self.texts:
+            return None
+        culprits = (i for i, t in enumerate(self.texts) if t.strip() not in GAP_WORDS and not reads_as_number(t))
+        return next(culprits, 0)
+
+    def take(self, positions: NDArray[np.int64]) -> Column:
+        """The column of the rows at ``positions`` (from 0)."""
+        if self.texts is not None:
+            texts = self.texts
+            return replace(self, texts=tuple(texts[i] for i in positions))
+        assert self.numbers is not None  # noqa: S101 - one of the two is always there
+        return replace(self, numbers=self.numbers[positions])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """A table: columns of one length.
+
+    ``rows`` holds, for each row kept, its number (from 1) in the unfiltered table; ``key`` is the name of the column
+    whose cells name the rows. ``joined`` lists the tables whose columns came in through ``:with``.
+    """
+
+    name: str
+    columns: Mapping[str, Column]
+    rows: NDArray[np.int64] = field(repr=False)
+    provenance: Provenance
+    key: str | None = None
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def take(self, positions: NDArray[np.int64]) -> Table:
+        """The table of the rows at ``positions`` (from 0), in that order."""
+        taken = {name: column.take(positions) for name, column in self.columns.items()}
+        return replace(self, columns=taken, rows=self.rows[positions])
+
+    def place(self, position: int, column: str | None = None) -> DataPlace:
+        """Where the row at ``position`` (from 0) stands in its file."""
+        return self.provenance.place(int(self.rows[position]), column)
+
+    def numbers(self, column: str) -> Numbers:
+        """A column of numbers, shape (rows,)."""
+        numbers = self.columns[column].numbers
+        if numbers is None:
+            raise KeyError(column)
+        return numbers
+
+    def keys(self, column: str | None = None) -> Sequence[CellKey]:
+        """The cells of ``column`` (the key column if not named) as hashable values; rows' numbers if there is none."""
+        name = column if column is not None else self.key
+        if name is None:
+            return [float(r) for r in self.rows]
+        cells = self.columns[name]
+        return list(cells.texts) if cells.texts is not None else [float(v) for v in self.numbers(name)]

@@ -1,0 +1,151 @@
+"""The result as Python users hold it: estimates by name, tables, pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mbm.report.document import document
+from mbm.report.elements import solve_scalars
+from mbm.report.encode import encode, to_bytes
+from mbm.report.table import table as text_table
+from mbm.report.types import (
+    CovarianceMatrix,
+    DerivedValue,
+    Estimate,
+    Floats,
+    Key,
+    Observability,
+    ResidualRow,
+    Result,
+    SolveReport,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Named:
+    """One estimate or derived quantity in the unit that it is reported in.
+
+    ``value`` and ``sigma`` are NumPy arrays of the quantity's shape (0-d for a number), with a leading axis over
+    ``keys`` for families; ``sigma`` is NaN where the data determine none.
+    """
+
+    name: str
+    value: Floats
+    sigma: Floats
+    unit: str | None
+    keys: tuple[Key, ...] | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solved:
+    """What ``Problem.solve`` answers. Attributes that belong to one solve are those of the first (often the only)."""
+
+    result: Result
+    covariance_full: bool = False
+
+    @property
+    def status(self) -> str:
+        """``ok`` or ``attention``."""
+        return self.result.status.value
+
+    @property
+    def solves(self) -> tuple[SolveReport, ...]:
+        """One report for each solve."""
+        return self.result.solves
+
+    @property
+    def first(self) -> SolveReport:
+        """The first solve.
+
+        Raises:
+            LookupError: there is no solve: ``for-each`` met no key.
+
+        """
+        if not self.result.solves:
+            message = "there is no solve: `for-each` met no key"
+            raise LookupError(message)
+        return self.result.solves[0]
+
+    def __getitem__(self, name: str) -> Named:
+        """An estimate or derived quantity of the first solve by name."""
+        items: list[Estimate | DerivedValue] = [*self.first.estimates, *self.first.derived]
+        for item in items:
+            if item.quantity.name == name:
+                return _named(item)
+        known = ", ".join(i.quantity.name for i in items)
+        message = f"`{name}` is neither estimated nor derived; there are {known}"
+        raise KeyError(message)
+
+    @property
+    def covariance(self) -> CovarianceMatrix | None:
+        """Names and matrix (SI) of the estimates' covariance."""
+        return self.first.covariance
+
+    @property
+    def observability(self) -> Observability | None:
+        """The rank decision, and what is free."""
+        return self.first.observability
+
+    def residuals(self, clause: str | None = None) -> tuple[ResidualRow, ...]:
+        """The residuals of one clause, or of all."""
+        return tuple(r for r in self.first.rows() if clause is None or r.clause == clause)
+
+    def document(self) -> dict[str, Any]:
+        """The result document of CONTRACT §2."""
+        return document(self.result, covariance_full=self.covariance_full)
+
+    def to_json(self, path: str | Path | None = None) -> str:
+        """The document as JSON text; written to ``path`` if one is given."""
+        text = encode(self.document())
+        if path is not None:
+            Path(path).write_bytes(to_bytes(text))
+        return text
+
+    def table(self) -> Any:
+        """One row per solve: keys, status, cost, dof, each scalar and its sigma; a pandas frame, else a dict of arrays."""
+        columns: dict[str, list[object]] = {}
+        for row, solve in enumerate(self.result.solves):
+            cells: dict[str, object] = {**solve.key, "status": solve.status.label, "cost": solve.cost, "dof": solve.dof}
+            for scalar in solve_scalars(solve):
+                cells[scalar.name] = scalar.value
+                cells[f"{scalar.name}.sigma"] = scalar.sigma
+            for name, cell in cells.items():
+                columns.setdefault(name, [None] * row).append(cell)
+            for filled in columns.values():
+                filled.extend([None] * (row + 1 - len(filled)))
+        arrays = {name: np.asarray(cells) for name, cells in columns.items()}
+        try:
+            from pandas import DataFrame
+        except ImportError:
+            return arrays
+        return DataFrame(arrays)
+
+    def plot(self) -> Figure:
+        """Residuals, ellipses, data against model: a matplotlib figure."""
+        from mbm.report.plots import draw
+
+        return draw(self.result)
+
+    def __str__(self) -> str:
+        return text_table(self.result)
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        return f"<pre>{escape(str(self))}</pre>"
+
+
+def _named(item: Estimate | DerivedValue) -> Named:
+    factor = item.quantity.factor
+    sigma = np.full_like(item.value, np.nan) if item.sigma is None else item.sigma
+    fixed = getattr(item, "fixed", None)
+    if fixed is not None:
+        sigma = np.where(fixed, 0.0, sigma)
+    return Named(item.quantity.name, item.value / factor, np.asarray(sigma / factor), item.quantity.unit, item.keys)

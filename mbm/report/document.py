@@ -1,0 +1,259 @@
+"""Result → the result document of CONTRACT §2: a tree of dictionaries, lists, texts and numbers that JSON can hold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from enum import Enum
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from mbm.report.elements import plain_key, unit_text
+from mbm.report.types import (
+    Alternative,
+    ConstraintReport,
+    CovarianceMatrix,
+    DerivedValue,
+    Estimate,
+    Floats,
+    FreeDirection,
+    Key,
+    Mask,
+    Observability,
+    PriorReport,
+    ResidualSummary,
+    Result,
+    SolveReport,
+    SolveStatus,
+)
+from mbm.text.render import as_json
+
+LARGEST_COVARIANCE = 200
+"""Rows of a covariance matrix that is written without being asked for: 200 rows are about 1 MB of text."""
+
+
+def document(result: Result, *, covariance_full: bool = False) -> dict[str, Any]:
+    """The document of a result; keys stand in the contract's order, so equal results give equal texts.
+
+    Numbers are in the units of their quantities, undefined ones None with a ``reason`` (or ``reasons``) beside them.
+    Covariance matrices of more than ``LARGEST_COVARIANCE`` rows are left out unless ``covariance_full``.
+    """
+    return {
+        "mbm": result.version,
+        "file": result.file,
+        "problem": result.problem,
+        "status": result.status.value,
+        "seed": result.seed,
+        "options": {name: _plain(value) for name, value in result.options.items()},
+        "inputs": [{"path": entry.path, "sha256": entry.sha256, "rows": entry.rows} for entry in result.inputs],
+        "diagnostics": [as_json(diagnostic) for diagnostic in result.diagnostics],
+        "solves": [_solve(solve, covariance_full) for solve in result.solves],
+    }
+
+
+def solve_key(key: Mapping[str, Key]) -> dict[str, Any]:
+    """The key of a solve as documents hold it: whole numbers as integers."""
+    return {name: plain_key(value) for name, value in key.items()}
+
+
+def _solve(solve: SolveReport, covariance_full: bool) -> dict[str, Any]:
+    numbers = {name: _number(getattr(solve, name)) for name in ("cost", "dof", "sigma0", "chi2_p")}
+    reasons = {name: solve.reasons.get(name) or _why_missing(solve, name) for name, x in numbers.items() if x is None}
+    factors = {item.quantity.name: item.quantity.factor for item in solve.estimates}
+    written: dict[str, Any] = {
+        "key": solve_key(solve.key),
+        "status": solve.status.label,
+        "message": solve.message,
+        "method": solve.method,
+        "iterations": solve.iterations,
+        "evaluations": solve.evaluations,
+        "seconds": _number(solve.seconds),
+        **numbers,
+    }
+    if solve.robust_cost is not None:
+        written["robust_cost"] = _number(solve.robust_cost)
+    if reasons:
+        written["reasons"] = reasons
+    written |= {
+        "estimates": {item.quantity.name: _estimate(item) for item in solve.estimates},
+        "covariance": _covariance(solve.covariance, covariance_full),
+        "derived": {item.quantity.name: _derived(item) for item in solve.derived},
+        "derived_covariance": _covariance(solve.derived_covariance, covariance_full),
+        "observability": _observability(solve.observability, factors),
+        "noise": {name: _number(factor) for name, factor in solve.noise.items()},
+        "residuals": {name: _summary(summary) for name, summary in solve.residual_summaries.items()},
+        "constraints": [_constraint(constraint) for constraint in solve.constraints],
+        "priors": [_prior(prior) for prior in solve.priors],
+        "alternatives": [_alternative(alternative) for alternative in solve.alternatives],
+    }
+    if solve.starts is not None:
+        starts = solve.starts
+        written["starts"] = {
+            "tried": starts.tried,
+            "converged": starts.converged,
+            "best_found": starts.best_found,
+        }
+    written["diagnostics"] = [as_json(diagnostic) for diagnostic in solve.diagnostics]
+    return written
+
+
+def _why_missing(solve: SolveReport, name: str) -> str:
+    if solve.status is SolveStatus.SKIPPED:
+        return SolveStatus.SKIPPED.sentence
+    if name in ("sigma0", "chi2_p") and solve.dof == 0:
+        return "there are no degrees of freedom"
+    if name == "chi2_p" and any(factor is not None for factor in solve.noise.values()):
+        return "the noise was not stated but estimated from the residuals"
+    return "it was not computed" if getattr(solve, name) is None else "the value is not finite"
+
+
+def _estimate(item: Estimate) -> dict[str, Any]:
+    written = _family("per", item.per, item.keys)
+    held = item.at_bound if item.at_bound is not None and bool(np.any(item.at_bound)) else None
+    written |= _value_and_sigma(item, item.fixed, held)
+    if bool(np.any(item.fixed)):
+        written["fixed"] = item.fixed.tolist()
+    if held is not None:
+        written["at_bound"] = held.tolist()
+    return written
+
+
+def _derived(item: DerivedValue) -> dict[str, Any]:
+    return _family("over", item.over, item.keys) | _value_and_sigma(item, None, None)
+
+
+def _family(word: str, table: str | None, keys: tuple[Key, ...] | None) -> dict[str, Any]:
+    return {} if keys is None else {word: table, "keys": [plain_key(key) for key in keys]}
+
+
+def _value_and_sigma(item: Estimate | DerivedValue, fixed: Mask | None, held: Mask | None) -> dict[str, Any]:
+    """Value, sigma and unit; fixed elements have sigma 0, those held at a bound none."""
+    factor = item.quantity.factor
+    sigma = np.full(np.shape(item.value), np.nan) if item.sigma is None else np.array(item.sigma, dtype=float)
+    if fixed is not None:
+        sigma = np.where(fixed, 0.0, sigma)
+    if held is not None:
+        sigma = np.where(held, np.nan, sigma)
+    written: dict[str, Any] = {"value": _numbers(np.asarray(item.value) / factor), "sigma": _numbers(sigma / factor)}
+    written["unit"] = unit_text(item.quantity) or None
+    if not np.all(np.isfinite(sigma)) or not np.all(np.isfinite(item.value)):
+        written["reason"] = item.reason or _why_undefined(item, sigma, held)
+    return written
+
+
+def _why_undefined(item: Estimate | DerivedValue, sigma: Floats, held: Mask | None) -> str:
+    if not np.all(np.isfinite(item.value)):
+        return "the value is not finite"
+    if held is not None and bool(np.all(np.isfinite(sigma) | held)):
+        return "held at its bound"
+    return "no standard deviation was computed" if item.sigma is None else "the data do not determine it"
+
+
+def _covariance(covariance: CovarianceMatrix | None, full: bool) -> dict[str, Any] | None:
+    if covariance is None:
+        return None
+    written: dict[str, Any] = {"names": list(covariance.names)}
+    if covariance.matrix is None:
+        return written | {"matrix": None, "reason": covariance.reason or "it was not computed"}
+    if len(covariance.names) > LARGEST_COVARIANCE and not full:
+        return written | {"matrix": None, "reason": "left out for its size; `--covariance full` writes it"}
+    factors = np.array(covariance.factors)
+    written["matrix"] = _numbers(covariance.matrix / np.outer(factors, factors))
+    if not np.all(np.isfinite(covariance.matrix)):
+        written["reason"] = covariance.reason or "null stands where the data do not determine an unknown"
+    return written
+
+
+def _observability(found: Observability | None, factors: Mapping[str, float]) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    condition = _number(found.condition)
+    written: dict[str, Any] = {"rank": found.rank, "dimension": found.dimension, "condition": condition}
+    if condition is None:
+        written["reason"] = "there is no estimable part whose condition could be given"
+    return written | {
+        "unobservable": [_direction(direction, factors) for direction in found.unobservable],
+        "gauge": [_direction(direction, factors) for direction in found.gauge],
+        "unused": list(found.unused),
+    }
+
+
+def _direction(direction: FreeDirection, factors: Mapping[str, float]) -> dict[str, Any]:
+    """The coefficients in the units of the estimates, whose name is what precedes the index."""
+    coefficients = {
+        name: _number(movement / factors.get(name.partition("[")[0], 1.0))
+        for name, movement in direction.coefficients.items()
+    }
+    return {
+        "sentence": direction.sentence,
+        "unknowns": list(direction.unknowns),
+        "coefficients": coefficients,
+    }
+
+
+def _summary(summary: ResidualSummary) -> dict[str, Any]:
+    rms = _number(summary.rms)
+    written = {"rows": summary.rows, "used": summary.used, "rms": rms, "outliers": list(summary.outliers)}
+    return written if rms is not None else written | {"reason": "no row was used"}
+
+
+def _constraint(constraint: ConstraintReport) -> dict[str, Any]:
+    written = {
+        "name": constraint.name,
+        "type": constraint.type,
+        "value": _number(constraint.value),
+        "violation": _number(constraint.violation),
+        "active": constraint.active,
+    }
+    return written if written["value"] is not None else written | {"reason": "the value is not finite"}
+
+
+def _prior(prior: PriorReport) -> dict[str, Any]:
+    return {
+        "name": prior.name,
+        "value": _number(prior.value),
+        "mean": _number(prior.mean),
+        "sigma": _number(prior.sigma),
+        "residual": _number(prior.residual),
+    }
+
+
+def _alternative(alternative: Alternative) -> dict[str, Any]:
+    return {
+        "cost": _number(alternative.cost),
+        "starts": alternative.starts,
+        "estimates": {item.quantity.name: _estimate(item) for item in alternative.estimates},
+    }
+
+
+def _number(value: float | None) -> float | int | None:
+    """A number as JSON holds it; None for NaN and infinity."""
+    if value is None or isinstance(value, int):
+        return value
+    return float(value) if math.isfinite(value) else None
+
+
+def _numbers(values: Floats) -> Any:
+    """A number, or (nested) lists of numbers, by the shape of ``values``."""
+    if np.all(np.isfinite(values)):
+        return np.asarray(values, dtype=float).tolist()
+    entries = np.array(values, dtype=object)
+    entries[~np.isfinite(values)] = None
+    return entries.tolist()
+
+
+def _plain(value: object) -> Any:
+    """An option as JSON holds it."""
+    if isinstance(value, Enum):
+        return _plain(value.value)
+    if isinstance(value, Mapping):
+        return {str(name): _plain(entry) for name, entry in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, PurePath):
+        return value.as_posix()
+    if isinstance(value, float):
+        return _number(value)
+    return value if value is None or isinstance(value, (bool, int, str)) else str(value)

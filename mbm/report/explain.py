@@ -1,0 +1,172 @@
+"""``mbm explain``: the derived observation model as text, or what one stage of the compiler made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+from mbm.kernels.types import KernelSet
+from mbm.problem.tables import Table
+from mbm.problem.types import Block, BlockRole, NoiseKind, Problem, Unknown
+from mbm.symbolic.printing import printed
+from mbm.symbolic.types import ColumnInput, Parameter, Purpose, ResidualBlock, Slot, SymbolicModel
+
+MOST_CASES = 3
+"""Groups of rows whose equations are printed; the others differ in their static values only."""
+
+
+def explanation(
+    problem: Problem, tables: Mapping[str, Table], model: SymbolicModel, kernels: KernelSet, *, latex: bool
+) -> str:
+    """Equations, unknowns, noise, structure of the Jacobian, and the solver with the reason for it."""
+    lines = [f"problem {problem.name}", *([f"  {problem.doc}"] if problem.doc else []), ""]
+    lines += ["unknowns", *(f"  {line}" for u in problem.unknowns for line in _unknown(u, tables)), ""]
+    if problem.constants:
+        lines += ["constants", *(f"  {c.name} = {' '.join(f'{v:g}' for v in c.values)}" for c in problem.constants), ""]
+    for i, block in enumerate(problem.blocks):
+        lines += [*_block(i, block, tables, model, latex=latex), ""]
+    for i, derived in enumerate(problem.derived):
+        found = [b for b in model.blocks if b.purpose is Purpose.DERIVED and b.owner == i]
+        over = f" for each row of {derived.table}" if derived.table else ""
+        lines += [f"derived {derived.name}{over}", *_equations(found[:1], derived.name, latex=latex), ""]
+    lines += ["solver", *(f"  {line}" for line in _solver(problem, kernels))]
+    return "\n".join(lines) + "\n"
+
+
+def _unknown(unknown: Unknown, tables: Mapping[str, Table]) -> Iterator[str]:
+    kind = unknown.kind.value
+    if unknown.shape:
+        kind = f"({kind} {' '.join(map(str, unknown.shape))})"
+    text = f"{unknown.name}  {kind}"
+    if unknown.family is not None:
+        text += f" per {unknown.family.rows} ({len(tables[unknown.family.rows])} members)"
+    options = [
+        name
+        for name, given in (
+            ("start given", unknown.start),
+            ("bounded", unknown.lower),
+            ("start range", unknown.start_lower),
+            ("fixed in part", unknown.fixed),
+        )
+        if given is not None
+    ]
+    if unknown.unit is not None:
+        options.append(f"reported in {unknown.unit.symbol}")
+    yield text + (f"; {', '.join(options)}" if options else "")
+
+
+def _block(
+    number: int, block: Block, tables: Mapping[str, Table], model: SymbolicModel, *, latex: bool
+) -> Iterator[str]:
+    word = "observe" if block.role is BlockRole.OBSERVATION else "prior"
+    name = block.name.removeprefix("prior ")
+    over = f" for each of {len(tables[block.table])} rows of {block.table}" if block.table else ""
+    yield f"{word} {name}{over}"
+    yield f"  noise: {_noise(block)}"
+    found = [b for b in model.blocks if b.purpose is Purpose.EQUATION and b.owner == number]
+    for each in found[:MOST_CASES]:
+        static = block.cases[each.case].static
+        if static:
+            yield "  where " + ", ".join(f"{column} = {_shown(value)}" for column, value in static)
+        yield from _equations([each], "0", latex=latex)
+        yield from _structure(each)
+    if len(found) > MOST_CASES:
+        yield f"  … and {len(found) - MOST_CASES} more groups of rows with other static values"
+
+
+def _noise(block: Block) -> str:
+    kinds = {e.noise_kind for case in block.cases for e in case.equations}
+    words = {
+        NoiseKind.SIGMA: "stated standard deviations",
+        NoiseKind.COVARIANCE: "stated covariance matrix",
+        NoiseKind.INFORMATION: "stated information matrix",
+    }
+    text = " and ".join(words[k] for k in sorted(kinds)) or "none"
+    return f"{text}, up to one unknown factor" if block.unknown_factor else text
+
+
+def _shown(value: str | float) -> str:
+    return f"`{value}`" if isinstance(value, str) else f"{value:g}"
+
+
+def _equations(blocks: Iterable[ResidualBlock], left: str, *, latex: bool) -> Iterator[str]:
+    for block in blocks:
+        equations = printed(block, latex=latex)
+        yield from (f"    {line}" for line in equations.definitions)
+        yield from (f"    {left} = {line}" for line in equations.components)
+
+
+def _structure(block: ResidualBlock) -> Iterator[str]:
+    rows = len(block.expressions)
+    names = ", ".join(symbol.name for symbol in block.variable_symbols) or "nothing"
+    yield f"    Jacobian block: {rows} × {len(block.variables)}, with respect to {names}"
+
+
+def _solver(problem: Problem, kernels: KernelSet) -> Iterator[str]:
+    import numpy as np
+
+    equations = [k for k in kernels.kernels if k.purpose is Purpose.EQUATION]
+    linear = all(k.affine_in(np.ones(len(k.variables), dtype=bool)) for k in equations)
+    bounded = any(u.lower is not None for u in problem.unknowns)
+    if problem.request.method.value != "auto":
+        yield f"{problem.request.method.value}: the problem asks for it"
+    elif linear and not bounded:
+        yield "one step of linear least squares: every equation is affine in the unknowns"
+    elif linear:
+        yield "lm (Marquardt): every equation is affine in the unknowns, but some are bounded"
+    else:
+        yield "lm (Marquardt): the equations are not affine in the unknowns"
+    if problem.request.for_each:
+        yield f"one solve for each value of {', '.join(problem.request.for_each)}"
+
+
+def problem_stage(problem: Problem, tables: Mapping[str, Table]) -> str:
+    """The typed problem: tables, unknowns, blocks with their static cases."""
+    lines = [f"problem {problem.name}"]
+    for table in tables.values():
+        lines.append(f"table {table.name}: {len(table)} rows; {', '.join(table.columns)}")
+    lines += [line for u in problem.unknowns for line in _unknown(u, tables)]
+    for block in problem.blocks:
+        sizes = {sum(len(e.components) for e in case.equations) for case in block.cases}
+        shown = "/".join(map(str, sorted(sizes))) or "0"
+        over = f" over {block.table}" if block.table else ""
+        lines.append(f"{block.role.value} {block.name}{over}: {len(block.cases)} cases of {shown} components")
+    lines += [f"derived {d.name}: shape {d.shape or 'number'}" for d in problem.derived]
+    return "\n".join(lines) + "\n"
+
+
+def symbolic_stage(model: SymbolicModel, *, latex: bool) -> str:
+    """Every block with its inputs and equations."""
+    lines = []
+    for block in model.blocks:
+        lines.append(f"{block.purpose.value} {block.name}, case {block.case + 1}")
+        lines.append(f"  variables: {', '.join(s.name for s in block.variable_symbols) or 'none'}")
+        lines.append(f"  parameters: {', '.join(s.name for s in block.parameter_symbols) or 'none'}")
+        lines.extend(_equations([block], "h", latex=latex))
+    return "\n".join(lines) + "\n"
+
+
+def kernel_stage(kernels: KernelSet) -> str:
+    """Every kernel with its inputs, outputs, nonzeros and instructions."""
+    lines = [f"kernels of {kernels.name}, fingerprint {kernels.fingerprint[:16]}"]
+    for kernel in kernels.kernels:
+        lines.append(
+            f"{kernel.purpose.value} {kernel.name}, case {kernel.case + 1}: {kernel.outputs} outputs, "
+            f"{len(kernel.jacobian_rows)} nonzeros of {kernel.outputs} × {len(kernel.variables)}, "
+            f"{kernel.jacobian_function.n_instructions()} instructions"
+        )
+        lines.append(f"  variables: {', '.join(_slot(s) for s in kernel.variables) or 'none'}")
+        lines.append(f"  parameters: {', '.join(_parameter(p) for p in kernel.parameters) or 'none'}")
+    return "\n".join(lines) + "\n"
+
+
+def _slot(slot: Slot) -> str:
+    member = ""
+    if slot.member is not None:
+        member = f"[{getattr(slot.member, 'key', None) or getattr(slot.member, 'column', '')}]"
+    return f"{slot.unknown}{member}.{slot.component + 1}"
+
+
+def _parameter(parameter: Parameter) -> str:
+    if isinstance(parameter, ColumnInput):
+        return f"{parameter.table}.{parameter.name}"
+    return parameter.name

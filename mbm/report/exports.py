@@ -1,0 +1,88 @@
+"""Result → CSV: one row for each solve, or one for each scalar residual. Floats with the digits that give them back."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TextIO
+
+import numpy as np
+
+from mbm.report.elements import Scalar, plain_key, solve_scalars
+from mbm.report.types import Key, Result, SolveReport
+
+SOLVE_COLUMNS = ("status", "cost", "dof", "sigma0", "chi2_p")
+RESIDUAL_COLUMNS = ("clause", "row", "value", "residual", "weight", "component", "file_row", "used")
+
+
+def write_solves(result: Result, stream: TextIO) -> None:
+    """One row for each solve: key columns, ``SOLVE_COLUMNS``, then ``name`` and ``name.sigma`` of every scalar.
+
+    Scalars are those of the estimates, then of the derived values, by their names in the document (``p[1]``), in the
+    unit of their quantity. Cells are empty where there is no number. A key column that is called as another column is
+    written ``key.NAME``. Open ``stream`` with ``newline=""``.
+    """
+    found = [{scalar.name: scalar for scalar in solve_scalars(solve)} for solve in result.solves]
+    names = list(dict.fromkeys(name for solve in found for name in solve))
+    taken = {*SOLVE_COLUMNS, *names, *(f"{name}.sigma" for name in names)}
+    keys = _key_columns(result.solves)
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(
+        [*_titles(keys, taken), *SOLVE_COLUMNS, *(f"{name}{end}" for name in names for end in ("", ".sigma"))]
+    )
+    for solve, solved in zip(result.solves, found, strict=True):
+        fit = (solve.cost, solve.dof, solve.sigma0, solve.chi2_p)
+        row = [*_key_cells(solve.key, keys), solve.status.label, *(_cell(number) for number in fit)]
+        for name in names:
+            row.extend(_scalar_cells(solved.get(name)))
+        writer.writerow(row)
+
+
+def write_residuals(result: Result, stream: TextIO) -> None:
+    """One row for each scalar residual: key columns where there are any, then ``RESIDUAL_COLUMNS``.
+
+    ``row`` counts the rows of the unfiltered table from 1, ``file_row`` as in the file; ``value`` is MODEL − MEASURED
+    in SI, ``residual`` normalised. Open ``stream`` with ``newline=""``.
+    """
+    keys = _key_columns(result.solves)
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow([*_titles(keys, set(RESIDUAL_COLUMNS)), *RESIDUAL_COLUMNS])
+    for solve in result.solves:
+        key = _key_cells(solve.key, keys)
+        for row in solve.rows():
+            writer.writerow(
+                [
+                    *key,
+                    row.clause,
+                    _cell(row.row),
+                    _cell(row.value),
+                    _cell(row.residual),
+                    _cell(row.weight),
+                    row.component,
+                    _cell(row.file_row),
+                    "true" if row.used else "false",
+                ]
+            )
+
+
+def _key_columns(solves: Sequence[SolveReport]) -> list[str]:
+    return list(dict.fromkeys(name for solve in solves for name in solve.key))
+
+
+def _titles(keys: Iterable[str], taken: set[str]) -> list[str]:
+    return [f"key.{name}" if name in taken else name for name in keys]
+
+
+def _key_cells(key: Mapping[str, Key], columns: Iterable[str]) -> list[str]:
+    cells = (plain_key(key[name]) if name in key else None for name in columns)
+    return ["" if cell is None else str(cell) for cell in cells]
+
+
+def _scalar_cells(scalar: Scalar | None) -> tuple[str, str]:
+    return ("", "") if scalar is None else (_cell(scalar.value), _cell(scalar.sigma))
+
+
+def _cell(number: float | int | None) -> str:
+    if number is None or not np.isfinite(number):
+        return ""
+    return str(number) if isinstance(number, int) else repr(float(number))

@@ -1,0 +1,87 @@
+"""What the data leave free, in sentences: which unknowns move together, and how."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from mbm.report.types import FreeDirection
+from mbm.solution.solution import Solution
+from mbm.solution.types import FreeCombination
+
+MOST_NAMES = 8
+"""Names in one sentence; the coefficients hold all of them."""
+
+EQUAL = 1e-6
+"""Relative difference below which movements count as equal: far above rounding, far below anything a person means."""
+
+
+def free_directions(solution: Solution) -> tuple[FreeDirection, ...]:
+    """The free combinations, and the unknowns that nothing depends on."""
+    found = [_direction(solution, combination) for combination in solution.observability.combinations]
+    return (*_unused(solution), *found)
+
+
+def _owner(solution: Solution, position: int) -> str:
+    return next(e.unknown.name for e in solution.layout.entries if e.offset <= position < e.offset + e.count)
+
+
+def _unused(solution: Solution) -> list[FreeDirection]:
+    by_unknown: dict[str, list[int]] = {}
+    for index in solution.observability.unused:
+        position = int(solution.free[index])
+        by_unknown.setdefault(_owner(solution, position), []).append(position)
+    mentioned = set(solution.unused.tolist())
+    found = []
+    for name, positions in by_unknown.items():
+        names = [solution.layout.name(p) for p in positions]
+        entry = solution.layout.entry(name)
+        subject = f"`{name}`" if len(positions) == entry.count else listed(names)
+        if all(p in mentioned for p in positions):
+            sentence = f"{subject} appears in no equation that has data"
+        else:
+            sentence = f"no equation changes with {subject} at the estimates"
+        found.append(FreeDirection(sentence=sentence, unknowns=(name,), coefficients=dict.fromkeys(names, 1.0)))
+    return found
+
+
+def _direction(solution: Solution, combination: FreeCombination) -> FreeDirection:
+    positions = [int(solution.free[i]) for i in combination.indices]
+    names = [solution.layout.name(p) for p in positions]
+    coefficients: Mapping[str, float] = dict(zip(names, combination.coefficients, strict=True))
+    owners = tuple(dict.fromkeys(_owner(solution, p) for p in positions))
+    return FreeDirection(sentence=_sentence(names, combination), unknowns=owners, coefficients=coefficients)
+
+
+def _sentence(names: list[str], combination: FreeCombination) -> str:
+    if len(names) == 1:
+        return f"{listed(names)} is not determined"
+    relative = combination.relative
+    if relative is not None and _equal(relative):
+        return f"{listed(names)} scale together: only their ratios are determined"
+    if relative is not None and len(names) == 2 and _equal((relative[0], -relative[1])):
+        return f"{listed(names)}: only their product is determined"
+    if _equal(combination.coefficients):
+        return f"{listed(names)} move together by the same amount: only their differences are determined"
+    if len(names) == 2 and _equal((combination.coefficients[0], -combination.coefficients[1])):
+        return f"{listed(names)} move against each other: only their sum is determined"
+    movements = ", ".join(
+        f"δ{n} = {c:.3g}" for n, c in list(zip(names, combination.coefficients, strict=True))[:MOST_NAMES]
+    )
+    return f"{listed(names)} move together without any equation noticing ({movements})"
+
+
+def _equal(values: tuple[float, ...]) -> bool:
+    found = np.asarray(values)
+    return bool((np.abs(found - found[0]) <= EQUAL * np.abs(found).max()).all())
+
+
+def listed(names: list[str]) -> str:
+    """Names as a sentence lists them."""
+    quoted = [f"`{n}`" for n in names]
+    if len(quoted) > MOST_NAMES:
+        return ", ".join(quoted[:MOST_NAMES]) + f" and {len(quoted) - MOST_NAMES} more"
+    if len(quoted) == 1:
+        return quoted[0]
+    return ", ".join(quoted[:-1]) + f" and {quoted[-1]}"

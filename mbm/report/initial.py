@@ -1,0 +1,84 @@
+"""Initial values from JSON: plain values by name, or the estimates of an earlier result document."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbm.report import faults
+from mbm.report.document import solve_key
+from mbm.report.types import Floats, Key
+from mbm.text.types import MbmError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class InitialValue:
+    """The start of one unknown: ``value`` in ``unit`` (None: the unit that results are reported in).
+
+    With ``keys`` (of a family's members) ``value`` has a leading axis over them. NaN stands where a document has null.
+    """
+
+    value: Floats
+    unit: str | None = None
+    keys: tuple[Key, ...] | None = None
+
+
+def initial_values(given: object, key: Mapping[str, Key], file: str | None = None) -> dict[str, InitialValue]:
+    """The initial values for the solve of ``key`` (empty: the only solve).
+
+    ``given`` maps names to a number, (nested) lists, or ``{"value": …, "keys": […], "unit": …}``; or it is a result
+    document, of which the solve with the same key counts, else its only solve. Without a match there are no values.
+    Raises MbmError: bad-initial-values; ``file`` is where ``given`` was read from.
+    """
+    if not isinstance(given, Mapping):
+        raise MbmError(faults.bad_initial_values(f"a value of type `{type(given).__name__}`", file))
+    entries = _of_document(given, key, file) if isinstance(given.get("solves"), Sequence) else given
+    return {str(name): _initial_value(str(name), entry, file) for name, entry in entries.items()}
+
+
+def _of_document(document: Mapping[str, object], key: Mapping[str, Key], file: str | None) -> Mapping[str, object]:
+    solves = document["solves"]
+    wanted = solve_key(key)
+    found: list[Mapping[str, object]] = []
+    for solve in solves if isinstance(solves, Sequence) else ():
+        if not isinstance(solve, Mapping) or not isinstance(solve.get("estimates"), Mapping):
+            raise MbmError(faults.bad_initial_values("a result document without estimates", file))
+        found.append(solve)
+    matching = [solve for solve in found if solve.get("key") == wanted] or (found if len(found) == 1 else [])
+    estimates = matching[0]["estimates"] if matching else {}
+    return estimates if isinstance(estimates, Mapping) else {}
+
+
+def _initial_value(name: str, entry: object, file: str | None) -> InitialValue:
+    if not isinstance(entry, Mapping):
+        return InitialValue(value=_array(name, entry, file))
+    if "value" not in entry:
+        raise MbmError(faults.bad_initial_value(name, "an object without `value`", file))
+    value = _array(name, entry["value"], file)
+    keys = entry.get("keys")
+    unit = entry.get("unit")
+    if keys is not None and (
+        not isinstance(keys, Sequence)
+        or isinstance(keys, str)
+        or value.ndim == 0
+        or len(keys) != len(value)
+        or not all(isinstance(key, str | int | float) for key in keys)
+    ):
+        raise MbmError(faults.bad_initial_value(name, "a family whose `keys` do not match its `value`", file))
+    return InitialValue(
+        value=value,
+        unit=unit if isinstance(unit, str) else None,
+        keys=None if keys is None else tuple(key if isinstance(key, str) else float(key) for key in keys),
+    )
+
+
+def _array(name: str, value: object, file: str | None) -> Floats:
+    """Numbers and nested lists of them as an array; null becomes NaN."""
+    if isinstance(value, str | bool):
+        raise MbmError(faults.bad_initial_value(name, "no number", file))
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise MbmError(faults.bad_initial_value(name, "no number and no regular list of numbers", file)) from error

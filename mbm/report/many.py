@@ -1,0 +1,140 @@
+"""Many solves → one line each, and what is to be said of all of them together."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+from mbm.report.columns import Paint, Style, aligned, left, right, wrapped
+from mbm.report.digits import Measured, measured, plain
+from mbm.report.elements import Scalar, key_text, solve_scalars, unit_text
+from mbm.report.sentences import diagnostic_sentence, observability_sentences
+from mbm.report.types import SolveReport, SolveStatus
+from mbm.text.types import Diagnostic
+
+MOST_SOLVES = 60
+"""Solves that are shown one by one; the table says how many more there are."""
+
+_FIRST_SOLVES = 50
+_MOST_EXPLAINED = 5
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    title: str
+    cells: tuple[str, ...]
+
+    @property
+    def width(self) -> int:
+        return max(len(self.title), *(len(cell) for cell in self.cells))
+
+
+def many_solves(solves: Sequence[SolveReport], width: int, paint: Paint, full: bool) -> Iterator[str]:
+    """A compact table of the solves and, below it, their statuses, what needs attention, and the warnings."""
+    if not solves:
+        yield "no solves: the key columns hold no value"
+        return
+    shown = solves if full or len(solves) <= MOST_SOLVES else solves[:_FIRST_SOLVES]
+    columns, left_out = _fitting(shown, width, full)
+    yield paint("  ".join(column.title.ljust(column.width) for column in columns).rstrip(), Style.HEADING)
+    for i in range(len(shown)):
+        line = "  ".join(column.cells[i].ljust(column.width) for column in columns)
+        yield line if shown[i].status.trusted else paint(line.rstrip(), Style.WARNING)
+    if len(shown) < len(solves):
+        yield paint(f"… {len(solves) - len(shown)} more solves (-v shows all)", Style.QUIET)
+    if left_out:
+        yield paint(f"… {left_out} more columns (-v shows all; --csv and --json have them too)", Style.QUIET)
+    yield ""
+    yield from _totals(solves, width, paint)
+
+
+def _fitting(solves: Sequence[SolveReport], width: int, full: bool) -> tuple[list[_Column], int]:
+    """The columns that fit, keys first, and how many scalars found no room."""
+    columns = _key_columns(solves)
+    if any(solve.status is not SolveStatus.CONVERGED for solve in solves):
+        columns.append(_Column("status", tuple(left(solve.status.label for solve in solves))))
+    fit = [
+        _Column("cost", tuple(aligned(["" if s.cost is None else plain(s.cost, 5) for s in solves]))),
+        _Column("dof", tuple(right("" if s.dof is None else str(s.dof) for s in solves))),
+    ]
+    wanted = _scalar_columns(solves)
+    taken = sum(column.width + 2 for column in chain(columns, fit))
+    count = 0
+    for column in wanted:
+        taken += column.width + 2
+        if taken > width + 2 and not full and count > 0:
+            break
+        count += 1
+    return [*columns, *wanted[:count], *fit], len(wanted) - count
+
+
+def _key_columns(solves: Sequence[SolveReport]) -> list[_Column]:
+    names = dict.fromkeys(name for solve in solves for name in solve.key)
+    columns = []
+    for name in names:
+        keys = [solve.key.get(name) for solve in solves]
+        texts = ["" if key is None else key if isinstance(key, str) else key_text(key) for key in keys]
+        numeric = all(isinstance(key, float | int) for key in keys)
+        columns.append(_Column(name, tuple(aligned(texts) if numeric else left(texts))))
+    return columns
+
+
+def _scalar_columns(solves: Sequence[SolveReport]) -> list[_Column]:
+    """A column for each scalar that any solve has, in the order in which they first occur; fixed ones not."""
+    found = [{scalar.name: scalar for scalar in solve_scalars(solve)} for solve in solves]
+    units = {s.name: unit_text(s.quantity) for solve in found for s in solve.values() if not s.fixed}
+    columns = []
+    for name, unit in units.items():
+        cells = [_cell(solve.get(name)) for solve in found]
+        values, sigmas = aligned([cell.value for cell in cells]), aligned([cell.sigma for cell in cells])
+        signs = ["±" if cell.sigma else " " for cell in cells]
+        texts = [f"{value} {sign} {sigma}" for value, sign, sigma in zip(values, signs, sigmas, strict=True)]
+        columns.append(_Column(f"{name} ({unit})" if unit else name, tuple(text.rstrip() for text in texts)))
+    return columns
+
+
+def _cell(scalar: Scalar | None) -> Measured:
+    if scalar is None:
+        return Measured("")
+    return measured(scalar.value, scalar.sigma, exact=scalar.fixed or scalar.at_bound)
+
+
+def _totals(solves: Sequence[SolveReport], width: int, paint: Paint) -> Iterator[str]:
+    counts = Counter(solve.status for solve in solves)
+    parts = ", ".join(f"{counts[status]} {status.label}" for status in SolveStatus if counts[status])
+    yield f"{len(solves)} solve{'' if len(solves) == 1 else 's'}: {parts}"
+    fits = [(solve.cost, solve.dof) for solve in solves if solve.cost is not None and solve.dof is not None]
+    stated = all(factor is None for solve in solves for factor in solve.noise.values())
+    if fits and stated:
+        cost, dof = sum(cost for cost, _ in fits), sum(dof for _, dof in fits)
+        yield f"together: cost {plain(cost, 6)} with {dof} degrees of freedom"
+    outliers = sum(len(summary.outliers) for solve in solves for summary in solve.residual_summaries.values())
+    if outliers:
+        yield f"outliers: {outliers} row{'' if outliers == 1 else 's'} (--json lists them)"
+    for sentence in chain(_attention(solves), _warnings(solves)):
+        yield from (paint(line, Style.WARNING) for line in wrapped(sentence, width))
+
+
+def _attention(solves: Sequence[SolveReport]) -> Iterator[str]:
+    """Which solves are not to be trusted, and why."""
+    troubled = [solve for solve in solves if not solve.status.trusted]
+    for solve in troubled[:_MOST_EXPLAINED]:
+        key = ", ".join(f"{name} = {key_text(value)}" for name, value in solve.key.items())
+        reasons = list(observability_sentences(solve.observability)) or [solve.message or solve.status.sentence]
+        yield f"{key}: {solve.status.label}: {'; '.join(reasons)}"
+    if len(troubled) > _MOST_EXPLAINED:
+        yield f"… {len(troubled) - _MOST_EXPLAINED} more solves need attention"
+
+
+def _warnings(solves: Sequence[SolveReport]) -> Iterator[str]:
+    """Each kind of warning once, with the number of further ones."""
+    first: dict[str, Diagnostic] = {}
+    counts: Counter[str] = Counter()
+    for diagnostic in chain.from_iterable(solve.diagnostics for solve in solves):
+        first.setdefault(diagnostic.code.name, diagnostic)
+        counts[diagnostic.code.name] += 1
+    for code, diagnostic in first.items():
+        more = "" if counts[code] == 1 else f" (and {counts[code] - 1} more like it)"
+        yield diagnostic_sentence(diagnostic) + more

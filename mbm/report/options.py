@@ -1,0 +1,45 @@
+"""How a file is to be solved: what the command line and the Python API hand to the compiler."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from types import MappingProxyType
+from typing import TypeAlias
+
+Progress: TypeAlias = Callable[[int, int], None]
+"""Called with the number of solves done and their total, from the calling thread."""
+
+
+class Backend(StrEnum):
+    """What evaluates residuals and Jacobians."""
+
+    AUTO = "auto"
+    NATIVE = "native"
+    CASADI = "casadi"
+    NUMPY = "numpy"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SolveOptions:
+    """Options of one solve; None leaves the choice to the problem file or to the compiler.
+
+    ``set`` holds (name, text) pairs as typed (``("h", "70cm")``): constants or initial values, later ones win.
+    ``data`` maps table names to paths, relative to the working directory. ``init`` is the parsed JSON document of
+    ``--init``: name → value, or a whole result document (`mbm.report.initial.initial_values` reads it for one solve).
+    ``method`` is a name of LANGUAGE §7 as typed. ``sandbox`` confines reads and ``use`` to a folder.
+    """
+
+    problem: str | None = None
+    set: tuple[tuple[str, str], ...] = ()
+    data: Mapping[str, Path] = field(default_factory=lambda: MappingProxyType({}))
+    init: Mapping[str, object] | None = None
+    seed: int | None = None
+    method: str | None = None
+    backend: Backend = Backend.AUTO
+    workers: int = 1
+    sandbox: Path | None = None
+    covariance_full: bool = False
+    progress: Progress | None = None

@@ -1,0 +1,211 @@
+"""The panels of a picture: each function answers drawings, which are made when the picture has room for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import combinations
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from mbm.report.elements import Scalar, element_names, plain_key, solve_scalars, unit_text
+from mbm.report.types import Estimate, Floats, Kind, PlotData, ResidualRow, Result, SolveReport
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
+"""Colours that people with colour-blindness tell apart (Okabe and Ito 2008)."""
+
+SERIES = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9")
+CHI_95_2D = 2.447746830680816
+"""Radius in standard deviations that holds 95 % of a normal distribution of the plane: sqrt(-2 ln 0.05)."""
+
+_MOST_OVER_KEY = 6
+
+Panel: TypeAlias = "Callable[[Axes], None]"
+
+
+def data_panels(result: Result) -> Iterator[Panel]:
+    """Measured values and the model, for every clause that handed them over; of many solves the first."""
+    if result.solves:
+        for data in result.solves[0].pictures():
+            yield partial(_draw_data, data)
+
+
+def estimate_panels(result: Result) -> Iterator[Panel]:
+    """Error ellipses of vectors of two or three elements; for many solves the estimates over the key."""
+    solved = [solve for solve in result.solves if solve.estimates]
+    if len(solved) > 1:
+        yield from _over_key(solved)
+    first = solved[0].estimates if solved else ()
+    for estimate in first:
+        size = estimate.quantity.shape[0] if len(estimate.quantity.shape) == 1 else 0
+        if estimate.quantity.kind is Kind.VECTOR and size in (2, 3) and not bool(np.all(estimate.fixed)):
+            for pair in combinations(range(size), 2):
+                yield partial(_draw_ellipses, solved, estimate.quantity.name, pair)
+
+
+def residual_panels(result: Result) -> Iterator[Panel]:
+    """Normalised residuals over the row, one panel for each clause, all solves together."""
+    rows: dict[str, list[ResidualRow]] = {}
+    for solve in result.solves:
+        for row in solve.rows():
+            rows.setdefault(row.clause, []).append(row)
+    for clause, of_clause in rows.items():
+        yield partial(_draw_residuals, clause, of_clause)
+
+
+def _draw_data(data: PlotData, axes: Axes) -> None:
+    axes.set_title(f"{data.clause}: data and model", fontsize=10)
+    if data.abscissa is None and data.measured.shape[1] == 2:
+        axes.plot(data.measured[:, 0], data.measured[:, 1], "o", color=BLUE, markersize=4, label="measured")
+        axes.plot(data.model[:, 0], data.model[:, 1], "x", color=RED, markersize=5, label="model")
+        axes.set_xlabel(_literal(data.labels[0]))
+        axes.set_ylabel(_literal(data.labels[1]))
+        axes.set_aspect("equal", adjustable="datalim")
+    else:
+        _draw_over_abscissa(data, axes)
+    _finish(axes, legend=True)
+
+
+def _draw_over_abscissa(data: PlotData, axes: Axes) -> None:
+    abscissa = np.arange(1.0, len(data.measured) + 1) if data.abscissa is None else data.abscissa
+    order = np.argsort(abscissa, kind="stable")
+    several = data.measured.shape[1] > 1
+    for column, label in enumerate(data.labels):
+        color = SERIES[column % len(SERIES)]
+        name = f"{label}, measured" if several else "measured"
+        axes.plot(abscissa, data.measured[:, column], "o", color=color, markersize=3.5, alpha=0.8, label=name)
+        x, y = (abscissa[order], data.model[order]) if data.curve is None else data.curve
+        name = f"{label}, model" if several else "model"
+        axes.plot(x, y[:, column], "-", linewidth=1.3, color=color if several else RED, label=name)
+    axes.set_xlabel(_literal(data.abscissa_label or "row"))
+    if not several:
+        axes.set_ylabel(_literal(data.labels[0]))
+
+
+def _draw_residuals(clause: str, rows: Sequence[ResidualRow], axes: Axes) -> None:
+    """Points of used rows; crosses for rows that were left out, triangles if they lie beyond the frame."""
+    number = np.array([index + 1 if row.row is None else row.row for index, row in enumerate(rows)])
+    value = np.array([row.residual for row in rows])
+    used = np.array([row.used for row in rows])
+    component = np.array([row.component for row in rows])
+    limit = max(3.5, 1.15 * float(np.nanmax(np.abs(value[used]), initial=0.0)))
+    size = 4 if len(rows) < 300 else 2
+    axes.axhspan(-2, 2, color=GREY, alpha=0.12, linewidth=0)
+    axes.axhline(0, color=GREY, linewidth=0.8)
+    for which in np.unique(component):
+        chosen = used & (component == which)
+        label = f"component {which}" if component.max() > 1 else None
+        axes.plot(number[chosen], value[chosen], "o", color=SERIES[(which - 1) % 6], markersize=size, label=label)
+    beyond = ~used & (np.abs(value) > limit)
+    for chosen, marker, label in ((~used & ~beyond, "x", "not used"), (beyond, "^", "not used, beyond the frame")):
+        if chosen.any():
+            shown = np.clip(value[chosen], -0.96 * limit, 0.96 * limit)
+            axes.plot(number[chosen], shown, marker, color=RED, markersize=5, label=label)
+    axes.set_ylim(-limit, limit)
+    axes.locator_params(axis="x", integer=True)
+    axes.set_title(f"residuals of {clause}", fontsize=10)
+    axes.set_xlabel("row")
+    axes.set_ylabel("residual / standard deviation")
+    _finish(axes, legend=bool(component.max() > 1 or not used.all()))
+
+
+def _over_key(solves: Sequence[SolveReport]) -> Iterator[Panel]:
+    """The scalars that several solves estimate, over the last key (the time, in a sequence)."""
+    found = [{scalar.name: scalar for scalar in solve_scalars(solve)} for solve in solves]
+    names = list(dict.fromkeys(name for scalars in found for name, scalar in scalars.items() if not scalar.fixed))
+    key = list(solves[0].key)[-1] if solves[0].key else ""
+    for name in names[:_MOST_OVER_KEY]:
+        points = [
+            (plain_key(solve.key[key]) if key in solve.key else i, scalars[name])
+            for i, (solve, scalars) in enumerate(zip(solves, found, strict=True))
+            if name in scalars
+        ]
+        yield partial(_draw_over_key, key, name, points)
+
+
+def _draw_over_key(key: str, name: str, points: Sequence[tuple[object, Scalar]], axes: Axes) -> None:
+    """Estimates with bars of one standard deviation."""
+    numbers = [float(where) for where, _ in points if isinstance(where, int | float)]
+    numeric = len(numbers) == len(points)
+    x = np.array(numbers if numeric else range(len(points)), dtype=float)
+    y = np.array([scalar.value for _, scalar in points])
+    sigma = np.nan_to_num(np.array([scalar.sigma for _, scalar in points]), nan=0.0)
+    axes.errorbar(x, y, yerr=sigma, fmt="o", color=BLUE, ecolor=GREY, markersize=3, elinewidth=0.9)
+    if not numeric and len(points) <= 20:
+        axes.set_xticks(x, [_literal(str(where)) for where, _ in points], rotation=45, ha="right")
+    unit = unit_text(points[0][1].quantity)
+    axes.set_title(f"{name} ± standard deviation", fontsize=10)
+    axes.set_xlabel(_literal(key or "solve"))
+    axes.set_ylabel(f"{name} ({unit})" if unit else name)
+    _finish(axes, legend=False)
+
+
+def _draw_ellipses(solves: Sequence[SolveReport], name: str, pair: tuple[int, int], axes: Axes) -> None:
+    """The estimates in the plane of two elements, with their 95 % ellipses."""
+    from matplotlib.patches import Ellipse
+
+    marker, size = ("+", 7) if len(solves) == 1 else (".", 3)
+    for solve in solves:
+        for estimate in solve.estimates:
+            if estimate.quantity.name != name:
+                continue
+            quantity = estimate.quantity
+            axes.set_xlabel(_axis_label(quantity.name, pair[0], unit_text(quantity)))
+            axes.set_ylabel(_axis_label(quantity.name, pair[1], unit_text(quantity)))
+            for centre, covariance in zip(*_plane(solve, estimate, pair), strict=True):
+                axes.plot(*centre, marker, color=BLUE, markersize=size)
+                if np.all(np.isfinite(covariance)):
+                    full_axes, angle = _ellipse(covariance)
+                    axes.add_patch(
+                        Ellipse(tuple(centre), *full_axes, angle=angle, facecolor=BLUE, edgecolor=BLUE, alpha=0.25)
+                    )
+    axes.set_title(f"{name}: 95 % confidence", fontsize=10)
+    axes.autoscale_view()
+    axes.set_aspect("equal", adjustable="datalim")
+    _finish(axes, legend=False)
+
+
+def _axis_label(name: str, index: int, unit: str) -> str:
+    return f"{name}[{index + 1}]" + (f" ({unit})" if unit else "")
+
+
+def _plane(solve: SolveReport, estimate: Estimate, pair: tuple[int, int]) -> tuple[Floats, Floats]:
+    """Centres (k, 2) and covariances (k, 2, 2) of the members in the unit of the quantity; NaN where unknown."""
+    members = np.reshape(estimate.value, (-1, estimate.quantity.shape[0])) / estimate.quantity.factor
+    names = np.reshape(element_names(estimate.quantity, estimate.keys), members.shape)
+    centres = members[:, list(pair)]
+    covariances = np.full((len(members), 2, 2), np.nan)
+    if solve.covariance is not None and solve.covariance.matrix is not None:
+        position = {name: i for i, name in enumerate(solve.covariance.names)}
+        for member, row in enumerate(names):
+            places = [position.get(str(row[i])) for i in pair]
+            known = [place for place in places if place is not None]
+            if len(known) == 2:
+                covariances[member] = solve.covariance.matrix[np.ix_(known, known)] / estimate.quantity.factor**2
+    return centres, covariances
+
+
+def _ellipse(covariance: Floats) -> tuple[tuple[float, float], float]:
+    """Full axes and the angle (degrees) of the first of them, of the 95 % ellipse."""
+    variances, directions = np.linalg.eigh(covariance)
+    axes = 2 * CHI_95_2D * np.sqrt(np.maximum(variances, 0.0))
+    angle = np.degrees(np.arctan2(directions[1, 1], directions[0, 1]))
+    return (float(axes[1]), float(axes[0])), float(angle)
+
+
+def _literal(text: str) -> str:
+    """Text that Matplotlib shows as it is: dollar signs would begin a formula."""
+    return text.replace("$", r"\$")
+
+
+def _finish(axes: Axes, *, legend: bool) -> None:
+    axes.grid(visible=True, color="#dddddd", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=8)
+    axes.spines[["top", "right"]].set_visible(False)
+    if legend:
+        axes.legend(fontsize=7, framealpha=0.8, edgecolor="none")

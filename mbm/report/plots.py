@@ -1,0 +1,69 @@
+"""Result → a picture: data against model, normalised residuals, error ellipses, estimates over the key."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+from mbm.report import faults
+from mbm.report.types import Result
+from mbm.text.types import MbmError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FORMATS = (".png", ".svg", ".pdf")
+MOST_PANELS = 12
+"""Panels of one picture; data come first, then estimates, then residuals."""
+
+Panel: TypeAlias = "Callable[[Axes], None]"
+
+_PANEL_INCHES = (4.6, 3.4)
+
+
+def draw(result: Result) -> Figure:
+    """The picture of a result as a Matplotlib figure of its own (no global state).
+
+    Raises MbmError (missing-extra) if Matplotlib is not installed.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MbmError(faults.missing_extra("plotting", "plot")) from error
+    panels = list(_panels(result))[:MOST_PANELS]
+    columns = 1 if len(panels) < 2 else 2 if len(panels) < 5 else 3
+    rows = max(-(-len(panels) // columns), 1)
+    width, height = _PANEL_INCHES
+    figure = Figure(figsize=(width * columns, height * rows + 0.4), layout="constrained")
+    figure.suptitle(f"{result.problem}", fontsize=11, fontweight="bold")
+    for number, panel in enumerate(panels, start=1):
+        panel(figure.add_subplot(rows, columns, number))
+    if not panels:
+        figure.text(0.5, 0.5, "nothing was solved", ha="center", va="center")
+    return figure
+
+
+def save(result: Result, path: Path) -> None:
+    """Draws the result into a file; the ending of ``path`` is the format (``FORMATS``). Equal results, equal bytes.
+
+    Raises MbmError (missing-extra, plot-format) and OSError if the file cannot be written.
+    """
+    ending = path.suffix.lower()
+    if ending not in FORMATS:
+        raise MbmError(faults.plot_format(str(path), ", ".join(FORMATS)))
+    figure = draw(result)
+    import matplotlib as mpl
+
+    dateless = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(ending, {})
+    with mpl.rc_context({"svg.hashsalt": "mbm"}):
+        figure.savefig(path, dpi=130, metadata=dateless)
+
+
+def _panels(result: Result) -> Iterator[Panel]:
+    from mbm.report import panels
+
+    yield from panels.data_panels(result)
+    yield from panels.estimate_panels(result)
+    yield from panels.residual_panels(result)

@@ -1,0 +1,129 @@
+"""Result → the table a person reads: one solve in full, or one line for each of many."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import chain
+from math import pi
+
+from mbm.report.columns import Paint, Style, aligned, left, wrapped
+from mbm.report.digits import Measured, measured, plain
+from mbm.report.elements import Scalar, scalars, unit_text
+from mbm.report.many import many_solves
+from mbm.report.sentences import (
+    constraint_sentences,
+    diagnostic_sentence,
+    fit_sentence,
+    noise_sentences,
+    observability_sentences,
+    residual_sentences,
+    start_sentences,
+)
+from mbm.report.types import DerivedValue, Estimate, Kind, Result, SolveReport, SolveStatus
+
+MOST_SCALARS = 24
+"""Rows of one vector, array or family that are shown; the table says how many more there are."""
+
+_FIRST_SCALARS = 20
+
+
+def table(result: Result, *, width: int = 80, color: bool = False, full: bool = False) -> str:
+    """The table, lines of at most about ``width`` columns, with a line break at the end.
+
+    ``color`` adds ANSI escapes; ``full`` shows every row of long families and of many solves, and how it was solved.
+    """
+    paint = Paint(color)
+    if len(result.solves) == 1 and not result.solves[0].key:
+        lines = list(_one_solve(result, result.solves[0], width, paint, full))
+    else:
+        lines = [_heading(result, None, paint), "", *many_solves(result.solves, width, paint, full)]
+    return "\n".join(line.rstrip() for line in lines) + "\n"
+
+
+def _heading(result: Result, status: SolveStatus | None, paint: Paint) -> str:
+    where = f"{result.file}: " if result.file else ""
+    head = paint(f"{where}problem `{result.problem}`", Style.HEADING)
+    if status is None:
+        return head
+    return f"{head}: {paint(status.label, Style.GOOD if status.trusted else Style.BAD)}"
+
+
+def _one_solve(result: Result, solve: SolveReport, width: int, paint: Paint, full: bool) -> Iterator[str]:
+    yield _heading(result, solve.status, paint)
+    if not solve.status.trusted:
+        yield from wrapped(solve.message or solve.status.sentence, width)
+    if solve.estimates or solve.derived:
+        yield ""
+        yield from estimate_lines(chain(solve.estimates, solve.derived), width, paint, full)
+    yield ""
+    fit = fit_sentence(solve)
+    if fit is not None:
+        yield from wrapped(fit, width)
+    for sentence in chain(noise_sentences(solve), residual_sentences(solve), start_sentences(solve)):
+        yield from wrapped(sentence, width)
+    for sentence in chain(observability_sentences(solve.observability), constraint_sentences(solve)):
+        yield from (paint(line, Style.WARNING) for line in wrapped(sentence, width))
+    for diagnostic in solve.diagnostics:
+        yield from (paint(line, Style.WARNING) for line in wrapped(diagnostic_sentence(diagnostic), width))
+    if full:
+        yield from (paint(line, Style.QUIET) for line in wrapped(_how(solve), width))
+
+
+def _how(solve: SolveReport) -> str:
+    return (
+        f"{solve.method or 'no method'}: {solve.iterations} iterations, {solve.evaluations} evaluations, "
+        f"{plain(solve.seconds * 1e3, 3)} ms; {solve.message}"
+    )
+
+
+def estimate_lines(items: Iterable[Estimate | DerivedValue], width: int, paint: Paint, full: bool) -> Iterator[str]:
+    """One line for each scalar: name, value ± sigma, unit, and what else is known of it."""
+    shown: list[tuple[Scalar, int]] = []
+    for item in items:
+        every = list(scalars(item))
+        kept = every if full or len(every) <= MOST_SCALARS else every[:_FIRST_SCALARS]
+        shown.extend((scalar, 0) for scalar in kept[:-1])
+        shown.extend((scalar, len(every) - len(kept)) for scalar in kept[-1:])
+    texts = [measured(s.value, s.sigma, exact=s.fixed or s.at_bound) for s, _ in shown]
+    names = left(scalar.name for scalar, _ in shown)
+    values = aligned([text.value for text in texts])
+    sigmas = aligned([text.sigma for text in texts])
+    units = left(unit_text(scalar.quantity) for scalar, _ in shown)
+    for i, (scalar, left_out) in enumerate(shown):
+        sign = "±" if texts[i].sigma else " "
+        line = f"  {paint(names[i], Style.HEADING)}  {values[i]} {sign} {sigmas[i]}  {units[i]}"
+        plain_length = 2 + len(names[i]) + 2 + len(values[i]) + 3 + len(sigmas[i]) + 2 + len(units[i])
+        yield line + _notes(scalar, width - plain_length, paint)
+        if left_out:
+            yield paint(f"  … {left_out} more of `{scalar.quantity.name}` (-v shows all)", Style.QUIET)
+
+
+def _notes(scalar: Scalar, room: int, paint: Paint) -> str:
+    """What is known beside the number, as far as there is room; the reason of a missing sigma always."""
+    notes: list[str] = []
+    if scalar.fixed:
+        notes.append("fixed")
+    elif scalar.at_bound:
+        notes.append("held at its bound")
+    elif scalar.sigma != scalar.sigma:
+        notes.append(scalar.reason or "not determined")
+    if scalar.quantity.kind is Kind.ANGLE and unit_text(scalar.quantity) == "rad":
+        notes.append(f"= {_in_degrees(scalar)}")
+    if scalar.derived:
+        notes.append("derived")
+    if scalar.quantity.doc and not scalar.name.endswith("]"):
+        notes.append(scalar.quantity.doc)
+    text = ""
+    for i, note in enumerate(notes):
+        longer = f"{text}, {note}" if text else note
+        if i > 0 and len(longer) + 2 > room:
+            break
+        text = longer
+    return f"  {paint(text, Style.QUIET)}" if text else ""
+
+
+def _in_degrees(scalar: Scalar) -> str:
+    text: Measured = measured(
+        scalar.value * 180 / pi, scalar.sigma * 180 / pi, exact=scalar.fixed or scalar.at_bound or not scalar.sigma >= 0
+    )
+    return f"{text} deg"

@@ -1,0 +1,321 @@
+"""Values of the report stage: what a solved problem is, before it becomes a document, a table or a picture.
+
+Numbers are SI throughout; a `Quantity` says in which unit its values are shown, and every output divides by its factor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import Enum, StrEnum
+from types import MappingProxyType
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.text.types import Diagnostic
+
+Floats: TypeAlias = NDArray[np.float64]
+Mask: TypeAlias = NDArray[np.bool_]
+Key: TypeAlias = str | float
+
+
+class Kind(StrEnum):
+    """What a quantity is; ``Kind("angle")`` reads the word."""
+
+    REAL = "real"
+    POSITIVE = "positive"
+    ANGLE = "angle"
+    VECTOR = "vector"
+    ARRAY = "array"
+
+
+class SolveStatus(Enum):
+    """How a solve ended: ``label`` is what documents hold, ``sentence`` what people read."""
+
+    CONVERGED = ("converged", "the estimates are a minimum and the data determine all of them")
+    NOT_CONVERGED = ("not-converged", "the iteration stopped before it reached a minimum")
+    UNOBSERVABLE = ("unobservable", "the data leave some of the unknowns, or a combination of them, free")
+    INFEASIBLE = ("infeasible", "a constraint is violated at the estimates")
+    SKIPPED = ("skipped", "there are too few rows; nothing was solved")
+
+    def __init__(self, label: str, sentence: str) -> None:
+        self.label = label
+        self.sentence = sentence
+
+    @property
+    def trusted(self) -> bool:
+        """The solve needs no attention: converged, or skipped by rule."""
+        return self in (SolveStatus.CONVERGED, SolveStatus.SKIPPED)
+
+
+class ResultStatus(StrEnum):
+    """Status of the document: ``attention`` if any solve should not be trusted as it stands (exit status 1)."""
+
+    OK = "ok"
+    ATTENTION = "attention"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantity:
+    """What is estimated or derived.
+
+    ``shape`` is ``()`` for a number, ``(n,)`` for a vector, ``(n,)`` or ``(n, m)`` for an array (of one family member).
+    ``unit`` is the text documents show (None: none is known); value in that unit = SI value / ``factor``.
+    """
+
+    name: str
+    kind: Kind = Kind.REAL
+    shape: tuple[int, ...] = ()
+    unit: str | None = None
+    factor: float = 1.0
+    doc: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Estimate:
+    """An unknown's estimate.
+
+    ``value``, ``sigma``, ``fixed``, ``at_bound`` all have ``quantity.shape``, for a family with a leading axis over
+    ``keys``. ``sigma`` is the standard deviation (SI); NaN where the data do not determine one, None if none was
+    computed; ``reason`` then says why in words. ``fixed`` elements were not estimated. ``at_bound`` elements (None: no
+    element) are held at a hard bound, so that they have no standard deviation. Angles are wrapped to (-pi, pi].
+    ``per`` is what the family ranges over (a table, or ``table.column``).
+    """
+
+    quantity: Quantity
+    value: Floats
+    sigma: Floats | None
+    fixed: Mask
+    keys: tuple[Key, ...] | None = None
+    per: str | None = None
+    at_bound: Mask | None = None
+    reason: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DerivedValue:
+    """A derived quantity: as `Estimate`; ``keys`` and ``over`` (a table) where there is one value for each row."""
+
+    quantity: Quantity
+    value: Floats
+    sigma: Floats | None
+    keys: tuple[Key, ...] | None = None
+    over: str | None = None
+    reason: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CovarianceMatrix:
+    """Covariance of named scalars in SI: ``matrix`` (n, n), NaN where undetermined.
+
+    ``names`` as CONTRACT §2 writes them (``p[1]``, ``theta[2,1]``, ``q["waist"]``), fixed elements left out.
+    ``factors`` has one factor per row, that of its quantity: documents hold ``matrix[i, j] / (factors[i] factors[j])``.
+    ``matrix`` is None where it was left out for its size; ``reason`` then says so.
+    """
+
+    names: tuple[str, ...]
+    factors: tuple[float, ...]
+    matrix: Floats | None
+    reason: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FreeDirection:
+    """A combination of unknowns that the data cannot see.
+
+    ``sentence`` says it in words ("`a` and `b` scale together"); ``unknowns`` are the quantities concerned,
+    ``coefficients`` the movement of each scalar (by its covariance name) along the direction, SI.
+    """
+
+    sentence: str
+    unknowns: tuple[str, ...]
+    coefficients: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observability:
+    """The rank decision. ``unused`` names unknowns (or members, ``cam["left"]``) that no equation mentions.
+
+    ``condition`` is that of the scaled Jacobian on its estimable part; ``gauge`` holds the free common motions that a
+    datum fixed (``:gauge free``).
+    """
+
+    rank: int
+    dimension: int
+    condition: float
+    unobservable: tuple[FreeDirection, ...] = ()
+    gauge: tuple[FreeDirection, ...] = ()
+    unused: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResidualRow:
+    """One scalar residual.
+
+    ``row`` is the 1-based row of the unfiltered table (None: the clause has no table), ``file_row`` the row as in the
+    file (header = 1), ``component`` counts from 1 within the equation; ``value`` is MODEL − MEASURED in SI,
+    ``residual`` the same divided by its standard deviation; ``weight`` is 1 without a robust loss, 0 if not ``used``.
+    """
+
+    clause: str
+    row: int | None
+    file_row: int | None
+    component: int
+    value: float
+    residual: float
+    weight: float
+    used: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResidualSummary:
+    """Residuals of one clause: rows there are, rows used, normalised root mean square, outliers.
+
+    ``rms`` is None without a used row. ``outliers`` are 1-based rows of the unfiltered table and ``outlier_file_rows``
+    the same rows as in the ``file`` (header = 1), if there is one.
+    """
+
+    rows: int
+    used: int
+    rms: float | None
+    outliers: tuple[int, ...] = ()
+    outlier_file_rows: tuple[int, ...] = ()
+    file: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConstraintReport:
+    """A constraint at the estimates: ``type`` is ``= < <= > >= uniform``; ``value`` is left minus right side, SI."""
+
+    name: str
+    type: str
+    value: float
+    violation: float
+    active: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PriorReport:
+    """A ``normal`` (or a prior of ``:sigma``) at the estimates: ``residual = (value - mean)/sigma``, one per scalar."""
+
+    name: str
+    value: float
+    mean: float
+    sigma: float
+    residual: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Starts:
+    """Multi-start: how many starts were tried, how many converged, how many of those reached the best minimum."""
+
+    tried: int
+    converged: int
+    best_found: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Alternative:
+    """Another distinct minimum: its cost, how many starts led to it, and its estimates."""
+
+    cost: float
+    starts: int
+    estimates: tuple[Estimate, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlotData:
+    """Data against model for a picture: ``measured`` and ``model`` (n, c) over ``abscissa`` (n,), c = 1 or 2.
+
+    Numbers are as they are to be shown; ``abscissa_label`` and ``labels`` (c of them) name the columns, with units if
+    they have any. ``curve`` is the model on a finer abscissa, shapes (k,) and (k, c), if it can be drawn between the
+    rows. With c = 2 and no abscissa the two columns are drawn against each other.
+    """
+
+    clause: str
+    measured: Floats
+    model: Floats
+    labels: tuple[str, ...]
+    abscissa: Floats | None = None
+    abscissa_label: str | None = None
+    curve: tuple[Floats, Floats] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SolveReport:
+    """One solve.
+
+    ``key`` holds the key values of ``for-each`` or the end of a window, empty with one solve. ``cost``, ``dof``,
+    ``sigma0``, ``chi2_p`` are as CONTRACT §2 defines them and None where there is no such number; ``reasons`` says why
+    by the field's name. ``noise`` has one entry per observation clause: the estimated factor, None for stated noise.
+    ``residual_rows`` and ``plot_data`` are values, or functions that make them when they are asked for.
+    A skipped solve has no estimates.
+    """
+
+    status: SolveStatus
+    message: str
+    key: Mapping[str, Key] = field(default_factory=lambda: MappingProxyType({}))
+    method: str | None = None
+    iterations: int = 0
+    evaluations: int = 0
+    seconds: float = 0.0
+    cost: float | None = None
+    dof: int | None = None
+    sigma0: float | None = None
+    chi2_p: float | None = None
+    robust_cost: float | None = None
+    reasons: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    estimates: tuple[Estimate, ...] = ()
+    covariance: CovarianceMatrix | None = None
+    derived: tuple[DerivedValue, ...] = ()
+    derived_covariance: CovarianceMatrix | None = None
+    observability: Observability | None = None
+    noise: Mapping[str, float | None] = field(default_factory=lambda: MappingProxyType({}))
+    residual_summaries: Mapping[str, ResidualSummary] = field(default_factory=lambda: MappingProxyType({}))
+    residual_rows: tuple[ResidualRow, ...] | Callable[[], tuple[ResidualRow, ...]] = ()
+    plot_data: tuple[PlotData, ...] | Callable[[], tuple[PlotData, ...]] = ()
+    constraints: tuple[ConstraintReport, ...] = ()
+    priors: tuple[PriorReport, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
+    starts: Starts | None = None
+    alternatives: tuple[Alternative, ...] = ()
+
+    def rows(self) -> tuple[ResidualRow, ...]:
+        """The residuals, made now if they were left for later."""
+        return self.residual_rows() if callable(self.residual_rows) else self.residual_rows
+
+    def pictures(self) -> tuple[PlotData, ...]:
+        """The data for plots, made now if they were left for later."""
+        return self.plot_data() if callable(self.plot_data) else self.plot_data
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InputFile:
+    """A file that was read: the path as messages print it, SHA-256 (None for tables given through the API), rows."""
+
+    path: str
+    sha256: str | None
+    rows: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Result:
+    """Everything that a run of one problem answers. ``file`` is None for problems that were built without one."""
+
+    version: str
+    file: str | None
+    problem: str
+    seed: int | None
+    solves: tuple[SolveReport, ...]
+    options: Mapping[str, object] = field(default_factory=lambda: MappingProxyType({}))
+    inputs: tuple[InputFile, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
+
+    @property
+    def status(self) -> ResultStatus:
+        """``ok`` if there is a solve and every solve converged (or was skipped by rule), else ``attention``."""
+        if self.solves and all(solve.status.trusted for solve in self.solves):
+            return ResultStatus.OK
+        return ResultStatus.ATTENTION

@@ -1,0 +1,1 @@
+"""Equations as arrays → a minimum, and how far it can be trusted: rank, covariance, noise."""

@@ -1,0 +1,46 @@
+"""Rank decision → covariance of the estimates on the estimable subspace, and of quantities derived from them.
+
+``Σ = (JᵀJ)⁺`` of the whitened Jacobian, from its singular value decomposition; JᵀJ is never formed, nor inverted.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.solution.types import Covariance, Floats, Observability, Propagated
+
+ORTHOGONAL = 1e-6
+"""A gradient whose share along the free directions is below this does not feel them."""
+
+
+def covariance(observed: Observability, variance: float = 1.0) -> Covariance:
+    """Covariance of the n coordinates, times ``variance`` (the estimated s² of `:sigma unknown`, else 1).
+
+    Coordinates held at a bound count as known: variance 0, and the others as if they were constants (the covariance on
+    the active constraint surface). Coordinates that a free combination touches have no variance: NaN. All others keep
+    theirs, whatever else is free.
+    """
+    rank = observed.rank
+    factor = observed.row_space / observed.singular_values[:rank] / observed.scale[:, None] * np.sqrt(variance)
+    matrix = factor @ factor.T
+    undetermined = ~observed.estimable & ~observed.fixed
+    matrix[undetermined, :] = np.nan
+    matrix[:, undetermined] = np.nan
+    return Covariance(matrix=matrix, sigma=np.sqrt(np.diag(matrix)), factor=factor)
+
+
+def propagate(gradient: Floats, observed: Observability, estimated: Covariance) -> Propagated:
+    """Covariance of k derived quantities with the gradient (k, n): ``G Σ Gᵀ``.
+
+    A quantity that the free combinations leave unchanged to first order has a sigma, even where the coordinates that it
+    is made of have none; any other has NaN.
+    """
+    image = gradient @ estimated.factor
+    matrix = image @ image.T
+    weighted = gradient / observed.scale
+    length = np.sqrt(np.square(weighted).sum(axis=1))
+    along = np.sqrt(np.square(weighted @ observed.null_space).sum(axis=1))
+    estimable = along <= ORTHOGONAL * length
+    matrix[~estimable, :] = np.nan
+    matrix[:, ~estimable] = np.nan
+    return Propagated(matrix=matrix, sigma=np.sqrt(np.diag(matrix)), estimable=estimable)

@@ -1,0 +1,118 @@
+"""Jacobian → rank decision: what the equations determine, and in which combinations the rest is free."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+
+from mbm.solution.types import Floats, FreeCombination, Mask, Observability
+
+CERTAIN = 1e-12
+"""Singular values of the column-scaled Jacobian below this share of the largest are zero: derivatives carry roundings
+of a few 1e-16, sums over the rows some more, so an exact dependence shows at 1e-16 to 1e-13; the worst conditioned
+sets of StRD (Bennett5, Lanczos, MGH10) stay above 1e-8."""
+
+SUSPECT = 1e-9
+GAP = 1e4
+"""Between CERTAIN and SUSPECT they are zero where a gap this wide parts them from the larger ones: differences of large
+coordinates (grid coordinates of millions of metres) leave dependences with errors of 1e-10. An ill-conditioned but
+determined problem (a polynomial of high degree) has singular values that fall step by step, without such a gap."""
+
+TOUCHED = 1e-6
+"""A coordinate whose share in an orthonormal free direction is below this is not touched by it."""
+
+
+def observability(jacobian: Floats, point: Floats, fixed: Mask) -> Observability:
+    """The rank decision at ``point`` (n,) for a whitened Jacobian (m, n); coordinates in ``fixed`` (n,) do not move.
+
+    Column scaling makes the decision independent of the units of the unknowns.
+    """
+    n = point.size
+    peaks = np.abs(jacobian).max(axis=0, initial=0.0)
+    safe = np.where(peaks > 0.0, peaks, 1.0)
+    norms = safe * np.sqrt(np.square(jacobian / safe).sum(axis=0))
+    scale = np.where(peaks > 0.0, norms, 1.0)
+    used = np.flatnonzero((peaks > 0.0) & ~fixed)
+    unused = np.flatnonzero((peaks == 0.0) & ~fixed)
+    reduced = jacobian[:, used] / scale[used]
+    if reduced.shape[0] > 2 * used.size > 0:
+        reduced = cast(Floats, np.linalg.qr(reduced, mode="r"))
+    singular, right = np.zeros(0), np.zeros((0, used.size))
+    if used.size and reduced.shape[0]:
+        _, singular, right = np.linalg.svd(reduced, full_matrices=True)
+    rank = decided_rank(singular)
+    inner = right[rank:].T if right.size else np.eye(used.size)
+    row_space = np.zeros((n, rank))
+    row_space[used] = right[:rank].T
+    null_space = np.zeros((n, unused.size + inner.shape[1]))
+    null_space[unused, np.arange(unused.size)] = 1.0
+    null_space[used, unused.size :] = inner
+    touched = np.abs(null_space).max(axis=1, initial=0.0) > TOUCHED
+    return Observability(
+        dimension=n - int(fixed.sum()),
+        rank=rank,
+        condition=float(singular[0] / singular[rank - 1]) if rank else 1.0,
+        singular_values=singular,
+        scale=scale,
+        row_space=row_space,
+        null_space=null_space,
+        combinations=free_combinations(null_space[:, unused.size :], scale, point),
+        unused=tuple(int(i) for i in unused),
+        estimable=~touched & ~fixed,
+        fixed=fixed.copy(),
+    )
+
+
+def decided_rank(singular: Floats) -> int:
+    """How many of the singular values (descending) count; see CERTAIN and GAP."""
+    if singular.size == 0 or not singular[0] > 0.0:
+        return 0
+    shares = singular / singular[0]
+    for rank in range(1, singular.size):
+        following = float(shares[rank])
+        if following <= CERTAIN or (following <= SUSPECT and following * GAP <= float(shares[rank - 1])):
+            return rank
+    return int(singular.size)
+
+
+def free_combinations(null_space: Floats, scale: Floats, point: Floats) -> tuple[FreeCombination, ...]:
+    """A readable basis of the free directions: few coordinates in each, separate groups apart.
+
+    ``null_space`` (n, k) in scaled coordinates. Gauss-Jordan elimination with complete pivoting: each direction has a
+    coordinate of its own that no other moves, and what falls apart into groups comes out in groups.
+    """
+    rows = np.array(null_space.T)
+    pivots: list[int] = []
+    for done in range(rows.shape[0]):
+        best, column = divmod(int(np.argmax(np.abs(rows[done:]))), rows.shape[1])
+        rows[[done, done + best]] = rows[[done + best, done]]
+        rows[done] /= rows[done, column]
+        others = np.flatnonzero(np.arange(rows.shape[0]) != done)
+        rows[others] -= np.outer(rows[others, column], rows[done])
+        pivots.append(column)
+    order = np.argsort(np.array(pivots, dtype=np.int64), kind="stable")
+    return tuple(_combination(rows[i], scale, point) for i in order)
+
+
+def _combination(direction: Floats, scale: Floats, point: Floats) -> FreeCombination:
+    indices = np.flatnonzero(np.abs(direction) > TOUCHED * np.abs(direction).max())
+    movement = direction[indices] / scale[indices]
+    values = point[indices]
+    significant = bool((values != 0.0).all())
+    if significant:
+        relative = movement / values
+        largest = relative[int(np.argmax(np.abs(relative)))]
+        significant = bool(np.isfinite(relative / largest).all())
+    if not significant:
+        largest = movement[int(np.argmax(np.abs(movement)))]
+        return FreeCombination(
+            indices=tuple(int(i) for i in indices),
+            coefficients=tuple(float(v) for v in movement / largest),
+            relative=None,
+        )
+    return FreeCombination(
+        indices=tuple(int(i) for i in indices),
+        coefficients=tuple(float(v) for v in movement / largest),
+        relative=tuple(float(v) for v in relative / largest),
+    )

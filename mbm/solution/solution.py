@@ -1,0 +1,61 @@
+"""The answer of one solve, before it is made into a report: values, why it stopped, and how good the point is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.problem.tables import CellKey, Table
+from mbm.solution.assembly import Group
+from mbm.solution.layout import Layout
+from mbm.solution.types import Covariance, Fit, Floats, Indices, Minimum, Noise, Observability
+from mbm.text.types import Diagnostic
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DerivedSolution:
+    """A derived quantity: ``values`` and ``sigma`` (rows, size), sigma NaN where the data do not determine it.
+
+    ``gradient`` (rows·size, n) is with respect to the free numbers; None where it was left out for its size.
+    """
+
+    owner: int
+    positions: Indices
+    values: Floats
+    sigma: Floats
+    gradient: Floats | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Solution:
+    """One solve.
+
+    ``numbers`` (N,) are all unknowns in SI, ``free`` the positions of the estimated ones; ``noise`` has an entry for
+    each block with an unknown factor; ``factors`` (m,) are the noise factors per residual that the estimates hold with
+    (None: all 1); ``unused`` are positions of members that no equation mentions.
+    """
+
+    key: Mapping[str, CellKey]
+    tables: Mapping[str, Table]
+    layout: Layout
+    groups: tuple[Group, ...]
+    numbers: Floats
+    free: Indices
+    minimum: Minimum
+    observability: Observability
+    covariance: Covariance
+    derived_covariance: NDArray[np.float64] | None
+    derived: tuple[DerivedSolution, ...]
+    fit: Fit
+    noise: Mapping[int, Noise]
+    factors: Floats | None
+    sigma_known: bool
+    unused: Indices
+    method: str
+    iterations: int
+    evaluations: int
+    seconds: float
+    diagnostics: tuple[Diagnostic, ...]

@@ -1,0 +1,63 @@
+"""Linear equations in one step: least squares from the decomposition of the Jacobian, with refinement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbm.solution.solvers.box import box_of
+from mbm.solution.solvers.state import State, answer, begin, place_at
+from mbm.solution.types import Equations, Floats, Minimum, Reason, TraceEntry
+
+REFINEMENTS = 2
+"""Corrections from the residuals at the new point: they restore the digits that a bad start or conditioning costs."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Linear:
+    """Residuals affine in the unknowns and no bounds."""
+
+    name: str = "linear"
+
+    def supports(self, equations: Equations) -> bool:
+        """Affine residuals, no bound and no `positive` unknown."""
+        return equations.linear and equations.count > 0 and equations.dimension > 0 and not box_of(equations).present
+
+    @np.errstate(all="ignore")
+    def init(self, equations: Equations, start: Floats, tolerance: float) -> State:
+        """The state at the start; never finished there (unless not finite), so that one step is counted."""
+        state = begin(equations, start, tolerance)
+        return state if state.bad_row is not None else replace(state, reason=None)
+
+    @np.errstate(all="ignore")
+    def step(self, equations: Equations, state: State) -> State:
+        """The minimum (the one nearest the start in the scaled metric, where there are many)."""
+        best, evaluations, finite = state.place, state.evaluations, True
+        for _ in range(1 + REFINEMENTS):
+            point = equations.retract(best.point, best.full.vector)
+            residuals = equations.residuals(point)
+            evaluations += 1
+            cost = float(residuals @ residuals)
+            finite = bool(np.isfinite(cost))
+            if not finite or cost > best.cost + best.slack:
+                break
+            new = place_at(point, residuals, best.jacobian, state.box, state.tolerance, best, None)
+            if best is not state.place and not new.full.length < best.full.length:
+                break
+            best = new
+        here = state.place
+        entry = TraceEntry(iteration=1, cost=here.cost, offset=here.offset, radius=np.inf, trials=1)
+        reason = Reason.NO_FINITE_STEP if best is here and not finite else Reason.ONE_STEP
+        return replace(state, place=best, iterations=1, evaluations=evaluations, reason=reason, trace=(entry,))
+
+    def finished(self, state: State) -> Reason | None:
+        """Over after the step."""
+        return state.reason
+
+    def minimum(self, state: State, reason: Reason) -> Minimum:
+        """The state as an answer."""
+        return answer(state, reason)
+
+
+LINEAR = Linear()

@@ -1,0 +1,242 @@
+"""The trust-region iteration that Marquardt's method, the dogleg and Gauss-Newton share.
+
+Moré (1978) for the radius and its update. Added to it: trial points without a finite residual or Jacobian are refused
+and the radius shrinks; hard bounds; a second try along the curve where a step met curvature; Newton's steps at the end
+where Gauss-Newton's are slow; and last steps that are judged by the relative offset of Bates and Watts (1981) instead
+of the sum of squares, because the sum of squares stops telling points apart at half the digits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import isfinite, sqrt
+
+import numpy as np
+
+from mbm.solution.solvers.box import Step, StepRule, boxed_step
+from mbm.solution.solvers.curvature import remaining, residual_curvature, spread_of
+from mbm.solution.solvers.state import Place, State, answer, begin, place_at
+from mbm.solution.types import Equations, Floats, Minimum, Reason, TraceEntry
+
+ACCEPT = 1e-4
+"""Least share of the promised decrease that a step must bring (MINPACK)."""
+
+CURVED = 0.75
+"""A step that brings less of its promise than this is tried again with the curvature answered."""
+
+BEND = 0.75
+"""The answer to curvature may be this long beside the step (Transtrum and Sethna 2012)."""
+
+UNDECIDED = 10.0
+"""A promise below so many roundings of the cost is judged by the offset."""
+
+POLISH = 0.95
+"""A step judged by the offset must bring it below this share."""
+
+SLOW = 0.1
+"""The offset should fall below this share in one iteration near the minimum."""
+
+NEAR = 0.3
+"""… which is where the offset is below this: a third of a standard deviation."""
+
+CREEP = 1e-2
+"""Farther off, an iteration that lowers the cost by less than this share creeps: the second-order term may help."""
+
+PATIENCE = 4
+NEVER = 1_000_000
+"""Iterations from one computation of the second-order term to the next."""
+
+REACH = 10.0
+"""Newton's first step may be this many radii long."""
+
+TRIALS = 100
+"""Trial points in one iteration; the radius has shrunk by 10⁻³⁰ at least by then."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trial:
+    """A point that was tried: the step to it, what the equations say there."""
+
+    step: Step
+    point: Floats
+    residuals: Floats
+    cost: float
+    evaluations: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrustRegion:
+    """A method of this family: ``rule`` says where to step inside the radius."""
+
+    name: str
+    rule: StepRule
+
+    def supports(self, equations: Equations) -> bool:
+        """Any system of at least one equation and one unknown."""
+        return equations.dimension > 0 and equations.count > 0
+
+    @np.errstate(all="ignore")
+    def init(self, equations: Equations, start: Floats, tolerance: float) -> State:
+        """The state at the start (projected into the bounds)."""
+        return begin(equations, start, tolerance)
+
+    @np.errstate(all="ignore")
+    def step(self, equations: Equations, state: State) -> State:
+        """Trial steps until one is accepted, or none can be; the cost never grows by more than its rounding."""
+        here, radius, evaluations, finite = state.place, state.radius, state.evaluations, True
+        for trials in range(1, TRIALS + 1):
+            trial = _try(equations, state, _step_within(state, self.rule, radius))
+            evaluations += trial.evaluations
+            if np.array_equal(trial.point, here.point):
+                break
+            finite = isfinite(trial.cost)
+            if not finite:
+                radius = 0.25 * min(radius, trial.step.length)
+                continue
+            actual = here.cost - trial.cost
+            decided = trial.step.predicted > UNDECIDED * here.slack
+            if decided:
+                share = actual / trial.step.predicted
+                acceptable = share > ACCEPT
+            else:
+                share = 1.0
+                acceptable = trial.step is here.full and actual >= -here.slack
+            if acceptable:
+                jacobian = equations.jacobian(trial.point)
+                finite = bool(np.isfinite(jacobian).all())
+                if not finite:
+                    radius = 0.25 * min(radius, trial.step.length)
+                    continue
+                done = _counted(state, evaluations, trials)
+                new = _moved(equations, done, trial, jacobian, radius, share if decided else None)
+                if not decided and not new.place.offset <= POLISH * here.offset:
+                    return _no_better(done)
+                return new
+            if not decided:
+                break
+            radius = _shorter(here, trial.step, actual) * min(radius, trial.step.length)
+        return _stuck(equations, _counted(replace(state, radius=radius), evaluations, trials), finite)
+
+    def finished(self, state: State) -> Reason | None:
+        """Why the iteration is over, or None while it is not."""
+        return state.reason
+
+    def minimum(self, state: State, reason: Reason) -> Minimum:
+        """The state as an answer."""
+        return answer(state, reason)
+
+
+def _step_within(state: State, rule: StepRule, radius: float) -> Step:
+    here = state.place
+    if here.full.length <= 1.1 * radius:
+        return here.full
+    if here.free is not None:
+        gaps = state.box.gaps(here.point)
+        return boxed_step(here.jacobian, here.residuals, here.scale, here.free, gaps, rule, radius)
+    scaled = rule(here.parts, radius)
+    length = sqrt(float(scaled @ scaled))
+    return Step(vector=scaled / here.scale, predicted=here.parts.predicted(scaled), length=length)
+
+
+def _try(equations: Equations, state: State, step: Step) -> Trial:
+    """Evaluate a step, and once more with the curvature answered where it brought too little."""
+    here = state.place
+    point = state.box.project(equations.retract(here.point, step.vector))
+    residuals = equations.residuals(point)
+    cost = float(residuals @ residuals)
+    plain = Trial(step=step, point=point, residuals=residuals, cost=cost, evaluations=1)
+    promising = isfinite(cost) and here.free is None and step.predicted > UNDECIDED * here.slack
+    if not promising or here.cost - cost >= CURVED * step.predicted:
+        return plain
+    scaled = step.vector * here.scale
+    missed = residuals - here.residuals - here.jacobian @ step.vector
+    bend = here.parts.bent((missed @ here.jacobian) / here.scale, scaled)
+    if not float(bend @ bend) <= (BEND * step.length) ** 2:
+        return plain
+    curved = equations.retract(here.point, (scaled + bend) / here.scale)
+    there = equations.residuals(curved)
+    lower = float(there @ there)
+    if lower < cost:
+        return Trial(step=step, point=curved, residuals=there, cost=lower, evaluations=2)
+    return replace(plain, evaluations=2)
+
+
+def _moved(
+    equations: Equations, state: State, trial: Trial, jacobian: Floats, radius: float, share: float | None
+) -> State:
+    """The state at an accepted point, with the second-order term where convergence is slow enough to pay for it."""
+    here = state.place
+    there = place_at(trial.point, trial.residuals, jacobian, state.box, state.tolerance, here, state.curvature)
+    if share is not None:
+        radius = _radius_after(share, radius, trial.step.length, trial.step is here.full)
+    new = replace(state, place=there, radius=radius, reason=there.ending, patience=max(state.patience - 1, 0))
+    if there.ending is not None or there.offset <= SLOW * here.offset or new.patience > 0:
+        return new
+    if there.offset < NEAR:
+        if remaining(there.offset, here.offset, state.tolerance) <= there.point.size + 2:
+            return new
+    elif here.cost - trial.cost > CREEP * here.cost:
+        return new
+    second = _with_curvature(equations, new)
+    return replace(second, radius=max(radius, min(second.place.full.length, REACH * radius)))
+
+
+def _with_curvature(equations: Equations, state: State) -> State:
+    """The state with the second-order term at its point."""
+    here = state.place
+    spread = spread_of(here.cost, here.freedom)
+    curvature = residual_curvature(equations, here.point, here.residuals, here.jacobian, here.scale, spread)
+    again = place_at(here.point, here.residuals, here.jacobian, state.box, state.tolerance, here, curvature)
+    patience = PATIENCE if again.offset >= NEAR else 0
+    return replace(state, place=again, curvature=curvature, patience=patience, reason=again.ending)
+
+
+def _stuck(equations: Equations, state: State, finite: bool) -> State:
+    """No trial was accepted: the end, unless Newton's step shows a way that Gauss-Newton's did not."""
+    here = state.place
+    if here.full.predicted <= UNDECIDED * here.slack:
+        return _no_better(state)
+    if not finite:
+        return replace(state, reason=Reason.NO_FINITE_STEP)
+    if state.patience > 0:
+        return replace(state, reason=Reason.FLAT)
+    second = _with_curvature(equations, state)
+    return replace(second, patience=PATIENCE, radius=max(state.radius, second.place.full.length))
+
+
+def _no_better(state: State) -> State:
+    """No better point: the end, unless the second-order term was too inexact for the last digits."""
+    if state.curvature is None:
+        return replace(state, reason=Reason.ROUNDING)
+    here = state.place
+    plain = place_at(here.point, here.residuals, here.jacobian, state.box, state.tolerance, here, None)
+    radius = max(state.radius, plain.full.length)
+    return replace(state, place=plain, curvature=None, patience=NEVER, radius=radius, reason=plain.ending)
+
+
+def _radius_after(share: float, radius: float, length: float, whole: bool) -> float:
+    if share <= 0.25:
+        return 0.5 * min(radius, 10.0 * length)
+    if whole or share >= 0.75:
+        return 2.0 * length
+    return radius
+
+
+def _shorter(here: Place, step: Step, actual: float) -> float:
+    """MINPACK's shortening after a growing cost: half of where the parabola through slope and value is least."""
+    if actual >= 0.0:
+        return 0.5
+    slope = float((here.jacobian @ step.vector) @ here.residuals)
+    share = 0.5 * slope / (slope + 0.5 * actual) if slope < 0.0 else 0.0
+    return min(max(share, 0.1), 0.5)
+
+
+def _counted(state: State, evaluations: int, trials: int) -> State:
+    entry = TraceEntry(
+        iteration=state.iterations + 1,
+        cost=state.place.cost,
+        offset=state.place.offset,
+        radius=state.radius,
+        trials=trials,
+    )
+    return replace(state, iterations=state.iterations + 1, evaluations=evaluations, trace=(*state.trace, entry))

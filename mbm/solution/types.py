@@ -1,0 +1,258 @@
+"""Values of the numerics: what a solver is given, what it answers, what is known about the answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats: TypeAlias = NDArray[np.float64]
+Mask: TypeAlias = NDArray[np.bool_]
+Indices: TypeAlias = NDArray[np.int64]
+
+
+class Equations(Protocol):
+    """A least squares problem in whitened form: minimise ``Σ r(x)²`` with ``r = h/σ``.
+
+    ``x`` is a vector of ``dimension`` coordinates; a step is a vector of the same length in the tangent space at ``x``
+    (for real unknowns the two are the same). Bounds compare the coordinates of ``x`` themselves, so they may be finite
+    only where ``retract`` adds. Priors are rows like any other.
+    """
+
+    @property
+    def dimension(self) -> int:
+        """n, the number of free scalar unknowns."""
+        ...
+
+    @property
+    def count(self) -> int:
+        """m, the number of scalar residuals: observations and priors."""
+        ...
+
+    @property
+    def lower(self) -> Floats:
+        """Hard lower bounds, shape (n,), -inf where there is none."""
+        ...
+
+    @property
+    def upper(self) -> Floats:
+        """Hard upper bounds, shape (n,), +inf where there is none."""
+        ...
+
+    @property
+    def positive(self) -> Mask:
+        """Coordinates that must stay strictly above zero, shape (n,)."""
+        ...
+
+    @property
+    def linear(self) -> bool:
+        """The residuals are affine in ``x``."""
+        ...
+
+    def residuals(self, x: Floats) -> Floats:
+        """r(x), shape (m,); NaN or inf where the model has no value."""
+        ...
+
+    def jacobian(self, x: Floats) -> Floats:
+        """dr/d(step) at step 0, shape (m, n), dense."""
+        ...
+
+    def retract(self, x: Floats, step: Floats) -> Floats:
+        """X ⊞ step, shape (n,); ``x + step`` for real unknowns."""
+        ...
+
+
+class Reason(Enum):
+    """Why a solver stopped. ``name`` is for programs, ``sentence`` for people."""
+
+    SMALL_OFFSET = ("converged", "the next step is negligible beside the uncertainty of the estimates")
+    ROUNDING = ("converged", "no step improves the fit beyond rounding")
+    EXACT_FIT = ("converged", "the residuals are zero to rounding")
+    ONE_STEP = ("converged", "the equations are linear and were solved in one step")
+    FLAT = ("not-converged", "the fit no longer improves, but the next step is not small: the minimum may lie far off")
+    MAX_ITERATIONS = ("not-converged", "the limit of iterations was reached before the estimates settled")
+    NOT_FINITE_AT_START = ("not-converged", "an equation has no finite value at the initial values")
+    JACOBIAN_NOT_FINITE_AT_START = ("not-converged", "a derivative of an equation is not finite at the initial values")
+    NO_FINITE_STEP = ("not-converged", "every step, however short, leads to an equation without a finite value")
+
+    def __init__(self, outcome: str, sentence: str) -> None:
+        self.outcome = outcome
+        self.sentence = sentence
+
+    @property
+    def converged(self) -> bool:
+        """The point is a minimum as far as the arithmetic can tell."""
+        return self.outcome == "converged"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TraceEntry:
+    """One iteration: cost ``Σ r²``, relative offset and trust radius before it, trial points that it took."""
+
+    iteration: int
+    cost: float
+    offset: float
+    radius: float
+    trials: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Minimum:
+    """What a solver answers; how good the point is and why it stopped are separate fields.
+
+    ``point`` (n,), ``residuals`` (m,), ``jacobian`` (m, n) at the point; ``cost = Σ r²``; ``at_bound`` (n,) holds -1
+    and +1 for coordinates held at their lower and upper bound, 0 elsewhere; ``offset`` is the relative offset (Bates
+    and Watts 1981) of the free coordinates, 0 at a perfect minimum; ``bad_row`` is the first residual (0-based) that is
+    not finite where the reason speaks of one.
+    """
+
+    point: Floats
+    residuals: Floats
+    jacobian: Floats
+    cost: float
+    reason: Reason
+    iterations: int
+    evaluations: int
+    offset: float
+    at_bound: NDArray[np.int8]
+    bad_row: int | None = None
+    trace: tuple[TraceEntry, ...] = field(default=(), repr=False)
+
+
+class Solver(Protocol):
+    """An iterative method: ``state = init(…)``, then ``step`` until ``finished``; states are immutable values."""
+
+    @property
+    def name(self) -> str:
+        """The name in ``(solve :method NAME)``."""
+        ...
+
+    def supports(self, equations: Equations) -> bool:
+        """The method can solve problems of this kind."""
+        ...
+
+    def init(self, equations: Equations, start: Floats, tolerance: float) -> Any:
+        """The state at the start (projected into the bounds)."""
+        ...
+
+    def step(self, equations: Equations, state: Any) -> Any:
+        """The state after one iteration; the cost never grows."""
+        ...
+
+    def finished(self, state: Any) -> Reason | None:
+        """Why the iteration is over, or None while it is not."""
+        ...
+
+    def minimum(self, state: Any, reason: Reason) -> Minimum:
+        """The state as an answer."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FreeCombination:
+    """Unknowns that can move together without any equation noticing, to first order.
+
+    ``indices`` are the coordinates concerned (0-based, ascending), ``coefficients`` their movement in the units of the
+    coordinates, ``relative`` the same as ``δx_i / x_i`` (None unless every coordinate concerned is away from zero); the
+    larger ones of ``relative`` (else of ``coefficients``) are 1 in magnitude. Where all of ``relative`` are equal, the
+    unknowns scale together; where they are 1 and -1, only a product or quotient is determined.
+    """
+
+    indices: tuple[int, ...]
+    coefficients: tuple[float, ...]
+    relative: tuple[float, ...] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Observability:
+    """The rank decision at a point.
+
+    ``rank`` of ``dimension`` (the free coordinates only: those at a bound are ``fixed`` and not counted in either);
+    ``condition`` of the column-scaled Jacobian on its estimable part; ``singular_values`` of the scaled Jacobian,
+    descending; ``unused`` coordinates whose column is exactly zero; ``combinations`` that are free beside those;
+    ``scale`` (n,) the column norms (1 for empty columns); ``row_space`` (n, rank) and ``null_space`` (n, k) orthonormal
+    bases in scaled coordinates ``scale · step``; ``estimable`` (n,) False where a free combination or an unused
+    coordinate touches; ``fixed`` (n,) the coordinates held at a bound.
+    """
+
+    dimension: int
+    rank: int
+    condition: float
+    singular_values: Floats
+    scale: Floats
+    row_space: Floats
+    null_space: Floats
+    combinations: tuple[FreeCombination, ...]
+    unused: tuple[int, ...]
+    estimable: Mask
+    fixed: Mask
+
+    @property
+    def observable(self) -> bool:
+        """Every free coordinate is determined by the equations."""
+        return self.rank == self.dimension
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Covariance:
+    """Covariance of the estimates.
+
+    ``matrix`` (n, n) holds NaN in the rows and columns of coordinates that a free combination touches and 0 for those
+    fixed at a bound; ``sigma`` (n,) its root diagonal; ``factor`` (n, rank) with ``factor @ factor.T`` the covariance
+    on the estimable subspace (minimum norm in the scaled metric), from which derived quantities are propagated.
+    """
+
+    matrix: Floats
+    sigma: Floats
+    factor: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Propagated:
+    """Derived quantities: ``matrix`` (k, k) and ``sigma`` (k,), NaN where a free combination changes the quantity."""
+
+    matrix: Floats
+    sigma: Floats
+    estimable: Mask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fit:
+    """Residual statistics of CONTRACT §2: ``cost = Σ r²``; ``sigma0`` and ``chi2_p`` None where they mean nothing."""
+
+    cost: float
+    dof: int
+    sigma0: float | None
+    chi2_p: float | None
+
+
+class NoiseState(Enum):
+    """How the noise factor of a group came about; the value is the sentence for people."""
+
+    ESTIMATED = "the factor was estimated from the residuals"
+    NO_REDUNDANCY = "the group has no redundancy: its noise cannot be estimated"
+    EXACT = "the residuals of the group are zero: its noise cannot be estimated"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Noise:
+    """Noise of one ``:sigma unknown`` group: its sigma times ``factor``; ``redundancy`` is its share of the dof.
+
+    Where ``state`` is not ESTIMATED, ``factor`` is the one last used as a weight, not an estimate.
+    """
+
+    factor: float
+    redundancy: float
+    state: NoiseState
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Components:
+    """Variance components: one ``Noise`` for each group, in order; ``settled`` is False where the rounds ran out."""
+
+    noises: tuple[Noise, ...]
+    rounds: int
+    settled: bool

@@ -1,0 +1,108 @@
+"""Residuals → how well they fit, how much each row is checked by the others, and how large unknown noise is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import sqrt
+
+import numpy as np
+
+from mbm.solution.gamma import chi_square_tail
+from mbm.solution.types import Components, Fit, Floats, Indices, Noise, NoiseState, Observability
+
+Reweighted = Callable[[Floats], tuple[Floats, Floats]]
+"""From the noise factors (one for each unknown group) to the residuals (m,) and redundancy numbers (m,) at the minimum
+with the rows of group k whitened by its sigma times factor k. The caller starts each solve where the last one ended."""
+
+ROUNDS = 200
+"""Outer iterations; each squares away most of the error unless a group has hardly any redundancy."""
+
+SETTLED = 1e-9
+"""Relative change of every factor that ends the rounds."""
+
+LEAST_REDUNDANCY = 1e-9
+"""A group with less redundancy than this is not checked by anything."""
+
+VANISHED = 1e-12
+"""A factor that falls below this share of its first value belongs to a group that is fitted exactly."""
+
+
+def fit_statistics(cost: float, rows: int, rank: int, noise_stated: bool, equalities: int = 0) -> Fit:
+    """Statistics of a minimum: ``dof = rows + equalities - rank``; no χ² test where any noise is unknown."""
+    dof = rows + equalities - rank
+    return Fit(
+        cost=cost,
+        dof=dof,
+        sigma0=sqrt(cost / dof) if dof > 0 else None,
+        chi2_p=chi_square_tail(cost, dof) if dof > 0 and noise_stated else None,
+    )
+
+
+def redundancy_numbers(jacobian: Floats, observed: Observability) -> Floats:
+    """Share of each row (m,) that shows in its residual: 1 - the diagonal of the hat matrix; their sum is m - rank.
+
+    Förstner (1979). 0: the row determines something that nothing else does; 1: it determines nothing.
+    """
+    rank = observed.rank
+    left = (jacobian / observed.scale) @ (observed.row_space / observed.singular_values[:rank])
+    numbers: Floats = np.clip(1.0 - np.square(left).sum(axis=1), 0.0, 1.0)
+    return numbers
+
+
+def common_factor(cost: float, dof: int) -> Noise:
+    """The factor where all rows share one unknown noise and nothing is stated: ``s² = cost/dof``, weights unchanged."""
+    if dof <= 0:
+        return Noise(factor=1.0, redundancy=0.0, state=NoiseState.NO_REDUNDANCY)
+    if cost == 0.0:
+        return Noise(factor=1.0, redundancy=float(dof), state=NoiseState.EXACT)
+    return Noise(factor=sqrt(cost / dof), redundancy=float(dof), state=NoiseState.ESTIMATED)
+
+
+def variance_components(solve: Reweighted, groups: Sequence[Indices]) -> Components:
+    """Factors of several groups of unknown noise; rows in none of the ``groups`` have stated noise and keep it.
+
+    Simplified Helmert iteration (Förstner 1979): ``s_k² ← s_k² · SSE_k / r_k`` with the whitened residuals and the
+    redundancy of group k, until all factors settle. A group that is fitted exactly, or that has no redundancy, keeps
+    its last factor and says so.
+    """
+    factors = np.ones(len(groups))
+    first = np.ones(len(groups))
+    states = [NoiseState.ESTIMATED] * len(groups)
+    shares = np.zeros(len(groups))
+    for rounds in range(1, ROUNDS + 1):
+        residuals, redundancy = solve(factors)
+        ratios = np.ones(len(groups))
+        for k, rows in enumerate(groups):
+            shares[k] = float(redundancy[rows].sum())
+            squares = float(residuals[rows] @ residuals[rows])
+            if states[k] is not NoiseState.EXACT:
+                states[k] = _state_of(shares[k], squares)
+            if states[k] is NoiseState.ESTIMATED:
+                ratios[k] = sqrt(squares / shares[k])
+        updated = factors * ratios
+        if rounds == 1:
+            first = updated
+        for k in range(len(groups)):
+            if updated[k] < VANISHED * first[k]:
+                states[k] = NoiseState.EXACT
+                updated[k] = factors[k]
+        change = float(np.abs(updated / factors - 1.0).max(initial=0.0))
+        factors = updated
+        if change <= SETTLED:
+            return _components(factors, shares, states, rounds, settled=True)
+    return _components(factors, shares, states, ROUNDS, settled=False)
+
+
+def _state_of(redundancy: float, squares: float) -> NoiseState:
+    if redundancy <= LEAST_REDUNDANCY:
+        return NoiseState.NO_REDUNDANCY
+    return NoiseState.EXACT if squares == 0.0 else NoiseState.ESTIMATED
+
+
+def _components(
+    factors: Floats, shares: Floats, states: Sequence[NoiseState], rounds: int, *, settled: bool
+) -> Components:
+    noises = tuple(
+        Noise(factor=float(f), redundancy=float(r), state=s) for f, r, s in zip(factors, shares, states, strict=True)
+    )
+    return Components(noises=noises, rounds=rounds, settled=settled)

@@ -1,0 +1,156 @@
+"""Expressions → SymPy, node by node and unevaluated: SymPy's own simplifications would flatten the DAG.
+
+Equal subexpressions become one object on the way, so that later stages find them by identity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+
+import sympy
+
+from mbm.expression.nodes import (
+    Apply,
+    Column,
+    Component,
+    Constant,
+    Expression,
+    Number,
+    Opaque,
+    Operation,
+    postorder,
+)
+
+
+class Finite(sympy.Function):  # type: ignore[misc]
+    """Whether a number is neither missing nor infinite."""
+
+    is_Boolean = True
+
+
+def _wrap(a: sympy.Expr) -> sympy.Expr:
+    turn = 2 * sympy.pi
+    return a - turn * sympy.ceiling(a / turn - sympy.Rational(1, 2))
+
+
+_OPERATIONS: Mapping[Operation, Callable[..., sympy.Basic]] = {
+    Operation.ADD: sympy.Add,
+    Operation.SUBTRACT: lambda a, b: sympy.Add(a, sympy.Mul(sympy.Integer(-1), b)),
+    Operation.NEGATE: lambda a: sympy.Mul(sympy.Integer(-1), a),
+    Operation.MULTIPLY: sympy.Mul,
+    Operation.DIVIDE: lambda a, b: sympy.Mul(a, sympy.Pow(b, sympy.Integer(-1))),
+    Operation.POWER: sympy.Pow,
+    Operation.SQRT: lambda a: sympy.Pow(a, sympy.Rational(1, 2)),
+    Operation.EXP: sympy.exp,
+    Operation.LOG: sympy.log,
+    Operation.ABS: sympy.Abs,
+    Operation.SIGN: sympy.sign,
+    Operation.FLOOR: sympy.floor,
+    Operation.MINIMUM: sympy.Min,
+    Operation.MAXIMUM: sympy.Max,
+    Operation.HYPOT: lambda a, b: sympy.Pow(
+        sympy.Add(sympy.Pow(a, sympy.Integer(2)), sympy.Pow(b, sympy.Integer(2))), sympy.Rational(1, 2)
+    ),
+    Operation.SIN: sympy.sin,
+    Operation.COS: sympy.cos,
+    Operation.TAN: sympy.tan,
+    Operation.ASIN: sympy.asin,
+    Operation.ACOS: sympy.acos,
+    Operation.ATAN: sympy.atan,
+    Operation.ATAN2: sympy.atan2,
+    Operation.SINH: sympy.sinh,
+    Operation.COSH: sympy.cosh,
+    Operation.TANH: sympy.tanh,
+    Operation.ASINH: sympy.asinh,
+    Operation.ACOSH: sympy.acosh,
+    Operation.ATANH: sympy.atanh,
+    Operation.WRAP: _wrap,
+    Operation.AS_ANGLE: lambda a: a,
+    Operation.IF: lambda c, a, b: sympy.Piecewise((a, c), (b, sympy.true)),
+    Operation.LESS: sympy.StrictLessThan,
+    Operation.LESS_EQUAL: sympy.LessThan,
+    Operation.EQUAL: sympy.Equality,
+    Operation.NOT: sympy.Not,
+    Operation.AND: sympy.And,
+    Operation.OR: sympy.Or,
+    Operation.FINITE: Finite,
+}
+
+
+class Converter:
+    """Converts expressions; remembers the symbol of every input. One for each block, so that its inputs are its own."""
+
+    def __init__(self) -> None:
+        self.components: dict[object, tuple[Component, sympy.Symbol]] = {}
+        self.columns: dict[object, tuple[Column, sympy.Symbol]] = {}
+        self.constants: dict[str, tuple[Constant, sympy.Symbol]] = {}
+        self._memo: dict[int, sympy.Basic] = {}
+        self._interned: dict[sympy.Basic, sympy.Basic] = {}
+        self._names: set[str] = set()
+
+    def convert(self, roots: tuple[Expression, ...]) -> tuple[sympy.Expr, ...]:
+        """``roots`` in SymPy; numbers are exact where they were written exactly."""
+        with sympy.evaluate(False):
+            for node in postorder(roots):
+                if id(node) not in self._memo:
+                    made = self._leaf(node) if not isinstance(node, Apply) else self._apply(node)
+                    self._memo[id(node)] = self._interned.setdefault(made, made)
+        return tuple(self._memo[id(root)] for root in roots)
+
+    def _apply(self, node: Apply) -> sympy.Basic:
+        return _OPERATIONS[node.operation](*(self._memo[id(a)] for a in node.arguments))
+
+    def _leaf(self, node: Expression) -> sympy.Basic:
+        if isinstance(node, Number):
+            return _number(node.value)
+        if isinstance(node, Component):
+            known = self.components.get(node.identity)
+            if known is None:
+                known = (node, self._symbol(component_name(node)))
+                self.components[node.identity] = known
+            return known[1]
+        if isinstance(node, Column):
+            found = self.columns.get(node.identity)
+            if found is None:
+                found = (node, self._symbol(node.name if node.row == "each" else f"{node.row}.{node.name}"))
+                self.columns[node.identity] = found
+            return found[1]
+        if isinstance(node, Constant):
+            constant = self.constants.get(node.name)
+            if constant is None:
+                constant = (node, self._symbol(node.name))
+                self.constants[node.name] = constant
+            return constant[1]
+        message = "a form that was never evaluated reached the symbolic stage"
+        raise TypeError(message if isinstance(node, Opaque) else type(node).__name__)
+
+    def _symbol(self, name: str) -> sympy.Symbol:
+        """A real symbol of its own: two inputs never share a name."""
+        unique, count = name, 2
+        while unique in self._names:
+            unique, count = f"{name}'{count}", count + 1
+        self._names.add(unique)
+        return sympy.Symbol(unique, real=True)
+
+
+def component_name(node: Component) -> str:
+    """How equations show one number of an unknown: ``p[1]``, ``q["waist"]``, ``cam[camera][2]``."""
+    name = node.unknown
+    if node.member is not None:
+        key = getattr(node.member, "key", None)
+        if key is None:
+            name += f"[{getattr(node.member, 'column', '')}]"
+        else:
+            name += f'["{key}"]' if isinstance(key, str) else f"[{key:g}]"
+    if node.index:
+        name += f"[{','.join(map(str, node.index))}]"
+    return name
+
+
+def _number(value: int | Fraction | float) -> sympy.Expr:
+    if isinstance(value, int):
+        return sympy.Integer(value)
+    if isinstance(value, Fraction):
+        return sympy.Rational(value.numerator, value.denominator)
+    return sympy.Float(value, precision=53)

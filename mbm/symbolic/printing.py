@@ -1,0 +1,93 @@
+"""Equations for people: plain text or LaTeX, with names for what occurs more than once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import sympy
+
+from mbm.symbolic.types import ResidualBlock
+
+LEAST_SIZE = 3
+"""Operations that a repeated subexpression has before it gets a name of its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class PrintedEquations:
+    """Lines ``t1 = …`` of named subexpressions, and one line for each component."""
+
+    definitions: tuple[str, ...]
+    components: tuple[str, ...]
+
+
+def printed(block: ResidualBlock, *, latex: bool) -> PrintedEquations:
+    """The equations of a block; a component of a residual is what should be zero."""
+    taken = {s.name for s in (*block.variable_symbols, *block.parameter_symbols)}
+    definitions, components = named_subexpressions(block.expressions, taken)
+    show = _latex if latex else _plain
+    return PrintedEquations(
+        definitions=tuple(f"{show(symbol)} = {show(value)}" for symbol, value in definitions),
+        components=tuple(show(c) for c in components),
+    )
+
+
+def _plain(node: sympy.Basic) -> str:
+    return str(sympy.sstr(node, order="none", full_prec=False))
+
+
+def _latex(node: sympy.Basic) -> str:
+    return str(sympy.latex(node, order="none"))
+
+
+def named_subexpressions(
+    expressions: Sequence[sympy.Expr], taken: set[str]
+) -> tuple[list[tuple[sympy.Symbol, sympy.Expr]], list[sympy.Expr]]:
+    """``expressions`` with each repeated subexpression of some size replaced by a symbol, and those symbols' values."""
+    order, uses, sizes = _survey(expressions)
+    definitions: list[tuple[sympy.Symbol, sympy.Expr]] = []
+    replaced: dict[sympy.Basic, sympy.Basic] = {}
+    with sympy.evaluate(False):
+        for node in order:
+            made = node.func(*(replaced[a] for a in node.args)) if node.args else node
+            if node.args and uses[node] > 1 and sizes[node] >= LEAST_SIZE and isinstance(node, sympy.Expr):
+                symbol = _symbol(len(definitions) + 1, taken)
+                definitions.append((symbol, made))
+                made = symbol
+            replaced[node] = made
+    return definitions, [replaced[e] for e in expressions]
+
+
+def _symbol(number: int, taken: set[str]) -> sympy.Symbol:
+    name = f"t{number}"
+    while name in taken:
+        name += "'"
+    taken.add(name)
+    return sympy.Symbol(name, real=True)
+
+
+def _survey(
+    expressions: Sequence[sympy.Expr],
+) -> tuple[list[sympy.Basic], dict[sympy.Basic, int], dict[sympy.Basic, int]]:
+    """Every node once, arguments first; how often each is used; how many operations each takes (bounded)."""
+    order: list[sympy.Basic] = []
+    uses: dict[sympy.Basic, int] = {}
+    sizes: dict[sympy.Basic, int] = {}
+    for expression in expressions:
+        uses[expression] = uses.get(expression, 0) + 1
+        stack = [(expression, False)]
+        while stack:
+            node, ready = stack.pop()
+            if ready:
+                order.append(node)
+                sizes[node] = min(10**6, sum(sizes[a] for a in node.args) + (1 if node.args else 0))
+                continue
+            if node in sizes:
+                continue
+            sizes[node] = 0
+            stack.append((node, True))
+            for argument in reversed(node.args):
+                uses[argument] = uses.get(argument, 0) + 1
+                if argument not in sizes:
+                    stack.append((argument, False))
+    return list(dict.fromkeys(order)), uses, sizes

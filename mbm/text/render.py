@@ -1,0 +1,162 @@
+"""Diagnostic → the excerpt a person reads, or the dictionary a program reads."""
+
+from __future__ import annotations
+
+import unicodedata
+
+from mbm.text.types import Diagnostic, Place, Span
+
+WIDEST = 100
+"""Columns of an excerpt; longer lines are cut around the place."""
+
+_TAB = 4
+_LONGEST_SIDE_HINT = 60
+_RESET = "\x1b[0m"
+_COLORS = {"error": "\x1b[1;31m", "warning": "\x1b[1;33m", "note": "\x1b[1;34m", "bold": "\x1b[1m"}
+
+
+def render(diagnostic: Diagnostic, *, color: bool = False) -> str:
+    """The diagnostic with an excerpt of the source for each of its places, without a line break at the end.
+
+    The hint stands behind the carets if there is room for it, else on a ``= help:`` line. With ``color``, ANSI
+    escapes for a terminal. Control characters of the source are replaced, so no file can write to the terminal.
+    """
+    paint = _Paint(color)
+    severity = diagnostic.severity.value
+    head = paint(f"{severity}[{diagnostic.code.name}]", severity) + paint(f": {_clean(diagnostic.message)}", "bold")
+    gutter = _gutter(diagnostic)
+    lines = [head]
+    place, hint = diagnostic.place, None if diagnostic.hint is None else _clean(diagnostic.hint)
+    if isinstance(place, Span):
+        beside = hint if hint is not None and _fits_beside(place, hint, gutter) else None
+        lines.extend(_excerpt(place, beside, "^", gutter, paint, severity))
+        hint = None if beside is not None else hint
+    elif place is not None:
+        lines.append(_arrow(place, gutter, paint))
+    for label in diagnostic.labels:
+        message = _clean(label.message)
+        if isinstance(label.place, Span):
+            lines.extend(_excerpt(label.place, message, "-", gutter, paint, "note"))
+        else:
+            lines.append(f"{_arrow(label.place, gutter, paint)}: {message}")
+    if hint is not None:
+        lines.append(f"{' ' * gutter} {paint('=', 'note')} {paint('help', 'bold')}: {hint}")
+    return "\n".join(lines)
+
+
+def as_json(diagnostic: Diagnostic) -> dict[str, str | int | None]:
+    """The diagnostic with the keys of the result document: severity, code, message, file, line, column, length, hint.
+
+    Lines and columns count from 1, lengths in characters. For a place in a data file ``line`` and ``row`` are the row
+    as in the file (header = 1), ``column_name`` is the column's name, ``column`` and ``length`` are None.
+    """
+    place = diagnostic.place
+    document: dict[str, str | int | None] = {
+        "severity": diagnostic.severity.value,
+        "code": diagnostic.code.name,
+        "message": diagnostic.message,
+        "file": None,
+        "line": None,
+        "column": None,
+        "length": None,
+        "hint": diagnostic.hint,
+    }
+    if isinstance(place, Span):
+        document |= {"file": place.source.name, "line": place.line, "column": place.column, "length": place.length}
+    elif place is not None:
+        document |= {"file": place.file, "line": place.row, "row": place.row, "column_name": place.column}
+    return document
+
+
+class _Paint:
+    """Colours words, or leaves them."""
+
+    def __init__(self, color: bool) -> None:
+        self._color = color
+
+    def __call__(self, words: str, kind: str) -> str:
+        return f"{_COLORS[kind]}{words}{_RESET}" if self._color else words
+
+
+def _gutter(diagnostic: Diagnostic) -> int:
+    places = (diagnostic.place, *(label.place for label in diagnostic.labels))
+    return max([2, *(len(str(place.line)) for place in places if isinstance(place, Span))])
+
+
+def _arrow(place: Place, gutter: int, paint: _Paint) -> str:
+    arrow = " " * gutter + paint("-->", "note")
+    if isinstance(place, Span):
+        return f"{arrow} {_clean(place.source.name)}:{place.line}:{place.column}"
+    row = "" if place.row is None else f":{place.row}"
+    column = "" if place.column is None else f" (column {_clean(place.column)})"
+    return f"{arrow} {_clean(place.file)}{row}{column}"
+
+
+def _excerpt(place: Span, words: str | None, mark: str, gutter: int, paint: _Paint, kind: str) -> list[str]:
+    shown, indent, width = _window(place, WIDEST - gutter - 3)
+    bar = paint("|", "note")
+    under = mark * width if words is None else f"{mark * width} {words}"
+    return [
+        _arrow(place, gutter, paint),
+        f"{' ' * gutter} {bar}",
+        f"{paint(str(place.line).rjust(gutter), 'note')} {bar} {shown}".rstrip(),
+        f"{' ' * gutter} {bar} {' ' * indent}{paint(under, kind)}",
+    ]
+
+
+def _fits_beside(place: Span, hint: str, gutter: int) -> bool:
+    _shown, indent, width = _window(place, WIDEST - gutter - 3)
+    return len(hint) <= _LONGEST_SIDE_HINT and gutter + 3 + indent + width + 1 + _width(hint) <= WIDEST
+
+
+def _window(place: Span, room: int) -> tuple[str, int, int]:
+    """The first line of the place cut to ``room`` columns, the columns before the place, the columns it takes."""
+    text = place.source.line_text(place.line)
+    start = place.column - 1
+    end = min(start + max(place.length, 1), max(len(text), start + 1))
+    before, inside, after = text[:start], text[start:end], text[end:]
+    before, inside, after = _columns(before), _columns(inside), _columns(after)
+    if _width(before + inside + after) > room:
+        inside = _cut(inside, room - 2)
+        margin = max((room - _width(inside)) // 2, 1)
+        if _width(before) > margin and _width(before + inside) + 1 > room:
+            before = "…" + _cut_left(before, margin - 1)
+        after = _cut(after, room - _width(before + inside))
+    return before + inside + after, _width(before), max(_width(inside), 1)
+
+
+def _columns(text: str) -> str:
+    return _clean(text.replace("\t", " " * _TAB))
+
+
+def _cut(text: str, room: int) -> str:
+    if _width(text) <= room:
+        return text
+    while text and _width(text) > room - 1:
+        text = text[: min(len(text) - 1, room)]
+    return text + "…"
+
+
+def _cut_left(text: str, room: int) -> str:
+    text = text[max(len(text) - room, 0) :]
+    while _width(text) > room:
+        text = text[1:]
+    return text
+
+
+def _width(text: str) -> int:
+    """Columns of a terminal: East Asian wide characters take two, combining marks none."""
+    if text.isascii():
+        return len(text)
+    return sum(
+        0 if unicodedata.combining(character) else 2 if unicodedata.east_asian_width(character) in "WF" else 1
+        for character in text
+    )
+
+
+def _clean(text: str) -> str:
+    if text.isprintable():
+        return text
+    return "".join(
+        character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text.replace("\n", " ")
+    )

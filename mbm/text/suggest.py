@@ -1,0 +1,49 @@
+"""A misspelt name → the name that was probably meant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+def closest(name: str, candidates: Iterable[str]) -> str | None:
+    """The candidate that ``name`` was probably meant to be, or None if none is near enough.
+
+    Near is measured by the edit distance with transpositions (Damerau 1964, restricted), upper and lower case taken
+    as equal: one edit for names up to five letters, one more for every three letters beyond; a name of one letter
+    only matches itself in the other case. Ties go to the candidate that agrees in case, then to the one nearer in
+    length, then by alphabet, so that the order of the candidates does not matter. ``name`` itself is never suggested.
+    """
+    limit = 0 if len(name) < 2 else max(1, len(name) // 3)
+    folded = name.casefold()
+    best: tuple[int, int, int, str] | None = None
+    for candidate in candidates:
+        if candidate == name or abs(len(candidate) - len(name)) > limit:
+            continue
+        distance = edit_distance(folded, candidate.casefold(), limit)
+        if distance > limit:
+            continue
+        cased = edit_distance(name, candidate, len(name) + len(candidate))
+        found = (distance, cased, abs(len(candidate) - len(name)), candidate)
+        if best is None or found < best:
+            best = found
+    return None if best is None else best[3]
+
+
+def edit_distance(a: str, b: str, limit: int) -> int:
+    """The least number of insertions, deletions, replacements and swaps of neighbours from ``a`` to ``b``.
+
+    Beyond ``limit`` some number greater than ``limit`` is returned.
+    """
+    before_last: list[int] = []
+    last = list(range(len(b) + 1))
+    for i, left in enumerate(a, start=1):
+        row = [i]
+        for j, right in enumerate(b, start=1):
+            cost = min(last[j] + 1, row[j - 1] + 1, last[j - 1] + (left != right))
+            if i > 1 and j > 1 and left == b[j - 2] and a[i - 2] == right:
+                cost = min(cost, before_last[j - 2] + 1)
+            row.append(cost)
+        if min(row) > limit and (not last or min(last) > limit):
+            return limit + 1
+        before_last, last = last, row
+    return last[-1]

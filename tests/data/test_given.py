@@ -1,0 +1,95 @@
+"""Tables from the Python API."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+
+def cells(table) -> dict[str, list]:
+    return {name: list(c.texts) if c.texts is not None else c.numbers.tolist() for name, c in table.columns.items()}
+
+
+class PolarsLike:
+    """As much of a polars frame as is used: names of columns, and columns that convert to arrays."""
+
+    def __init__(self, **arrays):
+        self.arrays = arrays
+
+    @property
+    def columns(self):
+        return list(self.arrays)
+
+    def __getitem__(self, name):
+        return pd.Series(self.arrays[name])
+
+
+RECORD = np.array([(1.5, "a"), (2.0, "b")], dtype=[("x", "f8"), ("name", "U3")])
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"x": [1.5, 2], "name": ["a", "b"]},
+        {"x": np.array([1.5, 2]), "name": np.array(["a", "b"])},
+        {"x": pd.Series([1.5, 2]), "name": ("a", "b")},
+        [{"x": 1.5, "name": "a"}, {"x": 2, "name": "b"}],
+        ({"x": np.float32(1.5), "name": np.str_("a")}, {"x": np.int8(2), "name": "b"}),
+        RECORD,
+        RECORD.view(np.recarray),
+        pd.DataFrame({"x": [1.5, 2], "name": ["a", "b"]}),
+        pd.DataFrame({"x": [1.5, 2], "name": pd.Categorical(["a", "b"])}, index=[7, 9]),
+        pd.DataFrame({"x": pd.array([1.5, 2], dtype="Float64"), "name": pd.array(["a", "b"], dtype=object)}),
+        PolarsLike(x=[1.5, 2.0], name=["a", "b"]),
+    ],
+)
+def test_every_kind_of_table(load_given, given):
+    table = load_given(given)
+    assert cells(table) == {"x": [1.5, 2.0], "name": ["a", "b"]}
+    assert table.rows.tolist() == [1, 2]
+    assert table.provenance.path == "<d>"
+    assert table.provenance.sha256 is None
+    assert table.place(1, "x").row == 2
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"x": [1, None]},
+        {"x": [1, math.nan]},
+        {"x": np.ma.masked_array([1, 2], mask=[False, True])},
+        {"x": np.array([1, pd.NA], dtype=object)},
+        [{"x": 1, "y": 0}, {"y": 0}],
+        pd.DataFrame({"x": pd.array([1, None], dtype="Int64")}),
+        pd.DataFrame({"x": [1, None]}),
+    ],
+)
+def test_gaps(load_given, given):
+    numbers = load_given(given).columns["x"].numbers
+    assert numbers[0] == 1.0
+    assert math.isnan(numbers[1])
+
+
+def test_the_table_keeps_its_numbers_when_the_array_changes(load_given):
+    array = np.array([1.0, 2.0])
+    table = load_given({"x": array})
+    array[0] = 9.0
+    assert table.columns["x"].numbers.tolist() == [1.0, 2.0]
+    assert array.flags.writeable
+
+
+def test_units_key_and_gaps_are_treated_as_in_files(load_given, column):
+    table = load_given(
+        {"id": ["a", "b", "c"], "r": [1500.0, None, 2500.0]},
+        columns=(column("range", "r", "mm", 0.001),),
+        key="id",
+        skip_missing=True,
+    )
+    assert cells(table) == {"range": pytest.approx([1.5, 2.5], rel=1e-15), "id": ["a", "c"]}  # one rounding
+    assert table.columns["range"].unit == "mm"
+    assert table.rows.tolist() == [1, 3]
+    assert table.place(1, "range").column == "r"
+    assert table.place(1, "range").row == 3

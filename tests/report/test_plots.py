@@ -1,0 +1,80 @@
+"""Pictures: which panels there are, what the ellipse is, which formats are written."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mbm.report.plots import draw, save
+from mbm.report.types import PlotData, Result, SolveReport
+from mbm.text.types import MbmError
+
+pytest.importorskip("matplotlib")
+
+
+def titles(result: Result) -> list[str]:
+    return [axes.get_title() for axes in draw(result).axes]
+
+
+def test_panels_of_one_solve(tag_result: Result) -> None:
+    assert titles(tag_result) == ["p: 95 % confidence"] * 3 + ["residuals of ranges"]
+
+
+def test_panels_of_many_solves(epochs: Result) -> None:
+    assert titles(epochs) == ["x ± standard deviation", "residuals of ranges"]
+
+
+def test_data_and_model(tag: SolveReport, tag_result: Result) -> None:
+    x = np.linspace(0.0, 1.0, 5)
+    curve = PlotData(
+        clause="decay", measured=x[:, None], model=x[:, None], labels=("y ($)",), abscissa=x, abscissa_label="t $ $"
+    )
+    plane = PlotData(clause="corners", measured=np.zeros((3, 2)), model=np.ones((3, 2)), labels=("u", "v"))
+    solve = replace(tag, plot_data=lambda: (curve, plane))
+    found = titles(replace(tag_result, solves=(solve,)))
+    assert found[:2] == ["decay: data and model", "corners: data and model"]
+
+
+def test_the_ellipse_holds_95_percent(tag_result: Result) -> None:
+    """In the p[1]–p[2] plane the covariance is diagonal, 1 and 1.1 mm: full axes 2·2.4477·sigma (chi² 5.991, 2 dof)."""
+    (ellipse,) = draw(tag_result).axes[0].patches
+    expected = 2 * np.sqrt(5.991464547107979) * np.array([1.1, 1.0])
+    assert [ellipse.width, ellipse.height] == pytest.approx(expected, rel=1e-9)
+    assert abs(ellipse.angle) % 180 == pytest.approx(90.0, abs=1e-6)
+
+
+def test_rows_beyond_the_frame_do_not_stretch_it(tag_result: Result) -> None:
+    """The outlier of 50 standard deviations is drawn at the edge; those used reach 2."""
+    assert draw(tag_result).axes[-1].get_ylim() == (-3.5, 3.5)
+
+
+@pytest.mark.parametrize(("ending", "magic"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")])
+def test_formats(ending: str, magic: bytes, epochs: Result, tmp_path: Path) -> None:
+    first, second = tmp_path / f"a{ending}", tmp_path / f"b{ending}"
+    save(epochs, first)
+    save(epochs, second)
+    assert first.read_bytes().startswith(magic)
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_other_formats_are_refused(epochs: Result, tmp_path: Path) -> None:
+    with pytest.raises(MbmError) as caught:
+        save(epochs, tmp_path / "plot.doc")
+    assert caught.value.diagnostics[0].code.name == "plot-format"
+
+
+def test_a_missing_library_names_the_extra(epochs: Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(MbmError) as caught:
+        draw(epochs)
+    diagnostic = caught.value.diagnostics[0]
+    assert diagnostic.code.name == "missing-extra"
+    assert 'pip install "mbm[plot]"' in str(diagnostic.hint)
+
+
+def test_nothing_solved_is_a_picture_too(epochs: Result) -> None:
+    assert titles(replace(epochs, solves=())) == []

@@ -1,0 +1,166 @@
+"""The table that a person reads, line by line."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mbm.report.table import table
+from mbm.report.types import (
+    Alternative,
+    Estimate,
+    FreeDirection,
+    Kind,
+    Observability,
+    Quantity,
+    Result,
+    SolveReport,
+    SolveStatus,
+    Starts,
+)
+
+ESCAPE = re.compile(r"\x1b\[[0-9;]*m")
+
+
+def test_one_solve_as_it_is_printed(tag_result: Result) -> None:
+    assert table(tag_result, width=80) == (
+        "tag.mbm: problem `tag`: converged\n"
+        "\n"
+        "  p[1]             1200.0    ±  1.0     mm\n"
+        "  p[2]              800.0    ±  1.1     mm\n"
+        "  p[3]              740      ± 12       mm\n"
+        '  offset["left"]      0.250  ±  0.010   m\n'
+        '  offset["right"]     0.5    ±  ?       m    no row has receiver right\n'
+        "  k0                800                      fixed\n"
+        "  psi                 0.5000 ±  0.0020  rad  = 28.65 ± 0.11 deg\n"
+        "  height[1]           0.7400 ±  0.0020  m    derived\n"
+        "  height[2]           0.7500 ±  0.0030  m    derived\n"
+        "\n"
+        "chi² = 42.1 with 42 degrees of freedom, p = 0.47\n"
+        "`ranges`: 45 of 48 rows, rms 0.98\n"
+        "outliers in `ranges`: rows 8, 13, 32 of ranges.csv\n"
+        'in no equation: `offset["right"]`\n'
+        "constraint `below-lamp` is violated by 0.01\n"
+        "`p[3]` lies 4 standard deviations from its prior 0.7 ± 0.01\n"
+        "warning[near-bound]: `p[3]` is near its upper bound\n"
+    )
+
+
+def test_colour_adds_nothing_but_colour(tag_result: Result, epochs: Result) -> None:
+    for result in (tag_result, epochs):
+        colored = table(result, color=True)
+        assert "\x1b[" in colored
+        lines = [line.rstrip() for line in ESCAPE.sub("", colored).splitlines()]
+        assert lines == table(result).splitlines()
+
+
+def test_verbose_says_how_it_was_solved(tag_result: Result) -> None:
+    assert "lm: 6 iterations, 8 evaluations, 0.4 ms" in table(tag_result, full=True)
+
+
+def test_many_solves_have_a_line_each(epochs: Result) -> None:
+    assert table(epochs, width=80) == (
+        "tags.mbm: problem `tags`\n"
+        "\n"
+        "epoch  status        x (m)            cost  dof\n"
+        "1      converged       1.250 ± 0.012  3.5   3\n"
+        "2      skipped\n"
+        "3      unobservable  -10.500 ± 0.012  3.5   3\n"
+        "\n"
+        "3 solves: 1 converged, 1 unobservable, 1 skipped\n"
+        "together: cost 7 with 6 degrees of freedom\n"
+        "epoch = 3: unobservable: not determined by the data: `x` and `b` scale together\n"
+    )
+
+
+def test_long_families_are_cut(tag: SolveReport, tag_result: Result) -> None:
+    family = Estimate(
+        quantity=Quantity(name="q", unit="m"),
+        value=np.arange(60.0),
+        sigma=np.full(60, 0.1),
+        fixed=np.zeros(60, dtype=bool),
+        keys=tuple(f"k{i}" for i in range(60)),
+        per="dofs",
+    )
+    result = replace(tag_result, solves=(replace(tag, estimates=(family,)),))
+    short = table(result)
+    assert "… 40 more of `q` (-v shows all)" in short
+    assert 'q["k19"]' in short
+    assert 'q["k20"]' not in short
+    assert 'q["k59"]' in table(result, full=True)
+
+
+def test_many_solves_are_cut(epochs: Result) -> None:
+    solves = tuple(replace(epochs.solves[0], key={"epoch": float(i)}) for i in range(150))
+    text = table(replace(epochs, solves=solves))
+    assert "… 100 more solves (-v shows all)" in text
+    assert "150 solves: 150 converged" in text
+    assert len(table(replace(epochs, solves=solves), full=True).splitlines()) == 150 + 6
+
+
+def test_columns_that_do_not_fit_are_counted(epochs: Result) -> None:
+    estimates = tuple(
+        Estimate(
+            quantity=Quantity(name=f"unknown-{i}"), value=np.array(1.5), sigma=np.array(0.1), fixed=np.array(False)
+        )
+        for i in range(12)
+    )
+    result = replace(epochs, solves=tuple(replace(solve, estimates=estimates) for solve in epochs.solves))
+    text = table(result, width=80)
+    assert max(map(len, text.splitlines())) <= 80
+    shown = text.count("unknown-")
+    assert f"… {12 - shown} more columns" in text
+
+
+def test_an_unsolved_problem_says_why(tag: SolveReport, tag_result: Result) -> None:
+    solve = replace(
+        tag,
+        status=SolveStatus.NOT_CONVERGED,
+        message="the limit of iterations was reached before the estimates settled",
+    )
+    lines = table(replace(tag_result, solves=(solve,))).splitlines()
+    assert lines[0] == "tag.mbm: problem `tag`: not-converged"
+    assert lines[1] == "the limit of iterations was reached before the estimates settled"
+
+
+def test_what_is_free_is_said_in_words(tag: SolveReport, tag_result: Result) -> None:
+    scale = FreeDirection(sentence="`xg`, `yg`, `zg` scale together", unknowns=("xg", "yg", "zg"), coefficients={})
+    motion = FreeDirection(sentence="all positions move together", unknowns=("p",), coefficients={})
+    found = Observability(rank=1, dimension=4, condition=2.0, unobservable=(scale,), gauge=(motion,))
+    text = table(replace(tag_result, solves=(replace(tag, observability=found),)))
+    assert "not determined by the data: `xg`, `yg`, `zg` scale together\n" in text
+    assert "free, set by the minimum-norm datum: all positions move together\n" in text
+
+
+def test_estimated_noise_and_starts(tag: SolveReport, tag_result: Result) -> None:
+    solve = replace(
+        tag,
+        chi2_p=None,
+        noise={"ranges": 0.00412345},
+        starts=Starts(tried=100, converged=97, best_found=61),
+        alternatives=(Alternative(cost=57.0, starts=3, estimates=()),),
+    )
+    text = table(replace(tag_result, solves=(solve,)))
+    assert "sum of squares 42.1 with 42 degrees of freedom, sigma0 = 1.001\n" in text
+    assert "noise of `ranges` estimated from its residuals: factor 0.004123\n" in text
+    assert "100 starts: 97 converged, 61 to the best minimum\n" in text
+    assert "other minima: cost 57 (found 3 times)\n" in text
+
+
+@pytest.mark.parametrize(("p", "words"), [(1e-9, "larger than the stated noise"), (0.99999, "smaller than the stated")])
+def test_a_chi2_that_cannot_be_is_spoken_of(p: float, words: str, tag: SolveReport, tag_result: Result) -> None:
+    assert words in table(replace(tag_result, solves=(replace(tag, chi2_p=p),)), width=100)
+
+
+def test_angles_in_degrees_are_not_said_twice(tag_result: Result, tag: SolveReport) -> None:
+    angle = Estimate(
+        quantity=Quantity(name="psi", kind=Kind.ANGLE, unit="deg", factor=np.pi / 180),
+        value=np.array(np.pi / 6),
+        sigma=np.array(np.pi / 1800),
+        fixed=np.array(False),
+    )
+    text = table(replace(tag_result, solves=(replace(tag, estimates=(angle,)),)))
+    assert "  psi        30.00   ± 0.10    deg\n" in text

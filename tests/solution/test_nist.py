@@ -1,0 +1,75 @@
+"""StRD with default settings: at least eight of the eleven certified digits from both starts, no set tuned for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mbm.solution.covariance import covariance
+from mbm.solution.minimise import minimise
+from mbm.solution.observability import observability
+from mbm.problem.types import Method
+from mbm.solution.settings import Settings
+from mbm.solution.variance import common_factor
+from tests.solution.nist import Regression, digits, read_set, shared_folder
+from tests.solution.nist_typed import TYPED
+
+FOLDER = shared_folder() / "data" / "nist_strd"
+NAMES = (
+    *("Chwirut1", "Chwirut2", "DanWood", "ENSO", "Gauss1", "Gauss2", "Kirby2"),
+    *("Lanczos2", "Lanczos3", "Misra1a", "Misra1b", "Misra1c", "Rat42", "Roszman1"),
+)
+BY_NAME = {reference.name: reference for reference in TYPED}
+ALL = [*NAMES, *BY_NAME]
+
+
+def reference_of(name):
+    if name in BY_NAME:
+        return BY_NAME[name]
+    path = FOLDER / f"{name}.dat"
+    if not path.exists():
+        pytest.skip(f"the StRD files are not here: {FOLDER} (set MBM_SHARED)")
+    return read_set(path)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_data_give_the_certified_sum_of_squares(name):
+    reference = reference_of(name)
+    if name == "Lanczos1":
+        pytest.skip("its certified sum is below the rounding of the certified parameters")
+    residuals = Regression(reference).residuals(reference.certified)
+    # Certified to eleven digits; the parameters are rounded there too.
+    assert residuals @ residuals == pytest.approx(reference.sum_of_squares, rel=2e-10)
+
+
+@pytest.mark.parametrize("start", [0, 1])
+@pytest.mark.parametrize("name", ALL)
+def test_certified_parameters_from_both_starts(name, start):
+    reference = reference_of(name)
+    found = minimise(Regression(reference), reference.starts[start], Settings())
+    assert found.reason.converged
+    # Eight digits leave room for the rounding of the worst conditioned sets; in fact all reach ten.
+    assert digits(found.point, reference.certified) >= 8.0
+
+
+@pytest.mark.parametrize("start", [0, 1])
+@pytest.mark.parametrize("name", ALL)
+def test_certified_standard_deviations(name, start):
+    reference = reference_of(name)
+    found = minimise(Regression(reference), reference.starts[start], Settings())
+    observed = observability(found.jacobian, found.point, found.at_bound != 0)
+    assert observed.rank == observed.dimension
+    noise = common_factor(found.cost, found.residuals.size - observed.rank)
+    deviations = covariance(observed, noise.factor**2).sigma
+    # Lanczos1 fits to the last digit of its data: s is rounding to three digits, and so are the deviations.
+    tolerance = 3e-3 if name == "Lanczos1" else 1e-6
+    np.testing.assert_allclose(deviations, reference.deviations, rtol=tolerance)
+
+
+@pytest.mark.parametrize("method", [Method.DOGLEG, Method.GAUSS_NEWTON])
+@pytest.mark.parametrize("name", ["Misra1a", "DanWood", "Gauss1", "Thurber", "BoxBOD", "Rat43"])
+def test_other_methods_from_the_near_start(name, method):
+    reference = reference_of(name)
+    found = minimise(Regression(reference), reference.starts[1], Settings(method=method))
+    assert found.reason.converged
+    assert digits(found.point, reference.certified) >= 8.0
