@@ -19,6 +19,7 @@ from mbm.language.session import open_session
 from mbm.problem import faults
 from mbm.problem.builder import Elaborated
 from mbm.problem.dimensions import missing_units
+from mbm.problem.structure import structural_warnings
 from mbm.problem.types import Override
 from mbm.registry import Registry, standard_registry
 from mbm.report.answer import Solved
@@ -160,7 +161,7 @@ class Problem:
         return compiled.solve(init=init, seed=seed, method=method, covariance_full=covariance_full)
 
     def equations(self, *, data: Mapping[str, object] | None = None) -> Mapping[str, tuple[Any, ...]]:
-        """The residuals of each observation and prior in SymPy, by name; the first group of rows where there are several."""
+        """The residuals of each observation and prior in SymPy, by name; of several groups of rows, the first."""
         inputs = Inputs(tables=dict(data or {}), sandbox=self.sandbox)
         model = compiler.symbolic(compiler.elaborated(self.program, self.name, inputs, self.registry))
         found: dict[str, tuple[Any, ...]] = {}
@@ -173,7 +174,8 @@ class Problem:
         """What is wrong or doubtful, without solving."""
         try:
             inputs = Inputs(tables=dict(data or {}), sandbox=self.sandbox)
-            return compiler.elaborated(self.program, self.name, inputs, self.registry).problem.warnings
+            found = compiler.elaborated(self.program, self.name, inputs, self.registry)
+            return (*found.problem.warnings, *structural_warnings(found.problem, found.tables))
         except MbmError as error:
             return error.diagnostics
 
@@ -198,24 +200,25 @@ class CompiledProblem:
         covariance_full: bool = False,
     ) -> Solved:
         """Solve for other data with the same columns; the equations are derived again only if they must change."""
-        found, kernels = self._for(data)
+        target = self._for(data)
         settings = SolveSettings(
             init=_json_like(init) if init is not None else None,
             seed=seed,
             method=method,
             covariance_full=covariance_full,
         )
-        return Solved(compiler.solved(found, kernels, settings, self.cache, self.problem.file), covariance_full)
+        result = compiler.solved(target.elaborated, target.kernels, settings, target.cache, self.problem.file)
+        return Solved(result, covariance_full)
 
-    def _for(self, data: Mapping[str, object] | None) -> tuple[Elaborated, Any]:
+    def _for(self, data: Mapping[str, object] | None) -> CompiledProblem:
+        """The same equations for other data; compiled again where the data may change the equations."""
         if not data:
-            return self.elaborated, self.kernels
+            return self
         inputs = replace(self.inputs, tables={**self.inputs.tables, **data})
         found = compiler.rebound(self.elaborated, self.problem.program, inputs, self.problem.registry)
         if found is not None:
-            return found, self.kernels
-        again = self.problem._compiled(inputs, "auto")
-        return again.elaborated, again.kernels
+            return replace(self, elaborated=found)
+        return self.problem._compiled(inputs, self.cache.backend.name)
 
     def residuals(self, x: Any) -> Any:
         """Whitened residuals (m,) at tangent coordinates ``x`` (n,) about the start, in covariance order."""
@@ -307,7 +310,8 @@ def check(
         except MbmError as error:
             found.extend(d for d in error.diagnostics if d not in found)
             continue
-        found.extend(d for d in elaborated.problem.warnings if d not in found)
+        warnings = (*elaborated.problem.warnings, *structural_warnings(elaborated.problem, elaborated.tables))
+        found.extend(d for d in warnings if d not in found)
         if strict_units:
             found.extend(missing_units(elaborated.problem.unknowns, elaborated.problem.blocks, elaborated.tables))
     return tuple(found)

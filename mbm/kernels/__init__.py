@@ -1,1 +1,1 @@
-"""SymbolicModel → KernelSet: CasADi differentiates; kernels evaluate residuals and Jacobians for all rows in one call."""
+"""SymbolicModel → KernelSet: CasADi differentiates; kernels evaluate all rows in one call."""

@@ -8,7 +8,7 @@ from typing import Any
 import casadi
 import numpy as np
 
-from mbm.kernels.lowering import lower
+from mbm.kernels.lowering import Lowered, lower
 from mbm.kernels.types import Kernel, KernelSet
 from mbm.symbolic.types import ResidualBlock, SymbolicModel
 
@@ -29,11 +29,7 @@ def kernel_of(block: ResidualBlock) -> Kernel:
     inputs = casadi.SX.sym("z", count + len(block.parameters))
     scalars = casadi.vertsplit(inputs) if inputs.numel() else []
     symbols = dict(zip((*block.variable_symbols, *block.parameter_symbols), scalars, strict=True))
-    values = casadi.densify(casadi.vertcat(*lower(block.expressions, symbols)))
-    if count:
-        jacobian = casadi.jacobian(values, inputs[:count])
-    else:
-        jacobian = casadi.SX(len(block.expressions), 0)
+    values, jacobian = _differentiated(lower(block.expressions, symbols), inputs[:count])
     rows, columns = jacobian.sparsity().get_triplet()
     scalars_of_jacobian: Any = jacobian.nonzeros()  # CasADi's stubs do not know their own type here
     nonzeros = casadi.vertcat(*scalars_of_jacobian) if rows else casadi.SX(0, 1)
@@ -58,3 +54,38 @@ def kernel_of(block: ResidualBlock) -> Kernel:
         jacobian_function=casadi.Function("values_and_jacobian", [inputs], [outputs]),
         span=block.span,
     )
+
+
+def _differentiated(lowered: Lowered, variables: casadi.SX) -> tuple[casadi.SX, casadi.SX]:
+    """Values and Jacobian. Piecewise values are differentiated branch by branch and then chosen from.
+
+    Automatic differentiation of a choice multiplies the derivative of the branch not taken by zero, which makes NaN of
+    the infinite slope of ``sqrt`` at zero that the condition was there to avoid.
+    """
+    values = casadi.densify(casadi.vertcat(*lowered.expressions))
+    if not lowered.choices:
+        return values, casadi.jacobian(values, variables)
+    count = int(variables.numel())
+    known: list[casadi.SX] = []
+    slopes: list[casadi.SX] = []
+    chosen: list[casadi.SX] = []
+
+    def total(expression: casadi.SX) -> casadi.SX:
+        result = casadi.jacobian(expression, variables)
+        for symbol, slope in zip(known, slopes, strict=True):
+            part = casadi.jacobian(expression, symbol)
+            if part.nnz():
+                result = result + casadi.mtimes(part, slope)
+        return result
+
+    for choice in lowered.choices:
+        then, other = casadi.densify(total(choice.then)), casadi.densify(total(choice.other))
+        pairs = [casadi.if_else(choice.test, then[j], other[j]) for j in range(count)]
+        slope = casadi.sparsify(casadi.horzcat(*pairs)) if pairs else casadi.SX(1, 0)
+        known.append(choice.symbol)
+        slopes.append(slope)
+        chosen.append(casadi.if_else(choice.test, choice.then, choice.other))
+    jacobian = total(values)
+    for symbol, value in zip(reversed(known), reversed(chosen), strict=True):
+        values, jacobian = (casadi.substitute(e, symbol, value) for e in (values, jacobian))
+    return values, jacobian

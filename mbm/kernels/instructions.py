@@ -1,4 +1,4 @@
-"""The instruction stream of a CasADi function as a straight-line program; its reused work slots become single values."""
+"""The instruction stream of a CasADi function as a straight-line program; reused work slots become single values."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import reduce
 from typing import Any
 
@@ -26,13 +27,6 @@ def _power(base: casadi.SX, exponent: casadi.SX) -> casadi.SX:
         if value == 2:
             return base * base
     return casadi.power(base, exponent)
-
-
-def _piecewise(*pairs: tuple[casadi.SX, casadi.SX]) -> casadi.SX:
-    result = pairs[-1][0]
-    for value, test in reversed(pairs[:-1]):
-        result = casadi.if_else(test, value, result)
-    return result
 
 
 def _add(*terms: casadi.SX) -> casadi.SX:
@@ -81,19 +75,36 @@ _FUNCTIONS: Mapping[type, Callable[..., casadi.SX]] = {
     sympy.Not: casadi.logic_not,
     sympy.And: lambda *a: reduce(casadi.logic_and, a),
     sympy.Or: lambda *a: reduce(casadi.logic_or, a),
-    sympy.Piecewise: _piecewise,
     Finite: _finite,
 }
 
 
-def lower(expressions: tuple[sympy.Expr, ...], symbols: Mapping[sympy.Symbol, casadi.SX]) -> list[casadi.SX]:
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A piecewise value: ``symbol`` stands for ``then`` where ``test`` holds, for ``other`` elsewhere."""
+
+    symbol: casadi.SX
+    test: casadi.SX
+    then: casadi.SX
+    other: casadi.SX
+
+
+@dataclass(frozen=True, slots=True)
+class Lowered:
+    """Expressions in CasADi with a symbol for each piecewise value; a choice may use the symbols of earlier ones."""
+
+    expressions: tuple[casadi.SX, ...]
+    choices: tuple[Choice, ...]
+
+
+def lower(expressions: tuple[sympy.Expr, ...], symbols: Mapping[sympy.Symbol, casadi.SX]) -> Lowered:
     """``expressions`` in CasADi; ``symbols`` gives the CasADi scalar of every SymPy symbol.
 
     Raises:
         UnsupportedOperationError: a node nobody translates.
-
     """
     memo: dict[sympy.Basic, Any] = dict(symbols)
+    choices: list[Choice] = []
     for expression in expressions:
         stack = [(expression, False)]
         while stack:
@@ -104,18 +115,29 @@ def lower(expressions: tuple[sympy.Expr, ...], symbols: Mapping[sympy.Symbol, ca
                 stack.append((node, True))
                 stack.extend((argument, False) for argument in node.args if argument not in memo)
                 continue
-            memo[node] = _node(node, tuple(memo[a] for a in node.args))
-    return [memo[e] for e in expressions]
+            memo[node] = _node(node, tuple(memo[a] for a in node.args), choices)
+    return Lowered(tuple(memo[e] for e in expressions), tuple(choices))
 
 
-def _node(node: sympy.Basic, arguments: tuple[Any, ...]) -> Any:
+def _node(node: sympy.Basic, arguments: tuple[Any, ...], choices: list[Choice]) -> Any:
     if isinstance(node, sympy.functions.elementary.piecewise.ExprCondPair):
         return arguments
     if node is sympy.true or node is sympy.false:
         return casadi.SX(1 if node is sympy.true else 0)
     if isinstance(node, sympy.Number | sympy.NumberSymbol):
         return casadi.SX(float(node))
+    if isinstance(node, sympy.Piecewise):
+        return _piecewise(arguments, choices)
     function = _FUNCTIONS.get(node.func)
     if function is None:
         raise UnsupportedOperationError(type(node).__name__)
     return function(*arguments)
+
+
+def _piecewise(pairs: tuple[tuple[casadi.SX, casadi.SX], ...], choices: list[Choice]) -> casadi.SX:
+    result = pairs[-1][0]
+    for value, test in reversed(pairs[:-1]):
+        choice = Choice(casadi.SX.sym(f"choice{len(choices)}"), test, value, result)
+        choices.append(choice)
+        result = choice.symbol
+    return result

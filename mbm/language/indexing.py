@@ -62,7 +62,7 @@ def family_key(family: FamilyValue, value: Value, span: Span) -> str | float | C
             )
         key = float(number.value)
     if key not in family.keys:
-        near = closest(str(key), [str(k) for k in family.keys])
+        near = closest(str(key), sorted(str(k) for k in family.keys))
         shown = f"`{key}`" if isinstance(key, str) else f"{key:g}"
         hint = f"did you mean `{near}`?" if near else None
         raise MbmError(faults.bad_index(span, f"`{family.name}` has no member {shown}", hint))

@@ -122,7 +122,7 @@ def _members(
     for i in positions:
         if cells[i] not in keys:
             cell = cells[i]
-            near = closest(cell, [str(k) for k in keys]) if isinstance(cell, str) else None
+            near = closest(cell, sorted(str(k) for k in keys)) if isinstance(cell, str) else None
             place = table.place(int(i), member.column)
             where = f"the family `{leaf.unknown}`"
             found.append(faults.dangling_key(place, cell, where, near, leaf.span))

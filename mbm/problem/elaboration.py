@@ -1,4 +1,4 @@
-"""What all clauses share while a problem is elaborated: scopes, the grouping of rows by static columns, collected errors."""
+"""What all clauses share while a problem is elaborated: scopes, rows grouped by static columns, collected errors."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Workspace:
         return self.tables[form.name]
 
     def cases(self, table: Table | None, evaluate: Callable[[Scope], T], span: Span) -> list[tuple[Static, T]]:
-        """``evaluate`` for each group of rows that need one compilation; one group unless static columns are asked for."""
+        """``evaluate`` once for each group of rows that need a compilation: one, unless columns are static."""
         if table is None:
             self.evaluator.budget.reset()
             try:

@@ -106,9 +106,36 @@ MISSING_START = Code(
     "for unknowns that enter linearly only.",
     "Give `:init`, or a range `:in (lo hi)`, whose middle is taken.",
 )
+UNMENTIONED = Code(
+    "unmentioned",
+    "No equation mentions an unknown, so nothing can be said about it (a warning).",
+    "Use it in an equation, give it a prior with `:sigma`, or remove it.",
+)
+TOO_FEW_EQUATIONS = Code(
+    "too-few-equations",
+    "The structure of the equations cannot determine all unknowns, whatever the numbers are (a warning).",
+    "Add observations or priors, or fix an unknown.",
+)
 UNKNOWN_BACKEND = Code(
     "unknown-backend", "`--backend` names nothing that evaluates equations here.", "Use `auto`, `casadi` or `numpy`."
 )
+
+
+def unmentioned(span: Span, name: str) -> Diagnostic:
+    """An unknown without an equation."""
+    return Diagnostic(
+        code=UNMENTIONED, message=f"no equation mentions the unknown `{name}`", place=span, severity=Severity.WARNING,
+        hint="use it in an equation, give it a prior with `:sigma`, or remove it",
+    )  # fmt: skip
+
+
+def too_few_equations(span: Span, name: str, equations: int, unknowns: int) -> Diagnostic:
+    """An unknown that the structure leaves over."""
+    return Diagnostic(
+        code=TOO_FEW_EQUATIONS,
+        message=f"`{name}` has no equation of its own: {equations} scalar equations, {unknowns} scalar unknowns",
+        place=span, severity=Severity.WARNING, hint="add observations or priors, or fix an unknown",
+    )  # fmt: skip
 
 
 def unknown_backend(name: str, known: tuple[str, ...]) -> Diagnostic:
@@ -223,7 +250,7 @@ def too_many_static_values(span: Span, table: str, limit: int) -> Diagnostic:
 def depends_on_unknown(span: Span, wanted: str, unknown: str) -> Diagnostic:
     """An unknown where none may be."""
     return Diagnostic(
-        code=DEPENDS_ON_UNKNOWN, message=f"{wanted} has to be known before the solve, but holds the unknown `{unknown}`",
+        code=DEPENDS_ON_UNKNOWN, message=f"{wanted} must be known before the solve, but holds the unknown `{unknown}`",
         place=span, hint="use columns, constants and numbers only",
     )  # fmt: skip
 
@@ -259,7 +286,7 @@ def unequal_branches(span: Span) -> Diagnostic:
 def condition_as_equation(span: Span) -> Diagnostic:
     """A truth value as an equation."""
     return Diagnostic(
-        code=CONDITION_AS_EQUATION, message="this is true or false, but an equation needs something that should be zero",
+        code=CONDITION_AS_EQUATION, message="this is true or false; an equation needs something that should be zero",
         place=span, hint="write `(= measured model)`; inequalities belong into `constraints`",
     )  # fmt: skip
 

@@ -66,7 +66,7 @@ class RowValues:
 class Unknown:
     """What is to be estimated.
 
-    ``shape`` is () for a number, (n,) or (n, m) else; components are counted row by row. ``lower``, ``upper`` are the hard
+    ``shape`` is () for a number, (n,) or (n, m) else; components count row by row. ``lower``, ``upper`` are the hard
     bounds, ``start_lower``, ``start_upper`` the range of starts, each with one value per component.
     ``unit`` is the unit that results are reported in, if one is stated.
     """

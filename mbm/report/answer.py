@@ -109,7 +109,7 @@ class Solved:
         return text
 
     def table(self) -> Any:
-        """One row per solve: keys, status, cost, dof, each scalar and its sigma; a pandas frame, else a dict of arrays."""
+        """One row per solve: keys, status, cost, dof, scalars and sigmas; a pandas frame, else a dict of arrays."""
         columns: dict[str, list[object]] = {}
         for row, solve in enumerate(self.result.solves):
             cells: dict[str, object] = {**solve.key, "status": solve.status.label, "cost": solve.cost, "dof": solve.dof}

@@ -122,8 +122,7 @@ def _solver(problem: Problem, kernels: KernelSet) -> Iterator[str]:
 def problem_stage(problem: Problem, tables: Mapping[str, Table]) -> str:
     """The typed problem: tables, unknowns, blocks with their static cases."""
     lines = [f"problem {problem.name}"]
-    for table in tables.values():
-        lines.append(f"table {table.name}: {len(table)} rows; {', '.join(table.columns)}")
+    lines += [f"table {table.name}: {len(table)} rows; {', '.join(table.columns)}" for table in tables.values()]
     lines += [line for u in problem.unknowns for line in _unknown(u, tables)]
     for block in problem.blocks:
         sizes = {sum(len(e.components) for e in case.equations) for case in block.cases}

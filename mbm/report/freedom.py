@@ -8,7 +8,7 @@ import numpy as np
 
 from mbm.report.types import FreeDirection
 from mbm.solution.solution import Solution
-from mbm.solution.types import FreeCombination
+from mbm.solution.types import FreeCombination, Motion
 
 MOST_NAMES = 8
 """Names in one sentence; the coefficients hold all of them."""
@@ -57,18 +57,20 @@ def _direction(solution: Solution, combination: FreeCombination) -> FreeDirectio
 def _sentence(names: list[str], combination: FreeCombination) -> str:
     if len(names) == 1:
         return f"{listed(names)} is not determined"
-    relative = combination.relative
-    if relative is not None and _equal(relative):
-        return f"{listed(names)} scale together: only their ratios are determined"
-    if relative is not None and len(names) == 2 and _equal((relative[0], -relative[1])):
-        return f"{listed(names)}: only their product is determined"
-    if _equal(combination.coefficients):
-        return f"{listed(names)} move together by the same amount: only their differences are determined"
-    if len(names) == 2 and _equal((combination.coefficients[0], -combination.coefficients[1])):
-        return f"{listed(names)} move against each other: only their sum is determined"
-    movements = ", ".join(
-        f"δ{n} = {c:.3g}" for n, c in list(zip(names, combination.coefficients, strict=True))[:MOST_NAMES]
-    )
+    relative, coefficients = combination.relative, combination.coefficients
+    if combination.motion is Motion.SCALE and relative is not None:
+        if _equal(relative):
+            return f"{listed(names)} scale together: only their ratios are determined"
+        if len(names) == 2 and _equal((relative[0], -relative[1])):
+            return f"{listed(names)}: only their product is determined"
+        powers = ", ".join(f"{n} × s^{r:.3g}" for n, r in list(zip(names, relative, strict=True))[:MOST_NAMES])
+        return f"{listed(names)} scale together ({powers})"
+    if combination.motion is Motion.SHIFT:
+        if _equal(coefficients):
+            return f"{listed(names)} move together by the same amount: only their differences are determined"
+        if len(names) == 2 and _equal((coefficients[0], -coefficients[1])):
+            return f"{listed(names)} move against each other: only their sum is determined"
+    movements = ", ".join(f"δ{n} = {c:.3g}" for n, c in list(zip(names, coefficients, strict=True))[:MOST_NAMES])
     return f"{listed(names)} move together without any equation noticing ({movements})"
 
 

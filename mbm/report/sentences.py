@@ -49,9 +49,11 @@ def observability_sentences(found: Observability | None) -> Iterator[str]:
         yield f"not determined by the data: {direction.sentence}"
     for direction in found.gauge:
         yield f"free, set by the minimum-norm datum: {direction.sentence}"
-    if found.unused:
-        names = ", ".join(f"`{name}`" for name in found.unused[:MOST_ROWS])
-        yield f"in no equation: {names}{_and_more(len(found.unused))}"
+    said = {name for direction in found.unobservable for name in direction.unknowns}
+    unused = [name for name in found.unused if name not in said]
+    if unused:
+        names = ", ".join(f"`{name}`" for name in unused[:MOST_ROWS])
+        yield f"in no equation: {names}{_and_more(len(unused))}"
 
 
 def residual_sentences(solve: SolveReport) -> Iterator[str]:

@@ -16,6 +16,7 @@ from mbm.solution.assembly import Assembled, Binder, EvaluationCache, Group, blo
 from mbm.solution.covariance import covariance, propagate
 from mbm.solution.layout import free_positions, layout
 from mbm.solution.minimise import minimise, solver_for
+from mbm.solution.motion import with_motions
 from mbm.solution.observability import observability
 from mbm.solution.settings import Settings
 from mbm.solution.solution import DerivedSolution, Solution
@@ -79,6 +80,7 @@ def estimate(
     minimum, noise, factors = run.weighted()
     weighted = equations.with_factors(factors)
     observed = observability(minimum.jacobian, minimum.point, minimum.at_bound != 0)
+    observed = with_motions(weighted, minimum, observed)
     outcome = _statistics(problem, equations, minimum, observed, noise, factors)
     numbers = equations.all_numbers(minimum.point)
     derived, derived_covariance = _derived(problem, kernels, binder, weighted, numbers, observed, outcome.covariance)

@@ -1,4 +1,4 @@
-"""Where each number of each unknown stands in the vector of all unknowns, with its start, bounds, and whether it is free."""
+"""Where each number of each unknown stands in the vector of all of them: start, bounds, whether it is free."""
 
 from __future__ import annotations
 

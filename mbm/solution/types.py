@@ -151,6 +151,14 @@ class Solver(Protocol):
         ...
 
 
+class Motion(Enum):
+    """How unknowns may move together over a finite distance, not only to first order."""
+
+    TANGENT = "to first order"
+    SHIFT = "by adding multiples of the coefficients"
+    SCALE = "by multiplying with powers whose exponents are the relative coefficients"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FreeCombination:
     """Unknowns that can move together without any equation noticing, to first order.
@@ -164,6 +172,7 @@ class FreeCombination:
     indices: tuple[int, ...]
     coefficients: tuple[float, ...]
     relative: tuple[float, ...] | None
+    motion: Motion = Motion.TANGENT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

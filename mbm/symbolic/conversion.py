@@ -26,7 +26,7 @@ from mbm.expression.nodes import (
 class Finite(sympy.Function):  # type: ignore[misc]
     """Whether a number is neither missing nor infinite."""
 
-    is_Boolean = True
+    is_Boolean = True  # noqa: N815 - the name that SymPy asks for
 
 
 def _wrap(a: sympy.Expr) -> sympy.Expr:

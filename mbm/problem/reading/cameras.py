@@ -13,7 +13,10 @@ from mbm.problem.scopes import Entry
 from mbm.text.suggest import closest
 from mbm.text.types import Form, MbmError, Sequence, Symbol
 
-USAGE = "(camera name [:model pinhole] [:focal (fx fy)] [:center (cx cy)] [:distortion (k1 k2 p1 p2 k3)] [:axes opencv|paper])"
+USAGE = (
+    "(camera name [:model pinhole] [:focal (fx fy)] [:center (cx cy)] "
+    "[:distortion (k1 k2 p1 p2 k3)] [:axes opencv|paper])"
+)
 _MODELS_LATER = ("fisheye", "weak-perspective", "orthographic")
 _AXES = ("opencv", "paper")
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from mbm.expression.nodes import Component, Expression
+from mbm.expression.nodes import Expression
 from mbm.language import faults as language_faults
 from mbm.language.coerce import scalar, vector
 from mbm.language.scope import Scope
 from mbm.language.values import (
-    SCALARS,
     Array,
     ListValue,
     Placeable,
@@ -82,6 +81,4 @@ def _elements(value: Value, span: Span) -> tuple[tuple[int, ...], tuple[Expressi
     if isinstance(value, ListValue | Placeable):
         elements = vector(value, span).elements
         return (len(elements),), elements
-    if isinstance(value, Component | SCALARS):
-        return (), (scalar(value, span),)
     return (), (scalar(value, span),)

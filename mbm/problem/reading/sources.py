@@ -19,7 +19,10 @@ from mbm.problem.types import Join
 from mbm.text.suggest import closest
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol, Text
 
-USAGE = '(data name (csv "path") [:key column] [:with (table column)] [:columns ((new old :unit u)…)] [:where form] [:missing skip])'
+USAGE = (
+    '(data name (csv "path") [:key column] [:with (table column)] [:columns ((new old :unit u)…)] '
+    "[:where form] [:missing skip])"
+)
 FILES = ("csv", "tsv", "json", "npz")
 LATER = ("parquet", "tum", "kitti", "euroc", "bal", "g2o", "image", "contour", "chessboard")
 

@@ -1,0 +1,121 @@
+"""What the structure of the equations alone says about observability: no number is computed.
+
+Each scalar unknown needs an equation of its own that mentions it. A matching of unknowns to equations (augmenting
+paths, Kuhn 1955) finds the unknowns that are left over whatever the values are; the rank decision sees the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from mbm.expression.nodes import ColumnMember, Component, LiteralMember, RowChoice, leaves
+from mbm.problem import faults
+from mbm.problem.checks import used_rows
+from mbm.problem.rows import rows_of
+from mbm.problem.tables import CellKey, Table
+from mbm.problem.types import EquationCase, Problem
+from mbm.text.types import Diagnostic
+
+MAXIMUM_EQUATIONS = 20_000
+"""Scalar equations that are looked at; with more rows the structure is rarely what is missing."""
+
+Scalar = tuple[str, CellKey | None, tuple[int, ...]]
+"""A number of an unknown: its name, its member's key, its index."""
+
+
+def structural_warnings(problem: Problem, tables: Mapping[str, Table]) -> list[Diagnostic]:
+    """Unknowns that no equation mentions, and those that are left without an equation of their own."""
+    mentions = list(_mentions(problem, tables))
+    mentioned = {scalar for scalars in mentions for scalar in scalars}
+    names = {scalar[0] for scalar in mentioned}
+    found = [faults.unmentioned(u.span, u.name) for u in problem.unknowns if u.name not in names]
+    if len(mentions) >= MAXIMUM_EQUATIONS or any(u.fixed is not None for u in problem.unknowns):
+        return found
+    left = sorted({scalar[0] for scalar in _unmatched(mentions, sorted(mentioned, key=repr))})
+    for name in left:
+        unknown = problem.unknown(name)
+        found.append(faults.too_few_equations(unknown.span, name, len(mentions), len(mentioned)))
+    return found
+
+
+def _mentions(problem: Problem, tables: Mapping[str, Table]) -> Iterator[frozenset[Scalar]]:
+    """The numbers that each scalar equation in use mentions."""
+    count = 0
+    for block in problem.blocks:
+        mask = used_rows(block, tables)
+        table = tables[block.table] if block.table is not None else None
+        for case in block.cases:
+            for scalars in _of_case(case, table, mask, tables):
+                yield scalars
+                count += 1
+                if count >= MAXIMUM_EQUATIONS:
+                    return
+
+
+def _of_case(
+    case: EquationCase, table: Table | None, mask: np.ndarray | None, tables: Mapping[str, Table]
+) -> Iterator[frozenset[Scalar]]:
+    positions = [0]
+    if table is not None and mask is not None:
+        found = rows_of(case.static, table)
+        positions = found[mask[found]].tolist()
+    for equation in case.equations:
+        for node in equation.components:
+            components = [leaf for leaf in leaves((node,)) if isinstance(leaf, Component)]
+            members = {c.member for c in components if isinstance(c.member, ColumnMember)}
+            columns = {m: _keys(tables[m.table], m.column) for m in members}
+            for position in positions:
+                yield frozenset(_scalar(c, columns, position) for c in components)
+
+
+def _keys(table: Table, column: str) -> Sequence[CellKey]:
+    return table.keys(column) if column in table.columns else [float(r) for r in table.rows]
+
+
+def _scalar(component: Component, columns: Mapping[ColumnMember, Sequence[CellKey]], position: int) -> Scalar:
+    member = component.member
+    key: CellKey | None = None
+    if isinstance(member, LiteralMember):
+        key = member.key
+    elif isinstance(member, ColumnMember):
+        place = position if member.row is RowChoice.EACH else 0 if member.row is RowChoice.FIRST else -1
+        key = columns[member][place]
+    return component.unknown, key, component.index
+
+
+def _unmatched(mentions: list[frozenset[Scalar]], scalars: list[Scalar]) -> list[Scalar]:
+    """Numbers that no maximum matching gives an equation of its own."""
+    of_scalar: dict[Scalar, list[int]] = {s: [] for s in scalars}
+    for number, each in enumerate(mentions):
+        for scalar in each:
+            of_scalar[scalar].append(number)
+    owner: dict[int, Scalar] = {}
+    return [s for s in scalars if not _augment(s, of_scalar, owner)]
+
+
+def _augment(start: Scalar, of_scalar: Mapping[Scalar, list[int]], owner: dict[int, Scalar]) -> bool:
+    """Find an equation for ``start``, moving others along an augmenting path; breadth first."""
+    came_from: dict[int, Scalar] = {}
+    queue = [start]
+    for scalar in queue:
+        for equation in of_scalar[scalar]:
+            if equation in came_from:
+                continue
+            came_from[equation] = scalar
+            if equation not in owner:
+                _shift(equation, start, came_from, owner)
+                return True
+            queue.append(owner[equation])
+    return False
+
+
+def _shift(equation: int, start: Scalar, came_from: Mapping[int, Scalar], owner: dict[int, Scalar]) -> None:
+    previous = {scalar: number for number, scalar in owner.items()}
+    while True:
+        scalar = came_from[equation]
+        owner[equation] = scalar
+        if scalar == start:
+            return
+        equation = previous[scalar]

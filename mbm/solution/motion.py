@@ -1,0 +1,50 @@
+"""What a free combination is: a shift, a scaling, or a direction that is free to first order only."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.solution.types import Equations, Floats, FreeCombination, Minimum, Motion, Observability
+
+FINITE = 0.1
+"""Distance of the trial movement: a tenth of the unknowns' size, far beyond first order."""
+
+UNCHANGED = 1e-6
+"""Change of the residuals, relative to what each coordinate alone would cause, that counts as none."""
+
+
+def with_motions(equations: Equations, minimum: Minimum, observed: Observability) -> Observability:
+    """``observed`` with the motion of each combination, found by moving the point and looking at the residuals."""
+    if not observed.combinations:
+        return observed
+    found = tuple(_classified(equations, minimum, c) for c in observed.combinations)
+    return replace(observed, combinations=found)
+
+
+def _classified(equations: Equations, minimum: Minimum, combination: FreeCombination) -> FreeCombination:
+    indices = np.asarray(combination.indices)
+    point = minimum.point
+    size = float(np.abs(point[indices]).max(initial=0.0)) or 1.0
+    coefficients = np.asarray(combination.coefficients)
+    shifted = point.copy()
+    shifted[indices] += FINITE * size * coefficients / float(np.abs(coefficients).max())
+    # Where both movements are invisible (several unknowns of one size), the plainer word is kept.
+    if _invisible(equations, minimum, indices, shifted):
+        return replace(combination, motion=Motion.SHIFT)
+    if combination.relative is not None:
+        scaled = point.copy()
+        scaled[indices] *= np.exp(FINITE * np.asarray(combination.relative))
+        if _invisible(equations, minimum, indices, scaled):
+            return replace(combination, motion=Motion.SCALE)
+    return combination
+
+
+def _invisible(equations: Equations, minimum: Minimum, indices: np.ndarray, moved: Floats) -> bool:
+    step = moved - minimum.point
+    expected = float(np.abs(minimum.jacobian[:, indices] * step[indices]).sum(axis=1).max(initial=0.0))
+    with np.errstate(all="ignore"):
+        change = equations.residuals(moved) - minimum.residuals
+    largest = float(np.abs(change).max(initial=0.0))
+    return bool(np.isfinite(largest) and largest <= UNCHANGED * expected)
