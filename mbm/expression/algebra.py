@@ -21,6 +21,10 @@ MAXIMUM_BITS = 4096
 """Exact integers and fractions that grow longer than this become floating-point numbers or an error."""
 
 
+MAXIMUM_RIGHT_ANGLES = 8
+"""Two turns: beyond, a float is no longer sure to mean a whole number of right angles."""
+
+
 class UndefinedValueError(ArithmeticError):
     """An operation on constants has no finite value; the message says which."""
 
@@ -79,22 +83,22 @@ def apply(operation: Operation, *arguments: Expression, span: Span | None = None
 
 
 def add(a: Expression, b: Expression, span: Span | None = None) -> Expression:
-    """A + b."""
+    """a + b."""
     return apply(Operation.ADD, a, b, span=span)
 
 
 def subtract(a: Expression, b: Expression, span: Span | None = None) -> Expression:
-    """A − b."""
+    """a − b."""
     return apply(Operation.SUBTRACT, a, b, span=span)
 
 
 def multiply(a: Expression, b: Expression, span: Span | None = None) -> Expression:
-    """A · b."""
+    """a · b."""
     return apply(Operation.MULTIPLY, a, b, span=span)
 
 
 def divide(a: Expression, b: Expression, span: Span | None = None) -> Expression:
-    """A / b."""
+    """a / b."""
     return apply(Operation.DIVIDE, a, b, span=span)
 
 
@@ -247,7 +251,8 @@ def _fold_values(operation: Operation, v: list[int | Fraction | float]) -> int |
     if operation in _REAL_FUNCTIONS:
         if operation is Operation.SQRT and isinstance(v[0], int) and v[0] >= 0 and math.isqrt(v[0]) ** 2 == v[0]:
             return math.isqrt(v[0])
-        return _REAL_FUNCTIONS[operation](float(v[0]))
+        exact = _right_angle(operation, float(v[0]))
+        return exact if exact is not None else _REAL_FUNCTIONS[operation](float(v[0]))
     match operation:
         case Operation.ADD:
             return v[0] + v[1]
@@ -287,6 +292,19 @@ def _fold_values(operation: Operation, v: list[int | Fraction | float]) -> int |
             return True
         case _:
             return v[0]
+
+
+def _right_angle(operation: Operation, angle: float) -> int | None:
+    """Sine and cosine of what was written as a whole number of right angles: 0, 1 or −1, not 6e-17.
+
+    A model turned by 90deg then has equations without rotations in them.
+    """
+    if operation not in (Operation.SIN, Operation.COS) or abs(angle) > MAXIMUM_RIGHT_ANGLES * math.pi / 2:
+        return None
+    turns = round(angle / (math.pi / 2))
+    if angle != turns * (math.pi / 2):
+        return None
+    return (0, 1, 0, -1)[(turns + (operation is Operation.COS)) % 4]
 
 
 def _sign(a: int | Fraction | float) -> int:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TypeAlias
 
-from mbm.expression.dimension import NONE, Dimension
+from mbm.expression.dimension import NONE, Dimension, Exponent, whole
 from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Number, Operation, leaves, postorder
 from mbm.text.types import Span
 
@@ -29,13 +29,13 @@ class Term:
     """A dimension times powers of variables."""
 
     known: Dimension
-    unknown: Mapping[Variable, Fraction] = field(default_factory=dict)
+    unknown: Mapping[Variable, Exponent] = field(default_factory=dict)
 
-    def combine(self, other: Term, power: Fraction | int) -> Term:
-        """Self · other^power."""
+    def combine(self, other: Term, power: Exponent) -> Term:
+        """self · other^power."""
         unknown = dict(self.unknown)
-        for variable, exponent in other.unknown.items():
-            value = unknown.get(variable, Fraction(0)) + exponent * power
+        for variable, each in other.unknown.items():
+            value = whole(unknown.get(variable, 0) + each * power)
             if value:
                 unknown[variable] = value
             else:
@@ -117,7 +117,7 @@ class Inference:
             variable = ("component", node.unknown, node.index)
         else:
             variable = ("opaque", id(node))
-        return Term(NONE, {variable: Fraction(1)})
+        return Term(NONE, {variable: 1})
 
     def _term(self, node: Expression) -> Term:
         if not isinstance(node, Apply):
@@ -151,7 +151,7 @@ class Inference:
         base, exponent = node.arguments
         self._pure(exponent, node.span)
         if isinstance(exponent, Number):
-            return Term(NONE).combine(terms[0], Fraction(exponent.value).limit_denominator(10**6))
+            return Term(NONE).combine(terms[0], whole(Fraction(exponent.value).limit_denominator(10**6)))
         self._pure(base, node.span)
         return Term(NONE)
 
@@ -202,7 +202,7 @@ class Inference:
         variable = next((v for v in term.unknown if v[0] == "number"), next(iter(term.unknown)))
         exponent = term.unknown[variable]
         rest = Term(term.known, {v: e for v, e in term.unknown.items() if v != variable})
-        self._solved[variable] = Term(NONE).combine(rest, -1 / exponent)
+        self._solved[variable] = Term(NONE).combine(rest, whole(Fraction(-1) / exponent))
         return True
 
 

@@ -203,6 +203,8 @@ class Evaluator:
     def call(self, function: Callable_, arguments: tuple[Value, ...], form: Sequence, scope: Scope) -> Value:
         """Call ``function`` with values; errors inside the user's functions name the call."""
         call = Call(self, form, scope, arguments, form.items[1:])
+        if isinstance(function, Builtin):
+            self.budget.spend(sum(map(_size, arguments)), form)
         try:
             return function.call(call)
         except UndefinedValueError as error:
@@ -220,6 +222,13 @@ class Evaluator:
         functions = [*self.vocabulary.functions, *self.vocabulary.special_forms]
         candidates = [*functions, *scope.names()] if is_head else [*scope.names(), *functions]
         return faults.unknown_name(symbol.span, name, closest(name, dict.fromkeys(candidates)), is_head=is_head)
+
+
+def _size(value: Value) -> int:
+    """Elements that a function of the vocabulary has to look at."""
+    if isinstance(value, Array):
+        return len(value.elements)
+    return len(value.items) if isinstance(value, ListValue) else 0
 
 
 def _located(value: Value, span: Span) -> Value:

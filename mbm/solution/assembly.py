@@ -173,7 +173,7 @@ class Assembled:
         return result if self.factors is None else result / self.factors[:, None]
 
     def retract(self, x: Floats, step: Floats) -> Floats:
-        """X + step: every unknown so far is a number."""
+        """x + step: every unknown so far is a number."""
         return x + step
 
     def with_factors(self, factors: Floats | None) -> Assembled:

@@ -37,7 +37,9 @@ def _plain(node: sympy.Basic) -> str:
 
 
 def _latex(node: sympy.Basic) -> str:
-    return str(sympy.latex(node, order="none"))
+    hyphenated = [s for s in node.free_symbols if "-" in s.name]
+    names = {s: "\\mathrm{" + s.name.replace("-", "\\mbox{-}") + "}" for s in hyphenated}
+    return str(sympy.latex(node, order="none", symbol_names=names))
 
 
 def named_subexpressions(

@@ -8,9 +8,8 @@ import shutil
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from mbm.cli.main import main
+from mbm.cli.main import run
 from tests.evidence.material import shared, shared_json
 
 TEXT = """
@@ -32,8 +31,7 @@ def document(tmp_path_factory):
     for name in ("ranges.csv", "receivers.csv"):
         shutil.copy(shared("reference", "ultrasonic", name), folder / name)
     (folder / "tags.mbm").write_text(TEXT)
-    outcome = CliRunner().invoke(main, ["solve", str(folder / "tags.mbm"), "--json", str(folder / "out.json")])
-    assert outcome.exit_code == 0, outcome.output
+    assert run(["solve", str(folder / "tags.mbm"), "--json", str(folder / "out.json"), "--quiet"]) == 0
     return json.loads((folder / "out.json").read_text())
 
 

@@ -56,7 +56,7 @@ def _spans(call: Call) -> tuple[Span, ...]:
 
 
 def elementwise_sum(a: Value, b: Value, span: Span) -> Value:
-    """A + b for numbers or vectors."""
+    """a + b for numbers or vectors."""
     return elementwise(lambda x, y: algebra.add(x, y, span), (a, b), (span, span), span)
 
 

@@ -212,7 +212,7 @@ def pose(value: Value, span: Span) -> PoseValue:
 
 
 def apply_pose(p: PoseValue, elements: tuple[Expression, ...], span: Span) -> tuple[Expression, ...]:
-    """C R x + t."""
+    """c R x + t."""
     turned = rotate_vector(p.rotation, elements, span)
     if p.scale is not None:
         turned = tuple(multiply(p.scale, e, span) for e in turned)
@@ -220,7 +220,7 @@ def apply_pose(p: PoseValue, elements: tuple[Expression, ...], span: Span) -> tu
 
 
 def inverse_pose(p: PoseValue, span: Span) -> PoseValue:
-    """X = c⁻¹ Rᵀ (y − t)."""
+    """x = c⁻¹ Rᵀ (y − t)."""
     rotation = RotationValue(transposed(p.rotation.matrix))
     moved = rotate_vector(rotation, tuple(negate(t, span) for t in p.translation), span)
     if p.scale is None:
@@ -230,7 +230,7 @@ def inverse_pose(p: PoseValue, span: Span) -> PoseValue:
 
 
 def compose(p: PoseValue, q: PoseValue, span: Span) -> PoseValue:
-    """X ↦ p(q(x))."""
+    """x ↦ p(q(x))."""
     if p.rotation.dimension != q.rotation.dimension:
         raise MbmError(faults.length_clash(span, "a pose of the plane", "a pose of space"))
     rotation = RotationValue(product(p.rotation.matrix, q.rotation.matrix, span))

@@ -102,9 +102,15 @@ def _matrix_product(call: Call) -> Value:
         operands.append(vector(value, form.span) if is_vector else matrix(value, form.span))
     result = operands[0]
     for operand in operands[1:]:
+        _afford(call, result, operand)
         result = product(result, operand, call.span)
     both_vectors = len(operands) == 2 and not operands[0].is_matrix and not operands[1].is_matrix
     return result.elements[0] if both_vectors else result
+
+
+def _afford(call: Call, a: Array, b: Array) -> None:
+    """A matrix product is cubic work: refused before it is done if it is beyond the budget."""
+    call.evaluator.budget.spend(len(a.elements) * (b.shape[1] if b.is_matrix else 1), call.form)
 
 
 def _mulmv(call: Call) -> Value:
@@ -129,6 +135,7 @@ def transposed(m: Array) -> Array:
 def _outer(call: Call) -> Value:
     a = vector(call.arguments[0], call.forms[0].span)
     b = vector(call.arguments[1], call.forms[1].span)
+    call.evaluator.budget.check_length(a.shape[0] * b.shape[0], call.form)
     elements = tuple(algebra.multiply(x, y, call.span) for x in a.elements for y in b.elements)
     return Array((a.shape[0], b.shape[0]), elements)
 

@@ -1,0 +1,51 @@
+# Everything here sets itself up: all it needs is make and Python 3.11 or later (another one: make PYTHON=python3.12 …).
+
+PYTHON ?= python3
+VENV := .venv
+RUN := $(VENV)/bin/python -m
+READY := $(VENV)/.ready
+CASES ?= 1000000
+
+.PHONY: help problems test lint types imports slow fuzz bench wheel clean
+
+help:  ## what can be made
+	@sed -n 's/^\([a-z]*\):.*## */make \1\t/p' Makefile | expand -t 16
+
+problems: $(READY)  ## solve the examples in problems/
+	@$(VENV)/bin/python problems/solve_all.py
+
+test: lint types imports  ## lint, types, import order, tests
+	$(RUN) pytest
+
+lint: $(READY)  ## style and layout of the source
+	$(RUN) ruff check
+	$(RUN) ruff format --check
+
+types: $(READY)  ## static types
+	$(RUN) mypy
+
+imports: $(READY)  ## who may import whom
+	$(VENV)/bin/lint-imports --no-logo
+
+slow: $(READY)  ## the tests that take longer
+	$(RUN) pytest -m slow
+
+fuzz: $(READY)  ## a million random problems (make fuzz CASES=1000 for fewer)
+	MBM_FUZZ_CASES=$(CASES) $(RUN) pytest tests/fuzz -x
+
+bench: $(READY)  ## the benchmarks
+	@set -e; for script in benchmarks/*.py; do echo "== $$script"; $(VENV)/bin/python $$script; done
+
+wheel: $(READY)  ## sdist and wheel in dist/
+	$(RUN) build
+
+clean:  ## remove what was made, the environment too
+	rm -rf $(VENV) dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+
+# The environment, made once and again whenever pyproject.toml changes. Dependency groups need pip 25.1.
+$(READY): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "mbm needs Python 3.11 or later: make PYTHON=…")'
+	$(PYTHON) -m venv $(VENV)
+	$(RUN) pip install --quiet --disable-pip-version-check --upgrade "pip>=25.1"
+	$(RUN) pip install --quiet --editable . --group dev
+	@touch $(READY)
