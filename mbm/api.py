@@ -122,6 +122,8 @@ class Problem:
         from mbm.solution.assembly import EvaluationCache
 
         maker = self.registry.backends.get(backend)
+        if backend == "native":
+            raise MbmError(language_faults.not_available_yet(None, "the native backend", "native speed"))
         if maker is None:
             raise MbmError(faults.unknown_backend(backend, tuple(self.registry.backends)))
         found = compiler.elaborated(self.program, self.name, inputs, self.registry)

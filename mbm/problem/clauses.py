@@ -8,7 +8,7 @@ from mbm.language import faults as language_faults
 from mbm.language.program import ProblemDefinition, Program
 from mbm.problem import faults
 from mbm.text.suggest import closest
-from mbm.text.types import MbmError, Sequence, Symbol
+from mbm.text.types import Diagnostic, MbmError, Sequence, Symbol
 
 CLAUSES = (
     "constants",
@@ -68,21 +68,23 @@ def effective_clauses(program: Program, problem: ProblemDefinition) -> tuple[Seq
         if any(other is each for each in chain):
             raise MbmError(language_faults.circular_definition(like.span, like.name))
         chain.append(other)
+    wrong = [fault for each in chain for clause in each.clauses if (fault := _wrong_head(clause)) is not None]
+    if wrong:
+        raise MbmError(*wrong)
     clauses: tuple[Sequence, ...] = ()
     for each in reversed(chain):
-        for clause in each.clauses:
-            _check_head(clause)
         clauses = _lay_over(clauses, each.clauses)
     return clauses
 
 
-def _check_head(clause: Sequence) -> None:
+def _wrong_head(clause: Sequence) -> Diagnostic | None:
     head = clause.head or ""
     if head in NOT_YET:
-        raise MbmError(language_faults.not_available_yet(clause.items[0].span, f"the clause `{head}`", NOT_YET[head]))
+        return language_faults.not_available_yet(clause.items[0].span, f"the clause `{head}`", NOT_YET[head])
     if head not in CLAUSES:
         near = closest(head, (*CLAUSES, *NOT_YET))
-        raise MbmError(faults.unknown_clause(clause.items[0].span, head, near, CLAUSES))
+        return faults.unknown_clause(clause.items[0].span, head, near, CLAUSES)
+    return None
 
 
 def _name(clause: Sequence) -> str | None:
