@@ -29,7 +29,15 @@ def _numpy() -> Backend:
     return BACKEND
 
 
-_BACKENDS: Mapping[str, Callable[[], Backend]] = MappingProxyType({"auto": _casadi, "casadi": _casadi, "numpy": _numpy})
+def _automatic() -> Backend:
+    from mbm.kernels.backends.automatic import BACKEND
+
+    return BACKEND
+
+
+_BACKENDS: Mapping[str, Callable[[], Backend]] = MappingProxyType(
+    {"auto": _automatic, "casadi": _casadi, "numpy": _numpy}
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

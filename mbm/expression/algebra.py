@@ -7,7 +7,7 @@ dimensions are both open, or both known, are combined.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 
 from mbm.expression.dimension import NONE, Dimension
@@ -68,18 +68,23 @@ def apply(operation: Operation, *arguments: Expression, span: Span | None = None
         UndefinedValueError: constants outside the operation's domain, division by zero, overflow.
 
     """
-    simpler = _simplify(operation, arguments)
-    if simpler is not None:
-        return simpler
     numbers = [a for a in arguments if isinstance(a, Number)]
+    if numbers or operation is Operation.NEGATE:
+        simpler = _simplify(operation, arguments)
+        if simpler is not None:
+            return simpler
     if len(numbers) == len(arguments):
         folded = _fold(operation, numbers, span)
         if folded is not None:
             return folded
-    angle = operation in _ANGLE_BORN or (operation in _ANGLE_SURVIVES and any(a.angle for a in arguments))
+    angle = operation in _ANGLE_BORN or (operation in _ANGLE_SURVIVES and _any_angle(arguments))
     if operation is Operation.IF:
         angle = arguments[1].angle or arguments[2].angle
     return Apply(operation, arguments, angle, span)
+
+
+def _any_angle(arguments: Sequence[Expression]) -> bool:
+    return True in [a.angle for a in arguments]
 
 
 def add(a: Expression, b: Expression, span: Span | None = None) -> Expression:
@@ -169,7 +174,7 @@ def _fold(operation: Operation, arguments: list[Number], span: Span | None) -> E
     value = fold_values(operation, [a.value for a in arguments])
     if isinstance(value, bool):
         return None
-    angle = operation in _ANGLE_BORN or (operation in _ANGLE_SURVIVES and any(a.angle for a in arguments))
+    angle = operation in _ANGLE_BORN or (operation in _ANGLE_SURVIVES and _any_angle(arguments))
     return Number(value, dimension, span, angle)
 
 

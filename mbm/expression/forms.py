@@ -43,7 +43,7 @@ def _form(node: Expression, forms: dict[int, Form], span: Span) -> Form:
         case Number():
             return number_form(node, span)
         case Constant():
-            return symbol(node.name, span)
+            return _constant_form(node, span)
         case Column():
             return symbol(node.name, span)
         case Opaque():
@@ -52,6 +52,14 @@ def _form(node: Expression, forms: dict[int, Form], span: Span) -> Form:
             return _component_form(node, span)
         case Apply():
             return _apply_form(node, forms, span)
+
+
+def _constant_form(node: Constant, span: Span) -> Form:
+    """A constant by its name; ``v[2]`` and ``M[1,3]``, elements of one, as ``(v 2)`` and ``(M 1 3)``."""
+    name, bracket, index = node.name.partition("[")
+    if not bracket:
+        return symbol(name, span)
+    return sequence((symbol(name, span), *(numeral(int(i), span) for i in index.rstrip("]").split(","))), span)
 
 
 def _component_form(node: Component, span: Span) -> Form:

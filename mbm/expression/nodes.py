@@ -57,6 +57,9 @@ class Operation(StrEnum):
     OR = "or"
     FINITE = "finite"
 
+    # That of `Enum` is a function in Python; operations are looked up in tables all the time.
+    __hash__ = str.__hash__
+
 
 CONDITIONS = frozenset(
     {

@@ -23,6 +23,9 @@ from mbm.language.values import (
 from mbm.text.build import numeral, sequence
 from mbm.text.types import MbmError, Sequence, Span, Symbol
 
+_ROWS = (Array, ListValue, Placeable)
+"""What may be the row of a matrix, or a vector."""
+
 
 def scalar(value: Value, span: Span, wanted: str = "a number") -> Expression:
     """A number, not a condition."""
@@ -35,7 +38,7 @@ def scalar(value: Value, span: Span, wanted: str = "a number") -> Expression:
 
 def assemble(values: Many[Value], spans: Many[Span]) -> Array:
     """A vector of scalars, or a matrix of vectors of one length."""
-    if values and all(isinstance(v, Array | ListValue | Placeable) for v in values):
+    if values and all(isinstance(v, _ROWS) for v in values):
         rows = [vector(v, s).elements for v, s in zip(values, spans, strict=True)]
         width = len(rows[0])
         for row, span in zip(rows, spans, strict=True):

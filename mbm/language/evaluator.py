@@ -9,7 +9,7 @@ from fractions import Fraction
 
 from mbm.expression.algebra import UndefinedValueError
 from mbm.expression.dimension import NONE
-from mbm.expression.nodes import Number
+from mbm.expression.nodes import Component, Number
 from mbm.expression.units import parse_unit, refused_unit
 from mbm.language import faults
 from mbm.language.coerce import assemble
@@ -30,8 +30,9 @@ from mbm.language.values import (
     SpecialForm,
     Value,
     describe,
+    size_of,
 )
-from mbm.text.suggest import closest
+from mbm.text.suggest import closest, infix
 from mbm.text.types import (
     Bracket,
     Code,
@@ -172,14 +173,14 @@ class Evaluator:
         elif isinstance(head, Sequence):
             value = self.wanted(head, scope)
         else:
-            raise MbmError(faults.bad_head(head.span, describe(head) if isinstance(head, Text) else "a keyword"))
+            raise MbmError(faults.bad_head(head.span, "a text" if isinstance(head, Text) else "a keyword"))
         return self._headed(value, form, scope)
 
     def _headed(self, value: Value, form: Sequence, scope: Scope) -> Value:
         """A list whose head has a value: a call, an element, or a paren vector."""
         if isinstance(value, SCALARS):
             return self.vector(form, form.items, scope)
-        if isinstance(value, Array | ListValue | FamilyValue):
+        if isinstance(value, _INDEXED):
             arguments = tuple(self.wanted(item, scope) for item in form.items[1:])
             return element(value, arguments, form)
         if isinstance(value, Callable_):
@@ -191,9 +192,12 @@ class Evaluator:
         forms = form.items[1:]
         if isinstance(function, Builtin):
             _check_arity(function, form)
-            arguments = tuple([self.evaluate(f, scope) for f in forms])
+            values = [self.evaluate(f, scope) for f in forms]
             if not function.takes_forms:
-                arguments = tuple([self.arrived(a, f, scope) for a, f in zip(arguments, forms, strict=True)])
+                for i, value in enumerate(values):
+                    if isinstance(value, FORMS):
+                        values[i] = self.arrived(value, forms[i], scope)
+            arguments = tuple(values)
         elif isinstance(function, Macro):
             arguments = ()
         else:
@@ -204,7 +208,9 @@ class Evaluator:
         """Call ``function`` with values; errors inside the user's functions name the call."""
         call = Call(self, form, scope, arguments, form.items[1:])
         if isinstance(function, Builtin):
-            self.budget.spend(sum(map(_size, arguments)), form)
+            size = sum([size_of(a) for a in arguments if isinstance(a, _SIZED)])
+            if size:
+                self.budget.look(size, form)
         try:
             return function.call(call)
         except UndefinedValueError as error:
@@ -214,26 +220,33 @@ class Evaluator:
                 raise
             raise _with_label(error, form.span, f"in this call of `{function.name}`") from None
 
+    def _are_operands(self, names: tuple[str, ...], scope: Scope) -> bool:
+        """Whether arithmetic was meant: a sign before a name, or an operator between known names and numbers."""
+        known = {"pi", *scope.names()}
+        return len(names) == 1 or all(name[0].isdigit() or name in known for name in names)
+
     def _unknown(self, symbol: Symbol, scope: Scope, *, is_head: bool = False) -> Diagnostic:
         name = symbol.name
         later = self.vocabulary.not_yet.get(name)
         if later is not None:
             return faults.not_available_yet(symbol.span, f"`{name}`", later)
+        written = infix(name)
+        if written is not None and self._are_operands(written[1], scope):
+            return faults.infix(symbol.span, name, *written)
         functions = [*self.vocabulary.functions, *self.vocabulary.special_forms]
         candidates = [*functions, *scope.names()] if is_head else [*scope.names(), *functions]
         return faults.unknown_name(symbol.span, name, closest(name, dict.fromkeys(candidates)), is_head=is_head)
 
 
-def _size(value: Value) -> int:
-    """Elements that a function of the vocabulary has to look at."""
-    if isinstance(value, Array):
-        return len(value.elements)
-    return len(value.items) if isinstance(value, ListValue) else 0
+_SIZED = (Array, ListValue, Sequence)
+_INDEXED = (Array, ListValue, FamilyValue)
 
 
 def _located(value: Value, span: Span) -> Value:
     """Numbers carry the place where they are used, so that a clash of units shows both places."""
-    if isinstance(value, SCALARS) and getattr(value, "span", None) is None and not isinstance(value, Number):
+    if isinstance(value, Component) and value.span is None:
+        return Component(value.unknown, value.index, value.member, value.angle, span)
+    if isinstance(value, SCALARS) and value.span is None and not isinstance(value, Number):
         return replace(value, span=span)
     return value
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 from mbm.text.suggest import closest
@@ -128,19 +127,19 @@ def default_focal_length(span: Span, name: str) -> Diagnostic:
     )  # fmt: skip
 
 
+def infix(span: Span, name: str, operator: str, operands: tuple[str, ...]) -> Diagnostic:
+    """A name that is arithmetic as other languages write it: ``-x``, ``x/2``."""
+    return Diagnostic(
+        code=UNKNOWN_NAME, message=f"`{name}` is read as one name, and it is not a variable or a function here", place=span,
+        hint=f"write `({operator} {' '.join(operands)})`",
+    )  # fmt: skip
+
+
 def unknown_name(span: Span, name: str, suggestion: str | None, *, is_head: bool = False) -> Diagnostic:
     """A name nobody knows, with the nearest one that is known."""
     what = "a function, a model or a variable here" if is_head else "a variable or a function here"
-    hint = f"did you mean `{suggestion}`?" if suggestion else _arithmetic_hint(name)
+    hint = f"did you mean `{suggestion}`?" if suggestion else None
     return Diagnostic(code=UNKNOWN_NAME, message=f"`{name}` is not {what}", place=span, hint=hint)
-
-
-def _arithmetic_hint(name: str) -> str | None:
-    if match := re.fullmatch(r"([-+])([A-Za-z][\w.]*)", name):
-        return f"write `({match[1]} {match[2]})`"
-    if match := re.fullmatch(r"([A-Za-z][\w.]*)([-+*/^])([\w.]+)", name):
-        return f"write `({match[2]} {match[1]} {match[3]})`"
-    return None
 
 
 def not_available_yet(span: Span | None, what: str, topic: str) -> Diagnostic:
@@ -174,7 +173,7 @@ def wrong_kind(span: Span, wanted: str, got: str) -> Diagnostic:
 def ragged_matrix(span: Span, wanted: int, got: int) -> Diagnostic:
     """Rows of a matrix of different lengths."""
     return Diagnostic(
-        code=LENGTH_CLASH, message=f"this row has {got} elements, the first has {wanted}", place=span,
+        code=LENGTH_CLASH, message=f"this row has {got} {'element' if got == 1 else 'elements'}, the first has {wanted}", place=span,
         hint="the rows of a matrix have one length",
     )  # fmt: skip
 
@@ -200,10 +199,11 @@ def wrong_arity(span: Span, name: str, usage: str, count: int) -> Diagnostic:
 
 def unknown_keyword(span: Span, keyword: str, owner: str, known: tuple[str, ...]) -> Diagnostic:
     """A keyword option nobody asked for."""
-    listed = ", ".join(f":{k}" for k in known)
+    listed = ", ".join(f"`:{k}`" for k in known)
+    hint = f"did you mean {listed}?" if len(known) == 1 else f"known options: {listed}" if listed else None
     return Diagnostic(
         code=BAD_FORM, message=f"`:{keyword}` is not an option of {owner}", place=span,
-        hint=f"known options: {listed}" if listed else "it takes no options",
+        hint=hint or "it takes no options",
     )  # fmt: skip
 
 

@@ -34,7 +34,9 @@ def _step(value: Value, arguments: tuple[Value, ...], forms: tuple[Form, ...], f
         raise MbmError(faults.bad_index(form.span, f"{describe(value)} cannot be indexed"))
     if not value.is_matrix:
         return value.elements[_position(arguments[0], value.shape[0], span)], 1
-    row = value.rows()[_position(arguments[0], value.shape[0], span)]
+    height, width = value.shape
+    first = _position(arguments[0], height, span) * width
+    row = value.elements[first : first + width]
     if len(arguments) == 1:
         return Array((len(row),), row), 1
     return row[_position(arguments[1], len(row), forms[1].span)], 2

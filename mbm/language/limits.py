@@ -16,11 +16,14 @@ class Limits:
     """Bounds of one compilation. The defaults let any sensible problem through and end a runaway within a second."""
 
     depth: int = 3000
-    steps: int = 200_000
+    steps: int = 50_000
     list_length: int = 100_000
     text_length: int = 1_000_000
     files: int = 200
 
+
+ELEMENTS_PER_STEP = 8
+"""Elements of a list or vector that are looked at, copied or added in the time that one form takes."""
 
 FRAMES_PER_LEVEL = 12
 """Python frames that one level of evaluation may take, with room to spare."""
@@ -64,10 +67,14 @@ class Budget:
         self._depth -= 1
 
     def spend(self, steps: int, form: Form) -> None:
-        """Work done outside the evaluation of forms: elements of a vector, nodes of an expression."""
+        """Work done outside the evaluation of forms: calls made for a list's elements, products of matrices."""
         self._steps += steps
         if self._steps > self.limits.steps:
             raise MbmError(faults.too_many_steps(form.span, self.limits.steps))
+
+    def look(self, elements: int, form: Form) -> None:
+        """Elements are looked at or made, which is cheaper than evaluating forms, but not free."""
+        self.spend(elements // ELEMENTS_PER_STEP, form)
 
     def check_length(self, length: int, form: Form) -> None:
         """A list or vector of ``length`` is about to be made."""

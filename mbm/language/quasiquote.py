@@ -7,7 +7,7 @@ from mbm.language import faults
 from mbm.language.coerce import is_form, list_items
 from mbm.language.evaluator import Evaluator
 from mbm.language.scope import Scope
-from mbm.language.values import SCALARS, Array, Callable_, FamilyValue, ListValue, TextColumn, Value, describe
+from mbm.language.values import SCALARS, Array, Callable_, FamilyValue, ListValue, TextColumn, Value, describe, size_of
 from mbm.text.build import sequence, symbol
 from mbm.text.types import Bracket, Form, MbmError, Sequence, Span, Text
 
@@ -22,6 +22,7 @@ def fill(evaluator: Evaluator, form: Form, scope: Scope, depth: int = 1) -> Form
         if head in ("unquote", "unquote-splicing") and len(form.items) == 2:
             if depth == 1:
                 value = evaluator.evaluate(form.items[1], scope)
+                evaluator.budget.look(size_of(value), form)
                 return value_form(value, form.items[1].span)
             inner = fill(evaluator, form.items[1], scope, depth - 1)
             return Sequence(items=(form.items[0], inner), bracket=form.bracket, span=form.span)
@@ -40,6 +41,7 @@ def fill(evaluator: Evaluator, form: Form, scope: Scope, depth: int = 1) -> Form
 
 def _spliced(evaluator: Evaluator, form: Sequence, scope: Scope) -> list[Form]:
     value = evaluator.evaluate(form.items[1], scope)
+    evaluator.budget.look(size_of(value), form)
     return [value_form(item, form.span) for item in list_items(value, form.items[1].span)]
 
 

@@ -43,11 +43,19 @@ class LocalScope:
     parent: Scope
 
     def lookup(self, name: str, span: Span) -> Value | None:
-        """The innermost binding."""
-        value = self.variables.get(name)
-        return value if value is not None else self.parent.lookup(name, span)
+        """The innermost binding. Not recursive: a long `let*` nests as many scopes as it has names."""
+        scope: Scope = self
+        while isinstance(scope, LocalScope):
+            value = scope.variables.get(name)
+            if value is not None:
+                return value
+            scope = scope.parent
+        return scope.lookup(name, span)
 
     def names(self) -> Iterator[str]:
         """The names bound here, then those around."""
-        yield from self.variables
-        yield from self.parent.names()
+        scope: Scope = self
+        while isinstance(scope, LocalScope):
+            yield from scope.variables
+            scope = scope.parent
+        yield from scope.names()

@@ -14,7 +14,7 @@ from mbm.language.functions import UserFunction
 from mbm.language.parameters import parse_parameters
 from mbm.language.quasiquote import fill
 from mbm.language.scope import LocalScope, Scope
-from mbm.language.values import SCALARS, Array, SpecialForm, Value
+from mbm.language.values import SCALARS, Array, SpecialForm, Value, size_of
 from mbm.language.vocabulary.arithmetic import elementwise_sum
 from mbm.text.types import Form, MbmError, Sequence, Symbol
 
@@ -48,7 +48,9 @@ def _if(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
     test = condition(evaluator.wanted(test_form, scope), test_form.span)
     if isinstance(test, bool):
         return evaluator.evaluate(then if test else other, scope)
-    return conditional(test, evaluator.wanted(then, scope), evaluator.wanted(other, scope), form.span)
+    chosen = evaluator.wanted(then, scope)
+    evaluator.budget.look(size_of(chosen), form)
+    return conditional(test, chosen, evaluator.wanted(other, scope), form.span)
 
 
 def clauses_of_cond(form: Sequence) -> tuple[tuple[Form, tuple[Form, ...]], ...]:
@@ -93,6 +95,7 @@ def _cond(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
             faults.bad_form(form.span, "no clause of `cond` is left for the remaining cases", "(cond … (else form))")
         )
     for test, value, at in reversed(pending):
+        evaluator.budget.look(size_of(value), form)
         result = conditional(test, value, result, at.span)
     return result
 
@@ -149,6 +152,7 @@ def _sum(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
         return total(tuple(t for t in terms if isinstance(t, SCALARS)), form.span)
     result: Value = terms[0] if isinstance(terms[0], Array) else vector(terms[0], body.span)
     for term in terms[1:]:
+        evaluator.budget.look(size_of(term), form)
         result = elementwise_sum(result, term, body.span)
     return result
 

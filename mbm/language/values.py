@@ -252,6 +252,13 @@ class StaticColumnNeeded(Exception):  # noqa: N818 - not an error: it asks for a
         self.span = span
 
 
+def size_of(value: Value) -> int:
+    """Elements that work on a value has to look at: of a vector, a matrix, a list, a quoted list; else none."""
+    if isinstance(value, Array):
+        return len(value.elements)
+    return len(value.items) if isinstance(value, ListValue | Sequence) else 0
+
+
 def describe(value: Value) -> str:
     """How a message names a value, with article."""
     if isinstance(value, Apply) and value.is_condition:
@@ -279,6 +286,8 @@ def describe(value: Value) -> str:
         return f"the table `{value.name}`"
     if isinstance(value, FORMS):
         return "a quoted form"
+    if isinstance(value, Macro):
+        return f"the macro `{value.name}`"
     return f"the function `{value.name}`"
 
 

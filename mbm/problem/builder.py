@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
+from mbm.expression.nodes import Number
 from mbm.language import faults as language_faults
 from mbm.language.evaluator import Vocabulary
 from mbm.language.functions import bind_definition, parse_definition
@@ -92,11 +93,12 @@ def elaborate(
         solves = _all(clauses, "solve")
         request = read_request(work, solves[-1] if solves else None, _all(clauses, "for-each"))
     if not declarations:
-        work.diagnostics.append(faults.no_unknowns(definition.span))
+        if not work.undeclared:
+            work.diagnostics.append(faults.no_unknowns(definition.span))
     elif not blocks and not work.diagnostics:
         work.diagnostics.append(faults.no_equations(definition.span))
     work.finish()
-    dimensions, clashes = infer(unknowns, blocks, derived, plans, tables)
+    dimensions, clashes = infer(unknowns, blocks, derived, plans, tables, starts)
     work.diagnostics.extend(clashes)
     work.finish()
     if request is None:
@@ -118,7 +120,8 @@ def elaborate(
     if errors:
         raise MbmError(*errors)
     problem = replace(problem, warnings=(*problem.warnings, *warnings))
-    return Elaborated(problem=problem, raw=raw, tables=tables, starts=starts)
+    numbers_of = {name: tuple(float(n.value) for n in given) for name, given in starts.items()}
+    return Elaborated(problem=problem, raw=raw, tables=tables, starts=numbers_of)
 
 
 def _session(program: Program, front: Front, tables: Mapping[str, Table], log: ModelLog) -> Session:
@@ -183,7 +186,7 @@ def _definitions(work: Workspace, clauses: tuple[Sequence, ...]) -> None:
     usage = "(define (name form)…)"
     for clause in _all(clauses, "define"):
         for item in clause.items[1:]:
-            with work.collecting():
+            with work.collecting(item):
                 if not (isinstance(item, Sequence) and len(item.items) == 2 and isinstance(item.items[0], Symbol)):
                     raise MbmError(language_faults.bad_form(item.span, "a definition is (name form)", usage))
                 name = item.items[0]
@@ -209,7 +212,7 @@ def _unknowns(work: Workspace, declarations: list[Declaration]) -> tuple[tuple[U
 
 def _starts(
     work: Workspace, declarations: list[Declaration], constants: list[str], overrides: Overrides
-) -> dict[str, tuple[float, ...]]:
+) -> dict[str, tuple[Number, ...]]:
     """Starts given from outside; a name that is neither a constant nor an unknown is an error."""
     known = {d.name.name: d for d in declarations}
     found = {}

@@ -20,13 +20,23 @@ def infer(
     derived: tuple[Derived, ...],
     plans: tuple[TablePlan, ...],
     tables: Mapping[str, Table],
+    starts: Mapping[str, tuple[Number, ...]],
 ) -> tuple[dict[tuple[str, int], Dimension | None], list[Diagnostic]]:
-    """Dimensions of the components of unknowns and derived quantities, and the clashes found on the way."""
+    """Dimensions of the components of unknowns and derived quantities, and the clashes found on the way.
+
+    ``starts`` are those given from outside.
+    """
     inference = Inference(_declared(unknowns, plans, tables))
+    for plan in plans:
+        for kept in plan.where.cases if plan.where is not None else ():
+            inference.visit(kept.values)
     for block in blocks:
         _visit_block(inference, block)
     for unknown in unknowns:
         _visit_unknown(inference, unknown)
+        angle = unknown.kind is UnknownKind.ANGLE
+        for index, given in zip(unknown.indices(), starts.get(unknown.name, ()), strict=False):
+            inference.equate(Component(unknown.name, index, None, angle, unknown.span), given, given.span)
     for each in derived:
         for case in each.cases:
             inference.visit(case.values)
@@ -72,6 +82,8 @@ def _declared(unknowns: tuple[Unknown, ...], plans: tuple[TablePlan, ...], table
 
 
 def _visit_block(inference: Inference, block: Block) -> None:
+    for values in block.when.cases if block.when is not None else ():
+        inference.visit(values.values)
     for case in block.cases:
         for equation in case.equations:
             inference.visit((*equation.components, *equation.noise))
@@ -131,7 +143,7 @@ def _diagnostic(clash: Clash, inference: Inference, unknowns: tuple[Unknown, ...
             labels.append(Label(place, f"{_name(leaf)} is {dimension.describe()}"))
     left = f"{_shown(clash.left)}, {clash.left_dimension.describe()},"
     if clash.right is None:
-        return faults.unit_clash(clash.span, left, "what wants a pure number", tuple(labels))
+        return faults.impure(clash.span, left, tuple(labels))
     right = f"{_shown(clash.right)}, {clash.right_dimension.describe()}"
     return faults.unit_clash(clash.span, left, right, tuple(labels))
 

@@ -19,7 +19,7 @@ from mbm.problem import faults
 from mbm.problem.scopes import ROW, ProblemScope, RowScope
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import RowValues, Static, ValueCase
-from mbm.text.types import Diagnostic, Form, Keyword, MbmError, Sequence, Span, Symbol
+from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Span, Symbol
 
 MAXIMUM_CASES = 20_000
 """Groups of rows with different static values that one clause may have; each is compiled on its own."""
@@ -35,17 +35,29 @@ class Workspace:
     scope: ProblemScope
     tables: dict[str, Table]
     diagnostics: list[Diagnostic] = field(default_factory=list)
+    undeclared: set[str] = field(default_factory=set)
 
     @contextmanager
-    def collecting(self) -> Iterator[None]:
-        """Errors inside are kept, so that one run reports what several clauses have wrong."""
+    def collecting(self, declares: Form | None = None) -> Iterator[None]:
+        """Errors inside are kept, so that one run reports what several clauses have wrong.
+
+        ``declares`` is the declaration at work: where it fails, that its name is unknown elsewhere is no news.
+        """
         try:
             yield
         except MbmError as error:
             known = {(d.code, d.place, d.message) for d in self.diagnostics}
-            self.diagnostics.extend(d for d in error.diagnostics if (d.code, d.place, d.message) not in known)
+            found = [d for d in error.diagnostics if not self._follows(d)]
+            self.diagnostics.extend(d for d in found if (d.code, d.place, d.message) not in known)
+            if isinstance(declares, Sequence) and declares.head is not None:
+                self.undeclared.add(declares.head)
         except StaticColumnNeeded as need:
             self.diagnostics.append(language_faults.not_static(need.span, f"column `{need.column.name}`"))
+
+    def _follows(self, diagnostic: Diagnostic) -> bool:
+        """Whether an error only repeats that a declaration failed."""
+        unknown = diagnostic.code == language_faults.UNKNOWN_NAME and isinstance(diagnostic.place, Span)
+        return unknown and isinstance(diagnostic.place, Span) and diagnostic.place.text in self.undeclared
 
     def finish(self) -> None:
         """Raise what was collected."""
@@ -115,8 +127,7 @@ class Workspace:
         """A condition per row (or one for each of ``count`` components) as numbers 0 and 1."""
 
         def evaluate(scope: Scope) -> tuple[Expression, ...]:
-            value = self.evaluator.wanted(form, scope)
-            items = value.items if isinstance(value, ListValue) else (value,) * count
+            items = self._condition_items(form, scope, count)
             if len(items) != count:
                 raise MbmError(
                     language_faults.length_clash(form.span, f"{len(items)} conditions", f"{count} components")
@@ -131,6 +142,16 @@ class Workspace:
             cases=tuple(ValueCase(static=s, values=v) for s, v in cases),
             span=form.span,
         )
+
+    def _condition_items(self, form: Form, scope: Scope, count: int) -> tuple[Value, ...]:
+        """One condition for all components, or a vector (or list) of them: ``[false true false]``."""
+        if isinstance(form, Sequence) and form.items:
+            first = form.items[0]
+            literal = isinstance(first, Symbol) and first.name in ("true", "false")
+            if form.bracket is Bracket.SQUARE or literal:
+                return tuple(self.evaluator.wanted(item, scope) for item in form.items)
+        value = self.evaluator.wanted(form, scope)
+        return value.items if isinstance(value, ListValue) else (value,) * count
 
     def refuse_unknowns(self, nodes: tuple[Expression, ...], span: Span, wanted: str) -> None:
         """``wanted`` has to be known before the solve."""

@@ -116,6 +116,16 @@ TOO_FEW_EQUATIONS = Code(
     "The structure of the equations cannot determine all unknowns, whatever the numbers are (a warning).",
     "Add observations or priors, or fix an unknown.",
 )
+TABLE_WITHOUT_KEY = Code(
+    "table-without-key",
+    "Rows of a table are to be found by their key (by `:with`, or as members of a family), but the table has none.",
+    "Add `:key column` to its data clause; a family may also range over a column: `:per table.column`.",
+)
+DERIVED_ELSEWHERE = Code(
+    "derived-elsewhere",
+    "A quantity that is derived for each row of a table is used where there is no row of that table.",
+    "Use it in quantities that are `:over` the same table.",
+)
 UNKNOWN_BACKEND = Code(
     "unknown-backend", "`--backend` names nothing that evaluates equations here.", "Use `auto`, `casadi` or `numpy`."
 )
@@ -133,8 +143,25 @@ def too_few_equations(span: Span, name: str, equations: int, unknowns: int) -> D
     """An unknown that the structure leaves over."""
     return Diagnostic(
         code=TOO_FEW_EQUATIONS,
-        message=f"`{name}` has no equation of its own: {equations} scalar equations, {unknowns} scalar unknowns",
+        message=f"`{name}` has no equation of its own: {_counted(equations, 'scalar equation')}, "
+        f"{_counted(unknowns, 'scalar unknown')}",
         place=span, severity=Severity.WARNING, hint="add observations or priors, or fix an unknown",
+    )  # fmt: skip
+
+
+def table_without_key(span: Span, table: str) -> Diagnostic:
+    """Rows that cannot be named."""
+    return Diagnostic(
+        code=TABLE_WITHOUT_KEY, message=f"the table `{table}` has no key to find its rows by", place=span,
+        hint=f"add `:key column` to `(data {table} …)`",
+    )  # fmt: skip
+
+
+def derived_elsewhere(span: Span, name: str, table: str) -> Diagnostic:
+    """A value per row where there is no row."""
+    return Diagnostic(
+        code=DERIVED_ELSEWHERE, message=f"`{name}` is derived for each row of `{table}`; there is no such row here",
+        place=span, hint=f"use it in quantities with `:over {table}`",
     )  # fmt: skip
 
 
@@ -307,6 +334,14 @@ def mixed_units(span: Span, column: str, other: Span) -> Diagnostic:
     )  # fmt: skip
 
 
+def impure(span: Span | None, what: str, labels: tuple[Label, ...]) -> Diagnostic:
+    """A dimension where a pure number is wanted: in a sine, as an exponent."""
+    return Diagnostic(
+        code=UNIT_CLASH, message=f"{what} stands where a pure number is wanted", place=span, labels=labels,
+        hint="divide by something of the same dimension",
+    )  # fmt: skip
+
+
 def missing_unit(span: Span | None, what: str) -> Diagnostic:
     """A unit that strictness asks for."""
     return Diagnostic(code=MISSING_UNIT, message=f"{what} states no unit", place=span, hint="add `:unit`")
@@ -343,7 +378,8 @@ def no_rows(span: Span, name: str) -> Diagnostic:
 def bad_noise(span: Span, what: str, place: Place | None) -> Diagnostic:
     """A weight that is none."""
     labels = (Label(place, "for this row"),) if place is not None else ()
-    return Diagnostic(code=BAD_NOISE, message=what, place=span, labels=labels, hint="a sigma is a number above zero")
+    hint = "a sigma is a number above zero; covariance and information are symmetric and positive definite"
+    return Diagnostic(code=BAD_NOISE, message=what, place=span, labels=labels, hint=hint)
 
 
 def bad_bounds(span: Span, name: str) -> Diagnostic:
@@ -357,6 +393,10 @@ def missing_start(span: Span, name: str) -> Diagnostic:
         code=MISSING_START, message=f"`{name}` has no start, and it enters the equations nonlinearly", place=span,
         hint="give `:init`, or a range `:in (lo hi)`, whose middle is taken",
     )  # fmt: skip
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def _listed(names: tuple[str, ...]) -> str:

@@ -37,6 +37,8 @@ def joined(table: Table, joins: tuple[Join, ...], tables: Mapping[str, Table]) -
         other = tables.get(join.table)
         if other is None:
             raise MbmError(faults.unknown_table(join.span, join.table, tuple(tables)))
+        if other.key is None:
+            raise MbmError(faults.table_without_key(join.span, other.name))
         if join.column not in columns:
             raise MbmError(faults.unknown_column(join.span, join.column, table.name, tuple(columns)))
         positions = _positions(table, columns[join.column], other, join)

@@ -10,6 +10,7 @@ from mbm.language import faults
 from mbm.language.evaluator import Evaluator
 from mbm.language.scope import Scope
 from mbm.language.values import TableName, TextColumn, Value
+from mbm.problem import faults as problem_faults
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.tables import Column as TableColumn
 from mbm.text.types import Form, MbmError, Span
@@ -35,6 +36,7 @@ class ProblemScope:
         self.tables = tables
         self.entries: dict[str, Entry] = {}
         self.definitions: dict[str, Form] = {}
+        self.derived_over: dict[str, tuple[str, Form]] = {}
         self.evaluator: Evaluator | None = None
         self._values: dict[str, Value] = {}
         self._open: set[str] = set()
@@ -65,7 +67,7 @@ class ProblemScope:
 
     def defined(self, name: str, scope: Scope, span: Span) -> Value | None:
         """The value in ``scope`` of a name of a ``define`` clause: columns are those of the place where it is used."""
-        form = self.definitions.get(name)
+        form = self._form_of(name, scope)
         if form is None or self.evaluator is None:
             return None
         if name in self._open:
@@ -76,23 +78,35 @@ class ProblemScope:
         finally:
             self._open.discard(name)
 
+    def defines(self, name: str) -> bool:
+        """Whether a ``define`` clause, or a quantity derived for each row, has this name."""
+        return name in self.definitions or name in self.derived_over
+
+    def _form_of(self, name: str, scope: Scope) -> Form | None:
+        """The form of a definition, or of a quantity derived for each row of the table whose row ``scope`` is."""
+        if name in self.derived_over and isinstance(scope, RowScope):
+            table, form = self.derived_over[name]
+            return form if scope.table.name == table else None
+        return self.definitions.get(name)
+
     def lookup(self, name: str, span: Span) -> Value | None:
         """A name outside of any row."""
         value = self.own(name, span)
         if value is None:
             value = self.defined(name, self, span)
-        if value is None and name in self.tables:
-            value = TableName(name)
-        return value if value is not None else self._parent.lookup(name, span)
+        return value if value is not None else self.outer(name, span)
 
     def outer(self, name: str, span: Span) -> Value | None:
         """A name of the file, or a table."""
+        if name in self.derived_over:
+            raise MbmError(problem_faults.derived_elsewhere(span, name, self.derived_over[name][0]))
         return TableName(name) if name in self.tables else self._parent.lookup(name, span)
 
     def names(self) -> Iterator[str]:
         """All names of the problem, then those of the file."""
         yield from self.entries
         yield from self.definitions
+        yield from self.derived_over
         yield from self._parent.names()
 
 
@@ -124,7 +138,7 @@ class RowScope:
                 raise MbmError(faults.ambiguous_name(span, name, self.table.name, entry.kind, entry.span))
             return self._reference(column, span)
         value = self._problem.own(name, span)
-        if value is None and name in self._problem.definitions:
+        if value is None and self._problem.defines(name):
             value = self._defined.get(name)
             if value is None:
                 value = self._problem.defined(name, self, span)

@@ -164,4 +164,4 @@ class Table:
         if name is None:
             return [float(r) for r in self.rows]
         cells = self.columns[name]
-        return list(cells.texts) if cells.texts is not None else [float(v) for v in self.numbers(name)]
+        return list(cells.texts) if cells.texts is not None else self.numbers(name).tolist()

@@ -215,10 +215,11 @@ class Request:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConstantValue:
-    """A constant of the problem with its elements (one for a number)."""
+    """A constant of the problem with its elements (one for a number) and their names in expressions."""
 
     name: str
     values: tuple[float, ...]
+    elements: tuple[str, ...]
     span: Span
 
 

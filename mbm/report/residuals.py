@@ -15,8 +15,9 @@ from mbm.solution.solution import Solution
 from mbm.solution.types import NoiseState
 
 
+@np.errstate(all="ignore")
 def normalised(solution: Solution) -> Floats:
-    """Residuals (m,) in standard deviations; an estimated noise factor counts."""
+    """Residuals (m,) in standard deviations, infinite or NaN where they are; an estimated noise factor counts."""
     residuals = solution.minimum.residuals
     if solution.factors is not None:
         return residuals
@@ -27,6 +28,7 @@ def normalised(solution: Solution) -> Floats:
     return residuals
 
 
+@np.errstate(all="ignore")
 def residual_summaries(problem: Problem, solution: Solution) -> Mapping[str, ResidualSummary]:
     """Rows, rows used, and the normalised root mean square of each observation."""
     values = normalised(solution)

@@ -22,6 +22,9 @@ from mbm.solution.whitening import Whitener, whitener
 from mbm.symbolic.types import ConstantInput, Parameter, Purpose, Slot
 from mbm.text.types import MbmError
 
+SCATTER_BLOCK = 2048
+"""Rows whose derivatives go into the dense Jacobian together; all rows at once take nine times longer (measured)."""
+
 
 class EvaluationCache:
     """Prepared kernels by number of rows, so that a stream of data sets of one size prepares them once.
@@ -47,13 +50,14 @@ class Group:
     """A kernel bound to the rows it holds for.
 
     ``positions`` (from 0) in the block's table, None without one; ``index`` (rows, variables) gives for each input of
-    unknowns its place in the vector of all numbers.
+    unknowns its place in the vector of all numbers; ``shared[j]`` says that variable j is the same in all rows.
     """
 
     kernel: Kernel
     evaluation: Evaluation
     positions: Positions | None
     index: Indices
+    shared: tuple[bool, ...]
     parameters: Floats
     whiteners: tuple[Whitener, ...] = ()
     first: int = 0
@@ -71,7 +75,8 @@ class Group:
     def fill(self, numbers: Floats) -> None:
         """Put the vector of all numbers (N,) and the data into the inputs."""
         variables = self.index.shape[1]
-        self.evaluation.inputs[:, :variables] = numbers[self.index]
+        places = self.index[:1] if all(self.shared) else self.index
+        self.evaluation.inputs[:, :variables] = numbers[places]
         self.evaluation.inputs[:, variables:] = self.parameters
 
     def values(self, numbers: Floats) -> Floats:
@@ -87,18 +92,31 @@ class Group:
 
     def dense_jacobian(self, numbers: Floats, columns: Indices, width: int) -> Floats:
         """Jacobian, not whitened, shape (rows, outputs, width); ``columns`` (N,) places each number, -1: nowhere."""
+        result = np.zeros((self.rows, self.kernel.outputs, width))
+        self.add_jacobian(numbers, columns, result)
+        return result
+
+    def add_jacobian(self, numbers: Floats, columns: Indices, target: Floats) -> None:
+        """Add the Jacobian to ``target`` (rows, outputs, width), block by block so that it stays in the cache."""
         self.fill(numbers)
         _, nonzeros = self.evaluation.values_and_jacobian()
-        result = np.zeros((self.rows, self.kernel.outputs, width))
-        lines = np.arange(self.rows)
-        for k, (i, j) in enumerate(zip(self.kernel.jacobian_rows, self.kernel.jacobian_columns, strict=True)):
-            target = columns[self.index[:, j]]
-            if (target >= 0).all():
-                result[lines, i, target] += nonzeros[:, k]
-            else:
-                kept = target >= 0
-                result[lines[kept], i, target[kept]] += nonzeros[kept, k]
-        return result
+        places = list(zip(self.kernel.jacobian_rows.tolist(), self.kernel.jacobian_columns.tolist(), strict=True))
+        for start in range(0, self.rows, SCATTER_BLOCK):
+            part = slice(start, start + SCATTER_BLOCK)
+            block, found, index = target[part], nonzeros[part], self.index[part]
+            lines = np.arange(len(block))
+            for k, (i, j) in enumerate(places):
+                if self.shared[j]:
+                    column = int(columns[index[0, j]])
+                    if column >= 0:
+                        block[:, i, column] += found[:, k]
+                    continue
+                chosen = columns[index[:, j]]
+                kept = chosen >= 0
+                if kept.all():
+                    block[lines, i, chosen] += found[:, k]
+                else:
+                    block[lines[kept], i, chosen[kept]] += found[kept, k]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -125,7 +143,7 @@ class Assembled:
     @property
     def count(self) -> int:
         """Scalar residuals."""
-        return sum(g.count for g in self.groups)
+        return self.groups[-1].first + self.groups[-1].count if self.groups else 0
 
     @property
     def lower(self) -> Floats:
@@ -162,14 +180,15 @@ class Assembled:
         width = self.dimension
         result = np.zeros((self.count, width))
         for group in self.groups:
-            part = group.dense_jacobian(numbers, self._columns, width)
+            lines = result[group.first : group.first + group.count]
+            part = lines.reshape(group.rows, group.kernel.outputs, width)
+            group.add_jacobian(numbers, self._columns, part)
             for whitener_ in group.whiteners:
                 rows = part[:, whitener_.first : whitener_.last]
                 if whitener_.weights.ndim == 2:
                     rows *= whitener_.weights[:, :, None]
                 else:
                     rows[...] = np.einsum("rij,rjn->rin", whitener_.weights, rows)
-            result[group.first : group.first + group.count] = part.reshape(group.count, width)
         return result if self.factors is None else result / self.factors[:, None]
 
     def retract(self, x: Floats, step: Floats) -> Floats:
@@ -244,13 +263,22 @@ class Binder:
         """A kernel for the rows at ``positions``."""
         rows = 1 if positions is None else len(positions)
         index = np.empty((rows, len(kernel.variables)), dtype=np.int64)
+        members: dict[tuple[str, Member], Indices | int] = {}
         for j, slot in enumerate(kernel.variables):
-            index[:, j] = self._places(slot, table, positions)
+            index[:, j] = self._places(slot, table, positions, members)
+        shared = tuple(not _differs(slot) for slot in kernel.variables)
         parameters = np.empty((rows, len(kernel.parameters)))
         for j, parameter in enumerate(kernel.parameters):
             parameters[:, j] = self._parameter(parameter, table, positions)
         evaluation = self.cache.evaluation(number, kernel, rows)
-        return Group(kernel=kernel, evaluation=evaluation, positions=positions, index=index, parameters=parameters)
+        return Group(
+            kernel=kernel,
+            evaluation=evaluation,
+            positions=positions,
+            index=index,
+            shared=shared,
+            parameters=parameters,
+        )
 
     def _parameter(self, parameter: Parameter, table: Table | None, positions: Positions | None) -> Floats | float:
         if isinstance(parameter, ConstantInput):
@@ -262,26 +290,42 @@ class Binder:
     def _constants(self) -> Mapping[str, float]:
         values: dict[str, float] = {}
         for constant in self.problem.constants:
-            values[constant.name] = constant.values[0]
-            for i, value in enumerate(constant.values):
-                values[f"{constant.name}[{i + 1}]"] = value
+            values.update(zip(constant.elements, constant.values, strict=True))
         return values
 
-    def _places(self, slot: Slot, table: Table | None, positions: Positions | None) -> Indices | int:
+    def _places(
+        self,
+        slot: Slot,
+        table: Table | None,
+        positions: Positions | None,
+        members: dict[tuple[str, Member], Indices | int],
+    ) -> Indices | int:
+        """Places of one variable; ``members`` keeps what was found for the other components of the same member."""
         entry = self.layout.entry(slot.unknown)
-        size = entry.unknown.size
-        member = slot.member
-        if member is None:
+        if slot.member is None:
             return entry.offset + slot.component
+        found = members.get((slot.unknown, slot.member))
+        if found is None:
+            found = members[slot.unknown, slot.member] = self._members(entry, slot.member, table, positions)
+        return entry.offset + found * entry.unknown.size + slot.component
+
+    def _members(self, entry: Entry, member: Member, table: Table | None, positions: Positions | None) -> Indices | int:
+        """Numbers (from 0) of the members that ``member`` names, for each row."""
+        where = f"the family `{entry.unknown.name}`"
         if isinstance(member, LiteralMember):
-            return entry.offset + self._member(entry, member.key, None, None) * size + slot.component
+            literal = entry.index.get(member.key)
+            if literal is None:
+                raise MbmError(problem_faults.dangling_key(entry.unknown.span, member.key, where, None, None))
+            return literal
         cells = self._cells(member, table, positions)
-        found = np.fromiter(
-            (self._member(entry, key, member, (table, positions, i)) for i, key in enumerate(cells)),
-            dtype=np.int64,
-            count=len(cells),
-        )
-        return entry.offset + found * size + slot.component
+        found = np.array([entry.index.get(cell, -1) for cell in cells], dtype=np.int64)
+        if bool((found < 0).any()):
+            row = int(np.argmax(found < 0))
+            if table is None or positions is None or member.row is not RowChoice.EACH:
+                raise MbmError(problem_faults.dangling_key(entry.unknown.span, cells[row], where, None, None))
+            place = table.place(int(positions[row]), member.column)
+            raise MbmError(problem_faults.dangling_key(place, cells[row], where, None, entry.unknown.span))
+        return found
 
     def _cells(self, member: ColumnMember, table: Table | None, positions: Positions | None) -> list[CellKey]:
         if member.row is RowChoice.EACH and table is not None and positions is not None:
@@ -293,21 +337,10 @@ class Binder:
         keys = other.keys(member.column)
         return [keys[0 if member.row is RowChoice.FIRST else -1]]
 
-    def _member(
-        self,
-        entry: Entry,
-        key: CellKey,
-        member: Member | None,
-        row: tuple[Table | None, Positions | None, int] | None,
-    ) -> int:
-        found = entry.index.get(key)
-        if found is not None:
-            return found
-        where = f"the family `{entry.unknown.name}`"
-        if row is not None and row[0] is not None and row[1] is not None and isinstance(member, ColumnMember):
-            place = row[0].place(int(row[1][row[2]]), member.column)
-            raise MbmError(problem_faults.dangling_key(place, key, where, None, entry.unknown.span))
-        raise MbmError(problem_faults.dangling_key(entry.unknown.span, key, where, None, None))
+
+def _differs(slot: Slot) -> bool:
+    """Whether the variable may be another member in each row."""
+    return isinstance(slot.member, ColumnMember) and slot.member.row is RowChoice.EACH
 
 
 def block_rows(groups: tuple[Group, ...], number: int) -> Indices:

@@ -13,6 +13,7 @@ ORTHOGONAL = 1e-6
 """A gradient whose share along the free directions is below this does not feel them."""
 
 
+@np.errstate(all="ignore")
 def covariance(observed: Observability, variance: float = 1.0) -> Covariance:
     """Covariance of the n coordinates, times ``variance`` (the estimated s² of `:sigma unknown`, else 1).
 
@@ -29,6 +30,7 @@ def covariance(observed: Observability, variance: float = 1.0) -> Covariance:
     return Covariance(matrix=matrix, sigma=np.sqrt(np.diag(matrix)), factor=factor)
 
 
+@np.errstate(all="ignore")
 def propagate(gradient: Floats, observed: Observability, estimated: Covariance) -> Propagated:
     """Covariance of k derived quantities with the gradient (k, n): ``G Σ Gᵀ``.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +34,9 @@ from mbm.solution.types import (
 )
 from mbm.solution.variance import common_factor, fit_statistics, redundancy_numbers, variance_components
 from mbm.text.types import Diagnostic
+
+REWEIGHTED_ITERATIONS = 500
+"""Iterations that the rounds of the variance components may take together; those left over get one each."""
 
 GRADIENT_LIMIT = 20_000_000
 """Numbers in the gradients of derived quantities that are kept for their covariance."""
@@ -159,7 +162,11 @@ class _Run:
         return minimum.residuals, redundancy_numbers(minimum.jacobian, observed)
 
     def _minimise(self, factors: Floats | None) -> Minimum:
-        minimum = minimise(self.equations.with_factors(factors), self._point, self.settings)
+        limit = self.settings.max_iterations
+        if self.iterations:
+            limit = min(limit, max(REWEIGHTED_ITERATIONS - self.iterations, 1))
+        settings = replace(self.settings, max_iterations=limit)
+        minimum = minimise(self.equations.with_factors(factors), self._point, settings)
         self.iterations += minimum.iterations
         self.evaluations += minimum.evaluations
         if np.isfinite(minimum.cost):

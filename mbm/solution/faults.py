@@ -40,7 +40,7 @@ def no_equations(unknowns: int, place: Place | None = None) -> Diagnostic:
     """No residuals at all for ``unknowns`` scalar unknowns."""
     return Diagnostic(
         code=NO_EQUATIONS,
-        message=f"{unknowns} scalar unknowns, but no equation has a row of data",
+        message=f"{unknowns} scalar {'unknown' if unknowns == 1 else 'unknowns'}, but no equation has a row of data",
         place=place,
         hint=NO_EQUATIONS.mend,
     )
@@ -52,10 +52,10 @@ def no_unknowns(place: Place | None = None) -> Diagnostic:
 
 
 def too_many_unknowns(rows: int, unknowns: int, limit: int, place: Place | None = None) -> Diagnostic:
-    """A dense Jacobian of ``rows`` × ``unknowns`` numbers exceeds ``limit`` numbers."""
+    """A dense matrix, of the Jacobian or of the covariance, exceeds ``limit`` numbers."""
     return Diagnostic(
         code=TOO_MANY_UNKNOWNS,
-        message=f"{rows} equations in {unknowns} unknowns make a matrix of {rows * unknowns} numbers; "
+        message=f"{rows} equations in {unknowns} unknowns make a matrix of {max(rows, unknowns) * unknowns} numbers; "
         f"at most {limit} are held",
         place=place,
         hint=TOO_MANY_UNKNOWNS.mend,
@@ -64,7 +64,8 @@ def too_many_unknowns(rows: int, unknowns: int, limit: int, place: Place | None 
 
 def option_not_finite(span: Span, name: str, key: str | float | None) -> Diagnostic:
     """A start or bound without a value."""
-    member = f" for the member `{key}`" if key is not None else ""
+    shown = f"`{key}`" if isinstance(key, str) else f"{key:g}" if key is not None else ""
+    member = f" for the member {shown}" if shown else ""
     return Diagnostic(
         code=OPTION_NOT_FINITE,
         message=f"this option of `{name}` has no finite value{member}",

@@ -38,7 +38,7 @@ def minimise(equations: Equations, start: Floats, settings: Settings) -> Minimum
         raise MbmError(faults.no_unknowns())
     if equations.count == 0:
         raise MbmError(faults.no_equations(equations.dimension))
-    if equations.count * equations.dimension > DENSE_LIMIT:
+    if max(equations.count, equations.dimension) * equations.dimension > DENSE_LIMIT:
         raise MbmError(faults.too_many_unknowns(equations.count, equations.dimension, DENSE_LIMIT))
     solver = solver_for(equations, settings)
     state = solver.init(equations, start, settings.tolerance)

@@ -30,15 +30,17 @@ def _classified(equations: Equations, minimum: Minimum, combination: FreeCombina
     coefficients = np.asarray(combination.coefficients)
     shifted = point.copy()
     shifted[indices] += FINITE * size * coefficients / float(np.abs(coefficients).max())
-    # Where both movements are invisible (several unknowns of one size), the plainer word is kept.
-    if _invisible(equations, minimum, indices, shifted):
-        return replace(combination, motion=Motion.SHIFT)
+    moves = _invisible(equations, minimum, indices, shifted)
+    scales = False
     if combination.relative is not None:
         scaled = point.copy()
         scaled[indices] *= np.exp(FINITE * np.asarray(combination.relative))
-        if _invisible(equations, minimum, indices, scaled):
-            return replace(combination, motion=Motion.SCALE)
-    return combination
+        scales = _invisible(equations, minimum, indices, scaled)
+    # A scaling by one factor is a shift along the point itself. It is called a shift only where all unknowns are of
+    # one size and so move by one amount.
+    if moves and not (scales and float(np.ptp(coefficients)) > UNCHANGED):
+        return replace(combination, motion=Motion.SHIFT)
+    return replace(combination, motion=Motion.SCALE) if scales else combination
 
 
 def _invisible(equations: Equations, minimum: Minimum, indices: np.ndarray, moved: Floats) -> bool:

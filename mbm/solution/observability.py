@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 
+from mbm.solution.triangle import triangle
 from mbm.solution.types import Floats, FreeCombination, Mask, Observability
 
 CERTAIN = 1e-12
@@ -37,7 +36,7 @@ def observability(jacobian: Floats, point: Floats, fixed: Mask) -> Observability
     unused = np.flatnonzero((peaks == 0.0) & ~fixed)
     reduced = jacobian[:, used] / scale[used]
     if reduced.shape[0] > 2 * used.size > 0:
-        reduced = cast(Floats, np.linalg.qr(reduced, mode="r"))
+        reduced = triangle(reduced)
     singular, right = np.zeros(0), np.zeros((0, used.size))
     if used.size and reduced.shape[0]:
         _, singular, right = np.linalg.svd(reduced, full_matrices=True)

@@ -38,6 +38,7 @@ def fit_statistics(cost: float, rows: int, rank: int, noise_stated: bool, equali
     )
 
 
+@np.errstate(all="ignore")
 def redundancy_numbers(jacobian: Floats, observed: Observability) -> Floats:
     """Share of each row (m,) that shows in its residual: 1 - the diagonal of the hat matrix; their sum is m - rank.
 
@@ -58,6 +59,7 @@ def common_factor(cost: float, dof: int) -> Noise:
     return Noise(factor=sqrt(cost / dof), redundancy=float(dof), state=NoiseState.ESTIMATED)
 
 
+@np.errstate(all="ignore")
 def variance_components(solve: Reweighted, groups: Sequence[Indices]) -> Components:
     """Factors of several groups of unknown noise; rows in none of the ``groups`` have stated noise and keep it.
 

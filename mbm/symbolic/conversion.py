@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from fractions import Fraction
 
 import sympy
+from sympy.functions.elementary.piecewise import ExprCondPair
 
 from mbm.expression.nodes import (
     Apply,
@@ -32,6 +33,12 @@ class Finite(sympy.Function):  # type: ignore[misc]
 def _wrap(a: sympy.Expr) -> sympy.Expr:
     turn = 2 * sympy.pi
     return a - turn * sympy.ceiling(a / turn - sympy.Rational(1, 2))
+
+
+def _piecewise(condition: sympy.Basic, then: sympy.Expr, other: sympy.Expr) -> sympy.Expr:
+    """Made past SymPy's constructors: they fold and expand conditions that hold piecewise values themselves."""
+    pairs = (sympy.Tuple.__new__(ExprCondPair, *pair) for pair in ((then, condition), (other, sympy.true)))
+    return sympy.Basic.__new__(sympy.Piecewise, *pairs)
 
 
 _OPERATIONS: Mapping[Operation, Callable[..., sympy.Basic]] = {
@@ -67,7 +74,7 @@ _OPERATIONS: Mapping[Operation, Callable[..., sympy.Basic]] = {
     Operation.ATANH: sympy.atanh,
     Operation.WRAP: _wrap,
     Operation.AS_ANGLE: lambda a: a,
-    Operation.IF: lambda c, a, b: sympy.Piecewise((a, c), (b, sympy.true)),
+    Operation.IF: _piecewise,
     Operation.LESS: sympy.StrictLessThan,
     Operation.LESS_EQUAL: sympy.LessThan,
     Operation.EQUAL: sympy.Equality,

@@ -11,14 +11,31 @@ import numpy as np
 
 from mbm.kernels.types import Floats, Kernel
 
+BLOCK = 1024
+"""Rows of one mapped function: CasADi's time to make it grows with its rows, so that many rows call it many times."""
 
-def _bind(function: casadi.Function, inputs: Floats, outputs: Floats) -> tuple[object, Callable[[], None]]:
-    mapped = function.map(len(inputs)) if len(inputs) != 1 else function
-    buffer: Any
-    buffer, trigger = mapped.buffer()
-    buffer.set_arg(0, inputs.data)
-    buffer.set_res(0, outputs.data)
-    return (mapped, buffer), trigger
+
+def _bind(function: casadi.Function, inputs: Floats, outputs: Floats) -> Callable[[], None]:
+    """What evaluates ``function`` for all rows of ``inputs`` into ``outputs``: whole blocks, then the rest."""
+    rows = len(inputs)
+    whole = rows - rows % BLOCK
+    pieces = []
+    for size, starts in ((BLOCK, range(0, whole, BLOCK)), (rows - whole, range(whole, rows, BLOCK))):
+        if len(starts):
+            mapped = function.map(size) if size > 1 else function
+            buffer: Any
+            buffer, trigger = mapped.buffer()
+            places = [(inputs[s : s + size].data, outputs[s : s + size].data) for s in starts]
+            pieces.append((mapped, buffer, trigger, places))
+
+    def call() -> None:
+        for _, buffer, trigger, places in pieces:
+            for source, target in places:
+                buffer.set_arg(0, source)
+                buffer.set_res(0, target)
+                trigger()
+
+    return call
 
 
 @dataclass(slots=True, eq=False)
@@ -26,26 +43,21 @@ class _Evaluation:
     inputs: Floats
     outputs: int
     _kernel: Kernel
-    _values: tuple[Floats, object, Callable[[], None]] | None = field(default=None)
-    _both: tuple[Floats, object, Callable[[], None]] | None = field(default=None)
+    _values: tuple[Floats, Callable[[], None]] | None = field(default=None)
+    _both: tuple[Floats, Callable[[], None]] | None = field(default=None)
 
     def values(self) -> Floats:
-        if not len(self.inputs):
-            return np.empty((0, self.outputs))
         if self._values is None:
             result = np.empty((len(self.inputs), self.outputs))
-            self._values = (result, *_bind(self._kernel.value_function, self.inputs, result))
-        self._values[2]()
+            self._values = (result, _bind(self._kernel.value_function, self.inputs, result))
+        self._values[1]()
         return self._values[0]
 
     def values_and_jacobian(self) -> tuple[Floats, Floats]:
-        width = self.outputs + len(self._kernel.jacobian_rows)
-        if not len(self.inputs):
-            return np.empty((0, self.outputs)), np.empty((0, width - self.outputs))
         if self._both is None:
-            result = np.empty((len(self.inputs), width))
-            self._both = (result, *_bind(self._kernel.jacobian_function, self.inputs, result))
-        self._both[2]()
+            result = np.empty((len(self.inputs), self.outputs + len(self._kernel.jacobian_rows)))
+            self._both = (result, _bind(self._kernel.jacobian_function, self.inputs, result))
+        self._both[1]()
         both = self._both[0]
         return both[:, : self.outputs], both[:, self.outputs :]
 

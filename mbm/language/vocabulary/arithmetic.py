@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import reduce
 
 from mbm.expression import algebra
 from mbm.expression.algebra import apply
@@ -12,7 +11,7 @@ from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Expression, Number, Operation
 from mbm.language import faults
 from mbm.language.coerce import scalar, vector
-from mbm.language.values import Array, Builtin, Call, ListValue, Placeable, RotationValue, Value, describe
+from mbm.language.values import SCALARS, Array, Builtin, Call, ListValue, Placeable, RotationValue, Value, describe
 from mbm.text.types import MbmError, Span
 
 Scalars = Callable[..., Expression]
@@ -21,6 +20,10 @@ Scalars = Callable[..., Expression]
 def elementwise(function: Scalars, values: tuple[Value, ...], spans: tuple[Span, ...], span: Span) -> Value:
     """``function`` on scalars, or element by element; scalars broadcast to the shape of the vectors."""
     operands = [_operand(v, s) for v, s in zip(values, spans, strict=True)]
+    return _broadcast(function, operands, span)
+
+
+def _broadcast(function: Scalars, operands: list[Expression | Array], span: Span) -> Expression | Array:
     arrays = [o for o in operands if isinstance(o, Array)]
     if not arrays:
         return function(*operands)
@@ -36,6 +39,9 @@ def elementwise(function: Scalars, values: tuple[Value, ...], spans: tuple[Span,
 
 
 def _operand(value: Value, span: Span) -> Expression | Array:
+    # The test that nearly always holds stands first: this runs for every operand of every operation.
+    if isinstance(value, SCALARS):
+        return scalar(value, span, "a number or a vector")
     if isinstance(value, Array):
         return value
     if isinstance(value, ListValue | Placeable):
@@ -48,11 +54,7 @@ def _operand(value: Value, span: Span) -> Expression | Array:
 
 
 def _spans(call: Call) -> tuple[Span, ...]:
-    return (
-        tuple(f.span for f in call.forms)
-        if len(call.forms) == len(call.arguments)
-        else (call.span,) * len(call.arguments)
-    )
+    return tuple([f.span for f in call.forms])
 
 
 def elementwise_sum(a: Value, b: Value, span: Span) -> Value:
@@ -67,21 +69,26 @@ def _fold(operation: Operation, empty: int | None) -> Callable[[Call], Value]:
             return Number(empty if empty is not None else 0, None, span)
         if operation is Operation.MULTIPLY:
             _refuse_matrices(values, span)
-        first = elementwise(lambda x: x, values[:1], spans[:1], span)
-        pairs = zip(values[1:], spans[1:], strict=True)
-        return reduce(
-            lambda a, pair: elementwise(
-                lambda x, y: apply(operation, x, y, span=span), (a, pair[0]), (span, pair[1]), span
-            ),
-            pairs,
-            first,
-        )
+
+        def both(x: Expression, y: Expression) -> Expression:
+            return apply(operation, x, y, span=span)
+
+        result = _operand(values[0], spans[0])
+        for value, place in zip(values[1:], spans[1:], strict=True):
+            other = _operand(value, place)
+            if isinstance(result, Array) or isinstance(other, Array):
+                result = _broadcast(both, [result, other], span)
+            else:
+                result = apply(operation, result, other, span=span)
+        return result
 
     return function
 
 
 def _refuse_matrices(values: tuple[Value, ...], span: Span) -> None:
     matrices = [v for v in values if isinstance(v, RotationValue) or (isinstance(v, Array) and v.is_matrix)]
+    if not matrices:
+        return
     vectors = [v for v in values if isinstance(v, Array | ListValue | Placeable)]
     if len(matrices) > 1 or (matrices and len(vectors) > len([m for m in matrices if isinstance(m, Array)])):
         raise MbmError(faults.matrix_product(span))

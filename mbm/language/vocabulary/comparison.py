@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import pairwise
 
-from mbm.expression.algebra import fold_values, wrap
+from mbm.expression.algebra import fold_values, number, subtract, wrap
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
 from mbm.language.coerce import condition, scalar
 from mbm.language.values import Builtin, Call, StaticColumnNeeded, TextColumn, Value, describe
-from mbm.text.types import Form, MbmError, Span
+from mbm.text.types import MbmError, Span
 
 
 def _compare(operation: Operation, a: Expression, b: Expression, span: Span) -> bool | Apply:
@@ -43,16 +43,12 @@ def both(parts: list[bool | Apply], operation: Operation, span: Span) -> bool | 
 
 def _chain(operation: Operation, *, swapped: bool = False) -> Callable[[Call], Value]:
     def function(call: Call) -> Value:
-        values = [scalar(v, f.span) for v, f in zip(call.arguments, _forms(call), strict=True)]
+        values = [scalar(v, f.span) for v, f in zip(call.arguments, call.forms, strict=True)]
         pairs = pairwise(values)
         parts = [_compare(operation, *((b, a) if swapped else (a, b)), call.span) for a, b in pairs]
         return both(parts, Operation.AND, call.span)
 
     return function
-
-
-def _forms(call: Call) -> tuple[Form, ...]:
-    return call.forms if len(call.forms) == len(call.arguments) else (call.form,) * len(call.arguments)
 
 
 def equal(a: Value, b: Value, span: Span) -> bool | Apply:
@@ -69,8 +65,6 @@ def equal(a: Value, b: Value, span: Span) -> bool | Apply:
         raise MbmError(faults.wrong_kind(span, "two texts or two numbers to compare", f"a text and {describe(other)}"))
     left, right = scalar(a, span), scalar(b, span)
     if left.angle or right.angle:
-        from mbm.expression.algebra import number, subtract
-
         return _compare(Operation.EQUAL, wrap(subtract(left, right, span), span), number(0), span)
     return _compare(Operation.EQUAL, left, right, span)
 
@@ -82,7 +76,7 @@ def _equal(call: Call) -> Value:
 
 def _logic(operation: Operation) -> Callable[[Call], Value]:
     def function(call: Call) -> Value:
-        parts = [condition(v, f.span) for v, f in zip(call.arguments, _forms(call), strict=True)]
+        parts = [condition(v, f.span) for v, f in zip(call.arguments, call.forms, strict=True)]
         return both(parts, operation, call.span)
 
     return function

@@ -5,20 +5,22 @@ from __future__ import annotations
 from mbm.expression.algebra import number
 from mbm.language import faults
 from mbm.language.coerce import integer, list_items
-from mbm.language.values import Builtin, Call, Callable_, ListValue, Value, describe
+from mbm.language.values import Builtin, Call, Callable_, ListValue, Macro, Value, describe
 from mbm.text.types import Bracket, MbmError, Sequence
 
 
 def invoke(call: Call, function: Value, *arguments: Value) -> Value:
     """Call a function value with values, on behalf of ``call``."""
-    if not isinstance(function, Callable_):
+    if not isinstance(function, Callable_) or isinstance(function, Macro):
         raise MbmError(faults.wrong_kind(call.forms[0].span, "a function", describe(function)))
     if isinstance(function, Builtin):
         few = len(arguments) < function.minimum
         if few or (function.maximum is not None and len(arguments) > function.maximum):
             raise MbmError(faults.wrong_arity(call.span, function.name, function.usage, len(arguments)))
-    call.evaluator.budget.spend(1, call.form)
-    form = Sequence(items=(call.form.items[0],), bracket=Bracket.ROUND, span=call.span)
+    if isinstance(function, Builtin):  # the bodies of others count themselves
+        call.evaluator.budget.spend(1, call.form)
+    # The arguments have no forms of their own: what is wrong with one of them is said at the whole call.
+    form = Sequence(items=(call.form,) * (1 + len(arguments)), bracket=Bracket.ROUND, span=call.span)
     return call.evaluator.arrived(call.evaluator.call(function, arguments, form, call.scope), call.form, call.scope)
 
 
@@ -39,6 +41,7 @@ def _length(call: Call) -> Value:
 def _range(call: Call) -> Value:
     first, last = (integer(v, f.span) for v, f in zip(call.arguments, call.forms, strict=True))
     call.evaluator.budget.check_length(last - first + 1, call.form)
+    call.evaluator.budget.look(max(0, last - first + 1), call.form)
     return ListValue(tuple(number(i) for i in range(first, last + 1)))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from mbm.expression.algebra import UndefinedValueError, constant_value
 from mbm.expression.dimension import Dimension
@@ -10,7 +11,8 @@ from mbm.expression.inference import Declared, Inference
 from mbm.expression.nodes import Constant, Expression, Number, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import vector
-from mbm.language.values import SCALARS, Array, ListValue, Value
+from mbm.language.values import SCALARS, Array, ListValue, Value, describe
+from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
 from mbm.problem.scopes import Entry
 from mbm.problem.types import ConstantValue, Override, Overrides
@@ -24,7 +26,7 @@ def read_constants(work: Workspace, clause: Sequence, overrides: Overrides) -> l
     """Declare the constants of a clause; returns their names in order."""
     names = []
     for item in clause.items[1:]:
-        with work.collecting():
+        with work.collecting(item):
             if not (isinstance(item, Sequence) and len(item.items) == 2 and isinstance(item.items[0], Symbol)):
                 raise MbmError(language_faults.bad_form(item.span, "a constant is (name form)", USAGE))
             name, form = item.items[0], item.items[1]
@@ -54,14 +56,39 @@ def given_value(work: Workspace, name: str, text: str) -> Value:
 
 
 def _overridden(work: Workspace, declared: Value, override: Override) -> Value:
+    """The value given instead: of the same shape, of the same dimension where both state one."""
     if override.text is not None:
-        return given_value(work, override.name, override.text)
-    values = override.values or ()
-    old = declared.elements if isinstance(declared, Array) else (declared,) * len(values)
-    dimensions = [o.dimension if isinstance(o, Number | Constant) else None for o in old]
-    dimensions += [None] * (len(values) - len(dimensions))
-    numbers = tuple(Number(v, d) for v, d in zip(values, dimensions, strict=False))
-    return numbers[0] if len(numbers) == 1 and not isinstance(declared, Array) else Array((len(numbers),), numbers)
+        given = given_value(work, override.name, override.text)
+    else:
+        numbers = tuple(Number(v) for v in override.values or ())
+        given = numbers[0] if len(numbers) == 1 and isinstance(declared, SCALARS) else Array((len(numbers),), numbers)
+    if isinstance(declared, SCALARS) and isinstance(given, SCALARS):
+        return _redimensioned(given, declared, override.name)
+    if isinstance(declared, ListValue):
+        declared = vector(declared, Span(source=Source("", ""), start=0, end=0))
+    if isinstance(given, ListValue):
+        given = vector(given, Span(source=Source("", ""), start=0, end=0))
+    if isinstance(declared, Array) and isinstance(given, Array):
+        if len(declared.elements) != len(given.elements):
+            message = f"is {describe(given)}, but the constant is {describe(declared)}"
+            raise MbmError(faults.bad_override(override.name, message))
+        pairs = zip(given.elements, declared.elements, strict=True)
+        return Array(declared.shape, tuple(_redimensioned(g, d, override.name) for g, d in pairs))
+    if type(declared) is not type(given):
+        message = f"is {describe(given)}, but the constant is {describe(declared)}"
+        raise MbmError(faults.bad_override(override.name, message))
+    return given
+
+
+def _redimensioned(given: Expression, declared: Expression, name: str) -> Expression:
+    """A number given without a unit takes the dimension of the constant that it replaces."""
+    stated, wanted = (_dimension(node) for node in (given, declared))
+    if stated is not None and wanted is not None and stated != wanted:
+        message = f"is {stated.describe()}, but the constant is {wanted.describe()}"
+        raise MbmError(faults.bad_override(name, message))
+    if isinstance(given, Number) and given.dimension is None:
+        return replace(given, dimension=wanted)
+    return given
 
 
 def _named(value: Value, name: str, span: Span) -> Value:
@@ -73,7 +100,11 @@ def _named(value: Value, name: str, span: Span) -> Value:
     if isinstance(value, ListValue):
         value = vector(value, span)
     if isinstance(value, Array):
-        elements = tuple(_constant(e, f"{name}[{i + 1}]", span) for i, e in enumerate(value.elements))
+        width = value.shape[-1]
+        indices = [
+            f"{i // width + 1},{i % width + 1}" if value.is_matrix else f"{i + 1}" for i in range(len(value.elements))
+        ]
+        elements = tuple(_constant(e, f"{name}[{i}]", span) for e, i in zip(value.elements, indices, strict=True))
         return Array(value.shape, elements)
     return value
 
@@ -105,7 +136,8 @@ def constant_values(work: Workspace, names: list[str], span: Span) -> tuple[Cons
             value = work.scope.own(name, span)
             entry = work.scope.entries[name]
             elements = value.elements if isinstance(value, Array) else (value,)
-            numbers = tuple(e.value for e in elements if isinstance(e, Constant))
+            numbers = [e for e in elements if isinstance(e, Constant)]
             if numbers:
-                found.append(ConstantValue(name=name, values=numbers, span=entry.span))
+                values, names_of = tuple(e.value for e in numbers), tuple(e.name for e in numbers)
+                found.append(ConstantValue(name=name, values=values, elements=names_of, span=entry.span))
     return tuple(found)

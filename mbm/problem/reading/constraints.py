@@ -54,7 +54,9 @@ def _unrolled(work: Workspace, form: Form, variables: tuple[tuple[str, int], ...
             )
         scope = _scope(work.scope, variables)
         first, last = (integer(work.evaluator.wanted(f, scope), f.span) for f in header.items[1:])
-        work.evaluator.budget.check_length((last - first + 1) * (len(form.items) - 2), form)
+        count = (last - first + 1) * (len(form.items) - 2)
+        work.evaluator.budget.check_length(count, form)
+        work.evaluator.budget.spend(max(0, count), form)
         counter = header.items[0].name
         for i in range(first, last + 1):
             for inner in form.items[2:]:

@@ -57,7 +57,9 @@ def _derived(work: Workspace, item: Form) -> Derived:
         value = _value(*cases[0][1])
         work.scope.add(name.name, Entry("derived quantity", name.span, lambda: value))
     else:
-        work.scope.definitions.setdefault(name.name, form)
+        if name.name in work.scope.derived_over or name.name in work.scope.entries:
+            raise MbmError(language_faults.duplicate_definition(name.span, name.name, item.span))
+        work.scope.derived_over[name.name] = (table.name, form)
     return Derived(
         name=name.name,
         table=table.name if table is not None else None,

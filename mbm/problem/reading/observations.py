@@ -84,12 +84,20 @@ def _name_and_table(work: Workspace, symbols: list[Symbol], span: Span) -> tuple
 
 def _explain_missing_table(work: Workspace, error: MbmError, symbols: list[Symbol], table: Table | None) -> MbmError:
     """An unknown column may mean that the table's name is misspelt: the one symbol is then taken for a name."""
-    if table is not None or len(symbols) != 1:
+    columns = {name for each in work.tables.values() for name in each.columns}
+    if table is not None or len(symbols) != 1 or not columns:
         return error
     near = closest(symbols[0].name, work.tables)
     note = f"`{symbols[0].name}` names no table, so this observation has no columns"
     label = Label(symbols[0].span, f"{note}; did you mean `{near}`?" if near else note)
-    return MbmError(*(replace(d, labels=(*d.labels, label)) for d in error.diagnostics))
+    return MbmError(
+        *(
+            replace(d, labels=(*d.labels, label))
+            if d.code == language_faults.UNKNOWN_NAME and isinstance(d.place, Span) and d.place.text in columns
+            else d
+            for d in error.diagnostics
+        )
+    )
 
 
 def _free_name(name: str | None, table: Table | None, taken: set[str]) -> str:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import prod
 
 from mbm.expression.algebra import subtract, wrap
-from mbm.expression.nodes import Column, ColumnMember, Component, Expression, LiteralMember, Member
+from mbm.expression.nodes import Column, ColumnMember, Component, Constant, Expression, LiteralMember, Member
 from mbm.expression.units import Unit, parse_unit, refused_unit
 from mbm.language import faults as language_faults
 from mbm.language.coerce import integer, static_number
@@ -54,7 +55,7 @@ def declare_unknowns(work: Workspace, clause: Sequence) -> list[Declaration]:
     """Declare the names of a clause, so that all clauses may use them."""
     found = []
     for item in clause.items[1:]:
-        with work.collecting():
+        with work.collecting(item):
             declaration = _declaration(work, item)
             keys = _family_keys(work, declaration.family)
             _enter(work, declaration, keys)
@@ -79,7 +80,7 @@ def _type(work: Workspace, form: Form | None) -> tuple[UnknownKind, tuple[int, .
         return UnknownKind.REAL, ()
     head = form.name if isinstance(form, Symbol) else form.head if isinstance(form, Sequence) else None
     if head in _LATER:
-        raise MbmError(language_faults.not_available_yet(form.span, f"unknowns of type `{head}`", "manifolds"))
+        raise MbmError(language_faults.not_available_yet(form.span, f"the type `{head}` of unknowns", "manifolds"))
     if isinstance(form, Symbol) and form.name in _SCALARS:
         return _SCALARS[form.name], ()
     if isinstance(form, Sequence) and head in ("vector", "array"):
@@ -91,7 +92,7 @@ def _type(work: Workspace, form: Form | None) -> tuple[UnknownKind, tuple[int, .
         for extent, size_form in zip(extents, form.items[1:], strict=True):
             if extent < 1:
                 raise MbmError(language_faults.bad_index(size_form.span, f"there is no {head} of size {extent}"))
-            work.evaluator.budget.check_length(extent, form)
+        work.evaluator.budget.check_length(prod(extents), form)
         return UnknownKind(head), tuple(extents)
     known = (*_SCALARS, "vector", "array", *_LATER)
     shown = head or form.span.text
@@ -109,6 +110,8 @@ def _family(work: Workspace, form: Form | None) -> Family | None:
         if table is not None:
             raise MbmError(faults.unknown_column(form.span, column, table_name, tuple(table.columns)))
     table = work.table(form)
+    if table.key is None:
+        raise MbmError(faults.table_without_key(form.span, table.name))
     return Family(table=table.name, column=None, rows=table.name, key=table.key)
 
 
@@ -263,11 +266,14 @@ def stated_unit(form: Form) -> Unit:
     return unit
 
 
-def given_start(work: Workspace, declaration: Declaration, override: Override) -> tuple[float, ...]:
+def given_start(work: Workspace, declaration: Declaration, override: Override) -> tuple[Number, ...]:
     """A start given from outside, in SI: one number for each component (families: one member's, or all members')."""
     if override.values is not None:
-        return override.values
+        return tuple(Number(v) for v in override.values)
     value = given_value(work, override.name, override.text or "")
     span = declaration.name.span
-    elements = shaped(value, declaration.shape, span)
-    return tuple(float(static_number(e, span)) for e in elements)
+    found = []
+    for element in shaped(value, declaration.shape, span):
+        dimension = element.dimension if isinstance(element, Number | Constant) else None
+        found.append(Number(float(static_number(element, span)), dimension, element.span))
+    return tuple(found)

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, sqrt
-from typing import cast
 
 import numpy as np
 
+from mbm.solution.triangle import triangle
 from mbm.solution.types import Floats
 
 TALL = 4
@@ -116,15 +116,14 @@ def decompose(jacobian: Floats, residuals: Floats, scale: Floats) -> Scaled:
     if n == 0:
         none = np.zeros(0)
         return Scaled(scale=scale, singular=none, right=np.zeros((0, 0)), projected=none, rank=0, inside=0.0)
-    matrix: Floats = jacobian / scale
-    head = residuals
     if m > TALL * n and m * n > LARGE:
         stacked = np.empty((m, n + 1))
-        stacked[:, :n] = matrix
+        np.divide(jacobian, scale, out=stacked[:, :n])
         stacked[:, n] = residuals
-        triangle = cast(Floats, np.linalg.qr(stacked, mode="r"))
-        matrix = triangle[:n, :n]
-        head = triangle[:n, n]
+        reduced = triangle(stacked)
+        matrix, head = reduced[:n, :n], reduced[:n, n]
+    else:
+        matrix, head = jacobian / scale, residuals
     left, singular, right = np.linalg.svd(matrix, full_matrices=False)
     projected = head @ left
     largest = float(singular[0])

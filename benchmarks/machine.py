@@ -1,0 +1,42 @@
+"""What all benchmarks share: the machine in one line, the best of several runs, a plain table."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Callable, Sequence
+from time import perf_counter
+
+
+def machine() -> str:
+    """Processor, Python, and the versions of the libraries that do the arithmetic."""
+    import casadi
+    import numpy
+    import sympy
+
+    model = platform.processor() or platform.machine()
+    try:
+        with open("/proc/cpuinfo") as stream:
+            model = next(line.split(":")[1].strip() for line in stream if line.startswith("model name"))
+    except (OSError, StopIteration):
+        pass
+    versions = f"NumPy {numpy.__version__}, CasADi {casadi.__version__}, SymPy {sympy.__version__}"
+    return f"{model}, {os.cpu_count()} processors, Python {platform.python_version()}, {versions}"
+
+
+def best(call: Callable[[], object], runs: int = 5) -> float:
+    """Seconds of the fastest of several calls."""
+    seconds = []
+    for _ in range(runs):
+        start = perf_counter()
+        call()
+        seconds.append(perf_counter() - start)
+    return min(seconds)
+
+
+def show(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table, first column left, the others right."""
+    widths = [max(len(r[i]) for r in (heads, *rows)) for i in range(len(heads))]
+    for row in (heads, *rows):
+        cells = [row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))]
+        print("  ".join(cells).rstrip())

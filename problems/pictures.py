@@ -1,0 +1,223 @@
+"""Draws ``picture.png`` of every folder from a solve of its problem: ``python -m problems.pictures [FOLDER…]``."""
+
+from __future__ import annotations
+
+import csv
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+
+import mbm
+
+mpl.use("agg")
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+
+HERE = Path(__file__).parent
+BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#999999"
+FOCAL, EYE = 800.0, 1.5
+SKELETON = (
+    ("pelvis", "neck", "head"),
+    ("lwr", "lel", "lsh", "neck", "rsh", "rel", "rwr"),
+    ("lan", "lkn", "lhip", "pelvis", "rhip", "rkn", "ran"),
+)
+"""The joints along each line of the figure."""
+
+
+def solve(folder: str, name: str) -> Any:
+    """The answer to a problem."""
+    return mbm.load(HERE / folder / f"{folder}.mbm").named(name).solve()
+
+
+def rows(folder: str, file: str) -> list[dict[str, str]]:
+    """The rows of a data file."""
+    with (HERE / folder / file).open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def column(table: list[dict[str, str]], name: str) -> Any:
+    """A column as numbers."""
+    return np.array([float(r[name]) for r in table])
+
+
+def image_of_desk(axes: Axes, folder: str, names: tuple[str, str, str], name: str) -> None:
+    """The desk as estimated, drawn over the corners that were marked. X grows to the left of the viewer."""
+    found = solve(folder, name)
+    psi, xg, yg = (float(found[n].value) for n in names)
+    if found[names[0]].unit == "deg":
+        psi = np.deg2rad(psi)
+
+    def project(points: Any) -> Any:
+        x, y, z = np.asarray(points, dtype=float).T
+        forward = xg + np.cos(psi) * x - np.sin(psi) * y
+        left = yg + np.sin(psi) * x + np.cos(psi) * y
+        return FOCAL * left / forward, FOCAL * (z - EYE) / forward
+
+    signs = [(1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1)]
+    axes.plot(*project([(0.6 * a, 0.35 * b, 0.7) for a, b in signs]), color=ORANGE, label="estimated desk")
+    legs = (0.57, 0.32) if folder == "desk" else (0.27, 0.145)
+    for a, b in signs[:4]:
+        axes.plot(*project([(legs[0] * a, legs[1] * b, z) for z in (0, 0.7)]), color=ORANGE)
+    seen = rows("desk", "corners.csv")[: None if folder == "desk" else 4]
+    axes.plot(column(seen, "X"), column(seen, "Y"), "o", color=BLUE, label="marked corners")
+    axes.set(xlabel="X (px)", ylabel="Y (px)", aspect="equal")
+    axes.invert_xaxis()
+    axes.legend()
+
+
+def desk(axes: Axes) -> None:
+    """The desk as meant."""
+    image_of_desk(axes, "desk", ("psi", "xg", "yg"), "desk")
+
+
+def desk_as_printed(axes: Axes) -> None:
+    """The desk of Figure 5 as it is printed."""
+    image_of_desk(axes, "desk-as-printed", ("p", "xg", "yg"), "desk-as-printed")
+
+
+def skeleton(axes: Axes) -> None:
+    """The figure in the image: joints as seen, and the model's."""
+    found = solve("skeleton", "skeleton-near")["joint-at"].value
+    seen = rows("skeleton", "skeleton_joints.csv")
+    image = FOCAL * found[:, 1:] / found[:, :1]
+    at = {r["joint"]: point for r, point in zip(seen, image, strict=True)}
+    for line in SKELETON:
+        axes.plot(
+            *np.array([at[j] for j in line]).T, color=ORANGE, label="estimated figure" if line[0] == "pelvis" else ""
+        )
+    axes.plot(column(seen, "X"), column(seen, "Y"), "o", color=BLUE, label="joints in the image")
+    axes.set(xlabel="X (px)", ylabel="Y (px)", aspect="equal")
+    axes.invert_xaxis()
+    axes.legend(loc="center left")
+
+
+def tags(axes: Axes) -> None:
+    """The room from above: receivers, and all estimates."""
+    receivers = rows("tags", "receivers.csv")
+    points = np.array([s.estimates[0].value for s in solve("tags", "tags").solves])
+    axes.plot(column(receivers, "x"), column(receivers, "y"), "+", color=GREY, label="receivers in the ceiling")
+    axes.plot(points[:, 0], points[:, 1], ".", color=BLUE, label="150 estimates at five places")
+    axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal", xlim=(0, 3.5), ylim=(0, 3.5))
+    axes.legend()
+
+
+def curve(axes: Axes, x: Any, y: Any, labels: tuple[str, str], model: Callable[[Any], Any]) -> None:
+    """Points and the curve through them."""
+    fine = np.linspace(0, 1.03 * x.max(), 300)
+    axes.plot(fine, model(fine), color=ORANGE, label="estimated")
+    axes.plot(x, y, "o", color=BLUE, label="measured")
+    axes.set(xlabel=labels[0], ylabel=labels[1])
+    axes.legend()
+
+
+def decay(axes: Axes) -> None:
+    """Volume over pressure."""
+    data, found = rows("decay", "misra1a.csv"), solve("decay", "decay")
+    b1, b2 = (float(found[n].value) for n in ("b1", "b2"))
+    curve(axes, column(data, "x"), column(data, "y"), ("pressure", "volume"), lambda x: b1 * (1 - np.exp(-b2 * x)))
+
+
+def oxygen_demand(axes: Axes) -> None:
+    """Oxygen demand over days."""
+    found = solve("oxygen-demand", "far")
+    days = np.array([1, 2, 3, 5, 7, 10])
+    demand = np.array([109, 149, 149, 191, 213, 224])
+    a, b = (float(found[n].value) for n in ("ultimate", "rate"))
+    curve(axes, days, demand, ("days", "mg/L"), lambda x: a * (1 - np.exp(-b * x)))
+
+
+def enzyme(axes: Axes) -> None:
+    """Velocity over concentration."""
+    data, found = rows("enzyme", "mgh09.csv"), solve("enzyme", "enzyme")
+    b1, b2, b3, b4 = (float(found[f"b{i}"].value) for i in range(1, 5))
+
+    def velocity(x: Any) -> Any:
+        return b1 * (x**2 + x * b2) / (x**2 + x * b3 + b4)
+
+    curve(axes, column(data, "x"), column(data, "y"), ("concentration", "velocity"), velocity)
+
+
+def meridian(axes: Axes) -> None:
+    """The length of a degree over the squared sine of the latitude."""
+    data, found = rows("meridian", "arcs.csv"), solve("meridian", "meridian")
+    square = np.sin(np.deg2rad(column(data, "degrees") + column(data, "minutes") / 60)) ** 2
+    equator, growth = (float(found[n].value) for n in ("equator", "growth"))
+    labels = ("squared sine of the latitude", "toises per degree")
+    curve(axes, square, column(data, "length"), labels, lambda s: equator + growth * s)
+    for r, s in zip(data, square, strict=True):
+        way = {"xytext": (-6, -4), "ha": "right"} if s > 0.7 else {"xytext": (6, -12)}
+        axes.annotate(r["place"], (s, float(r["length"])), textcoords="offset points", **way)
+
+
+def light(axes: Axes) -> None:
+    """Five series, and the speed with twice its standard deviation."""
+    data, speed = rows("light", "michelson.csv"), solve("light", "by-series")["speed"]
+    series, excess = column(data, "series"), column(data, "excess")
+    low, high = (float(speed.value) + k * float(speed.sigma) for k in (-2, 2))
+    axes.axhspan(low, high, color=ORANGE, alpha=0.4, label="speed ± 2 standard deviations")
+    spread = np.tile(np.linspace(-0.25, 0.25, 20), 5)
+    axes.plot(series + spread, 299000 + excess, "o", color=BLUE, markersize=4, label="measured")
+    axes.set(xlabel="series", ylabel="km/s")
+    axes.legend()
+
+
+def station(axes: Axes) -> None:
+    """The yard from above."""
+    targets, place = rows("station", "targets.csv"), solve("station", "station")["place"].value
+    for r in targets:
+        axes.plot([place[0], float(r["x"])], [place[1], float(r["y"])], color=GREY, linewidth=0.8)
+        axes.annotate(r["id"], (float(r["x"]), float(r["y"])), xytext=(5, 5), textcoords="offset points")
+    axes.plot(column(targets, "x"), column(targets, "y"), "^", color=BLUE, label="targets")
+    axes.plot(*place, "o", color=ORANGE, label="instrument")
+    axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    axes.legend()
+
+
+def calibration(axes: Axes) -> None:
+    """The corners in the image, and what the calibrated camera leaves, fifty times enlarged."""
+    data, found = rows("calibration", "corners.csv"), solve("calibration", "calibration")
+    u, v = column(data, "u"), column(data, "v")
+    left = np.array([r.value for r in found.residuals("corners")]).reshape(-1, 2)
+    for photo in dict.fromkeys(r["photo"] for r in data):
+        mine = np.array([r["photo"] == photo for r in data])
+        axes.plot(u[mine], v[mine], ".", label=photo)
+    axes.quiver(u, v, left[:, 0], left[:, 1], angles="xy", scale_units="xy", scale=1 / 50, width=0.002, color=ORANGE)
+    axes.set(xlabel="u (px)", ylabel="v (px), residuals × 50", aspect="equal")
+    axes.invert_yaxis()
+    axes.legend()
+
+
+PICTURES: dict[str, Callable[[Axes], None]] = {
+    f.__name__.replace("_", "-"): f
+    for f in (
+        calibration,
+        decay,
+        desk,
+        desk_as_printed,
+        enzyme,
+        light,
+        meridian,
+        oxygen_demand,
+        skeleton,
+        station,
+        tags,
+    )
+}
+
+
+def main(folders: list[str]) -> None:
+    """Draw the pictures of some folders, or of all."""
+    for folder in folders or PICTURES:
+        figure, axes = plt.subplots(figsize=(6.4, 4.4), layout="constrained")
+        axes.set_title(folder)
+        PICTURES[folder](axes)
+        figure.savefig(HERE / folder / "picture.png", dpi=110, metadata={"Software": ""})
+        plt.close(figure)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

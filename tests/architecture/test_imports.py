@@ -1,0 +1,64 @@
+"""Who imports whom at run time: no cycles among the modules; the contracts proper are import-linter's."""
+
+from __future__ import annotations
+
+import ast
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+MODULES = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+    for path in sorted((ROOT / "mbm").rglob("*.py"))
+}
+
+
+def _imported(path: Path) -> set[str]:
+    """The modules of the house that a module imports, wherever it does; imports for the type checker left out."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    typing_only = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+        for inner in ast.walk(node)
+    }
+    found = set()
+    for node in ast.walk(tree):
+        if id(node) in typing_only:
+            continue
+        if isinstance(node, ast.ImportFrom) and node.module is not None:
+            found |= {
+                f"{node.module}.{a.name}" if f"{node.module}.{a.name}" in MODULES else node.module for a in node.names
+            }
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+    return found & MODULES.keys()
+
+
+def test_no_cycles() -> None:
+    """The package itself offers the API lazily, to those outside; nobody inside imports from it."""
+    graph = {name: _imported(path) for name, path in MODULES.items() if name != "mbm"}
+    try:
+        order = tuple(TopologicalSorter(graph).static_order())
+    except CycleError as error:
+        pytest.fail(" → ".join(error.args[1]))
+    assert len(order) >= len(graph)
+
+
+def test_relative_imports_are_not_used() -> None:
+    """So that a reader, and this test, see the whole name."""
+    relative = [
+        name
+        for name, path in MODULES.items()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.level
+    ]
+    assert not relative
+
+
+def test_nobody_inside_uses_the_front_door() -> None:
+    """``from mbm import compiler`` names a module; ``from mbm import Problem`` would go round through the API."""
+    inside = {name for name, path in MODULES.items() if name != "mbm" and "mbm" in _imported(path)}
+    assert not inside

@@ -1,0 +1,261 @@
+"""Problem files as text: clauses of every kind with every option, sound in half of the files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from tests.fuzz.choices import Choices
+from tests.fuzz.forms import DOUBTFUL, HUGE, NUMBERS, Forms, Names
+
+DEFINITIONS = """
+(defun twice (n &optional (factor 2)) "twice" (* factor n))
+(gate (w h) (declare (half (/ w 2))) (post (trans (half 0 0) (box 0.1 0.1 h))) (beam (trans (0 0 h) (box w 0.1 0.1))))
+"""
+CELLS = ["1", "2", "0", "-1.5", "3e2", "1/3", "4", "5", "6"]
+DOUBTFUL_CELLS = ['"p"', '"q"', "5mm", "1e300", "true", "zzz", "()", "(1)", ":key"]
+TYPES = ["real", "", "positive", "angle", "(vector 3)", "(vector 2)", "(array 2)", "(array 2 2)"]
+DOUBTFUL_TYPES = [
+    "direction",
+    "(rotation 3)",
+    "(pose 2)",
+    "(similarity 3)",
+    "(vector 0)",
+    "(vector x)",
+    "text",
+    "(array)",
+]
+UNITS = ["m", "mm", "deg", "rad", "s", "px", "m/s^2", "%"]
+DOUBTFUL_UNITS = ["degC", "furlong", "1", '"m"', "m//s", "m^x"]
+LOSSES = ["none", "(huber 1.5)", "cauchy", "(barron 1 2)", "zzz"]
+METHODS = ["auto", "lm", "dogleg", "gauss-newton"]
+DOUBTFUL_METHODS = ["ipopt", "closed-form", "direct-search", "zzz", "(interval :width 1)", "1"]
+
+
+class Problems(Forms):
+    """Writes one problem file."""
+
+    def __init__(self, choices: Choices) -> None:
+        super().__init__(choices, Names(numbers=["a", "b"]))
+        self.made = 0
+        self.declared = False
+        self.tables = ["readings", "nodes"]
+
+    def file(self) -> str:
+        problems = [self.problem("first")]
+        if self.astray():
+            problems.append(f"(problem second :like first {self.clause()})")
+        if self.astray():
+            problems.append(self.wild(2))
+        return DEFINITIONS + "\n".join(problems) + "\n"
+
+    def problem(self, name: str) -> str:
+        clauses = [self.data(), self.unknowns(), "(camera cam :focal (800 600))", self.observe()]
+        clauses += [self.clause() for _ in range(self.choices.count(0, 4))]
+        if self.astray():
+            clauses.pop(self.choices.below(len(clauses)))
+        return f"(problem {name}\n  " + "\n  ".join(clauses) + ")"
+
+    def clause(self) -> str:
+        writers: tuple[Callable[[], str], ...] = (
+            self.observe,
+            self.constraints,
+            self.derive,
+            self.define,
+            self.solve,
+            self.constants,
+            self.camera,
+            self.for_each,
+            self.table,
+            self.unknowns,
+        )
+        if self.astray():
+            return self.wild(3)
+        return writers[self.choices.below(len(writers))]()
+
+    def name(self, stem: str) -> str:
+        """A name that is not taken."""
+        self.made += 1
+        return f"{stem}{self.made}"
+
+    def options(self, sound: tuple[str, ...], doubtful: tuple[str, ...], one_in: int) -> str:
+        chosen = [option for option in sound if self.choices.chance(one_in)]
+        if self.astray():
+            chosen.append(self.choices.one_of(doubtful))
+        return " ".join(chosen)
+
+    def data(self) -> str:
+        options = self.options(
+            (":with (nodes id)", ":with (other nodes id)", ":where (< x 5)", ":missing skip"),
+            (
+                ":columns ((x x :unit m))",
+                ":columns ((new zzz))",
+                ":key id",
+                ":key zzz",
+                ":zzz 1",
+                ":with (zzz id)",
+                ":where x",
+            ),
+            one_in=6,
+        )
+        nodes = self.options((), (":key name", ":key", ":columns ()", ":missing zzz"), one_in=6)
+        return f'(data nodes (csv "nodes.csv") :key id {nodes})\n  (data readings (csv "readings.csv") {options})'
+
+    def table(self) -> str:
+        name = self.name("table")
+        columns = ["id", "x", "y"][: self.choices.count(1, 3)]
+        rows = [
+            "(" + " ".join(self._cell() for _ in range(len(columns) + self.astray())) + ")"
+            for _ in range(self.choices.count(1, 3))
+        ]
+        if len(columns) == 3:
+            self.tables.append(name)
+        return f"(data {name} (table ({' '.join(columns)}) {' '.join(rows)}))"
+
+    def _cell(self) -> str:
+        return self.choices.one_of(DOUBTFUL_CELLS if self.astray() else CELLS)
+
+    def unknowns(self) -> str:
+        items = []
+        if not self.declared:
+            items = ["(a :init 1)", "(b :init 2)"]
+            self.declared = True
+        if self.choices.chance(2):
+            name = self.name("v")
+            items.append(f"({name} (vector 3) :init [1 2 3])")
+            self.names.vectors.append(name)
+        items += [self._unknown(self.name("u")) for _ in range(self.choices.count(0, 2))]
+        return f"(unknowns {' '.join(items)})"
+
+    def _unknown(self, name: str) -> str:
+        kind = self.choices.one_of(DOUBTFUL_TYPES if self.astray() else TYPES)
+        size = 3 if kind == "(vector 3)" else 2
+        init = ("[1 2]", "[1 2 3]")[size - 2] if kind.startswith("(vector") else self.choices.one_of(("1", "2.5", "3", "0"))
+        options = self.options(
+            (":in (0 10)", ":sigma 2", f":unit {self.choices.one_of(UNITS)}", ':doc "text"', ":start (0 1)"),
+            (f":in ({self.number(0)} {self.number(0)})", f":sigma {self.number(0)}", ":fixed true", ":zzz 1", ":init")
+            + (":per readings.id", ":per nodes", ":covariance [[1 0] [0 1]]", f":fixed {self.condition(0)}", ":per zzz")
+            + (f":unit {self.choices.one_of(DOUBTFUL_UNITS)}", f":init {self.number(1)}"),
+            one_in=9,
+        )
+        if kind in ("real", "angle") and self.choices.chance(3):
+            self.names.numbers.append(f"({name} {self.choices.count(1, 3)})")
+            options += " :per nodes"
+        elif kind == "(vector 3)":
+            self.names.vectors.append(name)
+        elif kind == "(array 2)":
+            self.names.numbers.append(f"({name} {self.choices.count(1, 2)})")
+        elif kind in ("", "real", "positive", "angle"):
+            self.names.numbers.append(name)
+        return f"({name} {kind} :init {init} {options})"
+
+    def observe(self) -> str:
+        before = list(self.names.numbers)
+        table, measured = "", "3"
+        if not self.choices.chance(6):
+            table = "zzz" if self.astray() else self.choices.one_of(self.tables)
+            self.names.numbers += ["x", "y", "id", f"{table}.x"]
+            measured = "y"
+        options = self.options(
+            (f":when (< {self.choices.one_of(('1', 'id', 'row') if table else ('1', '2'))} 4)",),
+            (f":when {self.condition(1)}", f":covariance [[1 {self.number(0)}] [0 1]]", ":information [[2]]", f":sigma {self.vector(1, 2)}", ":zzz 1")
+            + (
+                f":loss {self.choices.one_of(LOSSES)}",
+                ":bound 1",
+                ":errors ((x 1))",
+                ":sigma",
+                f":sigma {self.number(1)}",
+            ),
+            one_in=9,
+        )
+        sigma = self.choices.one_of((":sigma 1", ":sigma 0.5", "", ":sigma unknown", ":sigma (unknown 2)"))
+        equations = " ".join(self.equation(self.choices.count(0, 3), measured) for _ in range(self.choices.count(1, 2)))
+        name = self.name("named") if table and self.choices.chance(3) else ""
+        self.names.numbers = before
+        return f"(observe {name} {table} {equations} {sigma} {options})"
+
+    def equation(self, depth: int, measured: str) -> str:
+        match self.choices.below(8):
+            case 0 | 1:
+                return f"(= {measured} {self.number(depth)})"
+            case 2:
+                return f"(= {self.vector(0, 2)} {self.vector(depth, 2)})"
+            case 3:
+                return f"(= {self.vector(0, 3)} {self.vector(depth, 3)})"
+            case 4:
+                return f"(- {self.number(depth)} 1)"
+            case 5:
+                return f"(let ((q {self.number(depth)})) (= q {self.number(depth)}))"
+            case 6:
+                return f"(if {self.condition(1)} (= 1 {self.number(depth)}) (= {measured} {self.number(depth)}))"
+            case _:
+                return f"`(= ,{measured} (+ ,{self.number(1)} {self.number(depth)}))"
+
+    def constraints(self) -> str:
+        return f"(constraints {' '.join(self._constraint(2) for _ in range(self.choices.count(1, 2)))})"
+
+    def _constraint(self, depth: int) -> str:
+        if self.astray():
+            head = self.choices.one_of(("<=", "=", "uniform", "<", "zzz", "normal"))
+            return f"({head} {self.number(0)} {self.number(1)} {self.number(0)})"
+        match self.choices.below(4 if depth else 3):
+            case 0:
+                return f"(normal {self.number(2)} {self.choices.one_of(NUMBERS)} 1)"
+            case 1:
+                return f"(normal {self.number(1)} 1 1 :over readings :name {self.name('n')})"
+            case 2:
+                return f"(normal (norm {self.vector(1, 3)}) 2 0.5)"
+            case _:
+                return f"(for (i 1 {self.choices.count(0, 3)}) {self._constraint(depth - 1)})"
+
+    def derive(self) -> str:
+        form = self.vector(2, 3) if self.choices.chance(3) else self.number(3)
+        options = self.options((":over readings",), (":unit mm", ":over zzz", ":unit furlong", ":unit"), one_in=4)
+        return f"(derive ({self.name('d')} {form} {options}))"
+
+    def define(self) -> str:
+        name = self.name("made")
+        text = f"(define ({name} {self.number(2)}))"
+        self.names.numbers.append(name)
+        return text
+
+    def solve(self) -> str:
+        method = self.choices.one_of(DOUBTFUL_METHODS if self.astray() else METHODS)
+        options = self.options(
+            (f":method {method}", ":seed 1", ":max-iterations 3", ":tolerance 1e-3", ":constraints penalty"),
+            (
+                ":robust (lmeds :trials 500)",
+                ":starts (random 100)",
+                ":constraints exact",
+                ":gauge free",
+                ":seed -1",
+                ":seed",
+            )
+            + (":max-iterations 0", ":max-iterations 1e99", ":tolerance 0", ":tolerance -1", ":zzz 1"),
+            one_in=4,
+        )
+        return f"(solve {options})"
+
+    def constants(self) -> str:
+        name = self.name("c")
+        doubtful = HUGE if self.choices.chance(2) else DOUBTFUL
+        value = self.choices.one_of(doubtful if self.astray() else NUMBERS)
+        self.names.numbers.append(name)
+        return f"(constants ({name} {value}))"
+
+    def camera(self) -> str:
+        options = self.options(
+            (":center (320 240)", f":distortion ({self.number(0)} 0 0 0 0)", ":axes paper", ":model pinhole"),
+            (":axes zzz", ":model fisheye", ":per nodes", ":focal 800", ":distortion (1 2 3)", ":center", ":zzz 1"),
+            one_in=3,
+        )
+        return f"(camera {self.name('camera')} :focal (800 a) {options})"
+
+    def for_each(self) -> str:
+        return (
+            f"(for-each {self.choices.one_of(('zzz', 'id name', '', '1', 'x') if self.astray() else ('id', 'name'))})"
+        )
+
+
+def problem_file(data: bytes) -> str:
+    """The text of the problem file that the bytes decide."""
+    return Problems(Choices(data)).file()
