@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import traceback
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -32,9 +33,17 @@ def report_failure(diagnostics: Sequence[Diagnostic], arguments: Sequence[str], 
 
 def print_diagnostics(diagnostics: Iterable[Diagnostic], *, color: bool) -> None:
     """The diagnostics with their excerpts on standard error, an empty line between two."""
-    texts = [render(diagnostic, color=color) for diagnostic in diagnostics]
+    texts = [render(_mendable(diagnostic), color=color) for diagnostic in diagnostics]
     if texts:
         click.echo("\n\n".join(texts), err=True, color=color)
+
+
+def _mendable(diagnostic: Diagnostic) -> Diagnostic:
+    """The diagnostic with a hint: where it has none of its own, what its code says in general."""
+    if diagnostic.hint is not None:
+        return diagnostic
+    mend = diagnostic.code.mend
+    return replace(diagnostic, hint=mend[:1].lower() + mend[1:].rstrip("."))
 
 
 def _json_destination(arguments: Sequence[str]) -> str | None:
@@ -54,7 +63,7 @@ def write_json(diagnostics: Iterable[Diagnostic], destination: str) -> None:
     """``{"diagnostics": […]}`` into a file, or to standard output for ``-``; a file that cannot be written is said."""
     from mbm.report.encode import encode, to_bytes
 
-    content = to_bytes(encode({"diagnostics": [as_json(diagnostic) for diagnostic in diagnostics]}))
+    content = to_bytes(encode({"diagnostics": [as_json(_mendable(diagnostic)) for diagnostic in diagnostics]}))
     if destination == "-":
         write_bytes(content)
         return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +20,29 @@ def _wrap(a: Values) -> Values:
     return a - _TWO_PI * np.ceil(a / _TWO_PI - 0.5)
 
 
-def _condition(function: Callable[..., object]) -> Callable[..., Values]:
-    return lambda *arguments: np.asarray(function(*arguments), dtype=np.float64)
+def _comparison(function: Callable[..., Any]) -> Callable[..., Values]:
+    """A comparison with a missing number is undecided: NaN."""
+
+    def compare(a: Values, b: Values) -> Values:
+        undecided = np.isnan(a) | np.isnan(b)
+        return np.asarray(np.where(undecided, np.nan, function(a, b)), dtype=np.float64)
+
+    return compare
+
+
+def _and(a: Values, b: Values) -> Values:
+    """False decides; else what is undecided stays so."""
+    return np.asarray(np.where((np.asarray(a) == 0) | (np.asarray(b) == 0), 0.0, np.add(a, b) / 2), dtype=np.float64)
+
+
+def _or(a: Values, b: Values) -> Values:
+    """True decides; else what is undecided stays so."""
+    return np.asarray(np.where((np.asarray(a) == 1) | (np.asarray(b) == 1), 1.0, np.add(a, b)), dtype=np.float64)
 
 
 def _choose(test: Values, then: Values, other: Values) -> Values:
-    return np.asarray(np.where(np.asarray(test) != 0, then, other), dtype=np.float64)
+    chosen = np.where(np.asarray(test) != 0, then, other)
+    return np.asarray(np.where(np.isnan(test), np.nan, chosen), dtype=np.float64)
 
 
 _FUNCTIONS: Mapping[Operation, Callable[..., Values]] = {
@@ -60,20 +77,21 @@ _FUNCTIONS: Mapping[Operation, Callable[..., Values]] = {
     Operation.WRAP: _wrap,
     Operation.AS_ANGLE: np.positive,
     Operation.IF: _choose,
-    Operation.LESS: _condition(np.less),
-    Operation.LESS_EQUAL: _condition(np.less_equal),
-    Operation.EQUAL: _condition(np.equal),
-    Operation.NOT: _condition(np.logical_not),
-    Operation.AND: _condition(np.logical_and),
-    Operation.OR: _condition(np.logical_or),
-    Operation.FINITE: _condition(np.isfinite),
+    Operation.LESS: _comparison(np.less),
+    Operation.LESS_EQUAL: _comparison(np.less_equal),
+    Operation.EQUAL: _comparison(np.equal),
+    Operation.NOT: lambda a: 1.0 - a,
+    Operation.AND: _and,
+    Operation.OR: _or,
+    Operation.FINITE: lambda a: np.asarray(np.isfinite(a), dtype=np.float64),
 }
 
 
 def evaluate(roots: tuple[Expression, ...], lookup: Lookup) -> tuple[Values, ...]:
     """The values of ``roots``; ``lookup`` gives a number or an array of shape (rows,) for each leaf.
 
-    Numbers are in SI; conditions are 0.0 or 1.0. Values outside a domain are NaN or infinite, as IEEE 754 has it: the
+    Numbers are in SI; conditions are 0.0 or 1.0, or NaN where a missing
+    number leaves them undecided. Values outside a domain are NaN or infinite, as IEEE 754 has it: the
     caller says where they may not stand.
     """
     values: dict[int, Values] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence as Many
 from fractions import Fraction
 
-from mbm.expression.algebra import UndefinedValueError, apply, constant_value
+from mbm.expression.algebra import UndefinedValueError, apply, constant_value, subtract, wrap
 from mbm.expression.nodes import Apply, Column, Component, Expression, Number, Opaque, Operation, leaves
 from mbm.language import faults
 from mbm.language.values import (
@@ -119,6 +119,18 @@ def static_number(value: Value, span: Span, wanted: str = "a number known while 
     if found is None:
         raise MbmError(faults.not_static(span, "this condition"))
     return found
+
+
+def difference(a: Expression, b: Expression, span: Span) -> Expression:
+    """``a`` − ``b``, wrapped where it is an angle.
+
+    Raises MbmError (`undefined-value`) where constants differ by more than a number can hold.
+    """
+    try:
+        node = subtract(a, b, span)
+    except UndefinedValueError as error:
+        raise MbmError(faults.undefined_value(span, str(error))) from None
+    return wrap(node, span) if node.angle else node
 
 
 def integer(value: Value, span: Span, wanted: str = "a whole number") -> int:

@@ -159,7 +159,7 @@ class Evaluator:
         if isinstance(head, Symbol):
             special = self.vocabulary.special_forms.get(head.name)
             if special is not None:
-                return special(self, form, scope)
+                return self._special(special, form, scope)
             function = self.vocabulary.functions.get(head.name)
             if function is not None:
                 return self.apply(function, form, scope)
@@ -175,6 +175,12 @@ class Evaluator:
         else:
             raise MbmError(faults.bad_head(head.span, "a text" if isinstance(head, Text) else "a keyword"))
         return self._headed(value, form, scope)
+
+    def _special(self, special: SpecialForm, form: Sequence, scope: Scope) -> Value:
+        try:
+            return special(self, form, scope)
+        except UndefinedValueError as error:
+            raise MbmError(faults.undefined_value(form.span, str(error))) from None
 
     def _headed(self, value: Value, form: Sequence, scope: Scope) -> Value:
         """A list whose head has a value: a call, an element, or a paren vector."""

@@ -84,7 +84,7 @@ def elaborate(
     _definitions(work, clauses)
     unknowns, priors = _unknowns(work, declarations)
     starts = _starts(work, declarations, constants, overrides)
-    taken: set[str] = set()
+    taken = {prior.name for prior in priors}
     blocks = (*_blocks(work, clauses, taken), *priors)
     derived = _derived(work, clauses)
     blocks = (*blocks, *model_constraints(work, log, taken))

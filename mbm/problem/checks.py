@@ -8,9 +8,8 @@ import numpy as np
 
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Leaf, RowChoice, leaves
 from mbm.problem import faults
-from mbm.problem.joining import MAXIMUM_REPORTED
-from mbm.problem.rows import Positions, column_numbers, row_values, rows_of
-from mbm.problem.tables import Table
+from mbm.problem.rows import MAXIMUM_REPORTED, Positions, column_numbers, decided, rows_of
+from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Block, Problem
 from mbm.text.suggest import closest
 from mbm.text.types import Diagnostic
@@ -21,9 +20,20 @@ def used_rows(block: Block, tables: Mapping[str, Table]) -> np.ndarray | None:
     if block.table is None:
         return None
     table = tables[block.table]
-    if block.when is None:
-        return np.ones(len(table), dtype=bool)
-    return np.asarray(row_values(block.when, tables)[:, 0] == 1)
+    kept = np.ones(len(table), dtype=bool) if block.when is None else decided(block.when, tables)[:, 0]
+    return kept & _first_of_kind(table, block.distinct) if block.distinct else kept
+
+
+def _first_of_kind(table: Table, columns: tuple[str, ...]) -> np.ndarray:
+    """Mask of the rows that are the first with their values in ``columns``."""
+    mask = np.zeros(len(table), dtype=bool)
+    seen: set[tuple[CellKey, ...]] = set()
+    cells = [table.keys(c) if c in table.columns else [float(r) for r in table.rows] for c in columns]
+    for row, values in enumerate(zip(*cells, strict=True)):
+        if values not in seen:
+            seen.add(values)
+            mask[row] = True
+    return mask
 
 
 def check_data(problem: Problem, tables: Mapping[str, Table]) -> tuple[list[Diagnostic], list[Diagnostic]]:

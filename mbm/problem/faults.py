@@ -367,6 +367,30 @@ def not_finite_cell(place: Place, column: str, value: float, used: Span | None) 
     )  # fmt: skip
 
 
+def undecided(span: Span) -> Diagnostic:
+    """A condition that a missing number leaves open."""
+    return Diagnostic(
+        code=NOT_FINITE_CELL, message="this condition depends on a number that is missing", place=span,
+        hint="ask with `(finite column)` whether it is there",
+    )  # fmt: skip
+
+
+def two_tables(span: Span, model: str, tables: tuple[str, ...]) -> Diagnostic:
+    """A model whose arguments come from rows of different tables."""
+    return Diagnostic(
+        code=UNEQUAL_BRANCHES, message=f"the arguments of `{model}` come from rows of {_listed(tables)}", place=span,
+        hint="its constraints can hold for each row of one table only; write them into the problem's `constraints`",
+    )  # fmt: skip
+
+
+def start_not_positive(span: Span, name: str) -> Diagnostic:
+    """A start that the type forbids."""
+    return Diagnostic(
+        code=BAD_BOUNDS, message=f"`{name}` is positive, but its start is not above zero", place=span,
+        hint="give a start above zero, or the type `real`",
+    )  # fmt: skip
+
+
 def no_rows(span: Span, name: str) -> Diagnostic:
     """An observation of nothing."""
     return Diagnostic(

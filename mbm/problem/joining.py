@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from mbm.problem import faults
-from mbm.problem.rows import row_values
+from mbm.problem.rows import MAXIMUM_REPORTED, decided
 from mbm.problem.tables import CellKey, Column, Provenance, Table
 from mbm.problem.types import Family, Join, Problem, RowValues, TablePlan
 from mbm.text.suggest import closest
@@ -77,17 +77,12 @@ def _positions(table: Table, column: Column, other: Table, join: Join) -> np.nda
     return positions
 
 
-MAXIMUM_REPORTED = 5
-"""Faulty cells of one kind in one table that are reported; more would hide the rest."""
-
-
 def filtered(plan: TablePlan, tables: Mapping[str, Table], where: RowValues | None) -> Table:
     """The rows of a table that its ``:where`` keeps."""
     table = tables[plan.name]
     if where is None:
         return table
-    kept = row_values(where, tables)[:, 0] == 1
-    return table.take(np.flatnonzero(kept))
+    return table.take(np.flatnonzero(decided(where, tables)[:, 0]))
 
 
 def with_families(tables: Mapping[str, Table], families: tuple[Family, ...]) -> dict[str, Table]:
@@ -123,9 +118,11 @@ def depends_on_values(problem: Problem) -> bool:
     """Whether some equation was compiled for the value of a data cell, so that other data may need other equations."""
     cases = [case.static for block in problem.blocks for case in block.cases]
     cases += [case.static for each in problem.derived for case in each.cases]
+    options = [block.when for block in problem.blocks] + [plan.where for plan in problem.plans]
     for unknown in problem.unknowns:
-        for values in (unknown.start, unknown.lower, unknown.upper, unknown.fixed):
-            cases += [case.static for case in values.cases] if values is not None else []
+        options += [unknown.start, unknown.lower, unknown.upper, unknown.fixed]
+        options += [unknown.start_lower, unknown.start_upper]
+    cases += [case.static for values in options if values is not None for case in values.cases]
     return any(cases) or any(not block.cases for block in problem.blocks)
 
 

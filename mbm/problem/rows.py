@@ -8,12 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.expression.evaluate import Lookup, Values, evaluate
-from mbm.expression.nodes import Column, Constant, Leaf, RowChoice
+from mbm.expression.nodes import Column, Constant, Leaf, RowChoice, leaves
+from mbm.problem import faults
 from mbm.problem.scopes import ROW
 from mbm.problem.tables import Numbers, Table
 from mbm.problem.types import RowValues, Static
+from mbm.text.types import Diagnostic, MbmError
 
 Positions = NDArray[np.int64]
+
+MAXIMUM_REPORTED = 5
+"""Faulty cells of one kind in one table that are reported; more would hide the rest."""
 
 
 def rows_of(static: Static, table: Table) -> Positions:
@@ -71,3 +76,32 @@ def row_values(values: RowValues, tables: Mapping[str, Table]) -> Numbers:
         for j, each in enumerate(found):
             result[positions, j] = each
     return result
+
+
+def decided(values: RowValues, tables: Mapping[str, Table]) -> NDArray[np.bool_]:
+    """Conditions per row, shape (rows, components).
+
+    Raises:
+        MbmError: a row whose condition depends on a cell that is missing; `(finite column)` is the way to ask.
+    """
+    found = row_values(values, tables)
+    undecided = np.flatnonzero(np.isnan(found).any(axis=1))
+    if undecided.size:
+        raise MbmError(*(_gap(values, tables, int(row)) for row in undecided[:MAXIMUM_REPORTED]))
+    return np.asarray(found == 1)
+
+
+def _gap(values: RowValues, tables: Mapping[str, Table], row: int) -> Diagnostic:
+    """The cell that leaves a condition undecided."""
+    table = tables[values.table] if values.table is not None else None
+    for case in values.cases:
+        if table is not None and row not in rows_of(case.static, table):
+            continue
+        for leaf in leaves(case.values):
+            if isinstance(leaf, Column):
+                value = lookup(table, None, tables)(leaf)
+                number = float(value[row]) if isinstance(value, np.ndarray) else float(value)
+                if np.isnan(number):
+                    owner = table if table is not None and leaf.table == table.name else tables[leaf.table]
+                    return faults.not_finite_cell(owner.place(row, leaf.name), leaf.name, number, leaf.span)
+    return faults.undecided(values.span)

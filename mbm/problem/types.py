@@ -144,7 +144,8 @@ class BlockRole(StrEnum):
 class Block:
     """Equations that hold for each row of ``table`` (once if None).
 
-    ``unknown_factor``: the stated noise is known up to one factor, which is estimated.
+    ``unknown_factor``: the stated noise is known up to one factor, which is estimated. ``distinct`` names columns of
+    which each combination of values counts once: rows that repeat one are left out.
     """
 
     name: str
@@ -153,6 +154,7 @@ class Block:
     cases: tuple[EquationCase, ...]
     when: RowValues | None
     unknown_factor: bool
+    distinct: tuple[str, ...] = ()
     span: Span
 
 

@@ -24,7 +24,7 @@ def free_directions(solution: Solution) -> tuple[FreeDirection, ...]:
 
 
 def _owner(solution: Solution, position: int) -> str:
-    return next(e.unknown.name for e in solution.layout.entries if e.offset <= position < e.offset + e.count)
+    return solution.layout.owner(position).unknown.name
 
 
 def _unused(solution: Solution) -> list[FreeDirection]:

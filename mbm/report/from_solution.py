@@ -24,7 +24,7 @@ from mbm.report.types import (
     SolveStatus,
 )
 from mbm.solution.layout import Entry
-from mbm.solution.solution import DerivedSolution, Solution
+from mbm.solution.solution import DerivedSolution, Failure, Solution
 from mbm.solution.types import NoiseState
 
 COVARIANCE_LIMIT = 300
@@ -62,6 +62,18 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         plot_data=lambda: plot_data(problem, solution),
         priors=prior_reports(problem, solution),
         diagnostics=solution.diagnostics,
+    )
+
+
+def failure_report(failure: Failure) -> SolveReport:
+    """A solve of several that could not be set up: no estimates, and the reason."""
+    first = failure.diagnostics[0]
+    return SolveReport(
+        status=SolveStatus.NOT_CONVERGED,
+        message=f"nothing was solved: {first.message}",
+        key=dict(failure.key),
+        reasons=dict.fromkeys(("cost", "dof", "sigma0", "chi2_p"), "nothing was solved"),
+        diagnostics=failure.diagnostics,
     )
 
 

@@ -106,25 +106,26 @@ def prior_reports(problem: Problem, solution: Solution) -> tuple[PriorReport, ..
         if mean is None:
             continue
         values = group.values(solution.numbers)
-        whitened = solution.minimum.residuals[group.first : group.first + group.count].reshape(values.shape)
+        sigmas = np.hstack([_sigmas(w.weights) for w in group.whiteners])
         for (i, j), difference in np.ndenumerate(values):
-            residual = float(whitened[i, j])
             found.append(
                 PriorReport(
                     name=_prior_name(solution, group, block.name, int(i), int(j)),
                     value=float(mean[i, j] + difference),
                     mean=float(mean[i, j]),
-                    sigma=abs(float(difference) / residual) if residual else _sigma(group, int(i), int(j)),
-                    residual=residual,
+                    sigma=float(sigmas[i, j]),
+                    residual=float(difference / sigmas[i, j]),
                 )
             )
     return tuple(found)
 
 
-def _sigma(group: Group, row: int, component: int) -> float:
-    weights = group.whiteners[0].weights
-    weight = weights[row, component] if weights.ndim == 2 else weights[row, component, component]
-    return float(1 / weight)
+def _sigmas(weights: Floats) -> Floats:
+    """Standard deviations (rows, k): of weights 1/σ, or of matrices W with W C Wᵀ = 1."""
+    if weights.ndim == 2:
+        return np.asarray(1 / weights)
+    roots = np.linalg.inv(weights)
+    return np.asarray(np.sqrt((roots**2).sum(axis=2)))
 
 
 def _prior_name(solution: Solution, group: Group, name: str, row: int, component: int) -> str:

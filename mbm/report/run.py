@@ -10,11 +10,12 @@ from mbm.expression.units import parse_unit
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 from mbm.report import faults
-from mbm.report.from_solution import quantity_of, solve_report
+from mbm.report.from_solution import failure_report, quantity_of, solve_report
 from mbm.report.initial import initial_values
 from mbm.report.options import Progress
 from mbm.report.types import Floats, InputFile, Result
 from mbm.solution.run import Solutions
+from mbm.solution.solution import Failure
 from mbm.text.types import MbmError
 from mbm.version import __version__
 
@@ -31,7 +32,10 @@ def result_of(
     """The result of all solves, in their order; ``progress`` hears of each."""
     reports = []
     for solution in solutions.each:
-        reports.append(solve_report(problem, solution, covariance_full=covariance_full))
+        if isinstance(solution, Failure):
+            reports.append(failure_report(solution))
+        else:
+            reports.append(solve_report(problem, solution, covariance_full=covariance_full))
         if progress is not None:
             progress(len(reports), solutions.count)
     request = problem.request

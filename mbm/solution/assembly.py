@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,13 +17,11 @@ from mbm.problem.scopes import ROW
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem, Static
 from mbm.solution.layout import Entry, Layout
+from mbm.solution.scatter import Scatter, scatter
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.solution.whitening import Whitener, whitener
 from mbm.symbolic.types import ConstantInput, Parameter, Purpose, Slot
 from mbm.text.types import MbmError
-
-SCATTER_BLOCK = 2048
-"""Rows whose derivatives go into the dense Jacobian together; all rows at once take nine times longer (measured)."""
 
 
 class EvaluationCache:
@@ -63,6 +61,11 @@ class Group:
     first: int = 0
 
     @property
+    def places(self) -> Indices:
+        """``index`` with one row in place of equal ones."""
+        return self.index[:1] if all(self.shared) else self.index
+
+    @property
     def rows(self) -> int:
         """Number of rows."""
         return len(self.index)
@@ -75,8 +78,7 @@ class Group:
     def fill(self, numbers: Floats) -> None:
         """Put the vector of all numbers (N,) and the data into the inputs."""
         variables = self.index.shape[1]
-        places = self.index[:1] if all(self.shared) else self.index
-        self.evaluation.inputs[:, :variables] = numbers[places]
+        self.evaluation.inputs[:, :variables] = numbers[self.places]
         self.evaluation.inputs[:, variables:] = self.parameters
 
     def values(self, numbers: Floats) -> Floats:
@@ -90,33 +92,21 @@ class Group:
             return self.whiteners[0].apply(values)
         return np.hstack([w.apply(values) for w in self.whiteners])
 
+    def scatter(self, columns: Indices) -> Scatter:
+        """Where the Jacobian goes; ``columns`` (N,) gives the column of each number, -1: nowhere."""
+        kernel = self.kernel
+        return scatter(kernel.jacobian_rows, kernel.jacobian_columns, self.index, self.shared, columns)
+
     def dense_jacobian(self, numbers: Floats, columns: Indices, width: int) -> Floats:
         """Jacobian, not whitened, shape (rows, outputs, width); ``columns`` (N,) places each number, -1: nowhere."""
         result = np.zeros((self.rows, self.kernel.outputs, width))
-        self.add_jacobian(numbers, columns, result)
+        self.add_jacobian(numbers, self.scatter(columns), result)
         return result
 
-    def add_jacobian(self, numbers: Floats, columns: Indices, target: Floats) -> None:
-        """Add the Jacobian to ``target`` (rows, outputs, width), block by block so that it stays in the cache."""
+    def add_jacobian(self, numbers: Floats, places: Scatter, target: Floats) -> None:
+        """Add the Jacobian, not whitened, to ``target`` (rows, outputs, width)."""
         self.fill(numbers)
-        _, nonzeros = self.evaluation.values_and_jacobian()
-        places = list(zip(self.kernel.jacobian_rows.tolist(), self.kernel.jacobian_columns.tolist(), strict=True))
-        for start in range(0, self.rows, SCATTER_BLOCK):
-            part = slice(start, start + SCATTER_BLOCK)
-            block, found, index = target[part], nonzeros[part], self.index[part]
-            lines = np.arange(len(block))
-            for k, (i, j) in enumerate(places):
-                if self.shared[j]:
-                    column = int(columns[index[0, j]])
-                    if column >= 0:
-                        block[:, i, column] += found[:, k]
-                    continue
-                chosen = columns[index[:, j]]
-                kept = chosen >= 0
-                if kept.all():
-                    block[lines, i, chosen] += found[:, k]
-                else:
-                    block[lines[kept], i, chosen[kept]] += found[kept, k]
+        places.add(self.evaluation.values_and_jacobian()[1], target)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -133,7 +123,7 @@ class Assembled:
     free: Indices
     factors: Floats | None = None
     linear: bool = False
-    _columns: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    _scatters: tuple[Scatter, ...] = ()
 
     @property
     def dimension(self) -> int:
@@ -179,10 +169,10 @@ class Assembled:
         numbers = self.all_numbers(x)
         width = self.dimension
         result = np.zeros((self.count, width))
-        for group in self.groups:
+        for group, places in zip(self.groups, self._scatters, strict=True):
             lines = result[group.first : group.first + group.count]
             part = lines.reshape(group.rows, group.kernel.outputs, width)
-            group.add_jacobian(numbers, self._columns, part)
+            group.add_jacobian(numbers, places, part)
             for whitener_ in group.whiteners:
                 rows = part[:, whitener_.first : whitener_.last]
                 if whitener_.weights.ndim == 2:
@@ -204,12 +194,13 @@ class Assembled:
         columns = np.full(len(numbers), -1, dtype=np.int64)
         columns[free] = np.arange(len(free))
         linear = all(affine(group, columns >= 0) for group in self.groups)
-        return replace(self, free=free, numbers=numbers, linear=linear, _columns=columns)
+        scatters = tuple(group.scatter(columns) for group in self.groups)
+        return replace(self, free=free, numbers=numbers, linear=linear, _scatters=scatters)
 
 
 def affine(group: Group, mask: Mask) -> bool:
     """Whether the outputs of a group are affine in the numbers that ``mask`` (N,) picks."""
-    touched = np.asarray(mask[group.index].any(axis=0), dtype=bool)
+    touched = np.asarray(mask[group.places].any(axis=0), dtype=bool)
     return group.kernel.affine_in(touched)
 
 
@@ -225,14 +216,14 @@ class Binder:
     def equations(self, kernels: KernelSet) -> tuple[Group, ...]:
         """All observation and prior kernels with the rows in use."""
         groups = []
-        masks = {b.name: used_rows(b, self.tables) for b in self.problem.blocks}
+        masks = [used_rows(b, self.tables) for b in self.problem.blocks]
         first = 0
         for number, kernel in enumerate(kernels.kernels):
             if kernel.purpose is not Purpose.EQUATION:
                 continue
             block = self.problem.blocks[kernel.owner]
             case = block.cases[kernel.case]
-            table, positions = self._rows(block.table, case.static, masks[block.name])
+            table, positions = self._rows(block.table, case.static, masks[kernel.owner])
             group = self.bind(number, kernel, table, positions)
             whiteners, offset = [], 0
             for equation in case.equations:
@@ -333,6 +324,9 @@ class Binder:
                 return [float(r) for r in table.rows[positions]]
             keys = table.keys(member.column)
             return [keys[i] for i in positions]
+        if member.row is RowChoice.EACH:
+            message = f"a key of `{member.table}.{member.column}` is wanted where there is no row"
+            raise TypeError(message)
         other = self.tables[member.table]
         keys = other.keys(member.column)
         return [keys[0 if member.row is RowChoice.FIRST else -1]]
@@ -354,5 +348,5 @@ def mentioned(groups: tuple[Group, ...], size: int) -> Mask:
     used = np.zeros(size, dtype=bool)
     for group in groups:
         columns = np.unique(group.kernel.jacobian_columns)
-        used[group.index[:, columns].ravel()] = True
+        used[group.places[:, columns].ravel()] = True
     return used

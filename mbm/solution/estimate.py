@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,36 +13,27 @@ from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 from mbm.solution import faults
 from mbm.solution.assembly import Assembled, Binder, EvaluationCache, Group, block_rows, mentioned
-from mbm.solution.covariance import covariance, propagate
+from mbm.solution.derived import Propagation
 from mbm.solution.layout import free_positions, layout
 from mbm.solution.minimise import minimise, solver_for
 from mbm.solution.motion import with_motions
 from mbm.solution.observability import observability
 from mbm.solution.settings import Settings
-from mbm.solution.solution import DerivedSolution, Solution
+from mbm.solution.solution import Solution
 from mbm.solution.starts import completed
+from mbm.solution.statistics import statistics
 from mbm.solution.types import (
     Components,
-    Covariance,
-    Fit,
     Floats,
     Indices,
     Minimum,
     Noise,
-    NoiseState,
-    Observability,
 )
-from mbm.solution.variance import common_factor, fit_statistics, redundancy_numbers, variance_components
+from mbm.solution.variance import common_factor, redundancy_numbers, variance_components
 from mbm.text.types import Diagnostic
 
 REWEIGHTED_ITERATIONS = 500
 """Iterations that the rounds of the variance components may take together; those left over get one each."""
-
-GRADIENT_LIMIT = 20_000_000
-"""Numbers in the gradients of derived quantities that are kept for their covariance."""
-
-COVARIANCE_LIMIT = 2_000
-"""Derived scalars whose full covariance is made; beyond, the marginal sigmas stay."""
 
 
 def assemble(
@@ -84,9 +75,12 @@ def estimate(
     weighted = equations.with_factors(factors)
     observed = observability(minimum.jacobian, minimum.point, minimum.at_bound != 0)
     observed = with_motions(weighted, minimum, observed)
-    outcome = _statistics(problem, equations, minimum, observed, noise, factors)
+    outcome = statistics(problem, equations, minimum, observed, noise, factors)
     numbers = equations.all_numbers(minimum.point)
-    derived, derived_covariance = _derived(problem, kernels, binder, weighted, numbers, observed, outcome.covariance)
+    propagation = Propagation(
+        problem=problem, kernels=kernels, binder=binder, equations=weighted, numbers=numbers, outcome=outcome
+    )
+    derived, derived_covariance = propagation.all_derived()
     used = mentioned(equations.groups, len(numbers))
     unused = np.flatnonzero(~used & ~equations.layout.fixed)
     diagnostics = (*_at_start(problem, tables, minimum, equations.groups), *outcome.diagnostics)
@@ -121,6 +115,7 @@ class _Run:
     def __init__(self, problem: Problem, equations: Assembled, settings: Settings) -> None:
         self.equations = equations
         self.settings = settings
+        self._place = problem.span
         self.iterations = 0
         self.evaluations = 0
         self.unknown = [
@@ -166,115 +161,12 @@ class _Run:
         if self.iterations:
             limit = min(limit, max(REWEIGHTED_ITERATIONS - self.iterations, 1))
         settings = replace(self.settings, max_iterations=limit)
-        minimum = minimise(self.equations.with_factors(factors), self._point, settings)
+        minimum = minimise(self.equations.with_factors(factors), self._point, settings, self._place)
         self.iterations += minimum.iterations
         self.evaluations += minimum.evaluations
         if np.isfinite(minimum.cost):
             self._point = minimum.point
         return minimum
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Statistics:
-    covariance: Covariance
-    fit: Fit
-    sigma_known: bool
-    diagnostics: tuple[Diagnostic, ...]
-
-
-def _statistics(
-    problem: Problem,
-    equations: Assembled,
-    minimum: Minimum,
-    observed: Observability,
-    noise: Mapping[int, Noise],
-    factors: Floats | None,
-) -> _Statistics:
-    """Cost, degrees of freedom and covariance; a single unknown factor counts as σ = 1 in the cost (CONTRACT §2)."""
-    cost, variance, known = minimum.cost, 1.0, True
-    if len(noise) == 1 and factors is not None:
-        residuals = minimum.residuals.copy()
-        rows = block_rows(equations.groups, next(iter(noise)))
-        residuals[rows] *= factors[rows]
-        cost = float(residuals @ residuals)
-    elif len(noise) == 1:
-        only = next(iter(noise.values()))
-        variance = only.factor**2 if only.state is NoiseState.ESTIMATED else 0.0
-        known = only.state is not NoiseState.NO_REDUNDANCY
-    diagnostics = tuple(
-        faults.noise_not_estimated(problem.blocks[i].span, problem.blocks[i].name, n.state.value)
-        for i, n in noise.items()
-        if n.state is not NoiseState.ESTIMATED
-    )
-    return _Statistics(
-        covariance=covariance(observed, variance),
-        fit=fit_statistics(cost, equations.count, observed.rank, noise_stated=not noise),
-        sigma_known=known,
-        diagnostics=diagnostics,
-    )
-
-
-def _derived(
-    problem: Problem,
-    kernels: KernelSet,
-    binder: Binder,
-    equations: Assembled,
-    numbers: Floats,
-    observed: Observability,
-    estimated: Covariance,
-) -> tuple[tuple[DerivedSolution, ...], Floats | None]:
-    columns = np.full(len(numbers), -1, dtype=np.int64)
-    columns[equations.free] = np.arange(equations.dimension)
-    found = []
-    gradients: list[Floats] = []
-    for owner in range(len(problem.derived)):
-        one = _one_derived(owner, problem, kernels, binder, numbers, columns, equations.dimension, observed, estimated)
-        found.append(one)
-        if one.gradient is not None:
-            gradients.append(one.gradient)
-    total = sum(len(g) for g in gradients)
-    if not gradients or len(gradients) < len(found) or total > COVARIANCE_LIMIT:
-        return tuple(found), None
-    return tuple(found), propagate(np.vstack(gradients), observed, estimated).matrix
-
-
-def _one_derived(
-    owner: int,
-    problem: Problem,
-    kernels: KernelSet,
-    binder: Binder,
-    numbers: Floats,
-    columns: Indices,
-    width: int,
-    observed: Observability,
-    estimated: Covariance,
-) -> DerivedSolution:
-    groups = binder.derived(kernels, owner)
-    derived = problem.derived[owner]
-    rows = len(binder.tables[derived.table]) if derived.table is not None else 1
-    size = len(derived.cases[0].values) if derived.cases else 0
-    values, sigma = np.full((rows, size), np.nan), np.full((rows, size), np.nan)
-    keep = rows * size * width <= GRADIENT_LIMIT
-    gradient = np.zeros((rows, size, width)) if keep else None
-    for group in groups:
-        positions = group.positions if group.positions is not None else np.arange(1)
-        values[positions] = group.values(numbers)
-        part = group.dense_jacobian(numbers, columns, width)
-        flat = part.reshape(-1, width)
-        for start in range(0, len(flat), COVARIANCE_LIMIT):
-            stop = start + COVARIANCE_LIMIT
-            chunk = propagate(flat[start:stop], observed, estimated).sigma
-            places = np.arange(start, min(stop, len(flat)))
-            sigma[positions[places // size], places % size] = chunk
-        if gradient is not None:
-            gradient[positions] = part
-    return DerivedSolution(
-        owner=owner,
-        positions=np.arange(rows),
-        values=values,
-        sigma=sigma,
-        gradient=gradient.reshape(-1, width) if gradient is not None else None,
-    )
 
 
 def _at_start(

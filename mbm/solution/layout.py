@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from mbm.problem import faults as problem_faults
-from mbm.problem.rows import row_values
+from mbm.problem.rows import decided, row_values
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem, RowValues, Unknown, UnknownKind
 from mbm.solution import faults
@@ -46,6 +47,7 @@ class Layout:
     """The vector of all numbers (N,): starts (NaN where none is known), bounds, and masks; all in SI."""
 
     entries: tuple[Entry, ...]
+    by_name: Mapping[str, Entry] = field(repr=False)
     start: Floats
     lower: Floats
     upper: Floats
@@ -55,11 +57,15 @@ class Layout:
 
     def entry(self, name: str) -> Entry:
         """The place of an unknown."""
-        return next(e for e in self.entries if e.unknown.name == name)
+        return self.by_name[name]
+
+    def owner(self, position: int) -> Entry:
+        """The unknown that a number belongs to."""
+        return self.entries[bisect_right(self.entries, position, key=lambda e: e.offset) - 1]
 
     def name(self, position: int) -> str:
         """The name of a number as CONTRACT §2 writes it: ``p[1]``, ``theta[2,1]``, ``q["waist"]``."""
-        entry = next(e for e in self.entries if e.offset <= position < e.offset + e.count)
+        entry = self.owner(position)
         member, component = divmod(position - entry.offset, entry.unknown.size)
         name = entry.unknown.name
         if entry.keys is not None:
@@ -92,18 +98,28 @@ def layout(problem: Problem, tables: Mapping[str, Table], starts: Mapping[str, F
         place = entry.range
         _fill(entry, entry.unknown.lower, tables, lower)
         _fill(entry, entry.unknown.upper, tables, upper)
-        if bool((lower[place] >= upper[place]).any()):
+        is_positive = entry.unknown.kind is UnknownKind.POSITIVE
+        if bool((lower[place] >= upper[place]).any()) or (is_positive and bool((upper[place] <= 0).any())):
             raise MbmError(problem_faults.bad_bounds(entry.unknown.span, entry.unknown.name))
         start[place] = _start(entry, tables, starts, lower[place], upper[place])
-        positive[place] = entry.unknown.kind is UnknownKind.POSITIVE
+        if is_positive and bool((start[place] <= 0).any()):
+            raise MbmError(problem_faults.start_not_positive(entry.unknown.span, entry.unknown.name))
+        positive[place] = is_positive
         angle[place] = entry.unknown.kind is UnknownKind.ANGLE
         if entry.unknown.fixed is not None:
-            fixed[place] = row_values(entry.unknown.fixed, tables).reshape(-1) == 1
+            fixed[place] = decided(entry.unknown.fixed, tables).reshape(-1)
     turned = angle & np.isfinite(lower) & np.isfinite(upper)
     middle = (lower[turned] + upper[turned]) / 2
     start[turned] = middle + np.remainder(start[turned] - middle + np.pi, 2 * np.pi) - np.pi
     return Layout(
-        entries=tuple(entries), start=start, lower=lower, upper=upper, fixed=fixed, positive=positive, angle=angle
+        entries=tuple(entries),
+        by_name={e.unknown.name: e for e in entries},
+        start=start,
+        lower=lower,
+        upper=upper,
+        fixed=fixed,
+        positive=positive,
+        angle=angle,
     )
 
 
@@ -124,8 +140,16 @@ def _checked(entry: Entry, found: Floats, values: RowValues) -> Floats:
 def _start(
     entry: Entry, tables: Mapping[str, Table], starts: Mapping[str, Floats], lower: Floats, upper: Floats
 ) -> Floats:
+    """The starts of an unknown: those given from outside (NaN: not given), else what the problem says."""
+    given = _given_start(entry, starts.get(entry.unknown.name))
+    if not bool(np.isnan(given).any()):
+        return given
+    stated = _stated_start(entry, tables, lower, upper)
+    return np.where(np.isnan(given), stated, given)
+
+
+def _given_start(entry: Entry, given: Floats | None) -> Floats:
     unknown = entry.unknown
-    given = starts.get(unknown.name)
     if given is not None:
         numbers = np.asarray(given, dtype=np.float64).reshape(-1)
         if numbers.size == 1 and entry.count > 1:
@@ -135,9 +159,14 @@ def _start(
         if numbers.size != entry.count:
             message = f"has {numbers.size} numbers; {entry.count} are wanted"
             raise MbmError(problem_faults.bad_override(unknown.name, message))
-        if not bool(np.isfinite(numbers).all()):
+        if bool(np.isinf(numbers).any()):
             raise MbmError(problem_faults.bad_override(unknown.name, "is not finite"))
         return numbers
+    return np.full(entry.count, np.nan)
+
+
+def _stated_start(entry: Entry, tables: Mapping[str, Table], lower: Floats, upper: Floats) -> Floats:
+    unknown = entry.unknown
     if unknown.start is not None:
         return _checked(entry, row_values(unknown.start, tables), unknown.start)
     if unknown.start_lower is not None and unknown.start_upper is not None:

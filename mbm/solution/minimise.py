@@ -10,7 +10,7 @@ from mbm.solution.solvers.gauss_newton import GAUSS_NEWTON
 from mbm.solution.solvers.linear import LINEAR
 from mbm.solution.solvers.marquardt import MARQUARDT
 from mbm.solution.types import Equations, Floats, Minimum, Reason, Solver
-from mbm.text.types import MbmError
+from mbm.text.types import MbmError, Place
 
 DENSE_LIMIT = 200_000_000
 """Numbers in a dense Jacobian: 1.6 GB, and as much again while it is decomposed."""
@@ -29,17 +29,17 @@ def solver_for(equations: Equations, settings: Settings) -> Solver:
     return LINEAR if LINEAR.supports(equations) else MARQUARDT
 
 
-def minimise(equations: Equations, start: Floats, settings: Settings) -> Minimum:
+def minimise(equations: Equations, start: Floats, settings: Settings, place: Place | None = None) -> Minimum:
     """The minimum of ``Σ r²`` that the start ``(n,)`` leads to; never worse than the start.
 
-    Raises MbmError (`no-equations`, `no-unknowns`, `too-many-unknowns`).
+    Raises MbmError (`no-equations`, `no-unknowns`, `too-many-unknowns`), with ``place`` to point at.
     """
     if equations.dimension == 0:
-        raise MbmError(faults.no_unknowns())
+        raise MbmError(faults.no_unknowns(place))
     if equations.count == 0:
-        raise MbmError(faults.no_equations(equations.dimension))
+        raise MbmError(faults.no_equations(equations.dimension, place))
     if max(equations.count, equations.dimension) * equations.dimension > DENSE_LIMIT:
-        raise MbmError(faults.too_many_unknowns(equations.count, equations.dimension, DENSE_LIMIT))
+        raise MbmError(faults.too_many_unknowns(equations.count, equations.dimension, DENSE_LIMIT, place))
     solver = solver_for(equations, settings)
     state = solver.init(equations, start, settings.tolerance)
     reason = solver.finished(state)

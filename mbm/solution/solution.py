@@ -23,10 +23,17 @@ class DerivedSolution:
     """
 
     owner: int
-    positions: Indices
     values: Floats
     sigma: Floats
     gradient: Floats | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Failure:
+    """One solve of several that could not be set up with its data: nothing was solved, ``diagnostics`` say why."""
+
+    key: Mapping[str, CellKey]
+    diagnostics: tuple[Diagnostic, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

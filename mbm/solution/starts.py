@@ -26,8 +26,8 @@ def completed(equations: Assembled, free: Indices) -> Floats:
     is_free = np.zeros(len(numbers), dtype=bool)
     is_free[free] = True
     _refuse(layout, missing & layout.fixed)
-    numbers[missing] = 0.0
     estimated = missing & is_free
+    numbers[estimated] = 0.0  # members that no equation mentions stay without a value
     if not bool(estimated.any()):
         return numbers
     wrong = np.zeros(len(numbers), dtype=bool)

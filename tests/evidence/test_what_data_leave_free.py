@@ -58,7 +58,9 @@ LEVELS = {"id": ["A", "A", "B", "B"], "t": [1.0, 2.0, 1.0, 3.0], "z": [2.1, 2.9,
 
 def corners() -> dict[str, list[object]]:
     """A box of 0.6 × 0.4 × 0.5 m, 4 m away, turned by 0.4 rad; half a pixel of noise."""
-    signs = np.array([(1, 1, -1), (-1, 1, -1), (-1, -1, -1), (1, -1, -1), (1, 1, 1), (-1, 1, 1), (-1, -1, 1), (1, -1, 1)])
+    signs = np.array(
+        [(1, 1, -1), (-1, 1, -1), (-1, -1, -1), (1, -1, -1), (1, 1, 1), (-1, 1, 1), (-1, -1, 1), (1, -1, 1)]
+    )
     turn = np.array([[np.cos(0.4), -np.sin(0.4), 0], [np.sin(0.4), np.cos(0.4), 0], [0, 0, 1]])
     at = (signs * [0.3, 0.2, 0.25]) @ turn.T + [4.0, 0.3, -0.2]
     image = 800 * at[:, 1:] / at[:, :1] + 0.5 * np.random.default_rng(5).standard_normal((8, 2))
@@ -102,9 +104,7 @@ def test_two_unknowns_that_appear_only_as_a_product(tmp_path):
 
 def test_the_scale_of_a_scene_seen_by_one_camera(tmp_path):
     solved = loaded(tmp_path, SCENE, corners=corners()).solve()
-    assert sentences(solved) == [
-        "`xg`, `yg`, `zg`, `x`, `y` and `h` scale together: only their ratios are determined"
-    ]
+    assert sentences(solved) == ["`xg`, `yg`, `zg`, `x`, `y` and `h` scale together: only their ratios are determined"]
     assert (solved.observability.rank, solved.observability.dimension) == (6, 7)
     # Turn, shape and direction do not feel the scale; half a pixel of noise is well inside these bounds.
     assert float(solved["psi"].value) == pytest.approx(0.4, abs=4 * float(solved["psi"].sigma))

@@ -67,7 +67,9 @@ def outcome(*arguments: str) -> Outcome:
     written = out.buffer
     if not isinstance(written, io.BytesIO):
         raise TypeError(written)
-    return Outcome(command=arguments[0], status=status, out=written.getvalue().decode("utf-8"), err=err.getvalue(), seconds=seconds)
+    return Outcome(
+        command=arguments[0], status=status, out=written.getvalue().decode("utf-8"), err=err.getvalue(), seconds=seconds
+    )
 
 
 def faults_of(found: Outcome, folder: Path, codes: frozenset[str]) -> list[str]:
@@ -116,6 +118,6 @@ def _faults_of_diagnostic(diagnostic: dict[str, Any], folder: Path, codes: froze
         wrong.append(f"line {line} of {len(lines)}")
     elif path.suffix == ".mbm" and line is None:
         wrong.append("no line in a problem file")
-    elif path.suffix == ".mbm" and not 1 <= column <= len(lines[line - 1]) + 1:
+    elif path.suffix == ".mbm" and column is not None and not 1 <= column <= len(lines[line - 1]) + 1:
         wrong.append(f"column {column} of line {line}")
     return wrong

@@ -129,7 +129,11 @@ class Problems(Forms):
     def _unknown(self, name: str) -> str:
         kind = self.choices.one_of(DOUBTFUL_TYPES if self.astray() else TYPES)
         size = 3 if kind == "(vector 3)" else 2
-        init = ("[1 2]", "[1 2 3]")[size - 2] if kind.startswith("(vector") else self.choices.one_of(("1", "2.5", "3", "0"))
+        init = (
+            ("[1 2]", "[1 2 3]")[size - 2]
+            if kind.startswith("(vector")
+            else self.choices.one_of(("1", "2.5", "3", "0"))
+        )
         options = self.options(
             (":in (0 10)", ":sigma 2", f":unit {self.choices.one_of(UNITS)}", ':doc "text"', ":start (0 1)"),
             (f":in ({self.number(0)} {self.number(0)})", f":sigma {self.number(0)}", ":fixed true", ":zzz 1", ":init")
@@ -157,7 +161,13 @@ class Problems(Forms):
             measured = "y"
         options = self.options(
             (f":when (< {self.choices.one_of(('1', 'id', 'row') if table else ('1', '2'))} 4)",),
-            (f":when {self.condition(1)}", f":covariance [[1 {self.number(0)}] [0 1]]", ":information [[2]]", f":sigma {self.vector(1, 2)}", ":zzz 1")
+            (
+                f":when {self.condition(1)}",
+                f":covariance [[1 {self.number(0)}] [0 1]]",
+                ":information [[2]]",
+                f":sigma {self.vector(1, 2)}",
+                ":zzz 1",
+            )
             + (
                 f":loss {self.choices.one_of(LOSSES)}",
                 ":bound 1",

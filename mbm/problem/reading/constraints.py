@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mbm.expression.algebra import number, subtract, wrap
-from mbm.expression.nodes import Column, RowChoice, leaves
+from mbm.expression.algebra import number
+from mbm.expression.nodes import Column, ColumnMember, Component, Expression, RowChoice, leaves
 from mbm.language import faults as language_faults
-from mbm.language.coerce import integer, scalar
+from mbm.language.coerce import difference, integer, scalar
 from mbm.language.scope import LocalScope, Scope
+from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
 from mbm.problem.options import split_options
 from mbm.problem.reading.equations import data_only
@@ -107,8 +108,7 @@ def normal_equation(work: Workspace, forms: tuple[Form, ...], scope: Scope, span
         raise MbmError(language_faults.bad_form(span, "`normal` takes a form, a mean and a sigma", USAGE))
     value, mean, sigma = (scalar(work.evaluator.wanted(f, scope), f.span) for f in forms)
     work.refuse_unknowns((sigma,), forms[2].span, "the sigma of `normal`")
-    difference = subtract(value, mean, span)
-    component = wrap(difference, span) if difference.angle else difference
+    component = difference(value, mean, span)
     return Equation(
         components=(component,), noise_kind=NoiseKind.SIGMA, noise=(sigma,), measured=data_only((mean,)), span=span
     )
@@ -151,15 +151,30 @@ def _of_model(work: Workspace, call: ModelCall, constraint: ModelConstraint, tak
         what = f"the constraint `{constraint.kind}` of the model `{call.name}`"
         raise MbmError(language_faults.not_available_yet(constraint.span, what, "exact and penalty constraints"))
     equation = normal_equation(work, constraint.forms, constraint.scope, constraint.span)
-    columns = [leaf for leaf in leaves(equation.components) if isinstance(leaf, Column)]
-    tables = {leaf.table for leaf in columns if leaf.row is RowChoice.EACH}
+    rows = _row_columns((*equation.components, *equation.noise))
+    tables = tuple(dict.fromkeys(table for table, _ in rows))
+    if len(tables) > 1:
+        raise MbmError(faults.two_tables(constraint.span, call.name, tables))
     base = f"{call.name} normal {constraint.forms[0].span.text}"
     return Block(
         name=_free(base, taken),
         role=BlockRole.PRIOR,
-        table=next(iter(tables), None),
+        table=tables[0] if tables else None,
         cases=(EquationCase(static=(), equations=(equation,)),),
         when=None,
         unknown_factor=False,
+        distinct=tuple(dict.fromkeys(column for _, column in rows)),
         span=constraint.span,
     )
+
+
+def _row_columns(nodes: tuple[Expression, ...]) -> list[tuple[str, str]]:
+    """The columns, and the key columns of family members, that nodes read from the row at hand."""
+    found: list[tuple[str, str]] = []
+    for leaf in leaves(nodes):
+        if isinstance(leaf, Column) and leaf.row is RowChoice.EACH:
+            found.append((leaf.table, leaf.name))
+        member = leaf.member if isinstance(leaf, Component) else None
+        if isinstance(member, ColumnMember) and member.row is RowChoice.EACH:
+            found.append((member.table, member.column))
+    return found

@@ -53,12 +53,16 @@ def _derived(work: Workspace, item: Form) -> Derived:
     shapes = {shape for _, (shape, _) in cases}
     if len(shapes) > 1:
         raise MbmError(faults.unequal_branches(form.span))
+    if name.name in work.scope.derived_over:
+        first = work.scope.derived_over[name.name][1]
+        raise MbmError(language_faults.duplicate_definition(name.span, name.name, first.span))
     if table is None:
         value = _value(*cases[0][1])
         work.scope.add(name.name, Entry("derived quantity", name.span, lambda: value))
     else:
-        if name.name in work.scope.derived_over or name.name in work.scope.entries:
-            raise MbmError(language_faults.duplicate_definition(name.span, name.name, item.span))
+        other = work.scope.entries.get(name.name)
+        if other is not None:
+            raise MbmError(language_faults.duplicate_definition(name.span, name.name, other.span))
         work.scope.derived_over[name.name] = (table.name, form)
     return Derived(
         name=name.name,
@@ -66,7 +70,7 @@ def _derived(work: Workspace, item: Form) -> Derived:
         shape=next(iter(shapes), ()),
         cases=tuple(ValueCase(static=s, values=v) for s, (_, v) in cases),
         unit=stated_unit(unit) if unit is not None else None,
-        angle=any(e.angle for _, (_, v) in cases for e in v),
+        angle=bool(cases) and all(e.angle for _, (_, v) in cases for e in v),
         span=name.span,
     )
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mbm.expression.algebra import apply, subtract, wrap
+from mbm.expression.algebra import apply, wrap
 from mbm.expression.nodes import Apply, Component, Expression, Operation, leaves
 from mbm.language import faults as language_faults
-from mbm.language.coerce import condition, is_form, scalar, vector
+from mbm.language.coerce import condition, difference, is_form, scalar, vector
 from mbm.language.evaluator import Evaluator
 from mbm.language.scope import Scope
 from mbm.language.special import clauses_of_cond, cond_condition, let_scope
@@ -124,7 +124,7 @@ def _equation(evaluator: Evaluator, form: Sequence, scope: Scope) -> Residual:
     if len(left) != len(right) or _is_vector(measured) != _is_vector(model):
         raise MbmError(faults.unequal_sides(form.span, describe(measured), describe(model)))
     pairs = zip(left, right, strict=True)
-    components = tuple(_wrapped(subtract(b, a, form.span), form.span) for a, b in pairs)
+    components = tuple(difference(b, a, form.span) for a, b in pairs)
     return Residual(components, data_only(left), form.span)
 
 

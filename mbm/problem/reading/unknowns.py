@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import prod
 
-from mbm.expression.algebra import subtract, wrap
-from mbm.expression.nodes import Column, ColumnMember, Component, Constant, Expression, LiteralMember, Member
+from mbm.expression.nodes import Column, ColumnMember, Component, Constant, LiteralMember, Member, Number
 from mbm.expression.units import Unit, parse_unit, refused_unit
 from mbm.language import faults as language_faults
-from mbm.language.coerce import integer, static_number
+from mbm.language.coerce import difference, integer, static_number
 from mbm.language.scope import Scope
 from mbm.language.values import Array, FamilyValue, TextColumn, Value
 from mbm.problem import faults
@@ -219,7 +218,7 @@ def _prior(work: Workspace, declaration: Declaration, table: Table | None) -> Bl
         value = components(declaration, own_member(declaration.family), declaration.name.span)
         own = value.elements if isinstance(value, Array) else (value,)
         mean = shaped(evaluator.wanted(init_form, scope), declaration.shape, init_form.span)
-        differences = tuple(_difference(a, b, init_form.span) for a, b in zip(own, mean, strict=True))  # type: ignore[arg-type]
+        differences = tuple(difference(a, b, init_form.span) for a, b in zip(own, mean, strict=True))  # type: ignore[arg-type]
         noise_shape = declaration.shape if kind is NoiseKind.SIGMA else (len(own), len(own))
         noise = shaped(evaluator.wanted(form, scope), noise_shape, form.span, broadcast=kind is NoiseKind.SIGMA)
         work.refuse_unknowns(noise, form.span, f"`:{kind.value}` of `{name}`")
@@ -243,11 +242,6 @@ def own_member(family: Family | None) -> Member | None:
     if family is None:
         return None
     return ColumnMember(table=family.rows, column=family.key or ROW)
-
-
-def _difference(a: Expression, b: Expression, span: Span) -> Expression:
-    difference = subtract(a, b, span)
-    return wrap(difference, span) if difference.angle else difference
 
 
 def stated_unit(form: Form) -> Unit:

@@ -46,7 +46,7 @@ PATIENCE = 4
 NEVER = 1_000_000
 """Iterations from one computation of the second-order term to the next."""
 
-REACH = 10.0
+REACH = 30.0
 """Newton's first step may be this many radii long."""
 
 TRIALS = 100

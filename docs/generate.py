@@ -1,0 +1,217 @@
+"""Writes the pages of the manual that say what the code says; ``--check`` only compares (exit status 1 if one is old).
+
+python docs/generate.py [--check]
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from types import ModuleType
+
+import mbm
+from mbm.expression.units import REFUSED, UNITS
+from mbm.language.vocabulary import (
+    arithmetic,
+    cameras,
+    comparison,
+    directions,
+    frames,
+    lists,
+    rotations,
+    vectors,
+)
+from mbm.problem.vocabulary import NOT_YET as PROBLEM_NOT_YET
+from mbm.problem.vocabulary import SPECIAL_FORMS as PROBLEM_FORMS
+from mbm.registry import standard_registry
+from mbm.shapes.library import LibraryModel
+from mbm.shapes.vocabulary import FEATURE_FUNCTIONS
+from mbm.text.types import Code
+
+DOCS = Path(__file__).parent
+NOTE = "<!-- Made by docs/generate.py; do not edit. -->\n\n"
+ROOMS: tuple[tuple[str, ModuleType], ...] = (
+    ("Arithmetic", arithmetic),
+    ("Comparison and logic", comparison),
+    ("Vectors and matrices", vectors),
+    ("Rotations and poses", rotations),
+    ("Frames", frames),
+    ("Cameras", cameras),
+    ("Directions", directions),
+    ("Lists", lists),
+)
+SPECIAL = {
+    "quote": ("'form", "The form itself, not evaluated."),
+    "quasiquote": ("`form", "The form with its unquoted parts filled in."),
+    "unquote": (",form", "In a quasi-quotation: the value of the form."),
+    "unquote-splicing": (",@form", "In a quasi-quotation: the elements of the value of the form."),
+    "if": ("(if condition then else)", "One of two; piecewise where the condition holds columns or unknowns."),
+    "cond": ("(cond (condition body…)… (else body…))", "The first clause whose condition holds."),
+    "let": ("(let ((name value)…) body…)", "Names for values; all values are evaluated outside."),
+    "let*": ("(let* ((name value)…) body…)", "Names for values; later values see earlier names."),
+    "lambda": ("(lambda (a b) body…)", "A function."),
+    "sum": ("(sum (i first last) form)", "The sum of the form for i = first … last."),
+    "first": ("(first TABLE form)", "The form with the columns of the table's first row; in problems."),
+    "last": ("(last TABLE form)", "The form with the columns of the table's last row; in problems."),
+}
+
+
+UNITS_INTRODUCTION = """Quantities are kept in SI: a unit is a factor and a dimension. A unit is stuck to its number
+(`5mm`, `40deg/s^2`), or stated by `:unit`. Factors are joined by `*` or `/`, and may have whole powers: `N*m`, `m/s^2`,
+`1/s`, `s^-1`. These and no others are known; a symbol stands alone, so prefixes other than those listed are errors. `G`
+is the standard acceleration of gravity.
+
+"""
+VOCABULARY_INTRODUCTION = """All functions that problems may use; a definition in the file shadows one of the same name.
+Arguments are numbers, or vectors of one length (element by element; numbers broadcast), unless it says otherwise. The
+models of the shape library have [a page of their own](library.md).
+
+## Special forms
+
+"""
+LATER_INTRODUCTION = """
+## Not available yet
+
+These names are reserved and answer [`not-available-yet`](../reference/diagnostics.md#not-available-yet):
+
+"""
+LIBRARY_INTRODUCTION = """Models that every file may call. They are written in the language itself, in
+`mbm/shapes/library/`. Features are named by number: `(vertex (box 1m 2m 3m) 7)`, or from a column of data
+`(feature (box 1m 2m 3m) path)` with `vertex/7`.
+
+"""
+DIAGNOSTICS_INTRODUCTION = """Every message of mbm has a stable code. It says where in the file or the data the fault
+is, and its likely mend; several independent faults are reported in one run. Errors end with exit status 2; warnings
+do not change it.
+
+"""
+
+
+def table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    """A Markdown table."""
+    lines = [header, tuple("---" for _ in header), *rows]
+    return "".join(f"| {' | '.join(cell.replace('|', '&#124;') for cell in line)} |\n" for line in lines)
+
+
+def code(text: str) -> str:
+    """Text as Markdown code, whatever back-quotes it holds."""
+    return f"`` {text} ``" if "`" in text else f"`{text}`"
+
+
+def units() -> str:
+    """The closed list of units."""
+    rows = [(code(u.symbol), f"{u.factor:.12g}", u.dimension.symbol() or "—") for u in UNITS.values()]
+    refused = [(code(symbol), reason) for symbol, reason in REFUSED.items()]
+    return (
+        f"# Units\n\n{NOTE}"
+        f"{UNITS_INTRODUCTION}"
+        + table(("unit", "in SI", "dimension"), rows)
+        + "\n## Refused\n\nWhat people write although it is no factor times SI:\n\n"
+        + table(("unit", "instead"), refused)
+    )
+
+
+def vocabulary() -> str:
+    """Special forms and functions with their usage."""
+    words = standard_registry().vocabulary
+    known = {*words.special_forms, *PROBLEM_FORMS}
+    if known != set(SPECIAL):
+        message = f"docs/generate.py should describe these special forms: {sorted(known ^ set(SPECIAL))}"
+        raise SystemExit(message)
+    parts = [
+        f"# Vocabulary\n\n{NOTE}",
+        VOCABULARY_INTRODUCTION,
+        table(("form", "means"), [(code(usage), doc) for usage, doc in SPECIAL.values()]),
+    ]
+    for title, room in ROOMS:
+        parts += [f"\n## {title}\n\n", table(("usage", "value"), [(code(f.usage), f.doc) for f in room.FUNCTIONS])]
+    rows = [(code(f.usage), f.doc) for f in FEATURE_FUNCTIONS]
+    parts += ["\n## Features of shapes\n\n", table(("usage", "value"), rows)]
+    later: dict[str, list[str]] = {}
+    for name, topic in {**words.not_yet, **PROBLEM_NOT_YET}.items():
+        later.setdefault(topic, []).append(code(name))
+    parts += [
+        LATER_INTRODUCTION,
+        table(("for", "names"), [(topic, " ".join(names)) for topic, names in later.items()]),
+    ]
+    return "".join(parts)
+
+
+def library() -> str:
+    """The shape library with its feature numbers."""
+    parts = [
+        f"# The shape library\n\n{NOTE}",
+        LIBRARY_INTRODUCTION,
+    ]
+    for name, function in standard_registry().vocabulary.functions.items():
+        if isinstance(function, LibraryModel):
+            arguments = " ".join(function.parameters.required)
+            parts.append(
+                f"## `({name} {arguments})`\n\n" + "".join(f"{line}\n" for line in function.doc.splitlines()) + "\n"
+            )
+    parts.append("Sweeps, curves, meshes and the models `tube ellipsoid torus grid` are not available yet.\n")
+    return "".join(parts)
+
+
+def diagnostic_codes() -> dict[str, list[tuple[str, Code]]]:
+    """The codes of all ``faults`` modules of the package by name, with rooms and meanings."""
+    found: dict[str, list[tuple[str, Code]]] = {}
+    for module in pkgutil.walk_packages(mbm.__path__, "mbm."):
+        if module.name.rpartition(".")[2] != "faults":
+            continue
+        room = module.name.split(".")[1]
+        for value in vars(importlib.import_module(module.name)).values():
+            if isinstance(value, Code):
+                found.setdefault(value.name, []).append((room, value))
+    return dict(sorted(found.items()))
+
+
+def diagnostics() -> str:
+    """What each code means, and how to mend it."""
+    parts = [f"# Diagnostics\n\n{NOTE}", DIAGNOSTICS_INTRODUCTION]
+    for name, entries in diagnostic_codes().items():
+        parts.append(f"## `{name}`\n\n")
+        for room, entry in entries:
+            where = f" *({room})*" if len(entries) > 1 else ""
+            parts.append(f"{_sentence(entry.meaning)}{where}\n\n**Mend.** {_sentence(entry.mend)}\n\n")
+    return "".join(parts).rstrip("\n") + "\n"
+
+
+def _sentence(text: str) -> str:
+    first = text[:1].upper() + text[1:]
+    return first if first.endswith((".", "!", "?")) else first + "."
+
+
+PAGES: dict[str, Callable[[], str]] = {
+    "manual/units.md": units,
+    "manual/vocabulary.md": vocabulary,
+    "manual/library.md": library,
+    "reference/diagnostics.md": diagnostics,
+}
+
+
+def outdated() -> list[str]:
+    """The pages that differ from what would be written."""
+    return [name for name, make in PAGES.items() if not (DOCS / name).is_file() or _read(name) != make()]
+
+
+def _read(name: str) -> str:
+    return (DOCS / name).read_text(encoding="utf-8")
+
+
+def main(arguments: list[str]) -> int:
+    """Write the pages, or with ``--check`` say which are old."""
+    old = outdated()
+    for name in old:
+        if "--check" in arguments:
+            print(f"docs/{name} is old: python docs/generate.py")
+        else:
+            (DOCS / name).write_text(PAGES[name](), encoding="utf-8")
+    return 1 if old and "--check" in arguments else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,99 @@
+"""How good a minimum is: cost, degrees of freedom, covariance, and what the residuals cannot say about the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbm.problem.types import Problem
+from mbm.solution import faults
+from mbm.solution.assembly import Assembled, block_rows
+from mbm.solution.covariance import covariance
+from mbm.solution.observability import observability
+from mbm.solution.types import Covariance, Fit, Floats, Mask, Minimum, Noise, NoiseState, Observability
+from mbm.solution.variance import fit_statistics
+from mbm.text.types import Diagnostic
+
+SAME = 1e-9
+"""Relative difference up to which two covariances are the same: far above rounding, far below any factor."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Statistics:
+    """``covariance`` holds NaN also for what depends on noise that nothing tells; ``alternative`` is the covariance
+    with another assumption about such noise (None: there is none): what differs between the two is not known.
+    ``sigma_known`` is False where no noise at all is known.
+    """
+
+    observed: Observability
+    covariance: Covariance
+    alternative: tuple[Observability, Covariance] | None
+    fit: Fit
+    sigma_known: bool
+    diagnostics: tuple[Diagnostic, ...]
+
+
+def statistics(
+    problem: Problem,
+    equations: Assembled,
+    minimum: Minimum,
+    observed: Observability,
+    noise: Mapping[int, Noise],
+    factors: Floats | None,
+) -> Statistics:
+    """Cost, degrees of freedom and covariance; a single unknown factor counts as σ = 1 in the cost (CONTRACT §2)."""
+    cost, variance, known = minimum.cost, 1.0, True
+    if len(noise) == 1 and factors is not None:
+        residuals = minimum.residuals.copy()
+        rows = block_rows(equations.groups, next(iter(noise)))
+        residuals[rows] *= factors[rows]
+        cost = float(residuals @ residuals)
+    elif len(noise) == 1:
+        only = next(iter(noise.values()))
+        variance = only.factor**2 if only.state is NoiseState.ESTIMATED else 0.0
+        known = only.state is not NoiseState.NO_REDUNDANCY
+    estimated = covariance(observed, variance)
+    alternative = _alternative(equations, minimum, noise) if factors is not None else None
+    if alternative is not None:
+        estimated = _masked(estimated, changed(estimated.matrix, alternative[1].matrix))
+    diagnostics = tuple(
+        faults.noise_not_estimated(problem.blocks[i].span, problem.blocks[i].name, n.state.value)
+        for i, n in noise.items()
+        if n.state is not NoiseState.ESTIMATED
+    )
+    return Statistics(
+        observed=observed,
+        covariance=estimated,
+        alternative=alternative,
+        fit=fit_statistics(cost, equations.count, observed.rank, noise_stated=not noise),
+        sigma_known=known,
+        diagnostics=diagnostics,
+    )
+
+
+def _alternative(
+    equations: Assembled, minimum: Minimum, noise: Mapping[int, Noise]
+) -> tuple[Observability, Covariance] | None:
+    """The covariance if the noise that the residuals cannot tell were twice as large."""
+    untold = [i for i, n in noise.items() if n.state is NoiseState.NO_REDUNDANCY]
+    if not untold:
+        return None
+    jacobian = minimum.jacobian.copy()
+    for number in untold:
+        jacobian[block_rows(equations.groups, number)] /= 2.0
+    observed = observability(jacobian, minimum.point, minimum.at_bound != 0)
+    return observed, covariance(observed)
+
+
+def changed(first: Floats, second: Floats) -> Mask:
+    """Which elements of two covariances differ."""
+    scale = np.maximum(np.abs(first), np.abs(second))
+    return np.asarray(np.abs(first - second) > SAME * scale, dtype=bool)
+
+
+def _masked(estimated: Covariance, unknown: Mask) -> Covariance:
+    matrix = np.where(unknown, np.nan, estimated.matrix)
+    sigma = np.where(np.diag(unknown), np.nan, estimated.sigma)
+    return replace(estimated, matrix=matrix, sigma=sigma)
