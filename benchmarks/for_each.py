@@ -5,10 +5,10 @@ from __future__ import annotations
 from time import perf_counter
 
 import numpy as np
-from benchmarks.machine import machine, show
-from benchmarks.scenes import EPOCHS, ceiling, epoch_tables
 
 import mbm
+from benchmarks.machine import machine, show
+from benchmarks.scenes import EPOCHS, ceiling, epoch_tables
 
 EPOCH_COUNT = 10_000
 PEER_COUNT = 500

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from benchmarks.machine import best, machine, show
-from benchmarks.scenes import RANGE, REPROJECTION, range_rows, reprojection_rows
 
 import mbm
+from benchmarks.machine import best, machine, show
+from benchmarks.scenes import RANGE, REPROJECTION, range_rows, reprojection_rows
 from mbm.kernels.backends import casadi_map, numpy_stream
 from mbm.kernels.types import Kernel
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from time import perf_counter
 
 
@@ -16,8 +17,8 @@ def machine() -> str:
 
     model = platform.processor() or platform.machine()
     try:
-        with open("/proc/cpuinfo") as stream:
-            model = next(line.split(":")[1].strip() for line in stream if line.startswith("model name"))
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        model = next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
     except (OSError, StopIteration):
         pass
     versions = f"NumPy {numpy.__version__}, CasADi {casadi.__version__}, SymPy {sympy.__version__}"

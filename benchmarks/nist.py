@@ -7,12 +7,12 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+
+import mbm
 from benchmarks.machine import machine, show
 from tests.evidence.nist_problems import problem_file
 from tests.solution.nist import ReferenceSet, digits, read_set, shared_folder
 from tests.solution.nist_typed import TYPED
-
-import mbm
 
 
 def sets() -> list[ReferenceSet]:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import mbm
 from benchmarks.machine import best, machine, show
 from benchmarks.scenes import RANGE, REPROJECTION, range_rows, reprojection_rows
-
-import mbm
 
 FEW, MANY = 2_000, 200_000
 PROBLEMS = {"range": (RANGE, "ranges", range_rows), "reprojection": (REPROJECTION, "marks", reprojection_rows)}

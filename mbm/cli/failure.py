@@ -39,8 +39,8 @@ def print_diagnostics(diagnostics: Iterable[Diagnostic], *, color: bool) -> None
 
 
 def _mendable(diagnostic: Diagnostic) -> Diagnostic:
-    """The diagnostic with a hint: where it has none of its own, what its code says in general."""
-    if diagnostic.hint is not None:
+    """The diagnostic with a hint: where one with a place has none of its own, what its code says in general."""
+    if diagnostic.hint is not None or diagnostic.place is None:
         return diagnostic
     mend = diagnostic.code.mend
     return replace(diagnostic, hint=mend[:1].lower() + mend[1:].rstrip("."))

@@ -34,7 +34,7 @@ BAD_JSON = Code(
 )
 INTERNAL_FAULT = Code(
     "internal-fault",
-    "mbm itself failed: the fault is not in the problem, the data or the call.",
+    "A fault of mbm itself: the mistake is not in the problem, the data or the call.",
     "Please report it with the problem file; `mbm -v` shows where in mbm it happened.",
 )
 

@@ -19,6 +19,12 @@ _NAMES = {
     (("m", 1), ("s", -2)): "an acceleration (m/s^2)",
     (("K", 1),): "a temperature (K)",
     (("A", 1),): "a current (A)",
+    (("m", 1), ("kg", 1), ("s", -2)): "a force (N)",
+    (("m", -1), ("kg", 1), ("s", -2)): "a pressure (Pa)",
+    (("m", 2), ("kg", 1), ("s", -2)): "an energy or torque (N*m)",
+    (("m", 2), ("kg", 1), ("s", -3)): "a power (W)",
+    (("m", 2), ("kg", 1), ("s", -3), ("A", -1)): "a voltage (V)",
+    (("m", 2), ("kg", 1), ("s", -3), ("A", -2)): "a resistance (ohm)",
 }
 
 
@@ -64,6 +70,12 @@ class Dimension:
         if not above and not below:
             return ""
         return "/".join(["*".join(above) or "1", *below])
+
+    def suffix(self) -> str:
+        """The SI unit as it is stuck to a number: ``s^-2`` where ``symbol`` says ``1/s^2``, which would add a digit."""
+        if any(e > 0 for e in self.exponents):
+            return self.symbol()
+        return "*".join(_power(base, e) for base, e in zip(_BASES, self.exponents, strict=True) if e)
 
     def describe(self) -> str:
         """How a message names the dimension."""

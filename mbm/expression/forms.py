@@ -31,7 +31,7 @@ def to_form(node: Expression, span: Span) -> Form:
 
 def number_form(node: Number, span: Span) -> Form:
     """A number as a numeral with its SI unit."""
-    unit = node.dimension.symbol() if node.dimension is not None else ""
+    unit = node.dimension.suffix() if node.dimension is not None else ""
     value = node.value
     if isinstance(value, Fraction) and unit:
         value = float(value)

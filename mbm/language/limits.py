@@ -16,14 +16,17 @@ class Limits:
     """Bounds of one compilation. The defaults let any sensible problem through and end a runaway within a second."""
 
     depth: int = 3000
-    steps: int = 50_000
+    steps: int = 64_000
     list_length: int = 100_000
     text_length: int = 1_000_000
     files: int = 200
 
 
 ELEMENTS_PER_STEP = 8
-"""Elements of a list or vector that are looked at, copied or added in the time that one form takes."""
+"""Elements of a list or vector that are looked at or copied in the time that one form takes."""
+
+NUMBERS_PER_STEP = 3
+"""Numbers that are made, or joined to expressions, in that time."""
 
 FRAMES_PER_LEVEL = 12
 """Python frames that one level of evaluation may take, with room to spare."""
@@ -73,8 +76,12 @@ class Budget:
             raise MbmError(faults.too_many_steps(form.span, self.limits.steps))
 
     def look(self, elements: int, form: Form) -> None:
-        """Elements are looked at or made, which is cheaper than evaluating forms, but not free."""
+        """Elements are looked at, which is cheaper than evaluating forms, but not free."""
         self.spend(elements // ELEMENTS_PER_STEP, form)
+
+    def make(self, numbers: int, form: Form) -> None:
+        """Numbers are made without forms of their own: the elements of a range, of a sum of vectors."""
+        self.spend(numbers // NUMBERS_PER_STEP, form)
 
     def check_length(self, length: int, form: Form) -> None:
         """A list or vector of ``length`` is about to be made."""

@@ -49,7 +49,7 @@ def _if(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
     if isinstance(test, bool):
         return evaluator.evaluate(then if test else other, scope)
     chosen = evaluator.wanted(then, scope)
-    evaluator.budget.look(size_of(chosen), form)
+    evaluator.budget.make(size_of(chosen), form)
     return conditional(test, chosen, evaluator.wanted(other, scope), form.span)
 
 
@@ -95,7 +95,7 @@ def _cond(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
             faults.bad_form(form.span, "no clause of `cond` is left for the remaining cases", "(cond … (else form))")
         )
     for test, value, at in reversed(pending):
-        evaluator.budget.look(size_of(value), form)
+        evaluator.budget.make(size_of(value), form)
         result = conditional(test, value, result, at.span)
     return result
 
@@ -152,7 +152,7 @@ def _sum(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
         return total(tuple(t for t in terms if isinstance(t, SCALARS)), form.span)
     result: Value = terms[0] if isinstance(terms[0], Array) else vector(terms[0], body.span)
     for term in terms[1:]:
-        evaluator.budget.look(size_of(term), form)
+        evaluator.budget.make(size_of(term), form)
         result = elementwise_sum(result, term, body.span)
     return result
 

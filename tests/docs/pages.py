@@ -9,6 +9,8 @@ Blocks by the words behind their fence:
 * ``console`` holds command lines of mbm behind ``$``, each with all that it prints.
 * ``pycon`` is a session of Python; a page shares one.
 
+A comment ``<!-- files: FOLDER -->`` lays the files of a folder of the project beside them first.
+
 Other blocks (``text``, ``sh``, plain ``mbm``) are shown only.
 """
 
@@ -19,6 +21,7 @@ import doctest
 import io
 import re
 import shlex
+import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +29,7 @@ from pathlib import Path
 import mbm
 from mbm.cli.main import run
 
+ROOT = Path(__file__).parents[2]
 FENCE = re.compile(r"^```(?P<info>[^\n`]+)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL)
 SHOWN_ONLY = {"text", "sh", "json", "markdown"}
 
@@ -53,6 +57,8 @@ def blocks(page: str) -> Iterator[Block]:
 
 def play(page: str, folder: Path) -> Iterator[tuple[Block, str, str]]:
     """(block, what it should give, what it gives) of everything that the page claims. Runs in the working directory."""
+    for source in re.findall(r"<!-- files: (\S+) -->", page):
+        shutil.copytree(ROOT / source, folder, dirs_exist_ok=True)
     session: dict[str, object] = {}
     for number, block in enumerate(blocks(page)):
         file = block.option("file")

@@ -1,8 +1,10 @@
-"""NIST StRD sets as problem files: each model written by hand in the language, data and start from the reference set."""
+"""NIST StRD sets as problem files: models written by hand in the language, data and starts from the reference set."""
 
 from __future__ import annotations
 
 from pathlib import Path
+
+import numpy as np
 
 from tests.evidence.material import write_problem
 from tests.solution.nist import ReferenceSet
@@ -60,8 +62,6 @@ def problem_text(reference: ReferenceSet, start: int) -> str:
 def problem_file(reference: ReferenceSet, start: int, folder: Path) -> Path:
     """The problem and its data, as files."""
     if reference.name in LOGARITHMIC:
-        import numpy as np
-
         columns = {"y": np.exp(reference.y).tolist(), "x1": reference.x[0].tolist(), "x2": reference.x[1].tolist()}
     else:
         columns = {"y": reference.y.tolist(), "x": reference.x.tolist()}

@@ -10,7 +10,12 @@ from tests.evidence.material import loaded, write_problem
 
 X = np.arange(8.0)
 LINE = {"x": X.tolist(), "y": (2 * X + 1 + 0.1 * np.random.default_rng(5).standard_normal(8)).tolist()}
-PLAIN = '(problem plain (data d (csv "d.csv")) (unknowns (a :init 1) (b :init 0)) (observe d (= y (+ (* a x) b)) :sigma 0.1))'
+PLAIN = """
+(problem plain
+  (data d (csv "d.csv"))
+  (unknowns (a :init 1) (b :init 0))
+  (observe d (= y (+ (* a x) b)) :sigma 0.1))
+"""
 ABSENT = """
 (problem absent
   (data d (csv "d.csv"))

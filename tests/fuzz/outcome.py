@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import sys
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
@@ -113,7 +114,8 @@ def _faults_of_diagnostic(diagnostic: dict[str, Any], folder: Path, codes: froze
     path = None if name is None else folder / Path(name).name
     if path is None or not path.is_file():
         return wrong
-    lines = path.read_bytes().decode("utf-8", errors="replace").split("\n")
+    ends = r"\n" if path.suffix == ".mbm" else r"\r\n|\r|\n"
+    lines = re.split(ends, path.read_bytes().decode("utf-8", errors="replace"))
     if line is not None and not 1 <= line <= len(lines):
         wrong.append(f"line {line} of {len(lines)}")
     elif path.suffix == ".mbm" and line is None:

@@ -136,9 +136,20 @@ class Problems(Forms):
         )
         options = self.options(
             (":in (0 10)", ":sigma 2", f":unit {self.choices.one_of(UNITS)}", ':doc "text"', ":start (0 1)"),
-            (f":in ({self.number(0)} {self.number(0)})", f":sigma {self.number(0)}", ":fixed true", ":zzz 1", ":init")
-            + (":per readings.id", ":per nodes", ":covariance [[1 0] [0 1]]", f":fixed {self.condition(0)}", ":per zzz")
-            + (f":unit {self.choices.one_of(DOUBTFUL_UNITS)}", f":init {self.number(1)}"),
+            (
+                f":in ({self.number(0)} {self.number(0)})",
+                f":sigma {self.number(0)}",
+                ":fixed true",
+                ":zzz 1",
+                ":init",
+                ":per readings.id",
+                ":per nodes",
+                ":covariance [[1 0] [0 1]]",
+                f":fixed {self.condition(0)}",
+                ":per zzz",
+                f":unit {self.choices.one_of(DOUBTFUL_UNITS)}",
+                f":init {self.number(1)}",
+            ),
             one_in=9,
         )
         if kind in ("real", "angle") and self.choices.chance(3):
@@ -167,8 +178,6 @@ class Problems(Forms):
                 ":information [[2]]",
                 f":sigma {self.vector(1, 2)}",
                 ":zzz 1",
-            )
-            + (
                 f":loss {self.choices.one_of(LOSSES)}",
                 ":bound 1",
                 ":errors ((x 1))",
@@ -239,8 +248,12 @@ class Problems(Forms):
                 ":gauge free",
                 ":seed -1",
                 ":seed",
-            )
-            + (":max-iterations 0", ":max-iterations 1e99", ":tolerance 0", ":tolerance -1", ":zzz 1"),
+                ":max-iterations 0",
+                ":max-iterations 1e99",
+                ":tolerance 0",
+                ":tolerance -1",
+                ":zzz 1",
+            ),
             one_in=4,
         )
         return f"(solve {options})"

@@ -26,10 +26,15 @@ def _bind(function: casadi.Function, inputs: Floats, outputs: Floats) -> Callabl
             buffer: Any
             buffer, trigger = mapped.buffer()
             places = [(inputs[s : s + size].data, outputs[s : s + size].data) for s in starts]
+            buffer.set_arg(0, places[0][0])
+            buffer.set_res(0, places[0][1])
             pieces.append((mapped, buffer, trigger, places))
 
     def call() -> None:
         for _, buffer, trigger, places in pieces:
+            if len(places) == 1:
+                trigger()
+                continue
             for source, target in places:
                 buffer.set_arg(0, source)
                 buffer.set_res(0, target)

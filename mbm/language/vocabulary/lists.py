@@ -41,7 +41,7 @@ def _length(call: Call) -> Value:
 def _range(call: Call) -> Value:
     first, last = (integer(v, f.span) for v, f in zip(call.arguments, call.forms, strict=True))
     call.evaluator.budget.check_length(last - first + 1, call.form)
-    call.evaluator.budget.look(max(0, last - first + 1), call.form)
+    call.evaluator.budget.make(max(0, last - first + 1), call.form)
     return ListValue(tuple(number(i) for i in range(first, last + 1)))
 
 

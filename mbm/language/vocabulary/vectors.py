@@ -136,7 +136,7 @@ def _outer(call: Call) -> Value:
     a = vector(call.arguments[0], call.forms[0].span)
     b = vector(call.arguments[1], call.forms[1].span)
     call.evaluator.budget.check_length(a.shape[0] * b.shape[0], call.form)
-    call.evaluator.budget.look(a.shape[0] * b.shape[0], call.form)
+    call.evaluator.budget.make(a.shape[0] * b.shape[0], call.form)
     elements = tuple(algebra.multiply(x, y, call.span) for x in a.elements for y in b.elements)
     return Array((a.shape[0], b.shape[0]), elements)
 
@@ -166,7 +166,7 @@ def _identity(call: Call) -> Value:
     if n < 1:
         raise MbmError(faults.bad_index(call.forms[0].span, f"there is no identity matrix of size {n}"))
     call.evaluator.budget.check_length(n * n, call.form)
-    call.evaluator.budget.look(n * n, call.form)
+    call.evaluator.budget.make(n * n, call.form)
     return Array((n, n), tuple(number(int(i == j)) for i in range(n) for j in range(n)))
 
 

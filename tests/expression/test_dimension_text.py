@@ -1,0 +1,36 @@
+"""Dimensions as text: what is stuck to a number has to read back as the same quantity."""
+
+from __future__ import annotations
+
+import pytest
+
+from mbm.expression.dimension import NONE, base
+from mbm.expression.units import parse_unit
+
+M, KG, S, A = (base(n) for n in ("m", "kg", "s", "A"))
+
+
+@pytest.mark.parametrize(
+    ("dimension", "suffix", "symbol"),
+    [
+        (NONE, "", ""),
+        (M, "m", "m"),
+        (M / S**2, "m/s^2", "m/s^2"),
+        (S**-2, "s^-2", "1/s^2"),
+        (M**-2 * S**-1, "m^-2*s^-1", "1/m^2/s"),
+    ],
+)
+def test_the_suffix_of_a_number_reads_back(dimension, suffix, symbol):
+    assert (dimension.suffix(), dimension.symbol()) == (suffix, symbol)
+    if suffix:
+        assert parse_unit(suffix).dimension == dimension
+        assert not suffix[0].isdigit()
+
+
+@pytest.mark.parametrize(
+    ("unit", "described"),
+    [("V", "a voltage (V)"), ("kN", "a force (N)"), ("hPa", "a pressure (Pa)"), ("kJ", "an energy or torque (N*m)"),
+     ("mW", "a power (W)"), ("kohm", "a resistance (ohm)"), ("C", "of dimension s*A")],
+)  # fmt: skip
+def test_common_dimensions_have_names(unit, described):
+    assert parse_unit(unit).dimension.describe() == described
