@@ -138,6 +138,7 @@ class Problem:
         data: Mapping[str, object] | None = None,
         constants: Mapping[str, object] | None = None,
         init: Mapping[str, object] | None = None,
+        starts: int | None = None,
         seed: int | None = None,
         method: str | None = None,
         backend: str = "auto",
@@ -149,6 +150,7 @@ class Problem:
             data: see ``compile``.
             constants: see ``compile``.
             init: starts by name, in the unit that the unknown is reported in; or an earlier result document.
+            starts: how many random starts to try; not available yet.
             seed: every random choice follows from it.
             method: ``auto``, ``lm``, ``dogleg`` or ``gauss-newton``.
             backend: see ``compile``.
@@ -159,6 +161,8 @@ class Problem:
                 ``status``.
 
         """
+        if starts is not None:
+            raise MbmError(language_faults.not_available_yet(None, "`starts`", "multi-start"))
         compiled = self.compile(data=data, constants=constants, backend=backend)
         return compiled.solve(init=init, seed=seed, method=method, covariance_full=covariance_full)
 
@@ -171,6 +175,10 @@ class Problem:
             if block.purpose.value == "equation":
                 found.setdefault(block.name, block.expressions)
         return found
+
+    def casadi(self, *, data: Mapping[str, object] | None = None) -> Mapping[str, Any]:
+        """The ``casadi.Function`` of each kernel by name and case: inputs of a row → values and Jacobian nonzeros."""
+        return self.compile(data=data).casadi()
 
     def check(self, *, data: Mapping[str, object] | None = None) -> tuple[Diagnostic, ...]:
         """What is wrong or doubtful, without solving."""

@@ -159,7 +159,10 @@ def _simplify(operation: Operation, arguments: tuple[Expression, ...]) -> Expres
 
 
 def _is_zero(node: Expression) -> bool:
-    return isinstance(node, Number) and node.value == 0 and (node.dimension is None or node.dimension.is_none)
+    """A zero that vanishes without a trace: it asks for no dimension, and makes no angle of what it is added to."""
+    if not isinstance(node, Number) or node.value != 0 or node.angle:
+        return False
+    return node.dimension is None or node.dimension.is_none
 
 
 def _is_one(node: Expression) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -85,8 +85,15 @@ class Solved:
 
     @property
     def covariance(self) -> CovarianceMatrix | None:
-        """Names and matrix (SI) of the estimates' covariance."""
-        return self.first.covariance
+        """Names and matrix (n, n) of the estimates' covariance, in the units of their sigmas; None without estimates.
+
+        ``matrix`` is NaN where the data determine nothing, and None where it was left out for its size.
+        """
+        found = self.first.covariance
+        if found is None or found.matrix is None:
+            return found
+        factors = np.array(found.factors)
+        return replace(found, matrix=found.matrix / np.outer(factors, factors), factors=(1.0,) * len(factors))
 
     @property
     def observability(self) -> Observability | None:
@@ -148,4 +155,5 @@ def _named(item: Estimate | DerivedValue) -> Named:
     fixed = getattr(item, "fixed", None)
     if fixed is not None:
         sigma = np.where(fixed, 0.0, sigma)
-    return Named(item.quantity.name, item.value / factor, np.asarray(sigma / factor), item.quantity.unit, item.keys)
+    value, sigma = np.asarray(item.value / factor), np.asarray(sigma / factor)
+    return Named(item.quantity.name, value, sigma, item.quantity.unit, item.keys)

@@ -26,22 +26,22 @@ FOLDER = Path(__file__).parent
 TESTS = FOLDER.parent
 
 ELSEWHERE = {
-    "bad-array": "data/test_given.py",
-    "bad-call": "cli/test_commands.py",
+    "bad-array": "data/test_data_diagnostics.py",
+    "bad-call": "cli/test_main.py",
     "bad-initial-values": "report/test_initial.py",
     "bad-json": "cli/test_solve.py",
     "command-not-available": "cli/test_main.py",
     "exists-already": "cli/test_commands.py",
     "file-too-large": "data/test_path_diagnostics.py",
     "internal-fault": "cli/test_main.py",
-    "missing-extra": "report/test_exports.py",
-    "not-a-table": "data/test_given.py",
-    "not-writable": "cli/test_solve.py",
+    "missing-extra": "report/test_plots.py",
+    "not-a-table": "data/test_data_diagnostics.py",
+    "not-writable": "bad/test_made.py",
     "plot-format": "report/test_plots.py",
     "text-too-large": "bad/test_made.py",
     "too-deeply-nested": "bad/test_made.py",
     "unknown-backend": "bad/test_made.py",
-    "unreadable-file": "text/test_reader.py",
+    "unreadable-file": "text/test_syntax_errors.py",
 }
 """Codes that no problem file or table can produce by itself, or whose cases are too large to keep: their test."""
 
@@ -119,7 +119,7 @@ def test_every_code_is_tested(code: str) -> None:
         return
     place = TESTS / ELSEWHERE[code]
     text = place.read_text("utf-8")
-    assert code in text or code.replace("-", "_").upper() in text
+    assert code in text or code.replace("-", "_") in text.lower()
 
 
 @pytest.mark.parametrize("name", CASES)

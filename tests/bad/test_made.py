@@ -96,3 +96,12 @@ def test_runaways_end_with_an_error_at_a_form(
 def test_honest_long_work_stays_within_the_limits(form: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     text = f"(problem p (unknowns (a :init 1)) (observe o (= 1 {form})))"
     assert checked(tmp_path, capfd, text) == (0, "")
+
+
+def test_a_document_that_cannot_be_written(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "made.mbm"
+    file.write_text("(problem p (unknowns (a :init 1)) (observe o (= 1 a) :sigma 1))")
+    assert run(["solve", str(file), "--json", str(tmp_path / "nowhere" / "out.json")]) == 2
+    said = capfd.readouterr().err
+    assert "error[not-writable]" in said
+    assert "its folder does not exist" in said

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbm.kernels.instructions import program_of
 from mbm.kernels.types import Floats, Kernel
@@ -19,6 +20,11 @@ def _erf(x: Floats) -> Floats:
     from scipy.special import erf
 
     return np.asarray(erf(x), dtype=np.float64)
+
+
+def _truth(function: Callable[..., NDArray[np.bool_]]) -> Callable[..., Floats]:
+    """0.0 or 1.0, which add up as numbers do: the derivative of ``max`` at a tie is the mean of two comparisons."""
+    return lambda *arguments: function(*arguments).astype(np.float64)
 
 
 _FUNCTIONS: Mapping[Operator, Callable[..., Floats]] = {
@@ -47,13 +53,13 @@ _FUNCTIONS: Mapping[Operator, Callable[..., Floats]] = {
     Operator.ASINH: np.arcsinh,
     Operator.ACOSH: np.arccosh,
     Operator.ATANH: np.arctanh,
-    Operator.LESS: np.less,
-    Operator.LESS_EQUAL: np.less_equal,
-    Operator.EQUAL: np.equal,
-    Operator.NOT_EQUAL: np.not_equal,
-    Operator.NOT: np.logical_not,
-    Operator.AND: np.logical_and,
-    Operator.OR: np.logical_or,
+    Operator.LESS: _truth(np.less),
+    Operator.LESS_EQUAL: _truth(np.less_equal),
+    Operator.EQUAL: _truth(np.equal),
+    Operator.NOT_EQUAL: _truth(np.not_equal),
+    Operator.NOT: _truth(np.logical_not),
+    Operator.AND: _truth(np.logical_and),
+    Operator.OR: _truth(np.logical_or),
     Operator.SELECT: lambda test, value: np.where(test != 0, value, 0.0),
     Operator.FLOOR: np.floor,
     Operator.CEIL: np.ceil,

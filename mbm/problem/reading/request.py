@@ -28,6 +28,7 @@ _METHODS_LATER = (
 _DEFAULTS = {"robust": "none", "constraints": "penalty", "gauge": "report"}
 _TOPICS = {"robust": "robust estimation", "constraints": "exact constraints", "gauge": "gauge freedom"}
 MAXIMUM_ITERATIONS = 1_000_000
+LARGEST_SEED = 2**63 - 1
 
 
 def read_request(work: Workspace, solve: Sequence | None, for_each: list[Sequence]) -> Request:
@@ -50,7 +51,7 @@ def read_request(work: Workspace, solve: Sequence | None, for_each: list[Sequenc
             raise MbmError(language_faults.not_available_yet(form.span, f"`:{name} {form.span.text}`", _TOPICS[name]))
     return Request(
         method=_method(options.get("method")),
-        seed=_integer(work, options.get("seed"), 1, 0, 2**63 - 1, "seed"),
+        seed=_integer(work, options.get("seed"), 1, 0, LARGEST_SEED, "seed"),
         max_iterations=_integer(work, options.get("max-iterations"), 100, 1, MAXIMUM_ITERATIONS, "max-iterations"),
         tolerance=_tolerance(work, options.get("tolerance")),
         for_each=columns,
@@ -77,6 +78,8 @@ def requested(problem: Problem, *, seed: int | None, method: str | None) -> Prob
     """``problem`` with the seed and the method that the caller asks for; None leaves them to the file."""
     request = problem.request
     if seed is not None:
+        if not (isinstance(seed, int) and 0 <= seed <= LARGEST_SEED):
+            raise MbmError(faults.bad_override("seed", f"should be a whole number in 0 … {LARGEST_SEED}"))
         request = replace(request, seed=seed)
     if method is not None:
         request = replace(request, method=_named_method(method, None))
@@ -105,7 +108,7 @@ def _integer(work: Workspace, form: Form | None, default: int, low: int, high: i
         return default
     value = integer(work.evaluator.wanted(form, work.scope), form.span, f"`:{name}` (a whole number)")
     if not low <= value <= high:
-        raise MbmError(language_faults.bad_index(form.span, f"`:{name}` should lie in {low} … {high}"))
+        raise MbmError(language_faults.bad_form(form.span, f"`:{name}` should lie in {low} … {high}", USAGE))
     return value
 
 
@@ -114,5 +117,5 @@ def _tolerance(work: Workspace, form: Form | None) -> float:
         return Request().tolerance
     value = float(static_number(work.evaluator.wanted(form, work.scope), form.span))
     if not 0 < value < 1:
-        raise MbmError(language_faults.bad_index(form.span, "`:tolerance` should lie between 0 and 1"))
+        raise MbmError(language_faults.bad_form(form.span, "`:tolerance` should lie between 0 and 1", USAGE))
     return value
