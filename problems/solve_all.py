@@ -32,10 +32,11 @@ def main() -> int:
     failed = []
     solved = 0
     for file, name, wanted in problems():
-        place = f"{file.relative_to(HERE.parent).as_posix()} --problem {name}"
+        path = file.relative_to(HERE.parent).as_posix()
+        place = f"{path} --problem {name}"
         print(f"\n$ mbm solve {place}", flush=True)
-        command = [sys.executable, "-m", "mbm", "solve", str(file), "--problem", name]
-        status = subprocess.run(command, check=False).returncode
+        command = [sys.executable, "-m", "mbm", "solve", path, "--problem", name]
+        status = subprocess.run(command, check=False, cwd=HERE.parent).returncode
         solved += 1
         if status != wanted:
             failed.append(f"{place}: exit status {status} instead of {wanted}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from mbm.language.faults import NOT_AVAILABLE_YET
 from mbm.text.suggest import closest
 from mbm.text.types import Code, Diagnostic
 
@@ -11,11 +12,6 @@ BAD_CALL = Code(
     "bad-call",
     "The command line cannot be read: an unknown option, a missing argument, or a value of the wrong kind.",
     "`mbm COMMAND --help` lists what a command takes.",
-)
-NOT_AVAILABLE_YET = Code(
-    "command-not-available",
-    "The command or option is part of mbm's plan, but this version does not have it.",
-    "Use a later version.",
 )
 NOT_WRITABLE = Code(
     "not-writable",

@@ -195,7 +195,9 @@ def _folded_dimension(operation: Operation, arguments: list[Number], known: list
         return first
     if operation in (Operation.MULTIPLY, Operation.DIVIDE):
         second = known[1]
-        if first is None and second is None:
+        if first is None and (second is None or second.is_none):
+            return None  # a number whose dimension is open stays one when a pure number multiplies or divides it
+        if second is None and first is not None and first.is_none and operation is Operation.MULTIPLY:
             return None
         if first is None or second is None:
             return _CLASH
@@ -233,6 +235,8 @@ def fold_values(operation: Operation, values: list[int | Fraction | float]) -> i
     if isinstance(value, complex) or (isinstance(value, float) and not math.isfinite(value)):
         shown = " ".join(_shown(v) for v in values)
         raise UndefinedValueError(f"({operation.value} {shown})")
+    if isinstance(value, Fraction) and value.denominator == 1:
+        value = value.numerator  # whole: it may index, and its roots may be exact
     if isinstance(value, int | Fraction) and not isinstance(value, bool):
         numerator, denominator = (value, 1) if isinstance(value, int) else (value.numerator, value.denominator)
         if max(numerator.bit_length(), denominator.bit_length()) > MAXIMUM_BITS:

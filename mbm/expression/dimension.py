@@ -7,7 +7,7 @@ from fractions import Fraction
 from typing import TypeAlias
 
 _BASES = ("m", "kg", "s", "A", "K", "mol", "cd")
-_NAMES = {
+_NAMES: dict[tuple[tuple[str, int | Fraction], ...], str] = {
     (): "no dimension",
     (("m", 1),): "a length (m)",
     (("m", 2),): "an area (m^2)",
@@ -79,7 +79,7 @@ class Dimension:
 
     def describe(self) -> str:
         """How a message names the dimension."""
-        key = tuple((base, int(e)) for base, e in zip(_BASES, self.exponents, strict=True) if e)
+        key = tuple((base, e) for base, e in zip(_BASES, self.exponents, strict=True) if e)
         return _NAMES.get(key, f"of dimension {self.symbol()}")
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from math import lcm
 
+from mbm.expression.dimension import Dimension
 from mbm.expression.nodes import (
     Apply,
     Column,
@@ -30,7 +32,9 @@ def to_form(node: Expression, span: Span) -> Form:
 
 
 def number_form(node: Number, span: Span) -> Form:
-    """A number as a numeral with its SI unit."""
+    """A number as a numeral with its SI unit; ``(* 1.5rad (^ 1m 1/2))`` where the unit has a power that is not whole."""
+    if node.dimension is not None and any(e.denominator != 1 for e in node.dimension.exponents):
+        return _fractional(node.value, node.dimension, span)
     unit = node.dimension.suffix() if node.dimension is not None else ""
     value = node.value
     if isinstance(value, Fraction) and unit:
@@ -38,10 +42,22 @@ def number_form(node: Number, span: Span) -> Form:
     return numeral(value, span, unit or None)
 
 
+def _fractional(value: int | Fraction | float, dimension: Dimension, span: Span) -> Form:
+    """The common denominator of the powers stands outside: the rest is a unit that can be read.
+
+    A factor without a unit would take whatever dimension its use asks for; one in rad has none.
+    """
+    denominator = lcm(*(e.denominator for e in dimension.exponents))
+    whole = numeral(1, span, (dimension**denominator).suffix())
+    root = sequence((symbol("^", span), whole, numeral(Fraction(1, denominator), span)), span)
+    return sequence((symbol("*", span), numeral(value, span, "rad"), root), span)
+
+
 def _form(node: Expression, forms: dict[int, Form], span: Span) -> Form:
     match node:
         case Number():
-            return number_form(node, span)
+            form = number_form(node, span)
+            return sequence((symbol(Operation.AS_ANGLE.value, span), form), span) if node.angle else form
         case Constant():
             return _constant_form(node, span)
         case Column():

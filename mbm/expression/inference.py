@@ -85,6 +85,15 @@ class Inference:
         self.visit((left, right))
         self._equate(left, right, span)
 
+    def settle(self) -> None:
+        """Whole numbers and fractions that nothing gives a dimension are pure: the 2 and the 1/2 of formulas.
+
+        Said last, so that it contradicts nothing; a decimal such as 9.81 stays open.
+        """
+        for node in self._alive:
+            if isinstance(node, Number) and isinstance(node.value, int | Fraction):
+                self._solve(self._reduce(self._terms[id(node)]))
+
     def dimension(self, node: Expression) -> Dimension | None:
         """The dimension of an expression, as far as the equations determine it."""
         self.visit((node,))

@@ -67,11 +67,14 @@ class UserMacro(Macro):
     body: tuple[Form, ...]
     scope: Scope = field(repr=False)
 
+    def expand(self, call: Call) -> Value:
+        """The form that stands in the place of the call."""
+        inner = bind(call.evaluator, self.parameters, call.forms, name=self.name, span=call.span, scope=self.scope)
+        return evaluate_body(call, self.body, inner)
+
     def call(self, call: Call) -> Value:
         """The value of the expansion, in the scope of the call."""
-        inner = bind(call.evaluator, self.parameters, call.forms, name=self.name, span=call.span, scope=self.scope)
-        expansion = evaluate_body(call, self.body, inner)
-        return call.evaluator.arrived(expansion, call.form, call.scope)
+        return call.evaluator.arrived(self.expand(call), call.form, call.scope)
 
 
 def evaluate_body(call: Call, body: tuple[Form, ...], scope: LocalScope) -> Value:

@@ -31,7 +31,7 @@ from mbm.problem.tables import Table, TableDeclaration
 from mbm.problem.types import Block, Derived, Overrides, Problem, TablePlan, Unknown
 from mbm.problem.vocabulary import NOT_YET, SPECIAL_FORMS
 from mbm.shapes.model import ModelLog, model_maker
-from mbm.text.types import MbmError, Sequence, Symbol
+from mbm.text.types import MbmError, Sequence, Span, Symbol
 
 Loader = Callable[[Iterable[TableDeclaration]], Mapping[str, Table]]
 """Reads the tables of all data clauses."""
@@ -84,7 +84,7 @@ def elaborate(
     _definitions(work, clauses)
     unknowns, priors = _unknowns(work, declarations)
     starts = _starts(work, declarations, constants, overrides)
-    taken = {prior.name for prior in priors}
+    taken = {prior.name: prior.span for prior in priors}
     blocks = (*_blocks(work, clauses, taken), *priors)
     derived = _derived(work, clauses)
     blocks = (*blocks, *model_constraints(work, log, taken))
@@ -225,7 +225,7 @@ def _starts(
     return found
 
 
-def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: set[str]) -> tuple[Block, ...]:
+def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: dict[str, Span]) -> tuple[Block, ...]:
     blocks = []
     for clause in _all(clauses, "observe"):
         with work.collecting():

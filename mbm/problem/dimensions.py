@@ -44,6 +44,7 @@ def infer(
                 wanted = Number(0.0, each.unit.dimension, each.span)
                 for value in case.values:
                     inference.equate(value, wanted, each.span)
+    inference.settle()
     diagnostics = [_diagnostic(clash, inference, unknowns) for clash in inference.clashes]
     return _dimensions(inference, unknowns, derived), _without_repeats(diagnostics)
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 
+from mbm.expression.nodes import Number
 from mbm.kernels.types import KernelSet
 from mbm.problem.tables import Table
-from mbm.problem.types import Block, BlockRole, NoiseKind, Problem, Unknown
+from mbm.problem.types import Block, BlockRole, Equation, NoiseKind, Problem, Unknown
 from mbm.symbolic.printing import printed
 from mbm.symbolic.types import ColumnInput, Parameter, Purpose, ResidualBlock, Slot, SymbolicModel
 
@@ -74,6 +75,8 @@ def _block(
 
 
 def _noise(block: Block) -> str:
+    if block.unknown_factor and all(_is_unstated(e) for case in block.cases for e in case.equations):
+        return "unknown, estimated from the residuals"
     kinds = {e.noise_kind for case in block.cases for e in case.equations}
     words = {
         NoiseKind.SIGMA: "stated standard deviations",
@@ -82,6 +85,11 @@ def _noise(block: Block) -> str:
     }
     text = " and ".join(words[k] for k in sorted(kinds)) or "none"
     return f"{text}, up to one unknown factor" if block.unknown_factor else text
+
+
+def _is_unstated(equation: Equation) -> bool:
+    """Whether the noise is the 1 that stands where the file says nothing, or ``unknown``."""
+    return all(isinstance(n, Number) and n.value == 1 and n.span is None for n in equation.noise)
 
 
 def _shown(value: str | float) -> str:

@@ -114,9 +114,13 @@ def quantity_of(problem: Problem, unknown: Unknown) -> Quantity:
     )
 
 
+UNIT_ONE = "1"
+"""`:unit 1` says of an unknown that it is a pure number; nobody wants to read it beside the value."""
+
+
 def _unit(stated: Unit | None, angle: bool, problem: Problem, name: str, size: int) -> tuple[str | None, float]:
     if stated is not None:
-        return stated.symbol, stated.factor
+        return (None if stated.symbol == UNIT_ONE else stated.symbol), stated.factor
     if angle:
         return "rad", 1.0
     found: set[Dimension | None] = {problem.dimensions.get((name, i)) for i in range(size)}

@@ -20,6 +20,7 @@ from mbm.text.types import MbmError
 from mbm.version import __version__
 
 
+@np.errstate(all="ignore")  # overflow and NaN are results here: they are found, and reported, where they matter
 def result_of(
     problem: Problem,
     raw: Mapping[str, Table],

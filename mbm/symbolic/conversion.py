@@ -106,7 +106,10 @@ class Converter:
         return tuple(self._memo[id(root)] for root in roots)
 
     def _apply(self, node: Apply) -> sympy.Basic:
-        return _OPERATIONS[node.operation](*(self._memo[id(a)] for a in node.arguments))
+        made = _OPERATIONS[node.operation](*(self._memo[id(a)] for a in node.arguments))
+        # SymPy asks for this from the root down and remembers the answer: asked here, nothing is left to recurse into.
+        _ = made.is_commutative
+        return made
 
     def _leaf(self, node: Expression) -> sympy.Basic:
         if isinstance(node, Number):

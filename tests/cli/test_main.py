@@ -95,7 +95,7 @@ def test_without_a_command_shows_the_help(mbm: Run) -> None:
 def test_later_commands_say_so_in_one_line(name: str, mbm: Run) -> None:
     outcome = mbm(name, "desk.mbm")
     assert outcome.status == 2
-    assert outcome.err == f"error[command-not-available]: `mbm {name}` is not available yet\n"
+    assert outcome.err == f"error[not-available-yet]: `mbm {name}` is not available yet\n"
 
 
 def test_unknown_commands_get_a_suggestion(mbm: Run) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from mbm.expression.algebra import apply
 from mbm.expression.dimension import NONE, base
+from mbm.expression.nodes import Number, Operation
 from mbm.expression.units import parse_unit
 
 M, KG, S, A = (base(n) for n in ("m", "kg", "s", "A"))
@@ -34,3 +36,20 @@ def test_the_suffix_of_a_number_reads_back(dimension, suffix, symbol):
 )  # fmt: skip
 def test_common_dimensions_have_names(unit, described):
     assert parse_unit(unit).dimension.describe() == described
+
+
+@pytest.mark.parametrize(
+    ("operation", "left", "right", "dimension"),
+    [
+        (Operation.MULTIPLY, None, NONE, None),
+        (Operation.MULTIPLY, NONE, None, None),
+        (Operation.DIVIDE, None, NONE, None),
+        (Operation.MULTIPLY, M, NONE, M),
+    ],
+)
+def test_a_pure_number_leaves_an_open_dimension_open(operation, left, right, dimension):
+    """`(* (sin 90deg) 3)`: what 3 is measured in is for its uses to say, so the product is a plain number too."""
+    found = apply(operation, Number(6, left), Number(3, right))
+    assert isinstance(found, Number)
+    assert found.value == (18 if operation is Operation.MULTIPLY else 2)
+    assert found.dimension == dimension

@@ -114,12 +114,17 @@ def _faults_of_diagnostic(diagnostic: dict[str, Any], folder: Path, codes: froze
     path = None if name is None else folder / Path(name).name
     if path is None or not path.is_file():
         return wrong
-    ends = r"\n" if path.suffix == ".mbm" else r"\r\n|\r|\n"
-    lines = re.split(ends, path.read_bytes().decode("utf-8", errors="replace"))
-    if line is not None and not 1 <= line <= len(lines):
-        wrong.append(f"line {line} of {len(lines)}")
-    elif path.suffix == ".mbm" and line is None:
-        wrong.append("no line in a problem file")
-    elif path.suffix == ".mbm" and column is not None and not 1 <= column <= len(lines[line - 1]) + 1:
-        wrong.append(f"column {column} of line {line}")
+    text = path.read_bytes().decode("utf-8", errors="replace")
+    lines = re.split(r"\r\n|\r|\n", text)
+    if line is None:
+        return [*wrong, "no line in a problem file"] if path.suffix == ".mbm" else wrong
+    if not 1 <= line <= len(lines):
+        return [*wrong, f"line {line} of {len(lines)}"]
+    if path.suffix == ".mbm" and column is not None:
+        # A lone carriage return ends a line for some editors only: either way of counting is inside the file.
+        longest = max(
+            len(lines[line - 1]), len(([*text.split("\n"), ""])[line - 1]) if line <= text.count("\n") + 1 else 0
+        )
+        if not 1 <= column <= longest + 1:
+            wrong.append(f"column {column} of line {line}")
     return wrong

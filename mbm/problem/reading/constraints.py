@@ -31,7 +31,7 @@ class _Bound:
     variables: tuple[tuple[str, int], ...]
 
 
-def read_constraints(work: Workspace, clause: Sequence, taken: set[str]) -> list[Block]:
+def read_constraints(work: Workspace, clause: Sequence, taken: dict[str, Span]) -> list[Block]:
     """The blocks of a ``constraints`` clause."""
     found = []
     for item in clause.items[1:]:
@@ -69,7 +69,7 @@ def _scope(scope: Scope, variables: tuple[tuple[str, int], ...]) -> Scope:
     return LocalScope({name: number(value) for name, value in variables}, scope) if variables else scope
 
 
-def _normal(work: Workspace, bound: _Bound, taken: set[str]) -> Block:
+def _normal(work: Workspace, bound: _Bound, taken: dict[str, Span]) -> Block:
     form = bound.form
     head = form.head or ""
     if head in _LATER:
@@ -114,7 +114,7 @@ def normal_equation(work: Workspace, forms: tuple[Form, ...], scope: Scope, span
     )
 
 
-def _name(form: Form | None, bound: _Bound, taken: set[str]) -> str:
+def _name(form: Form | None, bound: _Bound, taken: dict[str, Span]) -> str:
     if isinstance(form, Symbol):
         base = form.name
     elif form is not None and hasattr(form, "value"):
@@ -122,18 +122,18 @@ def _name(form: Form | None, bound: _Bound, taken: set[str]) -> str:
     else:
         base = f"normal {bound.form.items[1].span.text}" if len(bound.form.items) > 1 else "normal"
     base += "".join(f" {name}={value}" for name, value in bound.variables)
-    return _free(base, taken)
+    return _free(base, taken, bound.form.span)
 
 
-def _free(base: str, taken: set[str]) -> str:
+def _free(base: str, taken: dict[str, Span], span: Span) -> str:
     candidate, count = base, 2
     while candidate in taken:
         candidate, count = f"{base}-{count}", count + 1
-    taken.add(candidate)
+    taken[candidate] = span
     return candidate
 
 
-def model_constraints(work: Workspace, log: ModelLog, taken: set[str]) -> list[Block]:
+def model_constraints(work: Workspace, log: ModelLog, taken: dict[str, Span]) -> list[Block]:
     """The constraints of the models that the problem uses, once for every distinct model with its arguments."""
     for form in tuple(log.quoted):
         with work.collecting():
@@ -146,7 +146,7 @@ def model_constraints(work: Workspace, log: ModelLog, taken: set[str]) -> list[B
     return found
 
 
-def _of_model(work: Workspace, call: ModelCall, constraint: ModelConstraint, taken: set[str]) -> Block:
+def _of_model(work: Workspace, call: ModelCall, constraint: ModelConstraint, taken: dict[str, Span]) -> Block:
     if constraint.kind != "normal":
         what = f"the constraint `{constraint.kind}` of the model `{call.name}`"
         raise MbmError(language_faults.not_available_yet(constraint.span, what, "exact and penalty constraints"))
@@ -157,7 +157,7 @@ def _of_model(work: Workspace, call: ModelCall, constraint: ModelConstraint, tak
         raise MbmError(faults.two_tables(constraint.span, call.name, tables))
     base = f"{call.name} normal {constraint.forms[0].span.text}"
     return Block(
-        name=_free(base, taken),
+        name=_free(base, taken, constraint.span),
         role=BlockRole.PRIOR,
         table=tables[0] if tables else None,
         cases=(EquationCase(static=(), equations=(equation,)),),

@@ -9,11 +9,13 @@ from mbm.expression.nodes import Apply, Component, Expression, Operation, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, difference, is_form, scalar, vector
 from mbm.language.evaluator import Evaluator
+from mbm.language.functions import UserMacro
 from mbm.language.scope import Scope
 from mbm.language.special import clauses_of_cond, cond_condition, let_scope
 from mbm.language.values import (
     SCALARS,
     Array,
+    Call,
     ListValue,
     Placeable,
     PoseValue,
@@ -53,7 +55,7 @@ def residuals(evaluator: Evaluator, form: Form, scope: Scope) -> list[Residual]:
             return _cond(evaluator, form, scope)
         if head == "=":
             return [_equation(evaluator, form, scope)]
-    value = evaluator.evaluate(form, scope)
+    value = _expanded(evaluator, form, scope)
     if is_form(value) and not isinstance(value, Keyword):
         evaluator.budget.enter(form)
         try:
@@ -61,6 +63,15 @@ def residuals(evaluator: Evaluator, form: Form, scope: Scope) -> list[Residual]:
         finally:
             evaluator.budget.leave()
     return [Residual(tuple(_wrapped(e, form.span) for e in _elements(value, form.span)), None, form.span)]
+
+
+def _expanded(evaluator: Evaluator, form: Form, scope: Scope) -> Value:
+    """The value of a form; of a macro's call, the form that it stands for, which may be an equation."""
+    if isinstance(form, Sequence) and form.head is not None:
+        macro = evaluator.vocabulary.functions.get(form.head)
+        if isinstance(macro, UserMacro):
+            return macro.expand(Call(evaluator, form, scope, (), form.items[1:]))
+    return evaluator.evaluate(form, scope)
 
 
 def _branch(evaluator: Evaluator, form: Sequence, scope: Scope) -> list[Residual]:

@@ -21,7 +21,7 @@ NOISE = ("sigma", "covariance", "information")
 LATER = {"bound": "interval methods", "errors": "errors in the variables"}
 
 
-def read_observation(work: Workspace, clause: Sequence, taken: set[str]) -> Block:
+def read_observation(work: Workspace, clause: Sequence, taken: dict[str, Span]) -> Block:
     """The block of equations of one ``observe`` clause; ``taken`` holds the names in use and gains this one."""
     options = split_options(
         clause.items[1:],
@@ -32,7 +32,7 @@ def read_observation(work: Workspace, clause: Sequence, taken: set[str]) -> Bloc
     )
     _check_loss(options.get("loss"))
     symbols, equations = _split(options.positional)
-    name, table = _name_and_table(work, symbols, clause.span)
+    name, table = _name_and_table(work, symbols)
     if not equations:
         raise MbmError(language_faults.bad_form(clause.span, "`observe` has no equation", USAGE))
     kind, form, factor = _noise(work, options)
@@ -48,7 +48,7 @@ def read_observation(work: Workspace, clause: Sequence, taken: set[str]) -> Bloc
     when_form = options.get("when")
     when = None if when_form is None else work.conditions(when_form, table, 1, wanted="`:when`")
     return Block(
-        name=_free_name(name, table, taken),
+        name=_free_name(name, table, taken, clause.items[0].span),
         role=BlockRole.OBSERVATION,
         table=table.name if table is not None else None,
         cases=tuple(EquationCase(static=s, equations=e) for s, e in cases),
@@ -72,13 +72,13 @@ def _split(positional: tuple[Form, ...]) -> tuple[list[Symbol], list[Form]]:
     return symbols, list(positional[len(symbols) :])
 
 
-def _name_and_table(work: Workspace, symbols: list[Symbol], span: Span) -> tuple[str | None, Table | None]:
+def _name_and_table(work: Workspace, symbols: list[Symbol]) -> tuple[Symbol | None, Table | None]:
     if len(symbols) == 2:
-        return symbols[0].name, work.table(symbols[1])
+        return symbols[0], work.table(symbols[1])
     if len(symbols) == 1:
         if symbols[0].name in work.tables:
             return None, work.tables[symbols[0].name]
-        return symbols[0].name, None
+        return symbols[0], None
     return None, None
 
 
@@ -100,12 +100,18 @@ def _explain_missing_table(work: Workspace, error: MbmError, symbols: list[Symbo
     )
 
 
-def _free_name(name: str | None, table: Table | None, taken: set[str]) -> str:
-    base = name or (table.name if table is not None else "observe")
+def _free_name(name: Symbol | None, table: Table | None, taken: dict[str, Span], span: Span) -> str:
+    """The name given, or one made of the table's that nobody has."""
+    if name is not None:
+        if name.name in taken:
+            raise MbmError(language_faults.duplicate_definition(name.span, name.name, taken[name.name]))
+        taken[name.name] = name.span
+        return name.name
+    base = table.name if table is not None else "observe"
     candidate, number = base, 2
     while candidate in taken:
         candidate, number = f"{base}-{number}", number + 1
-    taken.add(candidate)
+    taken[candidate] = span
     return candidate
 
 
