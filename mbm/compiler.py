@@ -26,6 +26,7 @@ from mbm.problem.joining import depends_on_values, prepare, same_columns
 from mbm.problem.reading.request import requested
 from mbm.problem.tables import Table, TableDeclaration
 from mbm.problem.types import Override
+from mbm.problem.vocabulary import SPECIAL_FORMS
 from mbm.registry import Registry
 from mbm.text.types import MbmError, Source
 
@@ -61,7 +62,7 @@ class SolveSettings:
 def read(source: Source, path: Path, registry: Registry, sandbox: Path | None = None) -> Program:
     """Characters → definitions of the file and of those it uses."""
     with recursion_room(registry.limits):
-        reserved = frozenset(registry.vocabulary.special_forms)
+        reserved = frozenset({*registry.vocabulary.special_forms, *SPECIAL_FORMS})
         return read_program(source, path, sandbox=sandbox, limits=registry.limits, reserved=reserved)
 
 
@@ -125,18 +126,25 @@ def derived(found: Elaborated) -> KernelSet:
 
 
 def solved(
-    found: Elaborated, kernels: KernelSet, settings: SolveSettings, cache: EvaluationCache, file: str | None
+    found: Elaborated,
+    kernels: KernelSet,
+    inputs: Inputs,
+    settings: SolveSettings,
+    cache: EvaluationCache,
+    file: str | None,
 ) -> Result:
     """Kernels and tables → estimates, uncertainties, and what the data cannot tell."""
-    from mbm.report.run import given_starts, result_of
+    from mbm.report.given_starts import given_starts
+    from mbm.report.run import asked_options, result_of
     from mbm.solution.run import solutions
 
     found = replace(found, problem=requested(found.problem, seed=settings.seed, method=settings.method))
     return result_of(
         found.problem,
         found.raw,
-        solutions(found, kernels, cache, given_starts(found.problem, settings.init)),
+        solutions(found, kernels, cache, given_starts(found.problem, found.tables, settings.init)),
         file=file,
+        asked=asked_options(cache.backend.name, inputs.overrides, inputs.paths, settings.init),
         covariance_full=settings.covariance_full,
         progress=settings.progress,
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 from stat import S_ISREG
 
 from mbm.data import faults
+from mbm.text.faults import missing_file
 from mbm.text.types import DataPlace, MbmError, Place
 
 LARGEST_FILE = 2_000_000_000
@@ -23,11 +24,11 @@ def check_file(path: Path, place: Place, *, largest: int = LARGEST_FILE) -> None
     try:
         status = path.stat()
     except (FileNotFoundError, NotADirectoryError):
-        raise MbmError(faults.missing_file(place, path)) from None
+        raise MbmError(missing_file(path, place)) from None
     except OSError as error:
         raise MbmError(faults.unreadable_file(place, shown, error.strerror or str(error))) from None
     except ValueError:  # a NUL character in the name: no such file can exist
-        raise MbmError(faults.missing_file(place, path)) from None
+        raise MbmError(missing_file(path, place)) from None
     if not S_ISREG(status.st_mode):
         raise MbmError(faults.not_a_file(place, shown, folder=path.is_dir()))
     if status.st_size > largest:

@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import islice
-from pathlib import Path
 
 from mbm.problem.tables import CellKey
 from mbm.text.suggest import closest
 from mbm.text.types import Code, DataPlace, Diagnostic, Label, Place
 
-NEIGHBOURS_LOOKED_AT = 1000
 LONGEST_CELL_SHOWN = 40
 MOST_NAMES_SHOWN = 12
 
-MISSING_FILE = Code(
-    "missing-file",
-    "A data file does not exist. Paths in a problem are relative to the problem file, paths in `--data` to the folder"
-    " the command runs in.",
-    "Correct the path in the data clause, or give the file with `--data NAME=PATH`.",
-)
 NOT_A_FILE = Code(
     "not-a-file",
     "A data path leads to a folder, a pipe or a device. Only ordinary files are read, because others may never end.",
@@ -154,20 +145,6 @@ def _names(names: Iterable[str]) -> str:
     every = [f"`{_short(name)}`" for name in names]
     more = len(every) - MOST_NAMES_SHOWN
     return ", ".join(every[:MOST_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
-
-
-def missing_file(place: Place, path: Path) -> Diagnostic:
-    """No file at ``path``; the hint names a file of its folder that is spelt much the same."""
-    try:
-        neighbours = [entry.name for entry in islice(path.parent.iterdir(), NEIGHBOURS_LOOKED_AT)]
-    except (OSError, ValueError):  # the folder is missing too, or its name cannot be one
-        return Diagnostic(
-            code=MISSING_FILE,
-            message=f"the file `{path.as_posix()}` does not exist, nor does its folder",
-            place=place,
-        )
-    hint = _did_you_mean(path.name, neighbours)
-    return Diagnostic(code=MISSING_FILE, message=f"the file `{path.as_posix()}` does not exist", place=place, hint=hint)
 
 
 def not_a_file(place: Place, path: str, *, folder: bool) -> Diagnostic:

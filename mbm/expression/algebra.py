@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 
 from mbm.expression.dimension import NONE, Dimension
-from mbm.expression.nodes import Apply, Constant, Expression, Number, Operation
+from mbm.expression.nodes import CONDITIONS, Apply, Constant, Expression, Number, Operation, postorder
 from mbm.text.types import Span
 
 _ANGLE_SURVIVES = frozenset({Operation.ADD, Operation.SUBTRACT, Operation.NEGATE})
@@ -338,6 +338,10 @@ def _power(a: int | Fraction | float, b: int | Fraction | float) -> int | Fracti
     return math.pow(float(a), float(b))
 
 
+_CHOICES = CONDITIONS | {Operation.IF}
+"""Operations whose value is no number, or that choose one."""
+
+
 def constant_value(node: Expression) -> int | Fraction | float | None:
     """The value of an expression over numbers and constants only, or None if it holds anything else.
 
@@ -345,19 +349,19 @@ def constant_value(node: Expression) -> int | Fraction | float | None:
         UndefinedValueError: outside an operation's domain, division by zero, overflow.
 
     """
-    if isinstance(node, Number):
+    if isinstance(node, Number | Constant):
         return node.value
-    if isinstance(node, Constant):
-        return node.value
-    if not isinstance(node, Apply) or node.is_condition:
+    if not isinstance(node, Apply):
         return None
-    if node.operation is Operation.IF:
-        return None
-    values = []
-    for argument in node.arguments:
-        value = constant_value(argument)
-        if value is None:
+    values: dict[int, int | Fraction | float] = {}
+    order = postorder((node,))
+    for each in order:
+        known = isinstance(each, Number | Constant) or (isinstance(each, Apply) and each.operation not in _CHOICES)
+        if not known:
             return None
-        values.append(value)
-    result = fold_values(node.operation, values)
-    return None if isinstance(result, bool) else result
+    for each in order:
+        if isinstance(each, Apply):
+            values[id(each)] = fold_values(each.operation, [values[id(a)] for a in each.arguments])
+        elif isinstance(each, Number | Constant):
+            values[id(each)] = each.value
+    return values[id(node)]

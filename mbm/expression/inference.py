@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TypeAlias
 
+from mbm.expression.algebra import UndefinedValueError, constant_value
 from mbm.expression.dimension import NONE, Dimension, Exponent, whole
 from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Number, Operation, leaves, postorder
 from mbm.text.types import Span
@@ -77,7 +78,7 @@ class Inference:
         """Take in the equations of every node below ``roots``."""
         for node in postorder(roots):
             if id(node) not in self._terms:
-                self._terms[id(node)] = self._term(node)
+                self._terms[id(node)] = self._reduce(self._term(node))
                 self._alive.append(node)  # ids stay unique only while the nodes live
 
     def equate(self, left: Expression, right: Expression, span: Span | None) -> None:
@@ -159,8 +160,9 @@ class Inference:
     def _power(self, node: Apply, terms: list[Term]) -> Term:
         base, exponent = node.arguments
         self._pure(exponent, node.span)
-        if isinstance(exponent, Number):
-            return Term(NONE).combine(terms[0], whole(Fraction(exponent.value).limit_denominator(10**6)))
+        value = _number_of(exponent)
+        if value is not None:
+            return Term(NONE).combine(terms[0], whole(Fraction(value).limit_denominator(10**6)))
         self._pure(base, node.span)
         return Term(NONE)
 
@@ -195,13 +197,26 @@ class Inference:
             )
 
     def _reduce(self, term: Term) -> Term:
-        while True:
-            solved = next((v for v in term.unknown if v in self._solved), None)
-            if solved is None:
-                return term
-            exponent = term.unknown[solved]
-            rest = {v: e for v, e in term.unknown.items() if v != solved}
-            term = Term(term.known, rest).combine(self._solved[solved], exponent)
+        pending = [v for v in term.unknown if v in self._solved]
+        if not pending:
+            return term
+        known, unknown = term.known, dict(term.unknown)
+        while pending:
+            variable = pending.pop()
+            exponent = unknown.pop(variable, 0)
+            if not exponent:
+                continue
+            solved = self._solved[variable]
+            known = known * solved.known**exponent
+            for each, power in solved.unknown.items():
+                value = whole(unknown.get(each, 0) + power * exponent)
+                if value:
+                    unknown[each] = value
+                    if each in self._solved:
+                        pending.append(each)
+                else:
+                    unknown.pop(each, None)
+        return Term(known, unknown)
 
     def _solve(self, term: Term) -> bool:
         """Take in ``term = no dimension``; False where that contradicts what is known."""
@@ -213,6 +228,14 @@ class Inference:
         rest = Term(term.known, {v: e for v, e in term.unknown.items() if v != variable})
         self._solved[variable] = Term(NONE).combine(rest, whole(Fraction(-1) / exponent))
         return True
+
+
+def _number_of(node: Expression) -> int | Fraction | float | None:
+    """The value of numbers and constants, if it is one."""
+    try:
+        return constant_value(node)
+    except UndefinedValueError:
+        return None
 
 
 def origin(node: Expression, inference: Inference, wanted: Dimension) -> Expression | None:

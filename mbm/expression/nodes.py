@@ -177,10 +177,10 @@ class Apply:
     @property
     def is_condition(self) -> bool:
         """Whether the value is true or false."""
-        if self.operation is Operation.IF:
-            second = self.arguments[1]
-            return isinstance(second, Apply) and second.is_condition
-        return self.operation in CONDITIONS
+        node: Expression = self
+        while isinstance(node, Apply) and node.operation is Operation.IF:
+            node = node.arguments[1]
+        return isinstance(node, Apply) and node.operation in CONDITIONS
 
 
 Expression: TypeAlias = Number | Constant | Column | Component | Opaque | Apply

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from typing import Any
 
 import casadi
@@ -15,12 +14,7 @@ from mbm.symbolic.types import ResidualBlock, SymbolicModel
 
 def derive(model: SymbolicModel) -> KernelSet:
     """The kernels of all blocks: values and analytic Jacobians as CasADi functions of one input vector per row."""
-    kernels = tuple(kernel_of(block) for block in model.blocks)
-    digest = hashlib.sha256()
-    for kernel in kernels:
-        digest.update(repr((kernel.name, kernel.variables, kernel.parameters)).encode())
-        digest.update(kernel.jacobian_function.serialize().encode())
-    return KernelSet(name=model.name, kernels=kernels, fingerprint=digest.hexdigest())
+    return KernelSet(name=model.name, kernels=tuple(kernel_of(block) for block in model.blocks))
 
 
 def kernel_of(block: ResidualBlock) -> Kernel:
@@ -66,26 +60,24 @@ def _differentiated(lowered: Lowered, variables: casadi.SX) -> tuple[casadi.SX, 
     if not lowered.choices:
         return values, casadi.jacobian(values, variables)
     count = int(variables.numel())
+    slopes: dict[int, casadi.SX] = {}
     known: list[casadi.SX] = []
-    slopes: list[casadi.SX] = []
     chosen: list[casadi.SX] = []
 
     def total(expression: casadi.SX) -> casadi.SX:
+        """The Jacobian with those of the choices that ``expression`` uses, by the chain rule."""
         result = casadi.jacobian(expression, variables)
-        for symbol, slope in zip(known, slopes, strict=True):
-            part = casadi.jacobian(expression, symbol)
-            if part.nnz():
-                result = result + casadi.mtimes(part, slope)
+        for symbol in casadi.symvar(expression):
+            slope = slopes.get(symbol.element_hash())
+            if slope is not None:
+                result = result + casadi.mtimes(casadi.jacobian(expression, symbol), slope)
         return result
 
     for choice in lowered.choices:
         then, other = casadi.densify(total(choice.then)), casadi.densify(total(choice.other))
         pairs = [casadi.if_else(choice.test, then[j], other[j]) for j in range(count)]
-        slope = casadi.sparsify(casadi.horzcat(*pairs)) if pairs else casadi.SX(1, 0)
+        slopes[choice.symbol.element_hash()] = casadi.sparsify(casadi.horzcat(*pairs)) if pairs else casadi.SX(1, 0)
         known.append(choice.symbol)
-        slopes.append(slope)
         chosen.append(casadi.if_else(choice.test, choice.then, choice.other))
-    jacobian = total(values)
-    for symbol, value in zip(reversed(known), reversed(chosen), strict=True):
-        values, jacobian = (casadi.substitute(e, symbol, value) for e in (values, jacobian))
+    _, (values, jacobian) = casadi.substitute_inplace(known, chosen, [values, total(values)])
     return values, jacobian

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from hashlib import sha256
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
@@ -49,11 +50,18 @@ class Kernel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KernelSet:
-    """All kernels of a problem. ``fingerprint`` identifies their content."""
+    """All kernels of a problem."""
 
     name: str
     kernels: tuple[Kernel, ...]
-    fingerprint: str
+
+    def fingerprint(self) -> str:
+        """SHA-256 of what the kernels are: equal content, equal text. Computed anew with each call."""
+        digest = sha256()
+        for kernel in self.kernels:
+            digest.update(repr((kernel.name, kernel.variables, kernel.parameters)).encode())
+            digest.update(kernel.jacobian_function.serialize().encode())
+        return digest.hexdigest()
 
 
 class Evaluation(Protocol):

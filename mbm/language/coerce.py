@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence as Many
 from fractions import Fraction
 
@@ -138,7 +139,7 @@ def integer(value: Value, span: Span, wanted: str = "a whole number") -> int:
     found = static_number(value, span, wanted)
     if isinstance(found, int):
         return found
-    if found != int(found):
+    if not math.isfinite(found) or found != int(found):
         raise MbmError(faults.wrong_kind(span, wanted, f"{float(found):g}"))
     return int(found)
 

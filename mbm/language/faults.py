@@ -170,6 +170,14 @@ def wrong_kind(span: Span, wanted: str, got: str) -> Diagnostic:
     return Diagnostic(code=WRONG_KIND, message=f"this should be {wanted}, but it is {got}", place=span)
 
 
+def no_rotation(span: Span) -> Diagnostic:
+    """A matrix of numbers that turns nothing: it would stretch or shear."""
+    return Diagnostic(
+        code=WRONG_KIND, message="this should be a rotation, but the columns of this matrix are not orthonormal",
+        place=span, hint="a rotation matrix has columns of length 1 at right angles; `(@ M v)` is any linear map",
+    )  # fmt: skip
+
+
 def ragged_matrix(span: Span, wanted: int, got: int) -> Diagnostic:
     """Rows of a matrix of different lengths."""
     return Diagnostic(
@@ -293,6 +301,14 @@ def too_many_steps(place: Place | None, limit: int) -> Diagnostic:
     return Diagnostic(
         code=TOO_MANY_STEPS, message=f"evaluation took more than {limit} steps; it was stopped here", place=place,
         hint="long repetitions belong into a data table: rows cost nothing to compile",
+    )  # fmt: skip
+
+
+def too_many_in_all(place: Place | None, limit: int) -> Diagnostic:
+    """The step limit of a whole compilation."""
+    return Diagnostic(
+        code=TOO_MANY_STEPS, message=f"all evaluations together took more than {limit} steps; they were stopped here",
+        place=place, hint="each value of a static column (an index, a part's name) makes a group of rows of its own",
     )  # fmt: skip
 
 

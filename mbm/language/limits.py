@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import NoReturn
 
 from mbm.language import faults
 from mbm.text.types import Form, MbmError
@@ -13,12 +14,15 @@ from mbm.text.types import Form, MbmError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """Bounds of one compilation. The defaults let any sensible problem through and end a runaway within a second."""
+    """Bounds of one compilation. The defaults let any sensible problem through and end a runaway within a second.
+
+    ``steps`` bounds one evaluation (of a clause, for one group of rows), ``total_steps`` all of them together.
+    """
 
     depth: int = 3000
     steps: int = 64_000
+    total_steps: int = 20 * steps
     list_length: int = 100_000
-    text_length: int = 1_000_000
     files: int = 200
 
 
@@ -44,15 +48,19 @@ def recursion_room(limits: Limits) -> Iterator[None]:
 
 
 class Budget:
-    """Counts the steps and the depth of one evaluation."""
+    """Counts the steps and the depth of one evaluation, and the steps of all evaluations before it."""
 
     def __init__(self, limits: Limits) -> None:
         self.limits = limits
         self._steps = 0
         self._depth = 0
+        self._allowed = limits.steps
+        self._before = 0
 
     def reset(self) -> None:
         """A new evaluation begins: of another clause, or of the same for other rows."""
+        self._before += self._steps
+        self._allowed = min(self.limits.steps, self.limits.total_steps - self._before)
         self._steps = 0
         self._depth = 0
 
@@ -62,8 +70,8 @@ class Budget:
         self._depth += 1
         if self._depth > self.limits.depth:
             raise MbmError(faults.too_deep(form.span, self.limits.depth))
-        if self._steps > self.limits.steps:
-            raise MbmError(faults.too_many_steps(form.span, self.limits.steps))
+        if self._steps > self._allowed:
+            self._stop(form)
 
     def leave(self) -> None:
         """Back from ``enter``."""
@@ -72,8 +80,13 @@ class Budget:
     def spend(self, steps: int, form: Form) -> None:
         """Work done outside the evaluation of forms: calls made for a list's elements, products of matrices."""
         self._steps += steps
+        if self._steps > self._allowed:
+            self._stop(form)
+
+    def _stop(self, form: Form) -> NoReturn:
         if self._steps > self.limits.steps:
             raise MbmError(faults.too_many_steps(form.span, self.limits.steps))
+        raise MbmError(faults.too_many_in_all(form.span, self.limits.total_steps))
 
     def look(self, elements: int, form: Form) -> None:
         """Elements are looked at, which is cheaper than evaluating forms, but not free."""

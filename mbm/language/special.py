@@ -104,6 +104,7 @@ def let_scope(evaluator: Evaluator, form: Sequence, scope: Scope) -> tuple[Local
     """The scope that ``let`` or ``let*`` opens, and its body."""
     if len(form.items) < 3 or not isinstance(form.items[1], Sequence):
         raise MbmError(faults.bad_form(form.span, f"`{form.head}` is not complete", LET_USAGE))
+    evaluator.budget.look(len(form.items[1].items), form)
     sequential = form.head == "let*"
     variables: dict[str, Value] = {}
     inner = LocalScope(variables, scope)
@@ -141,6 +142,7 @@ def _sum(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
     first = integer(evaluator.wanted(first_form, scope), first_form.span)
     last = integer(evaluator.wanted(last_form, scope), last_form.span)
     evaluator.budget.check_length(last - first + 1, form)
+    evaluator.budget.spend(max(0, last - first + 1), form)
     body = form.items[2]
     terms: list[Value] = []
     for i in range(first, last + 1):

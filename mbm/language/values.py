@@ -38,8 +38,8 @@ class Array:
 
     def rows(self) -> tuple[tuple[Expression, ...], ...]:
         """The rows of a matrix."""
-        width = self.shape[1]
-        return tuple(self.elements[i : i + width] for i in range(0, len(self.elements), width))
+        height, width = self.shape
+        return tuple(self.elements[i * width : (i + 1) * width] for i in range(height))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

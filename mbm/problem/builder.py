@@ -24,7 +24,7 @@ from mbm.problem.reading.constraints import model_constraints, read_constraints
 from mbm.problem.reading.derived import read_derived
 from mbm.problem.reading.observations import read_observation
 from mbm.problem.reading.request import read_request
-from mbm.problem.reading.sources import DataClause, read_source
+from mbm.problem.reading.sources import DataClause, in_join_order, read_source, refuse_overwriting
 from mbm.problem.reading.unknowns import Declaration, declare_unknowns, given_start, read_unknown
 from mbm.problem.scopes import ProblemScope
 from mbm.problem.tables import Table, TableDeclaration
@@ -90,8 +90,7 @@ def elaborate(
     blocks = (*blocks, *model_constraints(work, log, taken))
     request = None
     with work.collecting():
-        solves = _all(clauses, "solve")
-        request = read_request(work, solves[-1] if solves else None, _all(clauses, "for-each"))
+        request = read_request(work, _all(clauses, "solve"), _all(clauses, "for-each"))
     if not declarations:
         if not work.undeclared:
             work.diagnostics.append(faults.no_unknowns(definition.span))
@@ -142,9 +141,17 @@ def _all(clauses: tuple[Sequence, ...], head: str) -> list[Sequence]:
 def _functions(work: Workspace, session: Session, clauses: tuple[Sequence, ...]) -> None:
     """A ``defun`` inside a problem sees its unknowns and constants."""
     work.scope.evaluator = work.evaluator
+    places: dict[str, Span] = {}
     for clause in _all(clauses, "defun"):
         with work.collecting():
-            session.define(bind_definition(parse_definition(clause), work.scope))
+            definition = parse_definition(clause)
+            name, span = definition.name, definition.span
+            if name in work.evaluator.vocabulary.special_forms:
+                raise MbmError(language_faults.reserved_name(span, name))
+            if name in places:
+                raise MbmError(language_faults.duplicate_definition(span, name, places[name]))
+            places[name] = span
+            session.define(bind_definition(definition, work.scope))
 
 
 def _tables(
@@ -162,12 +169,15 @@ def _tables(
     work.finish()
     raw = dict(load([data.declaration for data in found.values()]))
     tables = work.tables
-    for name, data in found.items():
+    ordered = in_join_order(found)
+    for data in ordered:
         with work.collecting():
+            name = data.declaration.name
+            refuse_overwriting(raw[name], data, raw)
             tables[name] = joined(raw[name], data.joins, {**raw, **tables})
     work.finish()
     plans = []
-    for data in found.values():
+    for data in ordered:
         with work.collecting():
             plans.append(_plan(work, data))
     work.finish()
@@ -231,6 +241,7 @@ def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: dict[str, Spa
         with work.collecting():
             blocks.append(read_observation(work, clause, taken))
     for clause in _all(clauses, "constraints"):
+        work.evaluator.budget.reset()
         blocks.extend(read_constraints(work, clause, taken))
     return tuple(blocks)
 

@@ -94,14 +94,23 @@ def _visit_block(inference: Inference, block: Block) -> None:
             if equation.noise_kind is NoiseKind.SIGMA:
                 for component, sigma in zip(equation.components, equation.noise, strict=True):
                     inference.equate(component, sigma, sigma.span)
-            elif equation.noise_kind is NoiseKind.COVARIANCE:
-                for i, component in enumerate(equation.components):
-                    variance = equation.noise[i * size + i]
-                    inference.equate(_square(component), variance, variance.span)
+            else:
+                for i, entry in enumerate(equation.noise):
+                    product = _product(equation.components[i // size], equation.components[i % size])
+                    if isinstance(entry, Number) and entry.value == 0:
+                        continue  # a zero has any dimension
+                    if equation.noise_kind is NoiseKind.INFORMATION:
+                        inference.equate(entry, _reciprocal(product), entry.span)
+                    else:
+                        inference.equate(product, entry, entry.span)
 
 
-def _square(node: Expression) -> Expression:
-    return Apply(Operation.MULTIPLY, (node, node), span=node.span)
+def _product(a: Expression, b: Expression) -> Expression:
+    return Apply(Operation.MULTIPLY, (a, b), span=a.span)
+
+
+def _reciprocal(node: Expression) -> Expression:
+    return Apply(Operation.DIVIDE, (Number(1, NONE), node), span=node.span)
 
 
 def _visit_unknown(inference: Inference, unknown: Unknown) -> None:
@@ -114,6 +123,8 @@ def _visit_unknown(inference: Inference, unknown: Unknown) -> None:
             for index, value in zip(unknown.indices(), case.values, strict=True):
                 component = Component(unknown.name, index, None, angle, unknown.span)
                 inference.equate(component, value, value.span or values.span)
+    for case in unknown.fixed.cases if unknown.fixed is not None else ():
+        inference.visit(case.values)
     if unknown.unit is not None and angle and not unknown.unit.dimension.is_none:
         component = Component(unknown.name, (), None, angle, unknown.span)
         inference.equate(component, Number(0.0, unknown.unit.dimension, unknown.span), unknown.span)

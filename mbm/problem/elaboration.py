@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -16,6 +17,7 @@ from mbm.language.evaluator import Evaluator
 from mbm.language.scope import Scope
 from mbm.language.values import SCALARS, Array, ListValue, StaticColumnNeeded, Value, describe
 from mbm.problem import faults
+from mbm.problem.rows import MAXIMUM_REPORTED
 from mbm.problem.scopes import ROW, ProblemScope, RowScope
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import RowValues, Static, ValueCase
@@ -71,15 +73,21 @@ class Workspace:
             raise MbmError(faults.unknown_table(form.span, shown, tuple(self.tables)))
         return self.tables[form.name]
 
-    def cases(self, table: Table | None, evaluate: Callable[[Scope], T], span: Span) -> list[tuple[Static, T]]:
-        """``evaluate`` once for each group of rows that need a compilation: one, unless columns are static."""
+    def cases(
+        self, table: Table | None, evaluate: Callable[[Scope], T], span: Span, kept: np.ndarray | None = None
+    ) -> list[tuple[Static, T]]:
+        """``evaluate`` once for each group of rows that need a compilation: one, unless columns are static.
+
+        ``kept`` is the mask of the rows that are used; the values of the others decide nothing.
+        """
         if table is None:
             self.evaluator.budget.reset()
             try:
                 return [((), evaluate(self.scope))]
             except StaticColumnNeeded as need:
                 raise MbmError(language_faults.not_static(need.span, f"column `{need.column.name}`")) from None
-        pending: list[tuple[Static, np.ndarray]] = [((), np.arange(len(table)))]
+        every = np.arange(len(table)) if kept is None else np.flatnonzero(kept)
+        pending: list[tuple[Static, np.ndarray]] = [((), every)]
         found: list[tuple[Static, T]] = []
         while pending:
             static, rows = pending.pop()
@@ -100,6 +108,10 @@ class Workspace:
         if need.column.table != table.name or need.column.row is not RowChoice.EACH or name in dict(static):
             raise MbmError(language_faults.not_static(need.span, f"column `{name}` of `{need.column.table}`"))
         cells = static_cells(table, name)
+        gaps = [int(r) for r in rows if isinstance(cells[r], float) and not math.isfinite(cells[r])]
+        if gaps:
+            found = [(table.place(row, name), float(cells[row])) for row in gaps[:MAXIMUM_REPORTED]]
+            raise MbmError(*(faults.not_finite_cell(place, name, value, need.span) for place, value in found))
         groups: dict[CellKey, list[int]] = {}
         for row in rows:
             groups.setdefault(cells[row], []).append(int(row))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from mbm.expression.nodes import Column, Number, RowChoice
 from mbm.language import faults
 from mbm.language.evaluator import Evaluator
-from mbm.language.scope import Scope
+from mbm.language.scope import LocalScope, Scope
 from mbm.language.values import TableName, TextColumn, Value
 from mbm.problem import faults as problem_faults
 from mbm.problem.tables import CellKey, Table
@@ -113,7 +113,9 @@ class ProblemScope:
 class RowScope:
     """The columns of one row of a table over the problem's names.
 
-    ``static`` holds the columns whose values are known for the rows at hand; they are literals here.
+    ``static`` holds the columns whose values are known for the rows at hand; they are literals here. ``around`` is the
+    scope in which ``(first TABLE FORM)`` stands: the variables of ``let`` and of functions there are visible, the
+    columns of other tables are not.
     """
 
     def __init__(
@@ -122,21 +124,28 @@ class RowScope:
         table: Table,
         static: Mapping[str, CellKey],
         row: RowChoice = RowChoice.EACH,
+        around: Scope | None = None,
     ) -> None:
         self._problem = problem
         self.table = table
         self._static = static
         self._row = row
+        self._around = around
         self._defined: dict[str, Value] = {}
 
     def lookup(self, name: str, span: Span) -> Value | None:
         """A column, or a name of the problem; a plain name that is both is ambiguous."""
         column = self._column(name)
+        local = self.local(name)
         if column is not None:
+            if local is not None:
+                raise MbmError(faults.ambiguous_name(span, name, self.table.name, "variable", None))
             entry = self._problem.entries.get(name)
             if entry is not None and entry.kind in ("unknown", "constant", "state"):
                 raise MbmError(faults.ambiguous_name(span, name, self.table.name, entry.kind, entry.span))
             return self._reference(column, span)
+        if local is not None:
+            return local
         value = self._problem.own(name, span)
         if value is None and self._problem.defines(name):
             value = self._defined.get(name)
@@ -147,6 +156,15 @@ class RowScope:
         if value is None and name == ROW:
             return self._row_number(span)
         return value if value is not None else self._problem.outer(name, span)
+
+    def local(self, name: str) -> Value | None:
+        """The variable of this name of a ``let`` or a function around the form that chose this row."""
+        scope = self._around
+        while isinstance(scope, LocalScope):
+            if name in scope.variables:
+                return scope.variables[name]
+            scope = scope.parent
+        return scope.local(name) if isinstance(scope, RowScope) else None
 
     def names(self) -> Iterator[str]:
         """The columns, then the problem's names."""

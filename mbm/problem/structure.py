@@ -7,6 +7,7 @@ paths, Kuhn 1955) finds the unknowns that are left over whatever the values are;
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -91,31 +92,46 @@ def _unmatched(mentions: list[frozenset[Scalar]], scalars: list[Scalar]) -> list
     for number, each in enumerate(mentions):
         for scalar in each:
             of_scalar[scalar].append(number)
-    owner: dict[int, Scalar] = {}
-    return [s for s in scalars if not _augment(s, of_scalar, owner)]
+    matching = _Matching()
+    return [s for s in scalars if not _augment(s, of_scalar, matching)]
 
 
-def _augment(start: Scalar, of_scalar: Mapping[Scalar, list[int]], owner: dict[int, Scalar]) -> bool:
-    """Find an equation for ``start``, moving others along an augmenting path; breadth first."""
+@dataclass(frozen=True, slots=True)
+class _Matching:
+    """Which scalar owns an equation, and the other way; ``closed`` equations can be freed by no path any more."""
+
+    owner: dict[int, Scalar] = field(default_factory=dict)
+    owned: dict[Scalar, int] = field(default_factory=dict)
+    closed: set[int] = field(default_factory=set)
+
+
+def _augment(start: Scalar, of_scalar: Mapping[Scalar, list[int]], matching: _Matching) -> bool:
+    """Find an equation for ``start``, moving others along an augmenting path; breadth first.
+
+    What a search in vain has seen stays out of reach whatever is matched later (Kuhn's Hungarian tree): it is closed,
+    so that all searches in vain together look at each equation once.
+    """
     came_from: dict[int, Scalar] = {}
     queue = [start]
     for scalar in queue:
         for equation in of_scalar[scalar]:
-            if equation in came_from:
+            if equation in came_from or equation in matching.closed:
                 continue
             came_from[equation] = scalar
-            if equation not in owner:
-                _shift(equation, start, came_from, owner)
+            if equation not in matching.owner:
+                _shift(equation, start, came_from, matching)
                 return True
-            queue.append(owner[equation])
+            queue.append(matching.owner[equation])
+    matching.closed.update(came_from)
     return False
 
 
-def _shift(equation: int, start: Scalar, came_from: Mapping[int, Scalar], owner: dict[int, Scalar]) -> None:
-    previous = {scalar: number for number, scalar in owner.items()}
+def _shift(equation: int, start: Scalar, came_from: Mapping[int, Scalar], matching: _Matching) -> None:
+    """Give each equation of the path to the scalar from which it was reached."""
     while True:
         scalar = came_from[equation]
-        owner[equation] = scalar
-        if scalar == start:
+        before = matching.owned.get(scalar)
+        matching.owner[equation], matching.owned[scalar] = scalar, equation
+        if scalar == start or before is None:
             return
-        equation = previous[scalar]
+        equation = before

@@ -130,7 +130,7 @@ class Table:
     """A table: columns of one length.
 
     ``rows`` holds, for each row kept, its number (from 1) in the unfiltered table; ``key`` is the name of the column
-    whose cells name the rows. ``joined`` lists the tables whose columns came in through ``:with``.
+    whose cells name the rows. Columns that came in through ``:with`` are called ``alias.column``.
     """
 
     name: str

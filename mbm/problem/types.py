@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from mbm.expression.dimension import Dimension
-from mbm.expression.nodes import Apply, Expression
+from mbm.expression.nodes import Expression
 from mbm.expression.units import Unit
 from mbm.problem.tables import CellKey, TableDeclaration
 from mbm.text.types import Diagnostic, Span
@@ -244,10 +244,6 @@ class Problem:
     def unknown(self, name: str) -> Unknown:
         """An unknown by name."""
         return next(u for u in self.unknowns if u.name == name)
-
-
-Condition = bool | Apply
-"""A truth value known while compiling, or a condition on the row at hand."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

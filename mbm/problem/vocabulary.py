@@ -24,7 +24,7 @@ def _chosen(row: RowChoice) -> SpecialForm:
         tables = world.tables if isinstance(world, ProblemScope) else {}
         if not isinstance(world, ProblemScope) or name.name not in tables:
             raise MbmError(faults.unknown_table(name.span, name.name, tuple(tables)))
-        return evaluator.wanted(form.items[2], RowScope(world, tables[name.name], {}, row))
+        return evaluator.wanted(form.items[2], RowScope(world, tables[name.name], {}, row, scope))
 
     return special
 

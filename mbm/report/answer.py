@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbm.report.document import document
-from mbm.report.elements import solve_scalars
+from mbm.report.elements import shown_sigma, solve_scalars
 from mbm.report.encode import encode, to_bytes
 from mbm.report.table import table as text_table
 from mbm.report.types import (
@@ -33,7 +33,7 @@ class Named:
     """One estimate or derived quantity in the unit that it is reported in.
 
     ``value`` and ``sigma`` are NumPy arrays of the quantity's shape (0-d for a number), with a leading axis over
-    ``keys`` for families; ``sigma`` is NaN where the data determine none.
+    ``keys`` for families; ``sigma`` is 0 where fixed, NaN where held at a bound or not determined by the data.
     """
 
     name: str
@@ -48,7 +48,6 @@ class Solved:
     """What ``Problem.solve`` answers. Attributes that belong to one solve are those of the first (often the only)."""
 
     result: Result
-    covariance_full: bool = False
 
     @property
     def status(self) -> str:
@@ -74,7 +73,16 @@ class Solved:
         return self.result.solves[0]
 
     def __getitem__(self, name: str) -> Named:
-        """An estimate or derived quantity of the first solve by name."""
+        """An estimate or derived quantity of the only solve by name.
+
+        Raises:
+            LookupError: there is no solve, or there are several.
+            KeyError: nothing is called so.
+
+        """
+        if len(self.result.solves) > 1:
+            message = f"there are {len(self.result.solves)} solves: `{name}` of each is in `.table()`, or in `.solves`"
+            raise LookupError(message)
         items: list[Estimate | DerivedValue] = [*self.first.estimates, *self.first.derived]
         for item in items:
             if item.quantity.name == name:
@@ -106,7 +114,7 @@ class Solved:
 
     def document(self) -> dict[str, Any]:
         """The result document of CONTRACT §2."""
-        return document(self.result, covariance_full=self.covariance_full)
+        return document(self.result)
 
     def to_json(self, path: str | Path | None = None) -> str:
         """The document as JSON text; written to ``path`` if one is given."""
@@ -150,10 +158,5 @@ class Solved:
 
 
 def _named(item: Estimate | DerivedValue) -> Named:
-    factor = item.quantity.factor
-    sigma = np.full_like(item.value, np.nan) if item.sigma is None else item.sigma
-    fixed = getattr(item, "fixed", None)
-    if fixed is not None:
-        sigma = np.where(fixed, 0.0, sigma)
-    value, sigma = np.asarray(item.value / factor), np.asarray(sigma / factor)
-    return Named(item.quantity.name, value, sigma, item.quantity.unit, item.keys)
+    value = np.asarray(item.value / item.quantity.factor)
+    return Named(item.quantity.name, value, shown_sigma(item), item.quantity.unit, item.keys)

@@ -10,35 +10,28 @@ from typing import Any
 
 import numpy as np
 
-from mbm.report.elements import plain_key, unit_text
+from mbm.report.elements import plain_key, shown_sigma, unit_text
 from mbm.report.types import (
-    Alternative,
-    ConstraintReport,
     CovarianceMatrix,
     DerivedValue,
     Estimate,
     Floats,
     FreeDirection,
     Key,
-    Mask,
     Observability,
     PriorReport,
     ResidualSummary,
     Result,
     SolveReport,
-    SolveStatus,
 )
 from mbm.text.render import as_json
 
-LARGEST_COVARIANCE = 200
-"""Rows of a covariance matrix that is written without being asked for: 200 rows are about 1 MB of text."""
 
-
-def document(result: Result, *, covariance_full: bool = False) -> dict[str, Any]:
+def document(result: Result) -> dict[str, Any]:
     """The document of a result; keys stand in the contract's order, so equal results give equal texts.
 
     Numbers are in the units of their quantities, undefined ones None with a ``reason`` (or ``reasons``) beside them.
-    Covariance matrices of more than ``LARGEST_COVARIANCE`` rows are left out unless ``covariance_full``.
+    What belongs to later versions (constraints, several starts, gauges, outliers) has its key and an empty value.
     """
     return {
         "mbm": result.version,
@@ -49,7 +42,7 @@ def document(result: Result, *, covariance_full: bool = False) -> dict[str, Any]
         "options": {name: _plain(value) for name, value in result.options.items()},
         "inputs": [{"path": entry.path, "sha256": entry.sha256, "rows": entry.rows} for entry in result.inputs],
         "diagnostics": [as_json(diagnostic) for diagnostic in result.diagnostics],
-        "solves": [_solve(solve, covariance_full) for solve in result.solves],
+        "solves": [_solve(solve) for solve in result.solves],
     }
 
 
@@ -58,7 +51,7 @@ def solve_key(key: Mapping[str, Key]) -> dict[str, Any]:
     return {name: plain_key(value) for name, value in key.items()}
 
 
-def _solve(solve: SolveReport, covariance_full: bool) -> dict[str, Any]:
+def _solve(solve: SolveReport) -> dict[str, Any]:
     numbers = {name: _number(getattr(solve, name)) for name in ("cost", "dof", "sigma0", "chi2_p")}
     reasons = {name: solve.reasons.get(name) or _why_missing(solve, name) for name, x in numbers.items() if x is None}
     factors = {item.quantity.name: item.quantity.factor for item in solve.estimates}
@@ -72,36 +65,25 @@ def _solve(solve: SolveReport, covariance_full: bool) -> dict[str, Any]:
         "seconds": _number(solve.seconds),
         **numbers,
     }
-    if solve.robust_cost is not None:
-        written["robust_cost"] = _number(solve.robust_cost)
     if reasons:
         written["reasons"] = reasons
-    written |= {
+    return written | {
         "estimates": {item.quantity.name: _estimate(item) for item in solve.estimates},
-        "covariance": _covariance(solve.covariance, covariance_full),
+        "covariance": _covariance(solve.covariance),
         "derived": {item.quantity.name: _derived(item) for item in solve.derived},
-        "derived_covariance": _covariance(solve.derived_covariance, covariance_full),
+        "derived_covariance": _covariance(solve.derived_covariance),
         "observability": _observability(solve.observability, factors),
         "noise": {name: _number(factor) for name, factor in solve.noise.items()},
         "residuals": {name: _summary(summary) for name, summary in solve.residual_summaries.items()},
-        "constraints": [_constraint(constraint) for constraint in solve.constraints],
+        "constraints": [],
         "priors": [_prior(prior) for prior in solve.priors],
-        "alternatives": [_alternative(alternative) for alternative in solve.alternatives],
+        "alternatives": [],
+        "starts": None,
+        "diagnostics": [as_json(diagnostic) for diagnostic in solve.diagnostics],
     }
-    if solve.starts is not None:
-        starts = solve.starts
-        written["starts"] = {
-            "tried": starts.tried,
-            "converged": starts.converged,
-            "best_found": starts.best_found,
-        }
-    written["diagnostics"] = [as_json(diagnostic) for diagnostic in solve.diagnostics]
-    return written
 
 
 def _why_missing(solve: SolveReport, name: str) -> str:
-    if solve.status is SolveStatus.SKIPPED:
-        return SolveStatus.SKIPPED.sentence
     if name in ("sigma0", "chi2_p") and solve.dof == 0:
         return "there are no degrees of freedom"
     if name == "chi2_p" and any(factor is not None for factor in solve.noise.values()):
@@ -111,58 +93,54 @@ def _why_missing(solve: SolveReport, name: str) -> str:
 
 def _estimate(item: Estimate) -> dict[str, Any]:
     written = _family("per", item.per, item.keys)
-    held = item.at_bound if item.at_bound is not None and bool(np.any(item.at_bound)) else None
-    written |= _value_and_sigma(item, item.fixed, held)
+    written |= _value_and_sigma(item)
     if bool(np.any(item.fixed)):
         written["fixed"] = item.fixed.tolist()
-    if held is not None:
-        written["at_bound"] = held.tolist()
+    if item.at_bound is not None and bool(np.any(item.at_bound)):
+        written["at_bound"] = item.at_bound.tolist()
     return written
 
 
 def _derived(item: DerivedValue) -> dict[str, Any]:
-    return _family("over", item.over, item.keys) | _value_and_sigma(item, None, None)
+    return _family("over", item.over, item.keys) | _value_and_sigma(item)
 
 
 def _family(word: str, table: str | None, keys: tuple[Key, ...] | None) -> dict[str, Any]:
     return {} if keys is None else {word: table, "keys": [plain_key(key) for key in keys]}
 
 
-def _value_and_sigma(item: Estimate | DerivedValue, fixed: Mask | None, held: Mask | None) -> dict[str, Any]:
-    """Value, sigma and unit; fixed elements have sigma 0, those held at a bound none."""
-    factor = item.quantity.factor
-    sigma = np.full(np.shape(item.value), np.nan) if item.sigma is None else np.array(item.sigma, dtype=float)
-    if fixed is not None:
-        sigma = np.where(fixed, 0.0, sigma)
-    if held is not None:
-        sigma = np.where(held, np.nan, sigma)
-    written: dict[str, Any] = {"value": _numbers(np.asarray(item.value) / factor), "sigma": _numbers(sigma / factor)}
-    written["unit"] = unit_text(item.quantity) or None
+def _value_and_sigma(item: Estimate | DerivedValue) -> dict[str, Any]:
+    """Value, sigma and unit, and the reason where one of the numbers is missing."""
+    sigma = shown_sigma(item)
+    written: dict[str, Any] = {
+        "value": _numbers(np.asarray(item.value) / item.quantity.factor),
+        "sigma": _numbers(sigma),
+        "unit": unit_text(item.quantity) or None,
+    }
     if not np.all(np.isfinite(sigma)) or not np.all(np.isfinite(item.value)):
-        written["reason"] = item.reason or _why_undefined(item, sigma, held)
+        written["reason"] = item.reason or _why_undefined(item, sigma)
     return written
 
 
-def _why_undefined(item: Estimate | DerivedValue, sigma: Floats, held: Mask | None) -> str:
+def _why_undefined(item: Estimate | DerivedValue, sigma: Floats) -> str:
     if not np.all(np.isfinite(item.value)):
         return "the value is not finite"
+    held = item.at_bound if isinstance(item, Estimate) else None
     if held is not None and bool(np.all(np.isfinite(sigma) | held)):
         return "held at its bound"
     return "no standard deviation was computed" if item.sigma is None else "the data do not determine it"
 
 
-def _covariance(covariance: CovarianceMatrix | None, full: bool) -> dict[str, Any] | None:
+def _covariance(covariance: CovarianceMatrix | None) -> dict[str, Any] | None:
     if covariance is None:
         return None
     written: dict[str, Any] = {"names": list(covariance.names)}
     if covariance.matrix is None:
         return written | {"matrix": None, "reason": covariance.reason or "it was not computed"}
-    if len(covariance.names) > LARGEST_COVARIANCE and not full:
-        return written | {"matrix": None, "reason": "left out for its size; `--covariance full` writes it"}
     factors = np.array(covariance.factors)
     written["matrix"] = _numbers(covariance.matrix / np.outer(factors, factors))
     if not np.all(np.isfinite(covariance.matrix)):
-        written["reason"] = covariance.reason or "null stands where the data do not determine an unknown"
+        written["reason"] = covariance.reason or "null stands for what the data do not determine"
     return written
 
 
@@ -175,7 +153,7 @@ def _observability(found: Observability | None, factors: Mapping[str, float]) ->
         written["reason"] = "there is no estimable part whose condition could be given"
     return written | {
         "unobservable": [_direction(direction, factors) for direction in found.unobservable],
-        "gauge": [_direction(direction, factors) for direction in found.gauge],
+        "gauge": [],
         "unused": list(found.unused),
     }
 
@@ -195,19 +173,8 @@ def _direction(direction: FreeDirection, factors: Mapping[str, float]) -> dict[s
 
 def _summary(summary: ResidualSummary) -> dict[str, Any]:
     rms = _number(summary.rms)
-    written = {"rows": summary.rows, "used": summary.used, "rms": rms, "outliers": list(summary.outliers)}
+    written: dict[str, Any] = {"rows": summary.rows, "used": summary.used, "rms": rms, "outliers": []}
     return written if rms is not None else written | {"reason": "no row was used"}
-
-
-def _constraint(constraint: ConstraintReport) -> dict[str, Any]:
-    written = {
-        "name": constraint.name,
-        "type": constraint.type,
-        "value": _number(constraint.value),
-        "violation": _number(constraint.violation),
-        "active": constraint.active,
-    }
-    return written if written["value"] is not None else written | {"reason": "the value is not finite"}
 
 
 def _prior(prior: PriorReport) -> dict[str, Any]:
@@ -217,14 +184,6 @@ def _prior(prior: PriorReport) -> dict[str, Any]:
         "mean": _number(prior.mean),
         "sigma": _number(prior.sigma),
         "residual": _number(prior.residual),
-    }
-
-
-def _alternative(alternative: Alternative) -> dict[str, Any]:
-    return {
-        "cost": _number(alternative.cost),
-        "starts": alternative.starts,
-        "estimates": {item.quantity.name: _estimate(item) for item in alternative.estimates},
     }
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,7 +9,8 @@ from itertools import product
 
 import numpy as np
 
-from mbm.report.types import DerivedValue, Estimate, Key, Kind, Mask, Quantity, SolveReport
+from mbm.problem.naming import plain_number, scalar_name
+from mbm.report.types import DerivedValue, Estimate, Floats, Key, Kind, Mask, Quantity, SolveReport
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,28 +30,34 @@ class Scalar:
     reason: str | None = None
 
 
-def key_text(key: Key) -> str:
-    """A key as names of covariance rows write it: texts in quotes, whole numbers without a point."""
-    return json.dumps(plain_key(key), ensure_ascii=False)
-
-
 def plain_key(key: Key) -> str | int | float | None:
     """A key as JSON has it: whole numbers as integers, None in place of NaN and infinity."""
     if isinstance(key, str):
         return key
-    number = float(key)
-    if not math.isfinite(number):
-        return None
-    return int(number) if number.is_integer() and abs(number) < 2**53 else number
+    return plain_number(key) if math.isfinite(key) else None
 
 
 def element_names(quantity: Quantity, keys: tuple[Key, ...] | None = None) -> tuple[str, ...]:
     """``p``, ``p[1]``, ``theta[2,1]``, ``q["waist"]``, ``cam["left"][3]``: the names of all scalars, row by row."""
-    members = [quantity.name] if keys is None else [f"{quantity.name}[{key_text(key)}]" for key in keys]
-    if not quantity.shape:
-        return tuple(members)
-    indices = [",".join(map(str, index)) for index in product(*(range(1, n + 1) for n in quantity.shape))]
-    return tuple(f"{member}[{index}]" for member in members for index in indices)
+    indices = list(product(*(range(1, n + 1) for n in quantity.shape)))
+    members: tuple[Key | None, ...] = (None,) if keys is None else keys
+    return tuple(scalar_name(quantity.name, key, index) for key in members for index in indices)
+
+
+def shown_sigma(item: Estimate | DerivedValue) -> Floats:
+    """The standard deviations in the unit of the quantity, with the shape of ``value``, as every output gives them.
+
+    Fixed elements have 0; NaN stands for those held at a bound, those without a value, and where none was computed.
+    """
+    if item.sigma is None:
+        sigma = np.full(np.shape(item.value), math.nan)
+    else:
+        sigma = np.where(np.isfinite(item.value), item.sigma, math.nan)
+    if isinstance(item, Estimate):
+        if item.at_bound is not None:
+            sigma = np.where(item.at_bound, math.nan, sigma)
+        sigma = np.where(item.fixed, 0.0, sigma)
+    return np.asarray(sigma / item.quantity.factor, dtype=np.float64)
 
 
 def scalars(item: Estimate | DerivedValue) -> Iterator[Scalar]:
@@ -59,7 +65,7 @@ def scalars(item: Estimate | DerivedValue) -> Iterator[Scalar]:
     quantity = item.quantity
     names = element_names(quantity, item.keys)
     values = np.ravel(item.value) / quantity.factor
-    sigmas = np.full(len(names), np.nan) if item.sigma is None else np.ravel(item.sigma) / quantity.factor
+    sigmas = np.ravel(shown_sigma(item))
     estimate = item if isinstance(item, Estimate) else None
     fixed = _flags(estimate.fixed if estimate else None, len(names))
     held = _flags(estimate.at_bound if estimate else None, len(names))
@@ -67,7 +73,7 @@ def scalars(item: Estimate | DerivedValue) -> Iterator[Scalar]:
         yield Scalar(
             name=name,
             value=float(values[i]),
-            sigma=0.0 if fixed[i] else math.nan if held[i] else float(sigmas[i]),
+            sigma=float(sigmas[i]),
             quantity=quantity,
             fixed=fixed[i],
             at_bound=held[i],

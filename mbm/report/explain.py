@@ -6,19 +6,27 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from mbm.expression.nodes import Number
 from mbm.kernels.types import KernelSet
+from mbm.problem.builder import Elaborated
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, NoiseKind, Problem, Unknown
+from mbm.solution.assembly import EvaluationCache
+from mbm.solution.choice import chosen_solver
 from mbm.symbolic.printing import printed
 from mbm.symbolic.types import ColumnInput, Parameter, Purpose, ResidualBlock, Slot, SymbolicModel
+from mbm.text.types import MbmError
 
 MOST_CASES = 3
 """Groups of rows whose equations are printed; the others differ in their static values only."""
 
 
+_SOLVERS = {"linear": "one step of linear least squares", "lm": "lm (Marquardt)"}
+
+
 def explanation(
-    problem: Problem, tables: Mapping[str, Table], model: SymbolicModel, kernels: KernelSet, *, latex: bool
+    found: Elaborated, model: SymbolicModel, kernels: KernelSet, cache: EvaluationCache, *, latex: bool
 ) -> str:
     """Equations, unknowns, noise, structure of the Jacobian, and the solver with the reason for it."""
+    problem, tables = found.problem, found.tables
     lines = [f"problem {problem.name}", *([f"  {problem.doc}"] if problem.doc else []), ""]
     lines += ["unknowns", *(f"  {line}" for u in problem.unknowns for line in _unknown(u, tables)), ""]
     if problem.constants:
@@ -26,10 +34,10 @@ def explanation(
     for i, block in enumerate(problem.blocks):
         lines += [*_block(i, block, tables, model, latex=latex), ""]
     for i, derived in enumerate(problem.derived):
-        found = [b for b in model.blocks if b.purpose is Purpose.DERIVED and b.owner == i]
+        blocks = [b for b in model.blocks if b.purpose is Purpose.DERIVED and b.owner == i]
         over = f" for each row of {derived.table}" if derived.table else ""
-        lines += [f"derived {derived.name}{over}", *_equations(found[:1], derived.name, latex=latex), ""]
-    lines += ["solver", *(f"  {line}" for line in _solver(problem, kernels))]
+        lines += [f"derived {derived.name}{over}", *_equations(blocks[:1], derived.name, latex=latex), ""]
+    lines += ["solver", *(f"  {line}" for line in _solver(found, kernels, cache))]
     return "\n".join(lines) + "\n"
 
 
@@ -109,22 +117,18 @@ def _structure(block: ResidualBlock) -> Iterator[str]:
     yield f"    Jacobian block: {rows} × {len(block.variables)}, with respect to {names}"
 
 
-def _solver(problem: Problem, kernels: KernelSet) -> Iterator[str]:
-    import numpy as np
-
-    equations = [k for k in kernels.kernels if k.purpose is Purpose.EQUATION]
-    linear = all(k.affine_in(np.ones(len(k.variables), dtype=bool)) for k in equations)
-    bounded = any(u.lower is not None for u in problem.unknowns)
-    if problem.request.method.value != "auto":
-        yield f"{problem.request.method.value}: the problem asks for it"
-    elif linear and not bounded:
-        yield "one step of linear least squares: every equation is affine in the unknowns"
-    elif linear:
-        yield "lm (Marquardt): every equation is affine in the unknowns, but some are bounded"
+def _solver(found: Elaborated, kernels: KernelSet, cache: EvaluationCache) -> Iterator[str]:
+    try:
+        choice = chosen_solver(found, kernels, cache)
+    except MbmError as error:
+        yield f"none: {error.diagnostics[0].message}"
+        return
+    if choice is None:
+        yield "none: the data ask for no solve"
     else:
-        yield "lm (Marquardt): the equations are not affine in the unknowns"
-    if problem.request.for_each:
-        yield f"one solve for each value of {', '.join(problem.request.for_each)}"
+        yield f"{_SOLVERS.get(choice.solver, choice.solver)}: {choice.reason}"
+    if found.problem.request.for_each:
+        yield f"one solve for each value of {', '.join(found.problem.request.for_each)}"
 
 
 def problem_stage(problem: Problem, tables: Mapping[str, Table]) -> str:
@@ -154,7 +158,7 @@ def symbolic_stage(model: SymbolicModel, *, latex: bool) -> str:
 
 def kernel_stage(kernels: KernelSet) -> str:
     """Every kernel with its inputs, outputs, nonzeros and instructions."""
-    lines = [f"kernels of {kernels.name}, fingerprint {kernels.fingerprint[:16]}"]
+    lines = [f"kernels of {kernels.name}, fingerprint {kernels.fingerprint()[:16]}"]
     for kernel in kernels.kernels:
         lines.append(
             f"{kernel.purpose.value} {kernel.name}, case {kernel.case + 1}: {kernel.outputs} outputs, "

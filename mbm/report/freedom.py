@@ -17,17 +17,17 @@ EQUAL = 1e-6
 """Relative difference below which movements count as equal: far above rounding, far below anything a person means."""
 
 
-def free_directions(solution: Solution) -> tuple[FreeDirection, ...]:
-    """The free combinations, and the unknowns that nothing depends on."""
-    found = [_direction(solution, combination) for combination in solution.observability.combinations]
-    return (*_unused(solution), *found)
+def free_directions(solution: Solution, names: tuple[str, ...]) -> tuple[FreeDirection, ...]:
+    """The free combinations, and the unknowns that nothing depends on; ``names`` (N,) are those of all numbers."""
+    found = [_direction(solution, names, combination) for combination in solution.observability.combinations]
+    return (*_unused(solution, names), *found)
 
 
 def _owner(solution: Solution, position: int) -> str:
     return solution.layout.owner(position).unknown.name
 
 
-def _unused(solution: Solution) -> list[FreeDirection]:
+def _unused(solution: Solution, every: tuple[str, ...]) -> list[FreeDirection]:
     by_unknown: dict[str, list[int]] = {}
     for index in solution.observability.unused:
         position = int(solution.free[index])
@@ -35,7 +35,7 @@ def _unused(solution: Solution) -> list[FreeDirection]:
     mentioned = set(solution.unused.tolist())
     found = []
     for name, positions in by_unknown.items():
-        names = [solution.layout.name(p) for p in positions]
+        names = [every[p] for p in positions]
         entry = solution.layout.entry(name)
         subject = f"`{name}`" if len(positions) == entry.count else listed(names)
         if all(p in mentioned for p in positions):
@@ -46,9 +46,9 @@ def _unused(solution: Solution) -> list[FreeDirection]:
     return found
 
 
-def _direction(solution: Solution, combination: FreeCombination) -> FreeDirection:
+def _direction(solution: Solution, every: tuple[str, ...], combination: FreeCombination) -> FreeDirection:
     positions = [int(solution.free[i]) for i in combination.indices]
-    names = [solution.layout.name(p) for p in positions]
+    names = [every[p] for p in positions]
     coefficients: Mapping[str, float] = dict(zip(names, combination.coefficients, strict=True))
     owners = tuple(dict.fromkeys(_owner(solution, p) for p in positions))
     return FreeDirection(sentence=_sentence(names, combination), unknowns=owners, coefficients=coefficients)

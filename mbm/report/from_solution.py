@@ -6,38 +6,33 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mbm.expression.dimension import Dimension
-from mbm.expression.units import Unit
-from mbm.problem.types import BlockRole, Derived, Problem, Unknown, UnknownKind
+from mbm.problem.naming import member_name
+from mbm.problem.types import BlockRole, Problem, UnknownKind
+from mbm.report import faults
+from mbm.report.covariances import derived_covariance, estimates_covariance
 from mbm.report.freedom import free_directions
 from mbm.report.pictures import plot_data
+from mbm.report.quantities import derived_quantity, number_names, quantity_of
 from mbm.report.residuals import prior_reports, residual_rows, residual_summaries
-from mbm.report.types import (
-    CovarianceMatrix,
-    DerivedValue,
-    Estimate,
-    Floats,
-    Kind,
-    Observability,
-    Quantity,
-    SolveReport,
-    SolveStatus,
-)
+from mbm.report.types import DerivedValue, Estimate, Floats, Mask, Observability, SolveReport, SolveStatus
 from mbm.solution.layout import Entry
 from mbm.solution.solution import DerivedSolution, Failure, Solution
 from mbm.solution.types import NoiseState
-
-COVARIANCE_LIMIT = 300
-"""Scalars whose covariance matrix is kept unless it is asked for."""
+from mbm.text.types import Diagnostic
 
 _NO_NOISE = "the noise is unknown, and without redundancy the residuals cannot tell it"
 _FREE = "the data do not determine it"
 _UNUSED = "no equation mentions it"
+_NOT_FINITE = "the value is not finite"
 
 
 def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool) -> SolveReport:
     """One solve as a report."""
     status, message = _status(solution)
+    names = number_names(problem, solution)
+    unknown = _nothing_known(solution)
+    derived = tuple(_derived(problem, solution, each, unknown) for each in solution.derived)
+    reached = not _stuck(solution)
     return SolveReport(
         status=status,
         message=message,
@@ -47,21 +42,21 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         evaluations=solution.evaluations,
         seconds=solution.seconds,
         cost=_finite(solution.fit.cost),
-        dof=solution.fit.dof,
-        sigma0=solution.fit.sigma0,
-        chi2_p=solution.fit.chi2_p,
+        dof=solution.fit.dof if reached else None,
+        sigma0=solution.fit.sigma0 if reached else None,
+        chi2_p=solution.fit.chi2_p if reached else None,
         reasons=_reasons(solution),
-        estimates=tuple(_estimate(problem, solution, entry) for entry in solution.layout.entries),
-        covariance=_covariance(problem, solution, full=covariance_full),
-        derived=tuple(_derived(problem, solution, each) for each in solution.derived),
-        derived_covariance=_derived_covariance(problem, solution),
-        observability=_observability(solution),
+        estimates=tuple(_estimate(problem, solution, entry, unknown) for entry in solution.layout.entries),
+        covariance=estimates_covariance(problem, solution, names, unknown, full=covariance_full),
+        derived=derived,
+        derived_covariance=derived_covariance(problem, solution, derived, unknown, full=covariance_full),
+        observability=_observability(solution, names) if reached else None,
         noise=_noise(problem, solution),
         residual_summaries=residual_summaries(problem, solution),
         residual_rows=lambda: residual_rows(problem, solution),
         plot_data=lambda: plot_data(problem, solution),
         priors=prior_reports(problem, solution),
-        diagnostics=solution.diagnostics,
+        diagnostics=(*solution.diagnostics, *_near_bounds(solution, names)),
     )
 
 
@@ -81,6 +76,18 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
+def _stuck(solution: Solution) -> bool:
+    """Whether the start has no finite value or derivative, so that nothing but that can be said of it."""
+    return solution.minimum.bad_row is not None
+
+
+def _nothing_known(solution: Solution) -> str | None:
+    """Why no standard deviation at all is known; None where some may be."""
+    if _stuck(solution):
+        return solution.minimum.reason.sentence
+    return None if solution.sigma_known else _NO_NOISE
+
+
 def _status(solution: Solution) -> tuple[SolveStatus, str]:
     reason = solution.minimum.reason
     if not reason.converged:
@@ -91,6 +98,8 @@ def _status(solution: Solution) -> tuple[SolveStatus, str]:
 
 
 def _reasons(solution: Solution) -> Mapping[str, str]:
+    if _stuck(solution):
+        return dict.fromkeys(("cost", "dof", "sigma0", "chi2_p"), solution.minimum.reason.sentence)
     reasons = {}
     if solution.fit.dof <= 0:
         reasons["sigma0"] = reasons["chi2_p"] = "there are no degrees of freedom"
@@ -101,67 +110,47 @@ def _reasons(solution: Solution) -> Mapping[str, str]:
     return reasons
 
 
-def quantity_of(problem: Problem, unknown: Unknown) -> Quantity:
-    """How an unknown is shown."""
-    unit, factor = _unit(unknown.unit, unknown.kind is UnknownKind.ANGLE, problem, unknown.name, unknown.size)
-    return Quantity(
-        name=unknown.name,
-        kind=Kind(unknown.kind.value),
-        shape=unknown.shape,
-        unit=unit,
-        factor=factor,
-        doc=unknown.doc or None,
-    )
-
-
-UNIT_ONE = "1"
-"""`:unit 1` says of an unknown that it is a pure number; nobody wants to read it beside the value."""
-
-
-def _unit(stated: Unit | None, angle: bool, problem: Problem, name: str, size: int) -> tuple[str | None, float]:
-    if stated is not None:
-        return (None if stated.symbol == UNIT_ONE else stated.symbol), stated.factor
-    if angle:
-        return "rad", 1.0
-    found: set[Dimension | None] = {problem.dimensions.get((name, i)) for i in range(size)}
-    dimension = next(iter(found)) if len(found) == 1 else None
-    return (dimension.symbol() or None, 1.0) if dimension is not None else (None, 1.0)
-
-
-def _estimate(problem: Problem, solution: Solution, entry: Entry) -> Estimate:
-    unknown = entry.unknown
-    shape = unknown.shape if entry.keys is None else (entry.members, *unknown.shape)
+def _estimate(problem: Problem, solution: Solution, entry: Entry, unknown: str | None) -> Estimate:
+    shape = entry.unknown.shape if entry.keys is None else (entry.members, *entry.unknown.shape)
     numbers = solution.numbers[entry.range].copy()
-    if unknown.kind is UnknownKind.ANGLE:
+    if entry.unknown.kind is UnknownKind.ANGLE:
         numbers = _wrapped(numbers)
-    place = {int(p): i for i, p in enumerate(solution.free)}
-    sigma = np.full(entry.count, np.nan)
-    bound = np.zeros(entry.count, dtype=bool)
-    for i in range(entry.count):
-        j = place.get(entry.offset + i)
-        if j is not None:
-            sigma[i] = solution.covariance.sigma[j] if solution.sigma_known else np.nan
-            bound[i] = solution.minimum.at_bound[j] != 0
-    fixed = solution.layout.fixed[entry.range].reshape(shape)
-    undefined = np.isnan(sigma) & ~fixed.reshape(-1)
-    unused = np.isin(np.arange(entry.offset, entry.offset + entry.count), solution.unused)
-    reason = None
-    if bool(undefined.any()):
-        reason = _NO_NOISE if not solution.sigma_known else _UNUSED if bool((unused | ~undefined).all()) else _FREE
+    sigma = np.full(len(solution.numbers), np.nan)
+    bound = np.zeros(len(solution.numbers), dtype=bool)
+    bound[solution.free] = solution.minimum.at_bound != 0
+    if unknown is None:
+        sigma[solution.free] = solution.covariance.sigma
+    fixed = solution.layout.fixed[entry.range]
+    missing = np.zeros(len(solution.numbers), dtype=bool)
+    missing[entry.range] = np.isnan(sigma[entry.range]) & ~fixed & ~bound[entry.range]
     return Estimate(
-        quantity=quantity_of(problem, unknown),
+        quantity=quantity_of(problem, entry.unknown),
         value=numbers.reshape(shape),
-        sigma=sigma.reshape(shape),
-        fixed=fixed,
+        sigma=sigma[entry.range].reshape(shape),
+        fixed=fixed.reshape(shape),
         keys=entry.keys,
-        per=_per(unknown),
-        at_bound=bound.reshape(shape) if bool(bound.any()) else None,
-        reason=reason,
+        per=entry.unknown.family.rows if entry.unknown.family is not None else None,
+        at_bound=bound[entry.range].reshape(shape) if bool(bound[entry.range].any()) else None,
+        reason=_why_missing(solution, missing, unknown),
     )
 
 
-def _per(unknown: Unknown) -> str | None:
-    return unknown.family.rows if unknown.family is not None else None
+def _why_missing(solution: Solution, missing: Mask, unknown: str | None) -> str | None:
+    """Why the numbers that ``missing`` (N,) picks have no sigma; several causes are all named."""
+    if not bool(missing.any()):
+        return None
+    if unknown is not None:
+        return unknown
+    unused = np.zeros(len(missing), dtype=bool)
+    unused[solution.unused] = True
+    estimable = np.zeros(len(missing), dtype=bool)
+    estimable[solution.free] = solution.observability.estimable
+    causes = (
+        (_UNUSED, missing & unused),
+        (_FREE, missing & ~unused & ~estimable),
+        (_NO_NOISE, missing & ~unused & estimable),
+    )
+    return ", or ".join(sentence for sentence, which in causes if bool(which.any()))
 
 
 def _wrapped(angles: Floats) -> Floats:
@@ -169,102 +158,82 @@ def _wrapped(angles: Floats) -> Floats:
     return np.asarray(angles - 2 * np.pi * np.ceil(angles / (2 * np.pi) - 0.5))
 
 
-def _covariance(problem: Problem, solution: Solution, *, full: bool) -> CovarianceMatrix:
-    factors = np.empty(len(solution.numbers))
-    for entry in solution.layout.entries:
-        factors[entry.range] = quantity_of(problem, entry.unknown).factor
-    names = tuple(solution.layout.name(int(p)) for p in solution.free)
-    chosen = tuple(float(f) for f in factors[solution.free])
-    if len(names) > COVARIANCE_LIMIT and not full:
-        reason = f"{len(names)} scalars; ask for it with `--covariance full`"
-        return CovarianceMatrix(names=names, factors=chosen, matrix=None, reason=reason)
-    matrix = solution.covariance.matrix if solution.sigma_known else np.full((len(names),) * 2, np.nan)
-    unknown = None if solution.sigma_known else _NO_NOISE
-    return CovarianceMatrix(names=names, factors=chosen, matrix=matrix, reason=unknown)
-
-
-def _derived_quantity(problem: Problem, derived: Derived) -> Quantity:
-    size = len(derived.cases[0].values) if derived.cases else 1
-    unit, factor = _unit(derived.unit, derived.angle, problem, derived.name, size)
-    kind = Kind.ANGLE if derived.angle and not derived.shape else Kind.VECTOR if derived.shape else Kind.REAL
-    return Quantity(name=derived.name, kind=kind, shape=derived.shape, unit=unit, factor=factor)
-
-
-def _derived(problem: Problem, solution: Solution, found: DerivedSolution) -> DerivedValue:
+def _derived(problem: Problem, solution: Solution, found: DerivedSolution, unknown: str | None) -> DerivedValue:
     derived = problem.derived[found.owner]
     shape = derived.shape if derived.table is None else (len(found.values), *derived.shape)
-    sigma = found.sigma if solution.sigma_known else np.full_like(found.sigma, np.nan)
+    sigma = found.sigma if unknown is None else np.full_like(found.sigma, np.nan)
     values = _wrapped(found.values) if derived.angle and not derived.shape else found.values
-    reason = None
-    if bool(np.isnan(sigma).any()):
-        reason = _FREE if solution.sigma_known else _NO_NOISE
     keys = None
     if derived.table is not None:
         table = solution.tables[derived.table]
         keys = tuple(table.keys()) if table.key is not None else tuple(float(r) for r in table.rows)
     return DerivedValue(
-        quantity=_derived_quantity(problem, derived),
+        quantity=derived_quantity(problem, derived),
         value=values.reshape(shape),
         sigma=sigma.reshape(shape),
         keys=keys,
         over=derived.table,
-        reason=reason,
+        reason=_why_derived_missing(solution, found, sigma, unknown),
     )
 
 
-def _derived_covariance(problem: Problem, solution: Solution) -> CovarianceMatrix | None:
-    if not solution.derived:
-        return None
-    names: list[str] = []
-    factors: list[float] = []
-    for found in solution.derived:
-        derived = problem.derived[found.owner]
-        quantity = _derived_quantity(problem, derived)
-        value = _derived(problem, solution, found)
-        for key in value.keys if value.keys is not None else (None,):
-            names.extend(_element_names(quantity, key))
-        factors.extend([quantity.factor] * (len(names) - len(factors)))
-    matrix = solution.derived_covariance
-    if matrix is None:
-        return CovarianceMatrix(
-            names=tuple(names), factors=tuple(factors), matrix=None, reason=f"{len(names)} scalars are too many"
-        )
-    return CovarianceMatrix(names=tuple(names), factors=tuple(factors), matrix=matrix)
+def _why_derived_missing(solution: Solution, found: DerivedSolution, sigma: Floats, unknown: str | None) -> str | None:
+    """Why values or sigmas of a derived quantity are missing; several causes are all named."""
+    undefined = ~np.isfinite(found.values)
+    missing = np.isnan(sigma) & ~undefined
+    causes = [_NOT_FINITE] if bool(undefined.any()) else []
+    if bool(missing.any()):
+        causes.append(unknown or (_NO_NOISE if _noise_alone(solution, found, missing) else _FREE))
+    return ", or ".join(causes) or None
 
 
-def _element_names(quantity: Quantity, key: str | float | None) -> list[str]:
-    base = quantity.name
-    if key is not None:
-        base += f'["{key}"]' if isinstance(key, str) else f"[{key:g}]"
-    if not quantity.shape:
-        return [base]
-    if len(quantity.shape) == 1:
-        return [f"{base}[{i + 1}]" for i in range(quantity.shape[0])]
-    return [f"{base}[{i + 1},{j + 1}]" for i in range(quantity.shape[0]) for j in range(quantity.shape[1])]
+def _noise_alone(solution: Solution, found: DerivedSolution, missing: Mask) -> bool:
+    """Whether the numbers that the missing ones depend on are determined, so that only noise nobody knows is left."""
+    if found.gradient is None or all(n.state is not NoiseState.NO_REDUNDANCY for n in solution.noise.values()):
+        return False
+    loose = ~solution.observability.estimable & ~solution.observability.fixed
+    return not bool(found.gradient[missing.ravel()][:, loose].any())
 
 
-def _observability(solution: Solution) -> Observability:
+def _near_bounds(solution: Solution, names: tuple[str, ...]) -> tuple[Diagnostic, ...]:
+    """A warning for each unknown that is held at its bounds, or was driven to the zero that it must stay above."""
+    sides = np.zeros(len(solution.numbers), dtype=np.int8)
+    sides[solution.free] = solution.minimum.at_bound
+    layout = solution.layout
+    zero = (sides < 0) & layout.positive & ~(layout.lower > 0)
+    kinds = (("its lower bound", (sides < 0) & ~zero), ("its upper bound", sides > 0), ("zero", zero))
+    found = []
+    for entry in layout.entries:
+        places = range(entry.range.start, entry.range.stop)
+        for what, which in kinds:
+            held = [names[i] for i in places if which[i]]
+            if held:
+                found.append(faults.near_bound(entry.unknown.span, held, what))
+    return tuple(found)
+
+
+def _observability(solution: Solution, names: tuple[str, ...]) -> Observability:
     found = solution.observability
     return Observability(
         rank=found.rank,
         dimension=found.dimension,
         condition=float(found.condition),
-        unobservable=free_directions(solution),
+        unobservable=free_directions(solution, names),
         unused=_unused(solution),
     )
 
 
 def _unused(solution: Solution) -> tuple[str, ...]:
     """Unknowns (or members of families) that no equation mentions, each named once."""
-    unused = set(solution.unused.tolist())
-    names = []
+    unused = np.zeros(len(solution.numbers), dtype=bool)
+    unused[solution.unused] = True
+    names: list[str] = []
     for entry in solution.layout.entries:
         size = entry.unknown.size
-        for member in range(entry.members):
-            places = range(entry.offset + member * size, entry.offset + (member + 1) * size)
-            if all(p in unused for p in places):
-                name = solution.layout.name(places[0])
-                names.append(name[: name.rindex("[")] if entry.unknown.shape else name)
+        for member, key in enumerate(entry.keys if entry.keys is not None else (None,)):
+            first = entry.offset + member * size
+            if bool(unused[first : first + size].all()):
+                names.append(member_name(entry.unknown.name, key))
     return tuple(names)
 
 

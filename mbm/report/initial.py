@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 
 import numpy as np
 
 from mbm.report import faults
 from mbm.report.document import solve_key
+from mbm.report.encode import encode, to_bytes
 from mbm.report.types import Floats, Key
 from mbm.text.types import MbmError
 
@@ -34,8 +36,25 @@ def initial_values(given: object, key: Mapping[str, Key], file: str | None = Non
     """
     if not isinstance(given, Mapping):
         raise MbmError(faults.bad_initial_values(f"a value of type `{type(given).__name__}`", file))
-    entries = _of_document(given, key, file) if isinstance(given.get("solves"), Sequence) else given
+    entries = _of_document(given, key, file) if is_document(given) else given
     return {str(name): _initial_value(str(name), entry, file) for name, entry in entries.items()}
+
+
+def is_document(given: Mapping[str, object]) -> bool:
+    """Whether initial values are a result document rather than values by name."""
+    return isinstance(given.get("solves"), Sequence)
+
+
+def initial_option(given: Mapping[str, object]) -> object:
+    """How the options of a document name initial values: the values themselves; a result document by its SHA-256.
+
+    The digest is that of the document as mbm writes it, whatever its layout was. A document inside a document would
+    grow from solve to solve.
+    """
+    if not is_document(given):
+        return given
+    digest = sha256(to_bytes(encode(given))).hexdigest()
+    return {"document": given.get("problem"), "sha256": digest}
 
 
 def _of_document(document: Mapping[str, object], key: Mapping[str, Key], file: str | None) -> Mapping[str, object]:

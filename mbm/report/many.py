@@ -7,9 +7,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
+from mbm.problem.naming import key_text
 from mbm.report.columns import Paint, Style, aligned, left, right, wrapped
 from mbm.report.digits import Measured, measured, plain
-from mbm.report.elements import Scalar, key_text, solve_scalars, unit_text
+from mbm.report.elements import Scalar, solve_scalars, unit_text
 from mbm.report.sentences import diagnostic_sentence, observability_sentences
 from mbm.report.types import SolveReport, SolveStatus
 from mbm.text.types import Diagnostic
@@ -110,9 +111,6 @@ def _totals(solves: Sequence[SolveReport], width: int, paint: Paint) -> Iterator
     if fits and stated:
         cost, dof = sum(cost for cost, _ in fits), sum(dof for _, dof in fits)
         yield f"together: cost {plain(cost, 6)} with {dof} degrees of freedom"
-    outliers = sum(len(summary.outliers) for solve in solves for summary in solve.residual_summaries.values())
-    if outliers:
-        yield f"outliers: {outliers} row{'' if outliers == 1 else 's'} (--json lists them)"
     for sentence in chain(_attention(solves), _warnings(solves)):
         yield from (paint(line, Style.WARNING) for line in wrapped(sentence, width))
 

@@ -78,9 +78,10 @@ def _draw_over_abscissa(data: PlotData, axes: Axes) -> None:
         color = SERIES[column % len(SERIES)]
         name = f"{label}, measured" if several else "measured"
         axes.plot(abscissa, data.measured[:, column], "o", color=color, markersize=3.5, alpha=0.8, label=name)
-        x, y = (abscissa[order], data.model[order]) if data.curve is None else data.curve
         name = f"{label}, model" if several else "model"
-        axes.plot(x, y[:, column], "-", linewidth=1.3, color=color if several else RED, label=name)
+        axes.plot(
+            abscissa[order], data.model[order, column], "-", linewidth=1.3, color=color if several else RED, label=name
+        )
     axes.set_xlabel(_literal(data.abscissa_label or "row"))
     if not several:
         axes.set_ylabel(_literal(data.labels[0]))

@@ -1,22 +1,19 @@
-"""All solves of a problem → Result; starts given from outside → SI."""
+"""All solves of a problem → Result."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
-from mbm.expression.units import parse_unit
-from mbm.problem.tables import CellKey, Table
-from mbm.problem.types import Problem
-from mbm.report import faults
-from mbm.report.from_solution import failure_report, quantity_of, solve_report
-from mbm.report.initial import initial_values
+from mbm.problem.tables import Table
+from mbm.problem.types import Overrides, Problem
+from mbm.report.from_solution import failure_report, solve_report
+from mbm.report.initial import initial_option
 from mbm.report.options import Progress
-from mbm.report.types import Floats, InputFile, Result
+from mbm.report.types import InputFile, Result
 from mbm.solution.run import Solutions
 from mbm.solution.solution import Failure
-from mbm.text.types import MbmError
 from mbm.version import __version__
 
 
@@ -27,10 +24,11 @@ def result_of(
     solutions: Solutions,
     *,
     file: str | None,
+    asked: Mapping[str, object],
     covariance_full: bool,
     progress: Progress | None,
 ) -> Result:
-    """The result of all solves, in their order; ``progress`` hears of each."""
+    """The result of all solves, in their order; ``asked`` is `asked_options`, ``progress`` hears of each solve."""
     reports = []
     for solution in solutions.each:
         if isinstance(solution, Failure):
@@ -50,6 +48,7 @@ def result_of(
             "method": request.method.value,
             "max-iterations": request.max_iterations,
             "tolerance": request.tolerance,
+            **asked,
         },
         inputs=tuple(
             InputFile(path=t.provenance.path, sha256=t.provenance.sha256, rows=t.provenance.rows) for t in raw.values()
@@ -58,27 +57,24 @@ def result_of(
     )
 
 
-def given_starts(
-    problem: Problem, init: Mapping[str, object] | None
-) -> Callable[[Mapping[str, CellKey]], Mapping[str, Floats]]:
-    """Starts in SI by name for the solve with a key, from values by name or a result document.
+def asked_options(
+    backend: str, overrides: Overrides, paths: Mapping[str, str], init: Mapping[str, object] | None
+) -> Mapping[str, object]:
+    """What the caller asked for beyond the file, as the document's ``options`` hold it; nothing that was not given.
 
-    Plain numbers are in the unit that the unknown is reported in; entries of a document carry theirs.
+    ``set`` holds texts as typed, and numbers in SI; ``init`` see `initial_option`.
     """
-    factors = {u.name: quantity_of(problem, u).factor for u in problem.unknowns}
+    found: dict[str, object] = {"backend": backend}
+    if overrides:
+        found["set"] = {
+            o.name: o.text if o.text is not None else _number_or_list(o.values or ()) for o in overrides.values()
+        }
+    if paths:
+        found["data"] = dict(paths)
+    if init is not None:
+        found["init"] = initial_option(init)
+    return found
 
-    def starts(key: Mapping[str, CellKey]) -> Mapping[str, Floats]:
-        if init is None:
-            return {}
-        found = {}
-        for name, given in initial_values(init, key).items():
-            if name not in factors:
-                raise MbmError(faults.bad_initial_value(name, "a value for a name that is no unknown"))
-            unit = parse_unit(given.unit) if given.unit is not None else None
-            factor = unit.factor if unit is not None else factors[name]
-            value = np.asarray(given.value * factor, dtype=np.float64)
-            if bool(np.isfinite(value).all()):
-                found[name] = value
-        return found
 
-    return starts
+def _number_or_list(values: tuple[float, ...]) -> object:
+    return values[0] if len(values) == 1 else list(values)

@@ -1,15 +1,15 @@
-"""One solve → what is to be said beside its numbers: fit, noise, what is not determined, outliers, constraints."""
+"""One solve → what is to be said beside its numbers: fit, noise, what is not determined, rows, priors."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 from mbm.report.digits import plain
-from mbm.report.types import Alternative, Observability, ResidualSummary, SolveReport
+from mbm.report.types import Observability, SolveReport
 from mbm.text.types import Diagnostic
 
-MOST_ROWS = 12
-"""Outliers that are listed one by one."""
+MOST_NAMES = 12
+"""Unused unknowns that are listed one by one."""
 
 UNLIKELY = 1e-3
 """A chi² test beyond this probability, on either side, is spoken of."""
@@ -47,32 +47,24 @@ def observability_sentences(found: Observability | None) -> Iterator[str]:
         return
     for direction in found.unobservable:
         yield f"not determined by the data: {direction.sentence}"
-    for direction in found.gauge:
-        yield f"free, set by the minimum-norm datum: {direction.sentence}"
     said = {name for direction in found.unobservable for name in direction.unknowns}
     unused = [name for name in found.unused if name not in said]
     if unused:
-        names = ", ".join(f"`{name}`" for name in unused[:MOST_ROWS])
-        yield f"in no equation: {names}{_and_more(len(unused))}"
+        names = ", ".join(f"`{name}`" for name in unused[:MOST_NAMES])
+        more = f" and {len(unused) - MOST_NAMES} more" if len(unused) > MOST_NAMES else ""
+        yield f"in no equation: {names}{more}"
 
 
 def residual_sentences(solve: SolveReport) -> Iterator[str]:
-    """Rows used, rms, and the outliers by the row in their file."""
+    """Rows used and their rms."""
     for clause, summary in solve.residual_summaries.items():
         used = f"{summary.used} of {summary.rows} rows" if summary.used != summary.rows else _rows(summary.rows)
         rms = "" if summary.rms is None else f", rms {plain(summary.rms, 3)}"
         yield f"`{clause}`: {used}{rms}"
-        if summary.outliers:
-            yield f"outliers in `{clause}`: {_outliers(summary)}"
 
 
-def constraint_sentences(solve: SolveReport) -> Iterator[str]:
-    """Violated and active constraints, and priors that the data contradict."""
-    for constraint in solve.constraints:
-        if constraint.violation > 0:
-            yield f"constraint `{constraint.name}` is violated by {plain(constraint.violation, 3)}"
-        elif constraint.active and constraint.type != "=":
-            yield f"constraint `{constraint.name}` is active"
+def prior_sentences(solve: SolveReport) -> Iterator[str]:
+    """Priors that the data contradict."""
     for prior in solve.priors:
         if abs(prior.residual) > LARGE_PRIOR:
             yield (
@@ -81,35 +73,10 @@ def constraint_sentences(solve: SolveReport) -> Iterator[str]:
             )
 
 
-def start_sentences(solve: SolveReport) -> Iterator[str]:
-    """What several starts found."""
-    if solve.starts is not None:
-        starts = solve.starts
-        yield f"{starts.tried} starts: {starts.converged} converged, {starts.best_found} to the best minimum"
-    if solve.alternatives:
-        yield f"other minima: {'; '.join(_minimum(alternative) for alternative in solve.alternatives[:MOST_ROWS])}"
-
-
 def diagnostic_sentence(diagnostic: Diagnostic) -> str:
     """A diagnostic without its excerpt."""
     return f"{diagnostic.severity.value}[{diagnostic.code.name}]: {diagnostic.message}"
 
 
-def _minimum(alternative: Alternative) -> str:
-    found = "once" if alternative.starts == 1 else f"{alternative.starts} times"
-    return f"cost {plain(alternative.cost, 5)} (found {found})"
-
-
-def _outliers(summary: ResidualSummary) -> str:
-    rows = summary.outlier_file_rows or summary.outliers
-    listed = ", ".join(str(row) for row in rows[:MOST_ROWS])
-    of_file = f" of {summary.file}" if summary.outlier_file_rows and summary.file else ""
-    return f"row{'' if len(rows) == 1 else 's'} {listed}{_and_more(len(rows))}{of_file}"
-
-
 def _rows(count: int) -> str:
     return "1 row" if count == 1 else f"{count} rows"
-
-
-def _and_more(count: int) -> str:
-    return f" and {count - MOST_ROWS} more" if count > MOST_ROWS else ""

@@ -11,13 +11,12 @@ from mbm.report.digits import Measured, measured, plain
 from mbm.report.elements import Scalar, scalars, unit_text
 from mbm.report.many import many_solves
 from mbm.report.sentences import (
-    constraint_sentences,
     diagnostic_sentence,
     fit_sentence,
     noise_sentences,
     observability_sentences,
+    prior_sentences,
     residual_sentences,
-    start_sentences,
 )
 from mbm.report.types import DerivedValue, Estimate, Kind, Result, SolveReport, SolveStatus
 
@@ -59,9 +58,9 @@ def _one_solve(result: Result, solve: SolveReport, width: int, paint: Paint, ful
     fit = fit_sentence(solve)
     if fit is not None:
         yield from wrapped(fit, width)
-    for sentence in chain(noise_sentences(solve), residual_sentences(solve), start_sentences(solve)):
+    for sentence in chain(noise_sentences(solve), residual_sentences(solve)):
         yield from wrapped(sentence, width)
-    for sentence in chain(observability_sentences(solve.observability), constraint_sentences(solve)):
+    for sentence in chain(observability_sentences(solve.observability), prior_sentences(solve)):
         yield from (paint(line, Style.WARNING) for line in wrapped(sentence, width))
     for diagnostic in solve.diagnostics:
         yield from (paint(line, Style.WARNING) for line in wrapped(diagnostic_sentence(diagnostic), width))

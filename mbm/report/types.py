@@ -37,8 +37,6 @@ class SolveStatus(Enum):
     CONVERGED = ("converged", "the estimates are a minimum and the data determine all of them")
     NOT_CONVERGED = ("not-converged", "the iteration stopped before it reached a minimum")
     UNOBSERVABLE = ("unobservable", "the data leave some of the unknowns, or a combination of them, free")
-    INFEASIBLE = ("infeasible", "a constraint is violated at the estimates")
-    SKIPPED = ("skipped", "there are too few rows; nothing was solved")
 
     def __init__(self, label: str, sentence: str) -> None:
         self.label = label
@@ -46,8 +44,8 @@ class SolveStatus(Enum):
 
     @property
     def trusted(self) -> bool:
-        """The solve needs no attention: converged, or skipped by rule."""
-        return self in (SolveStatus.CONVERGED, SolveStatus.SKIPPED)
+        """The solve needs no attention."""
+        return self is SolveStatus.CONVERGED
 
 
 class ResultStatus(StrEnum):
@@ -80,7 +78,8 @@ class Estimate:
     ``value``, ``sigma``, ``fixed``, ``at_bound`` all have ``quantity.shape``, for a family with a leading axis over
     ``keys``. ``sigma`` is the standard deviation (SI); NaN where the data do not determine one, None if none was
     computed; ``reason`` then says why in words. ``fixed`` elements were not estimated. ``at_bound`` elements (None: no
-    element) are held at a hard bound, so that they have no standard deviation. Angles are wrapped to (-pi, pi].
+    element) are held at a hard bound. Outputs take sigmas from `elements.shown_sigma`: 0 where fixed, NaN at a bound,
+    whatever ``sigma`` holds there. Angles are wrapped to (-pi, pi].
     ``per`` is what the family ranges over (a table, or ``table.column``).
     """
 
@@ -108,7 +107,7 @@ class DerivedValue:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CovarianceMatrix:
-    """Covariance of named scalars in SI: ``matrix`` (n, n), NaN where undetermined.
+    """Covariance of named scalars in SI: ``matrix`` (n, n), NaN where undetermined and for scalars held at a bound.
 
     ``names`` as CONTRACT §2 writes them (``p[1]``, ``theta[2,1]``, ``q["waist"]``), fixed elements left out.
     ``factors`` has one factor per row, that of its quantity: documents hold ``matrix[i, j] / (factors[i] factors[j])``.
@@ -138,15 +137,13 @@ class FreeDirection:
 class Observability:
     """The rank decision. ``unused`` names unknowns (or members, ``cam["left"]``) that no equation mentions.
 
-    ``condition`` is that of the scaled Jacobian on its estimable part; ``gauge`` holds the free common motions that a
-    datum fixed (``:gauge free``).
+    ``condition`` is that of the scaled Jacobian on its estimable part.
     """
 
     rank: int
     dimension: int
     condition: float
     unobservable: tuple[FreeDirection, ...] = ()
-    gauge: tuple[FreeDirection, ...] = ()
     unused: tuple[str, ...] = ()
 
 
@@ -156,7 +153,8 @@ class ResidualRow:
 
     ``row`` is the 1-based row of the unfiltered table (None: the clause has no table), ``file_row`` the row as in the
     file (header = 1), ``component`` counts from 1 within the equation; ``value`` is MODEL − MEASURED in SI,
-    ``residual`` the same divided by its standard deviation; ``weight`` is 1 without a robust loss, 0 if not ``used``.
+    ``residual`` the whitened one: the same divided by its standard deviation, or a row of L⁻¹ times all components of
+    the equation where its noise is a covariance L Lᵀ; ``weight`` is 1 without a robust loss, 0 if not ``used``.
     """
 
     clause: str
@@ -171,29 +169,15 @@ class ResidualRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualSummary:
-    """Residuals of one clause: rows there are, rows used, normalised root mean square, outliers.
+    """Residuals of one clause: rows there are, rows used, normalised root mean square (None without a used row).
 
-    ``rms`` is None without a used row. ``outliers`` are 1-based rows of the unfiltered table and ``outlier_file_rows``
-    the same rows as in the ``file`` (header = 1), if there is one.
+    ``file`` is where the rows were read, if they were.
     """
 
     rows: int
     used: int
     rms: float | None
-    outliers: tuple[int, ...] = ()
-    outlier_file_rows: tuple[int, ...] = ()
     file: str | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ConstraintReport:
-    """A constraint at the estimates: ``type`` is ``= < <= > >= uniform``; ``value`` is left minus right side, SI."""
-
-    name: str
-    type: str
-    value: float
-    violation: float
-    active: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -207,31 +191,12 @@ class PriorReport:
     residual: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Starts:
-    """Multi-start: how many starts were tried, how many converged, how many of those reached the best minimum."""
-
-    tried: int
-    converged: int
-    best_found: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Alternative:
-    """Another distinct minimum: its cost, how many starts led to it, and its estimates."""
-
-    cost: float
-    starts: int
-    estimates: tuple[Estimate, ...]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlotData:
     """Data against model for a picture: ``measured`` and ``model`` (n, c) over ``abscissa`` (n,), c = 1 or 2.
 
     Numbers are as they are to be shown; ``abscissa_label`` and ``labels`` (c of them) name the columns, with units if
-    they have any. ``curve`` is the model on a finer abscissa, shapes (k,) and (k, c), if it can be drawn between the
-    rows. With c = 2 and no abscissa the two columns are drawn against each other.
+    they have any. With c = 2 and no abscissa the two columns are drawn against each other.
     """
 
     clause: str
@@ -240,18 +205,16 @@ class PlotData:
     labels: tuple[str, ...]
     abscissa: Floats | None = None
     abscissa_label: str | None = None
-    curve: tuple[Floats, Floats] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SolveReport:
     """One solve.
 
-    ``key`` holds the key values of ``for-each`` or the end of a window, empty with one solve. ``cost``, ``dof``,
+    ``key`` holds the key values of ``for-each``, empty with one solve. ``cost``, ``dof``,
     ``sigma0``, ``chi2_p`` are as CONTRACT §2 defines them and None where there is no such number; ``reasons`` says why
     by the field's name. ``noise`` has one entry per observation clause: the estimated factor, None for stated noise.
     ``residual_rows`` and ``plot_data`` are values, or functions that make them when they are asked for.
-    A skipped solve has no estimates.
     """
 
     status: SolveStatus
@@ -265,7 +228,6 @@ class SolveReport:
     dof: int | None = None
     sigma0: float | None = None
     chi2_p: float | None = None
-    robust_cost: float | None = None
     reasons: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     estimates: tuple[Estimate, ...] = ()
     covariance: CovarianceMatrix | None = None
@@ -276,11 +238,8 @@ class SolveReport:
     residual_summaries: Mapping[str, ResidualSummary] = field(default_factory=lambda: MappingProxyType({}))
     residual_rows: tuple[ResidualRow, ...] | Callable[[], tuple[ResidualRow, ...]] = ()
     plot_data: tuple[PlotData, ...] | Callable[[], tuple[PlotData, ...]] = ()
-    constraints: tuple[ConstraintReport, ...] = ()
     priors: tuple[PriorReport, ...] = ()
     diagnostics: tuple[Diagnostic, ...] = ()
-    starts: Starts | None = None
-    alternatives: tuple[Alternative, ...] = ()
 
     def rows(self) -> tuple[ResidualRow, ...]:
         """The residuals, made now if they were left for later."""
@@ -315,7 +274,7 @@ class Result:
 
     @property
     def status(self) -> ResultStatus:
-        """``ok`` if there is a solve and every solve converged (or was skipped by rule), else ``attention``."""
+        """``ok`` if there is a solve and every solve can be trusted, else ``attention``."""
         if self.solves and all(solve.status.trusted for solve in self.solves):
             return ResultStatus.OK
         return ResultStatus.ATTENTION

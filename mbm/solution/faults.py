@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbm.problem.naming import key_text
 from mbm.text.types import Code, Diagnostic, Label, Place, Severity, Span
 
 NO_EQUATIONS = Code(
@@ -64,8 +65,7 @@ def too_many_unknowns(rows: int, unknowns: int, limit: int, place: Place | None 
 
 def option_not_finite(span: Span, name: str, key: str | float | None) -> Diagnostic:
     """A start or bound without a value."""
-    shown = f"`{key}`" if isinstance(key, str) else f"{key:g}" if key is not None else ""
-    member = f" for the member {shown}" if shown else ""
+    member = f" for the member {key_text(key)}" if key is not None else ""
     return Diagnostic(
         code=OPTION_NOT_FINITE,
         message=f"this option of `{name}` has no finite value{member}",

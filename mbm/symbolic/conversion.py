@@ -10,10 +10,12 @@ from fractions import Fraction
 
 import sympy
 from sympy.functions.elementary.piecewise import ExprCondPair
+from sympy.logic.boolalg import BooleanFunction
 
 from mbm.expression.nodes import (
     Apply,
     Column,
+    ColumnMember,
     Component,
     Constant,
     Expression,
@@ -22,12 +24,11 @@ from mbm.expression.nodes import (
     Operation,
     postorder,
 )
+from mbm.problem.naming import scalar_name
 
 
-class Finite(sympy.Function):  # type: ignore[misc]
+class Finite(BooleanFunction):  # type: ignore[misc]
     """Whether a number is neither missing nor infinite."""
-
-    is_Boolean = True  # noqa: N815 - the name that SymPy asks for
 
 
 def _wrap(a: sympy.Expr) -> sympy.Expr:
@@ -39,6 +40,17 @@ def _piecewise(condition: sympy.Basic, then: sympy.Expr, other: sympy.Expr) -> s
     """Made past SymPy's constructors: they fold and expand conditions that hold piecewise values themselves."""
     pairs = (sympy.Tuple.__new__(ExprCondPair, *pair) for pair in ((then, condition), (other, sympy.true)))
     return sympy.Basic.__new__(sympy.Piecewise, *pairs)
+
+
+def _as_written(operation: type[sympy.Basic]) -> Callable[..., sympy.Basic]:
+    """`Min`, `And` and the like, past their constructors, which sort and compare what they hold down to the leaves."""
+
+    def make(*arguments: sympy.Basic) -> sympy.Basic:
+        made = sympy.Basic.__new__(operation, *arguments)
+        made._argset = frozenset(arguments)
+        return made
+
+    return make
 
 
 _OPERATIONS: Mapping[Operation, Callable[..., sympy.Basic]] = {
@@ -54,8 +66,8 @@ _OPERATIONS: Mapping[Operation, Callable[..., sympy.Basic]] = {
     Operation.ABS: sympy.Abs,
     Operation.SIGN: sympy.sign,
     Operation.FLOOR: sympy.floor,
-    Operation.MINIMUM: sympy.Min,
-    Operation.MAXIMUM: sympy.Max,
+    Operation.MINIMUM: _as_written(sympy.Min),
+    Operation.MAXIMUM: _as_written(sympy.Max),
     Operation.HYPOT: lambda a, b: sympy.Pow(
         sympy.Add(sympy.Pow(a, sympy.Integer(2)), sympy.Pow(b, sympy.Integer(2))), sympy.Rational(1, 2)
     ),
@@ -79,8 +91,8 @@ _OPERATIONS: Mapping[Operation, Callable[..., sympy.Basic]] = {
     Operation.LESS_EQUAL: sympy.LessThan,
     Operation.EQUAL: sympy.Equality,
     Operation.NOT: sympy.Not,
-    Operation.AND: sympy.And,
-    Operation.OR: sympy.Or,
+    Operation.AND: _as_written(sympy.And),
+    Operation.OR: _as_written(sympy.Or),
     Operation.FINITE: Finite,
 }
 
@@ -146,16 +158,9 @@ class Converter:
 
 def component_name(node: Component) -> str:
     """How equations show one number of an unknown: ``p[1]``, ``q["waist"]``, ``cam[camera][2]``."""
-    name = node.unknown
-    if node.member is not None:
-        key = getattr(node.member, "key", None)
-        if key is None:
-            name += f"[{getattr(node.member, 'column', '')}]"
-        else:
-            name += f'["{key}"]' if isinstance(key, str) else f"[{key:g}]"
-    if node.index:
-        name += f"[{','.join(map(str, node.index))}]"
-    return name
+    if isinstance(node.member, ColumnMember):
+        return scalar_name(f"{node.unknown}[{node.member.column}]", None, node.index)
+    return scalar_name(node.unknown, None if node.member is None else node.member.key, node.index)
 
 
 def _number(value: int | Fraction | float) -> sympy.Expr:

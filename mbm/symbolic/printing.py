@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import sympy
+from sympy.functions.elementary.piecewise import ExprCondPair
 
 from mbm.symbolic.types import ResidualBlock
 
@@ -51,13 +52,22 @@ def named_subexpressions(
     replaced: dict[sympy.Basic, sympy.Basic] = {}
     with sympy.evaluate(False):
         for node in order:
-            made = node.func(*(replaced[a] for a in node.args)) if node.args else node
+            made = _rebuilt(node, [replaced[a] for a in node.args]) if node.args else node
             if node.args and uses[node] > 1 and sizes[node] >= LEAST_SIZE and isinstance(node, sympy.Expr):
                 symbol = _symbol(len(definitions) + 1, taken)
                 definitions.append((symbol, made))
                 made = symbol
             replaced[node] = made
     return definitions, [replaced[e] for e in expressions]
+
+
+def _rebuilt(node: sympy.Basic, arguments: list[sympy.Basic]) -> sympy.Basic:
+    """``node`` with other arguments; piecewise values past SymPy's constructors, as they were made."""
+    if isinstance(node, ExprCondPair):
+        return sympy.Tuple.__new__(ExprCondPair, *arguments)
+    if isinstance(node, sympy.Piecewise):
+        return sympy.Basic.__new__(sympy.Piecewise, *arguments)
+    return node.func(*arguments)
 
 
 def _symbol(number: int, taken: set[str]) -> sympy.Symbol:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
 
+from mbm.text.suggest import closest
 from mbm.text.types import Code, DataPlace, Diagnostic, Label, Place, Span
 
 UNCLOSED_BRACKET = Code(
@@ -81,7 +83,12 @@ MORE_FAULTS = Code(
     "The text has more faults than are worth printing; only the first are shown.",
     "Mend the ones shown first. If the file is no .mbm file, name the right one.",
 )
-FILE_NOT_FOUND = Code("file-not-found", "A file that is to be read does not exist.", "Check the path.")
+MISSING_FILE = Code(
+    "missing-file",
+    "A file that is to be read does not exist. Paths in a problem are relative to the problem file, paths on the "
+    "command line to the folder that the command runs in.",
+    "Correct the path; a table can also be given with `--data NAME=PATH`.",
+)
 NOT_A_FILE = Code("not-a-file", "A path that is to be read as a file is a directory.", "Name a file in it.")
 UNREADABLE_FILE = Code(
     "unreadable-file",
@@ -98,6 +105,12 @@ TEXT_TOO_LARGE = Code(
     "The text is larger than a problem file can reasonably be.",
     'Keep measurements in data files and name them: `(data ranges (csv "ranges.csv"))`.',
 )
+
+NEIGHBOURS_LOOKED_AT = 1000
+"""Files of a folder that a missing file's name is compared with."""
+
+LONGEST_PATH = 400
+"""Characters of a path that a message shows: a path cut short is of little use."""
 
 _PARTNER = {"(": ")", "[": "]"}
 
@@ -271,11 +284,17 @@ def more_faults(count: int, place: Place | None) -> Diagnostic:
     )
 
 
-def file_not_found(path: Path, place: Place) -> Diagnostic:
-    """``place`` is where the file was asked for."""
-    return Diagnostic(
-        code=FILE_NOT_FOUND, message=f"there is no file `{shown(path)}`", place=place, hint="check the path"
-    )
+def missing_file(path: Path, place: Place) -> Diagnostic:
+    """``place`` is where the file was asked for; the hint names a file of its folder that is spelt much the same."""
+    name = shown(path.as_posix(), LONGEST_PATH)
+    try:
+        neighbours = [entry.name for entry in islice(path.parent.iterdir(), NEIGHBOURS_LOOKED_AT)]
+    except (OSError, ValueError):  # the folder is missing too, or its name cannot be one
+        message, near = f"the file `{name}` does not exist, nor does its folder", None
+    else:
+        message, near = f"the file `{name}` does not exist", closest(path.name, neighbours)
+    hint = "check the path" if near is None else f"did you mean `{near}`?"
+    return Diagnostic(code=MISSING_FILE, message=message, place=place, hint=hint)
 
 
 def not_a_file(path: Path, place: Place) -> Diagnostic:

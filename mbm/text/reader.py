@@ -61,8 +61,8 @@ def read_file(path: Path, name: str, asked: Place | None = None) -> Source:
     try:
         with path.open("rb") as stream:
             data = stream.read(LARGEST_TEXT + 1)
-    except FileNotFoundError:
-        raise MbmError(faults.file_not_found(path, place)) from None
+    except (FileNotFoundError, NotADirectoryError):
+        raise MbmError(faults.missing_file(path, place)) from None
     except IsADirectoryError:
         raise MbmError(faults.not_a_file(path, place)) from None
     except OSError as error:

@@ -112,7 +112,7 @@ def test_fmt_reports_every_wrong_file_and_lays_out_the_others(mbm: Run, tmp_path
     outcome = mbm("fmt", bad, missing, good)
     assert outcome.status == 2
     assert "error[unclosed-bracket]" in outcome.err
-    assert "error[file-not-found]" in outcome.err
+    assert "error[missing-file]" in outcome.err
     assert good.read_text() != UGLY
     assert bad.read_text() == "(defun f (x)\n"
 

@@ -24,7 +24,7 @@ def test_prints_the_table_and_ends_with_0(mbm: Run, api: Any) -> None:
     assert outcome.err == ""
 
 
-@pytest.mark.parametrize("status", [SolveStatus.NOT_CONVERGED, SolveStatus.UNOBSERVABLE, SolveStatus.INFEASIBLE])
+@pytest.mark.parametrize("status", [SolveStatus.NOT_CONVERGED, SolveStatus.UNOBSERVABLE])
 def test_an_answer_that_needs_attention_ends_with_1_and_is_written(
     status: SolveStatus, mbm: Run, api: Any, result_of: Callable[..., Result], tmp_path: Path
 ) -> None:

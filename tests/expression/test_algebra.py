@@ -86,7 +86,9 @@ def test_zero_swallows(text):
     assert expression(text).value == 0
 
 
-@pytest.mark.parametrize("text", ["(* 1 x)", "(+ 0m x)", "(* x 1m)", "(+ 1m 1s)", "(min 1m 2kg)", "(* 2 3m)", "(sin 1m)"])
+@pytest.mark.parametrize(
+    "text", ["(* 1 x)", "(+ 0m x)", "(* x 1m)", "(+ 1m 1s)", "(min 1m 2kg)", "(* 2 3m)", "(sin 1m)"]
+)
 def test_what_says_something_about_units_is_kept(text):
     assert isinstance(expression(text), Apply)
 

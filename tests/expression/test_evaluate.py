@@ -113,7 +113,9 @@ def test_logic_is_three_valued(a, b):
 
 @pytest.mark.parametrize("operation", sorted(CONDITIONS - LOGIC - {Operation.FINITE}))
 def test_comparison_with_a_missing_number_is_undecided(operation):
-    found = values(Apply(operation, (X, Y)), x=np.array([math.nan, 1.0, math.nan]), y=np.array([1.0, math.nan, math.nan]))
+    found = values(
+        Apply(operation, (X, Y)), x=np.array([math.nan, 1.0, math.nan]), y=np.array([1.0, math.nan, math.nan])
+    )
     assert np.isnan(found).all()
 
 

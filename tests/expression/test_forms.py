@@ -56,7 +56,9 @@ def extended(inner):
     return unary | binary | st.builds(lambda t, a, b: applied(Operation.IF, t, a, b), tests, inner, inner)
 
 
-EXPRESSIONS = st.recursive(st.sampled_from(list(COLUMNS.values())) | st.builds(Number, NUMBERS), extended, max_leaves=12)
+EXPRESSIONS = st.recursive(
+    st.sampled_from(list(COLUMNS.values())) | st.builds(Number, NUMBERS), extended, max_leaves=12
+)
 
 
 @settings(max_examples=150, deadline=None)
@@ -70,7 +72,6 @@ def test_printed_expression_reads_back_to_the_same_numbers(node):
     # which a difference of nearly equal numbers or a floor may enlarge; the values themselves are printed in full.
     np.testing.assert_allclose(first, second, rtol=1e-9, atol=1e-9)
     assert again.angle == node.angle
-    assert printed(again) == text or isinstance(again, Number) or True in (isinstance(n, Number) for n in (again, node))
 
 
 @pytest.mark.parametrize("value", [0, -7, 10**30, Fraction(-3, 7), 0.1, 1e-300, 2.5e22, -math.pi, 5.0])

@@ -54,14 +54,18 @@ def test_units_of_our_own(registry):
      "W/m^2/K", "V/ohm*s", "arcsec/d", "%/K"],
 )  # fmt: skip
 def test_compound_is_the_one_of_pint(text, registry):
-    theirs = registry.Quantity(1.0, text.replace("%", "percent").replace("rev", "revolution").replace("^", "**")).to_base_units()
+    theirs = registry.Quantity(
+        1.0, text.replace("%", "percent").replace("rev", "revolution").replace("^", "**")
+    ).to_base_units()
     ours = parse_unit(text)
     # The factors of the parts, multiplied in another order.
     assert ours.factor == pytest.approx(theirs.magnitude, rel=2e-15)
     assert ours.dimension == dimension_of(theirs)
 
 
-@pytest.mark.parametrize("text", ["", "M", "meter", "m//s", "m/", "/s", "m s", "m^", "m^99", "2m", "m**2", "m^2.5", "m^0x"])
+@pytest.mark.parametrize(
+    "text", ["", "M", "meter", "m//s", "m/", "/s", "m s", "m^", "m^99", "2m", "m**2", "m^2.5", "m^0x"]
+)
 def test_what_is_no_unit(text):
     assert parse_unit(text) is None
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mbm.text.types import MbmError
+
 
 def test_a_function_is_called_although_a_variable_has_its_name(lisp):
     assert lisp("(sin sin)", sin=0.5) == np.sin(0.5)
@@ -41,11 +43,15 @@ def test_a_head_that_is_a_list_is_judged_by_its_value(lisp):
         ("(pi 1)", [np.pi, 1]),
         ("[x (+ x 1)]", [2, 3]),
         ("[[1 x] [h 4]]", [[1, 2], [7, 4]]),
-        ("((x 0) (0 h))", [[2, 0], [0, 7]]),
     ],
 )
 def test_anything_else_is_a_paren_vector(lisp, text, expected):
     np.testing.assert_array_equal(lisp(text, x=2.0, h=7.0), expected)
+
+
+def test_a_list_of_vectors_begins_with_an_index_so_brackets_make_matrices(lisp):
+    assert lisp.fault("((x 0) (0 h))", x=2.0, h=7.0) == ("wrong-kind", "(0 h)")
+    np.testing.assert_array_equal(lisp("[(x 0) (0 h)]", x=2.0, h=7.0), [[2, 0], [0, 7]])
 
 
 def test_the_names_of_the_classic_examples_are_ordinary(lisp):
@@ -107,16 +113,12 @@ def test_a_quotient_that_is_whole_may_index(lisp):
     ("name", "hint"), [("-x", "(- x)"), ("x/2", "(/ x 2)"), ("x*y", "(* x y)"), ("x-y", "(- x y)")]
 )
 def test_arithmetic_as_elsewhere_gets_its_lisp(lisp, name, hint):
-    from mbm.text.types import MbmError
-
     with pytest.raises(MbmError) as caught:
         lisp.value(name, numbers={"x": 1.0, "y": 2.0})
     assert caught.value.diagnostics[0].hint == f"write `{hint}`"
 
 
 def test_a_misspelt_name_with_a_hyphen_is_no_subtraction(lisp):
-    from mbm.text.types import MbmError
-
     with pytest.raises(MbmError) as caught:
         lisp.value("focal-lenght", numbers={"focal-length": 1.0})
     assert caught.value.diagnostics[0].hint == "did you mean `focal-length`?"

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from mbm.report.types import (
-    ConstraintReport,
     CovarianceMatrix,
     DerivedValue,
     Estimate,
@@ -108,15 +107,9 @@ def tag() -> SolveReport:
         observability=Observability(rank=4, dimension=5, condition=12.5, unused=('offset["right"]',)),
         noise={"ranges": None},
         residual_summaries={
-            "ranges": ResidualSummary(
-                rows=48, used=45, rms=0.98, outliers=(7, 12, 31), outlier_file_rows=(8, 13, 32), file="ranges.csv"
-            )
+            "ranges": ResidualSummary(rows=48, used=45, rms=0.98, file="ranges.csv"),
         },
         residual_rows=lambda: rows("ranges"),
-        constraints=(
-            ConstraintReport(name="above-floor", type=">=", value=0.74, violation=0.0, active=False),
-            ConstraintReport(name="below-lamp", type="<=", value=0.01, violation=0.01, active=True),
-        ),
         priors=(PriorReport(name="p[3]", value=0.74, mean=0.7, sigma=0.01, residual=4.0),),
         diagnostics=(Diagnostic(code=NEAR_BOUND, message="`p[3]` is near its upper bound", severity=Severity.WARNING),),
     )
@@ -136,14 +129,14 @@ def tag_result(tag: SolveReport) -> Result:
 
 
 def epoch(key: float, x: float, status: SolveStatus = SolveStatus.CONVERGED) -> SolveReport:
-    skipped = status is SolveStatus.SKIPPED
+    failed = status is SolveStatus.NOT_CONVERGED
     return SolveReport(
         status=status,
         message=status.sentence,
         key={"epoch": key},
-        cost=None if skipped else 3.5,
-        dof=None if skipped else 3,
-        estimates=() if skipped else (number("x", x, 0.0123, unit="m"),),
+        cost=None if failed else 3.5,
+        dof=None if failed else 3,
+        estimates=() if failed else (number("x", x, 0.0123, unit="m"),),
         observability=None
         if status is not SolveStatus.UNOBSERVABLE
         else Observability(
@@ -156,13 +149,13 @@ def epoch(key: float, x: float, status: SolveStatus = SolveStatus.CONVERGED) -> 
                 ),
             ),
         ),
-        residual_rows=() if skipped else rows("ranges"),
+        residual_rows=() if failed else rows("ranges"),
     )
 
 
 @pytest.fixture
 def epochs() -> Result:
-    """Three solves of a ``for-each``: one converged, one skipped, one unobservable."""
+    """Three solves of a ``for-each``: one converged, one that could not be set up, one unobservable."""
     return Result(
         version="0.1.0",
         file="tags.mbm",
@@ -170,7 +163,7 @@ def epochs() -> Result:
         seed=None,
         solves=(
             epoch(1.0, 1.25),
-            epoch(2.0, 0.0, SolveStatus.SKIPPED),
+            epoch(2.0, 0.0, SolveStatus.NOT_CONVERGED),
             epoch(3.0, -10.5, SolveStatus.UNOBSERVABLE),
         ),
     )

@@ -24,7 +24,7 @@ def test_one_row_per_solve(epochs: Result) -> None:
     rows = written(write_solves, epochs)
     assert list(rows[0]) == ["epoch", "status", "cost", "dof", "sigma0", "chi2_p", "x", "x.sigma"]
     assert [row["epoch"] for row in rows] == ["1", "2", "3"]
-    assert [row["status"] for row in rows] == ["converged", "skipped", "unobservable"]
+    assert [row["status"] for row in rows] == ["converged", "not-converged", "unobservable"]
     assert [row["x"] for row in rows] == ["1.25", "", "-10.5"]
     assert rows[0]["x.sigma"] == "0.0123"
 

@@ -47,7 +47,7 @@ def test_each_code_points_at_its_place_and_comes_alone(code):
 
 def test_every_code_of_the_stage_has_a_test():
     codes = {value.name for value in vars(faults).values() if isinstance(value, Code)}
-    elsewhere = {"file-not-found", "not-a-file", "unreadable-file", "text-too-large", "more-faults"}
+    elsewhere = {"missing-file", "not-a-file", "unreadable-file", "text-too-large", "more-faults"}
     assert codes == CASES.keys() | elsewhere
 
 
@@ -125,7 +125,7 @@ def file_diagnostic(path):
 
 def test_a_missing_file(tmp_path):
     diagnostic = file_diagnostic(tmp_path / "none.mbm")
-    assert diagnostic.code is faults.FILE_NOT_FOUND
+    assert diagnostic.code is faults.MISSING_FILE
     assert diagnostic.place == DataPlace(file="f.mbm")
 
 

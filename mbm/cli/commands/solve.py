@@ -100,7 +100,7 @@ def _write_outputs(result: Result, given: dict[str, Any]) -> None:
     from mbm.report.exports import write_residuals, write_solves
 
     if given["json_path"] is not None:
-        _write_document(result, given["json_path"], given["covariance"] == "full")
+        _write_document(result, given["json_path"])
     if given["csv_path"] is not None:
         _writing(given["csv_path"], lambda: _write_text(given["csv_path"], lambda out: write_solves(result, out)))
     if given["residuals_path"] is not None:
@@ -112,11 +112,11 @@ def _write_outputs(result: Result, given: dict[str, Any]) -> None:
         _writing(given["plot_path"], lambda: save(result, Path(given["plot_path"])))
 
 
-def _write_document(result: Result, path: str, covariance_full: bool) -> None:
+def _write_document(result: Result, path: str) -> None:
     from mbm.report.document import document
     from mbm.report.encode import encode, to_bytes
 
-    content = to_bytes(encode(document(result, covariance_full=covariance_full)))
+    content = to_bytes(encode(document(result)))
     if path == "-":
         write_bytes(content)
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -89,7 +90,7 @@ def _not(call: Call) -> Value:
 
 def _finite(call: Call) -> Value:
     node = scalar(call.arguments[0], call.span)
-    return True if isinstance(node, Number) else Apply(Operation.FINITE, (node,), span=call.span)
+    return math.isfinite(node.value) if isinstance(node, Number) else Apply(Operation.FINITE, (node,), span=call.span)
 
 
 FUNCTIONS: tuple[Builtin, ...] = (

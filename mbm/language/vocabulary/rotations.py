@@ -7,7 +7,7 @@ Convention: a rotation matrix R maps coordinates of the rotated frame to those o
 from __future__ import annotations
 
 from mbm.expression import algebra
-from mbm.expression.algebra import add, apply, divide, dot, multiply, negate, number, subtract
+from mbm.expression.algebra import add, apply, constant_value, divide, dot, multiply, negate, number, subtract
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
@@ -20,6 +20,9 @@ _ZERO = Number(0, NONE)
 _ONE = Number(1, NONE)
 _SMALL = Number(2.5e-3, NONE)
 """Squared angle below which sin x / x and (1 − cos x)/x² are taken from their series (remainder below 1e-16)."""
+
+ORTHONORMAL_TO = 1e-9
+"""How far products of the columns of a constant rotation matrix may be from 0 and 1: its numbers were typed in."""
 
 
 def euler(angles: tuple[Expression, ...], span: Span) -> RotationValue:
@@ -64,6 +67,8 @@ def as_rotation(value: Value, span: Span) -> RotationValue:
     if isinstance(value, PoseValue):
         raise MbmError(faults.wrong_kind(span, "a rotation", f"{value.kind}; write `(transform …)`"))
     if isinstance(value, Array) and value.shape in ((2, 2), (3, 3)):
+        if not _may_rotate(value):
+            raise MbmError(faults.no_rotation(span))
         return RotationValue(value)
     if isinstance(value, Array) and value.is_matrix:
         raise MbmError(faults.wrong_kind(span, "a rotation", describe(value)))
@@ -73,6 +78,18 @@ def as_rotation(value: Value, span: Span) -> RotationValue:
         except MbmError:
             pass
     return euler(vector(value, span, 3).elements, span)
+
+
+def _may_rotate(m: Array) -> bool:
+    """Whether the columns of a constant matrix are orthonormal; one that holds data or unknowns is taken at its word."""
+    known = [constant_value(e) for e in m.elements]
+    values = [float(v) for v in known if v is not None]
+    if len(values) < len(known):
+        return True
+    n = m.shape[0]
+    columns = [values[j::n] for j in range(n)]
+    products = [(i == j, sum(a * b for a, b in zip(columns[i], columns[j], strict=True))) for i in range(n) for j in range(n)]
+    return all(abs(found - same) <= ORTHONORMAL_TO for same, found in products)
 
 
 def _axis_rotation(axis: int, call: Call) -> Value:

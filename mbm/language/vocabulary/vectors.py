@@ -145,8 +145,8 @@ def _determinant(call: Call) -> Value:
     m = matrix(call.arguments[0], call.forms[0].span)
     if m.shape[0] != m.shape[1]:
         raise MbmError(faults.length_clash(call.span, describe(m), "the determinant (a square matrix)"))
-    if m.shape[0] > 6:
-        raise MbmError(faults.length_clash(call.span, describe(m), "the determinant (at most 6×6)"))
+    if not 1 <= m.shape[0] <= 6:
+        raise MbmError(faults.length_clash(call.span, describe(m), "the determinant (1×1 to 6×6)"))
     return _expand(m.rows(), call.span)
 
 

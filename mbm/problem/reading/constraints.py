@@ -34,10 +34,15 @@ class _Bound:
 def read_constraints(work: Workspace, clause: Sequence, taken: dict[str, Span]) -> list[Block]:
     """The blocks of a ``constraints`` clause."""
     found = []
+    refused: set[Span] = set()  # what a `for` repeats is wrong once, not thousands of times
     for item in clause.items[1:]:
         for each in _unrolled(work, item, ()):
+            if each.form.span in refused:
+                continue
+            refused.add(each.form.span)
             with work.collecting():
                 found.append(_normal(work, each, taken))
+                refused.remove(each.form.span)
     return found
 
 

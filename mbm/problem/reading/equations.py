@@ -25,7 +25,7 @@ from mbm.language.values import (
     describe,
 )
 from mbm.problem import faults
-from mbm.text.types import Bracket, Form, Keyword, MbmError, Sequence, Span
+from mbm.text.types import Form, Keyword, MbmError, Sequence, Span
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,8 +161,3 @@ def _elements(value: Value, span: Span) -> tuple[Expression, ...]:
 
 def _wrapped(node: Expression, span: Span) -> Expression:
     return wrap(node, span) if node.angle else node
-
-
-def is_equation_form(form: Form) -> bool:
-    """Whether a form is a list that reads as an equation."""
-    return isinstance(form, Sequence) and form.bracket is Bracket.ROUND

@@ -11,6 +11,7 @@ from mbm.problem import faults
 from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.options import Options, split_options
 from mbm.problem.reading.equations import Residual, residuals
+from mbm.problem.rows import decided
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKind
 from mbm.text.suggest import closest
@@ -41,12 +42,13 @@ def read_observation(work: Workspace, clause: Sequence, taken: dict[str, Span]) 
         found = [r for each in equations for r in residuals(work.evaluator, each, scope)]
         return tuple(_with_noise(work, r, kind, form, scope) for r in found)
 
+    when_form = options.get("when")
     try:
-        cases = work.cases(table, evaluate, clause.span)
+        when = None if when_form is None else work.conditions(when_form, table, 1, wanted="`:when`")
+        kept = decided(when, work.tables)[:, 0] if when is not None and table is not None else None
+        cases = work.cases(table, evaluate, clause.span, kept)
     except MbmError as error:
         raise _explain_missing_table(work, error, symbols, table) from None
-    when_form = options.get("when")
-    when = None if when_form is None else work.conditions(when_form, table, 1, wanted="`:when`")
     return Block(
         name=_free_name(name, table, taken, clause.items[0].span),
         role=BlockRole.OBSERVATION,

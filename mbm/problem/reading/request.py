@@ -31,11 +31,14 @@ MAXIMUM_ITERATIONS = 1_000_000
 LARGEST_SEED = 2**63 - 1
 
 
-def read_request(work: Workspace, solve: Sequence | None, for_each: list[Sequence]) -> Request:
-    """The request that both clauses make."""
-    columns = tuple(name for clause in for_each for name in _columns(work, clause))
-    if solve is None:
+def read_request(work: Workspace, solves: list[Sequence], for_each: list[Sequence]) -> Request:
+    """The request that the clauses make: at most one ``solve``, and the columns of all ``for-each``."""
+    columns = tuple(_columns(work, for_each))
+    if not solves:
         return Request(for_each=columns)
+    solve = solves[0]
+    for other in solves[1:]:
+        raise MbmError(language_faults.duplicate_definition(other.span, "solve", solve.span))
     options = split_options(
         solve.items[1:],
         solve.span,
@@ -58,9 +61,13 @@ def read_request(work: Workspace, solve: Sequence | None, for_each: list[Sequenc
     )
 
 
-def _columns(work: Workspace, clause: Sequence) -> list[str]:
-    found = []
-    for form in clause.items[1:]:
+def _columns(work: Workspace, clauses: list[Sequence]) -> dict[str, Span]:
+    """The names in all ``for-each``, each with its place."""
+    found: dict[str, Span] = {}
+    for clause in clauses:
+        if len(clause.items) == 1:
+            raise MbmError(language_faults.bad_form(clause.span, "`for-each` names no column", "(for-each column…)"))
+    for form in (form for clause in clauses for form in clause.items[1:]):
         if not isinstance(form, Symbol):
             raise MbmError(
                 language_faults.bad_form(form.span, "`for-each` takes names of columns", "(for-each column…)")
@@ -68,9 +75,9 @@ def _columns(work: Workspace, clause: Sequence) -> list[str]:
         if not any(form.name in table.columns for table in work.tables.values()):
             every = tuple(dict.fromkeys(c for table in work.tables.values() for c in table.columns))
             raise MbmError(faults.unknown_column(form.span, form.name, "any table", every))
-        found.append(form.name)
-    if not found:
-        raise MbmError(language_faults.bad_form(clause.span, "`for-each` names no column", "(for-each column…)"))
+        if form.name in found:
+            raise MbmError(language_faults.duplicate_definition(form.span, form.name, found[form.name]))
+        found[form.name] = form.span
     return found
 
 

@@ -14,7 +14,7 @@ from mbm.language.values import describe
 from mbm.problem import faults
 from mbm.problem.options import split_options
 from mbm.problem.reading.unknowns import stated_unit
-from mbm.problem.tables import ColumnDeclaration, InlineTable, TableDeclaration
+from mbm.problem.tables import ColumnDeclaration, InlineTable, Table, TableDeclaration
 from mbm.problem.types import Join
 from mbm.text.suggest import closest
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol, Text
@@ -68,6 +68,49 @@ def read_source(evaluator: Evaluator, scope: Scope, clause: Sequence) -> DataCla
     )
     joins = tuple(_join(form) for form in options.repeated.get("with", ()))
     return DataClause(declaration=declaration, joins=joins, where=options.get("where"))
+
+
+def in_join_order(clauses: Mapping[str, DataClause]) -> list[DataClause]:
+    """The clauses, each behind those whose tables it joins: the order in a file says nothing.
+
+    A table may join itself: it then sees its own rows as they were read.
+
+    Raises:
+        MbmError: tables that join one another in a circle.
+
+    """
+    found: list[DataClause] = []
+    done: set[str] = set()
+
+    def visit(name: str, chain: tuple[str, ...]) -> None:
+        for join in clauses[name].joins:
+            if join.table in chain:
+                raise MbmError(language_faults.circular_definition(join.span, join.table))
+            if join.table in clauses and join.table not in done and join.table != name:
+                visit(join.table, (*chain, name))
+        done.add(name)
+        found.append(clauses[name])
+
+    for name in clauses:
+        if name not in done:
+            visit(name, ())
+    return found
+
+
+def refuse_overwriting(table: Table, clause: DataClause, tables: Mapping[str, Table]) -> None:
+    """No joined column may take the name of a column that is there.
+
+    Raises:
+        MbmError: it does.
+
+    """
+    taken = dict.fromkeys(table.columns, clause.declaration.span)
+    for join in clause.joins:
+        names = tables[join.table].columns if join.table in tables else ()
+        for name in (f"{join.alias}.{column}" for column in names):
+            if name in taken:
+                raise MbmError(language_faults.duplicate_definition(join.span, name, taken[name]))
+            taken[name] = join.span
 
 
 def _source(evaluator: Evaluator, scope: Scope, form: Form) -> tuple[str, str | None, _Inline | None]:

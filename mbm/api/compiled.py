@@ -1,0 +1,226 @@
+"""A problem whose equations are derived and differentiated once, to be solved for many data sets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mbm import compiler
+from mbm.compiler import Inputs, SolveSettings
+from mbm.data.faults import MISSING_TABLE
+from mbm.language import faults as language_faults
+from mbm.language.program import Program
+from mbm.problem import faults
+from mbm.problem.builder import Elaborated
+from mbm.registry import Registry
+from mbm.report.answer import Solved
+from mbm.text.types import MbmError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from mbm.kernels.types import KernelSet
+    from mbm.report.types import Result
+    from mbm.solution.assembly import Assembled, EvaluationCache
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Origin:
+    """The problem of a program that is compiled: by name (None: the only one), with what results call its file."""
+
+    program: Program = field(repr=False)
+    registry: Registry = field(repr=False)
+    file: str | None
+    name: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Compilation:
+    """The equations for tables, and the kernels made ready for them."""
+
+    elaborated: Elaborated
+    kernels: KernelSet
+    cache: EvaluationCache
+
+
+class Kept:
+    """The compilation that later data sets start from: None until the tables are there that the equations need.
+
+    Local to one compiled problem in one thread.
+    """
+
+    def __init__(self, compilation: Compilation | None) -> None:
+        self.compilation = compilation
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CompiledProblem:
+    """A problem with differentiated equations. Not to be shared between threads: its buffers are used again.
+
+    Compiled without the tables that its `external` clauses leave to the caller, it derives the equations when the first
+    ``solve(data=…)`` brings them.
+    """
+
+    origin: Origin
+    inputs: Inputs = field(repr=False)
+    backend: str
+    complete: bool
+    kept: Kept = field(repr=False)
+
+    def solve(
+        self,
+        *,
+        data: Mapping[str, object] | None = None,
+        init: Mapping[str, object] | None = None,
+        starts: int | None = None,
+        seed: int | None = None,
+        method: str | None = None,
+        covariance_full: bool = False,
+    ) -> Solved:
+        """Solve for other data with the same columns; the equations are derived again only if they must change.
+
+        Args:
+            data: tables by name in place of those it was compiled with.
+            init: starts by name, in the unit that the unknown is reported in; or an earlier result document.
+            starts: how many random starts to try; not available yet.
+            seed: every random choice follows from it.
+            method: ``auto``, ``lm``, ``dogleg`` or ``gauss-newton``.
+            covariance_full: keep covariance matrices however large.
+
+        Raises:
+            MbmError: the data do not go with the problem.
+
+        """
+        if starts is not None:
+            raise MbmError(language_faults.not_available_yet(None, "`starts`", "multi-start"))
+        return Solved(
+            self.result(
+                SolveSettings(
+                    init=None if init is None else {name: _as_json(value) for name, value in init.items()},
+                    seed=seed,
+                    method=method,
+                    covariance_full=covariance_full,
+                ),
+                data,
+            )
+        )
+
+    def result(self, settings: SolveSettings, data: Mapping[str, object] | None = None) -> Result:
+        """The report of a solve, as the command line writes it."""
+        now = self._for(data)
+        return compiler.solved(now.elaborated, now.kernels, self.inputs, settings, now.cache, self.origin.file)
+
+    def residuals(self, x: ArrayLike, *, data: Mapping[str, object] | None = None) -> NDArray[np.float64]:
+        """Whitened residuals (m,) at tangent coordinates ``x`` (n,) about the start, in covariance order.
+
+        The tables are ``data``, or those it was compiled with; compiled without, those of the last solve.
+        """
+        equations, start = self._assembled(data)
+        return equations.residuals(start + np.asarray(x, dtype=np.float64))
+
+    def jacobian(self, x: ArrayLike, *, data: Mapping[str, object] | None = None) -> NDArray[np.float64]:
+        """D residuals / d x, shape (m, n); tables as for ``residuals``."""
+        equations, start = self._assembled(data)
+        return equations.jacobian(start + np.asarray(x, dtype=np.float64))
+
+    @property
+    def elaborated(self) -> Elaborated:
+        """The typed equations with their tables."""
+        return self._latest().elaborated
+
+    @property
+    def kernels(self) -> KernelSet:
+        """The differentiated equations."""
+        return self._latest().kernels
+
+    @property
+    def cache(self) -> EvaluationCache:
+        """The kernels that were made ready for a number of rows."""
+        return self._latest().cache
+
+    def casadi(self) -> Mapping[str, Any]:
+        """The CasADi function (inputs → values and Jacobian nonzeros) of each kernel, by name and case: ``ranges/1``.
+
+        A derived quantity that is called as an observation is ``derived NAME/1``.
+        """
+        found: dict[str, Any] = {}
+        for kernel in self._latest().kernels.kernels:
+            name = f"{kernel.name}/{kernel.case + 1}"
+            found[f"{kernel.purpose.value} {name}" if name in found else name] = kernel.jacobian_function
+        return found
+
+    def _latest(self) -> Compilation:
+        """What was compiled, or last compiled; compiled now if nothing was, which says what is missing."""
+        return self.kept.compilation or compilation_of(self.origin, self.inputs, self.backend)
+
+    def _for(self, data: Mapping[str, object] | None) -> Compilation:
+        """The same equations for other data; compiled again where the data may change the equations."""
+        if not data:
+            return self._latest() if self.complete else compilation_of(self.origin, self.inputs, self.backend)
+        inputs = replace(self.inputs, tables={**self.inputs.tables, **data})
+        before = self.kept.compilation
+        found = None
+        if before is not None:
+            elaborated = compiler.rebound(before.elaborated, self.origin.program, inputs, self.origin.registry)
+            found = replace(before, elaborated=elaborated) if elaborated is not None else None
+        if found is None:
+            found = compilation_of(self.origin, inputs, self.backend)
+        if not self.complete:
+            self.kept.compilation = found
+        return found
+
+    def _assembled(self, data: Mapping[str, object] | None = None) -> tuple[Assembled, NDArray[np.float64]]:
+        from mbm.solution.estimate import assemble
+
+        now = self._for(data) if data else self._latest()
+        found = now.elaborated
+        starts = {k: np.asarray(v, dtype=np.float64) for k, v in found.starts.items()}
+        equations, _ = assemble(found.problem, now.kernels, found.tables, starts, now.cache)
+        return equations, equations.numbers[equations.free]
+
+
+def compiled(origin: Origin, inputs: Inputs, backend: str) -> CompiledProblem:
+    """The problem compiled for ``inputs``; where only tables from outside are missing, without them.
+
+    Raises:
+        MbmError: anything else is wrong, or the backend is none.
+
+    """
+    made: Compilation | None = None
+    try:
+        made = compilation_of(origin, inputs, backend)
+    except MbmError as error:
+        others = [d for d in error.diagnostics if d.code is not MISSING_TABLE]
+        if others:
+            raise MbmError(*others) from None
+    return CompiledProblem(origin=origin, inputs=inputs, backend=backend, complete=made is not None, kept=Kept(made))
+
+
+def compilation_of(origin: Origin, inputs: Inputs, backend: str) -> Compilation:
+    """The compilation for ``inputs``.
+
+    Raises:
+        MbmError: the problem, its data or the name of the backend are wrong.
+
+    """
+    from mbm.solution.assembly import EvaluationCache
+
+    if backend == "native":
+        raise MbmError(language_faults.not_available_yet(None, "the native backend", "native speed"))
+    maker = origin.registry.backends.get(backend)
+    if maker is None:
+        raise MbmError(faults.unknown_backend(backend, tuple(origin.registry.backends)))
+    found = compiler.elaborated(origin.program, origin.name, inputs, origin.registry)
+    return Compilation(elaborated=found, kernels=compiler.derived(found), cache=EvaluationCache(maker()))
+
+
+def _as_json(value: object) -> object:
+    """Arrays as nested lists, as a JSON document has them."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {str(name): _as_json(entry) for name, entry in value.items()}
+    return [_as_json(entry) for entry in value] if isinstance(value, list | tuple) else value

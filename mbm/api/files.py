@@ -1,0 +1,109 @@
+"""What the command line does with a file: solve, check, explain, expand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mbm import compiler
+from mbm.api.problem import load
+from mbm.compiler import Inputs, SolveSettings
+from mbm.language import faults as language_faults
+from mbm.language.limits import recursion_room
+from mbm.language.quasiquote import value_form
+from mbm.language.session import open_session
+from mbm.problem.types import Override
+from mbm.report.options import SolveOptions
+from mbm.shapes.model import make_model
+from mbm.text.printer import print_form
+from mbm.text.reader import read, read_file
+from mbm.text.types import Diagnostic, MbmError, Source
+
+if TYPE_CHECKING:
+    from mbm.report.types import Result
+
+
+def solve_file(path: str | Path, options: SolveOptions) -> Result:
+    """What ``mbm solve`` does.
+
+    Raises:
+        MbmError: the problem, the data or the call is wrong.
+
+    """
+    problem = load(path, sandbox=options.sandbox)
+    if options.problem is not None:
+        problem = problem.named(options.problem)
+    if options.workers > 1:
+        raise MbmError(language_faults.not_available_yet(None, "more than one worker", "native speed"))
+    inputs = Inputs(
+        paths={name: str(given) for name, given in options.data.items()},
+        overrides={name: Override(name=name, text=text) for name, text in options.set},
+        sandbox=options.sandbox,
+    )
+    settings = SolveSettings(
+        init=options.init,
+        seed=options.seed,
+        method=options.method,
+        covariance_full=options.covariance_full,
+        progress=options.progress,
+    )
+    return problem.compiled(inputs, options.backend.value).result(settings)
+
+
+def check(
+    path: str | Path,
+    *,
+    problem: str | None = None,
+    strict_units: bool = False,
+    data: Mapping[str, Path] | None = None,
+    sandbox: Path | None = None,
+) -> tuple[Diagnostic, ...]:
+    """Diagnostics of one problem of a file, or of all of them."""
+    loaded = load(path, sandbox=sandbox)
+    inputs = Inputs(paths={k: str(v) for k, v in (data or {}).items()}, sandbox=sandbox)
+    found: list[Diagnostic] = []
+    for name in (problem,) if problem is not None else loaded.names or (None,):
+        chosen = loaded if name is None else loaded.named(name)
+        found.extend(d for d in chosen.diagnostics(inputs, strict_units=strict_units) if d not in found)
+    return tuple(found)
+
+
+def explain(
+    path: str | Path,
+    *,
+    problem: str | None = None,
+    latex: bool = False,
+    stage: str | None = None,
+    sandbox: Path | None = None,
+) -> str:
+    """The derived observation model as text, or what a stage made: ``forms problem symbolic kernels``."""
+    from mbm.report import explain as explaining
+    from mbm.solution.assembly import EvaluationCache
+
+    if stage == "forms":
+        return "\n".join(print_form(form) for form in read(read_file(Path(path), str(path)))) + "\n"
+    loaded = load(path, sandbox=sandbox)
+    found = compiler.elaborated(loaded.program, problem, Inputs(sandbox=sandbox), loaded.registry)
+    if stage == "problem":
+        return explaining.problem_stage(found.problem, found.tables)
+    if stage == "symbolic":
+        return explaining.symbolic_stage(compiler.symbolic(found), latex=latex)
+    kernels = compiler.derived(found)
+    if stage == "kernels":
+        return explaining.kernel_stage(kernels)
+    cache = EvaluationCache(loaded.registry.backends["auto"]())
+    return explaining.explanation(found, compiler.symbolic(found), kernels, cache, latex=latex)
+
+
+def expand(path: str | Path, form_text: str, *, sandbox: Path | None = None) -> str:
+    """The form that ``form_text`` expands to with the definitions of a file."""
+    loaded = load(path, sandbox=sandbox)
+    registry = loaded.registry
+    session = open_session(loaded.program, registry.vocabulary, make_model, registry.limits)
+    lines = []
+    with recursion_room(registry.limits):
+        for form in read(Source("<form>", form_text)):
+            value = session.evaluator.evaluate(form, session.scope)
+            lines.append(print_form(value_form(value, form.span)))
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,199 @@
+"""A problem as read from a text or made from values: to be compiled, solved, checked, or asked for its equations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbm import compiler
+from mbm.api.compiled import CompiledProblem, Origin, compiled
+from mbm.compiler import Inputs
+from mbm.language import faults as language_faults
+from mbm.language.program import Program
+from mbm.problem import faults
+from mbm.problem.dimensions import missing_units
+from mbm.problem.structure import structural_warnings
+from mbm.problem.types import Override
+from mbm.registry import Registry, standard_registry
+from mbm.report.answer import Solved
+from mbm.text.formatter import format_text
+from mbm.text.from_python import from_python, symbol
+from mbm.text.printer import print_form
+from mbm.text.reader import read_file
+from mbm.text.types import Diagnostic, MbmError, Source
+
+
+def load(path: str | Path, *, sandbox: str | Path | None = None) -> Problem:
+    """The problem in a file (the only one, or choose with ``.named``).
+
+    Args:
+        path: an ``.mbm`` file; tables and ``use`` are relative to its folder.
+        sandbox: a folder outside of which nothing is read.
+
+    Raises:
+        MbmError: the text is wrong; ``.diagnostics`` says where.
+
+    """
+    place = Path(path)
+    confined = Path(sandbox) if sandbox is not None else None
+    registry = standard_registry()
+    program = compiler.read(read_file(place, str(path)), place, registry, confined)
+    return Problem(program=program, registry=registry, file=str(path), sandbox=confined)
+
+
+def loads(text: str, *, base: str | Path = ".", sandbox: str | Path | None = None) -> Problem:
+    """The problem in a text; tables and ``use`` are relative to ``base``."""
+    registry = standard_registry()
+    confined = Path(sandbox) if sandbox is not None else None
+    program = compiler.read(Source("<text>", text), Path(base) / "<text>", registry, confined)
+    return Problem(program=program, registry=registry, file=None, sandbox=confined)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Problem:
+    """A problem as read: nothing is evaluated or loaded yet."""
+
+    program: Program = field(repr=False)
+    registry: Registry = field(repr=False)
+    file: str | None
+    sandbox: Path | None = None
+    name: str | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The problems of the file."""
+        return tuple(self.program.problems)
+
+    def named(self, name: str) -> Problem:
+        """The problem of this name in the same file."""
+        return replace(self, name=name)
+
+    def compile(
+        self,
+        *,
+        data: Mapping[str, object] | None = None,
+        constants: Mapping[str, object] | None = None,
+        backend: str = "auto",
+        allow_external: bool = False,
+    ) -> CompiledProblem:
+        """Derive and differentiate the equations once, to solve them for many data sets.
+
+        Args:
+            data: tables by name: a pandas or polars frame, a dict of arrays, a structured array, a list of dicts. What
+                is not given is read from the file that the problem names; tables that it calls ``external`` may be
+                left to ``CompiledProblem.solve``.
+            constants: values of constants by name: numbers in SI, or texts such as ``"70cm"``.
+            backend: ``auto``, ``casadi`` or ``numpy``.
+            allow_external: let the problem run Python functions; not available yet.
+
+        Raises:
+            MbmError: the problem or the data are wrong.
+
+        """
+        if allow_external:
+            raise MbmError(language_faults.not_available_yet(None, "`allow_external`", "external functions"))
+        inputs = Inputs(tables=dict(data or {}), overrides=_overrides(constants or {}), sandbox=self.sandbox)
+        return self.compiled(inputs, backend)
+
+    def compiled(self, inputs: Inputs, backend: str) -> CompiledProblem:
+        """As ``compile``, for everything that may come from outside."""
+        origin = Origin(program=self.program, registry=self.registry, file=self.file, name=self.name)
+        return compiled(origin, inputs, backend)
+
+    def solve(
+        self,
+        *,
+        data: Mapping[str, object] | None = None,
+        constants: Mapping[str, object] | None = None,
+        init: Mapping[str, object] | None = None,
+        starts: int | None = None,
+        seed: int | None = None,
+        method: str | None = None,
+        backend: str = "auto",
+        covariance_full: bool = False,
+        allow_external: bool = False,
+    ) -> Solved:
+        """Solve, as ``mbm solve`` does.
+
+        Args:
+            data: see ``compile``.
+            constants: see ``compile``.
+            init: starts by name, in the unit that the unknown is reported in; or an earlier result document.
+            starts: how many random starts to try; not available yet.
+            seed: every random choice follows from it.
+            method: ``auto``, ``lm``, ``dogleg`` or ``gauss-newton``.
+            backend: see ``compile``.
+            covariance_full: keep covariance matrices however large.
+            allow_external: see ``compile``.
+
+        Raises:
+            MbmError: the problem or the data are wrong. An answer that should not be trusted is not an error: see
+                ``status``.
+
+        """
+        if starts is not None:
+            raise MbmError(language_faults.not_available_yet(None, "`starts`", "multi-start"))
+        made = self.compile(data=data, constants=constants, backend=backend, allow_external=allow_external)
+        return made.solve(init=init, seed=seed, method=method, covariance_full=covariance_full)
+
+    def equations(self, *, data: Mapping[str, object] | None = None) -> Mapping[str, tuple[Any, ...]]:
+        """The residuals of each observation and prior in SymPy, by name; of several groups of rows, the first."""
+        inputs = Inputs(tables=dict(data or {}), sandbox=self.sandbox)
+        model = compiler.symbolic(compiler.elaborated(self.program, self.name, inputs, self.registry))
+        found: dict[str, tuple[Any, ...]] = {}
+        for block in model.blocks:
+            if block.purpose.value == "equation":
+                found.setdefault(block.name, block.expressions)
+        return found
+
+    def casadi(self, *, data: Mapping[str, object] | None = None) -> Mapping[str, Any]:
+        """The ``casadi.Function`` of each kernel by name and case: inputs of a row → values and Jacobian nonzeros."""
+        return self.compile(data=data).casadi()
+
+    def check(self, *, data: Mapping[str, object] | None = None) -> tuple[Diagnostic, ...]:
+        """What is wrong or doubtful, without solving."""
+        return self.diagnostics(Inputs(tables=dict(data or {}), sandbox=self.sandbox))
+
+    def diagnostics(self, inputs: Inputs, *, strict_units: bool = False) -> tuple[Diagnostic, ...]:
+        """As ``check``, for everything that may come from outside; ``strict_units`` names what has no unit, too."""
+        try:
+            found = compiler.elaborated(self.program, self.name, inputs, self.registry)
+        except MbmError as error:
+            return error.diagnostics
+        problem, tables = found.problem, found.tables
+        lacking = missing_units(problem.unknowns, problem.blocks, tables) if strict_units else ()
+        return (*problem.warnings, *structural_warnings(problem, tables), *lacking)
+
+
+def build(name: str, *clauses: object) -> Problem:
+    """A problem without text: the same forms that reading a file gives, made from Python values.
+
+    Tuples are lists of the language, lists are vectors, ``symbol`` and ``keyword`` are names, strings are texts:
+    ``build("fit", (symbol("unknowns"), (symbol("a"), keyword("init"), 1.0)), …)``.
+
+    Raises:
+        TypeError: a value that is no form.
+
+    """
+    form = from_python((symbol("problem"), symbol(name), *clauses))
+    return loads(format_text(Source("<python>", print_form(form))))
+
+
+def _overrides(values: Mapping[str, object]) -> dict[str, Override]:
+    found = {}
+    for name, value in values.items():
+        if isinstance(value, str):
+            found[name] = Override(name=name, text=value)
+            continue
+        try:
+            numbers = np.asarray(value, dtype=np.float64).reshape(-1)
+        except (TypeError, ValueError):
+            raise MbmError(faults.bad_override(name, "is no number")) from None
+        if not bool(np.isfinite(numbers).all()):
+            raise MbmError(faults.bad_override(name, "is not finite"))
+        found[name] = Override(name=name, values=tuple(numbers.tolist()))
+    return found

@@ -1,0 +1,34 @@
+"""What single numbers of unknowns and derived quantities are called: ``p[1]``, ``theta[2,1]``, ``cam["left"][3]``."""
+
+from __future__ import annotations
+
+import json
+
+from mbm.problem.tables import CellKey
+
+EXACT_INTEGERS = 2**53
+"""From here on a double no longer tells whole numbers apart."""
+
+
+def plain_number(value: float) -> int | float:
+    """``value`` as people write it: whole numbers without a point, as far as doubles hold them exactly."""
+    return int(value) if float(value).is_integer() and abs(value) < EXACT_INTEGERS else float(value)
+
+
+def key_text(key: CellKey) -> str:
+    r"""A key inside a name: texts in quotes with ``"`` and ``\\`` escaped, numbers with all their digits.
+
+    Two different keys never give the same text.
+    """
+    return json.dumps(key, ensure_ascii=False) if isinstance(key, str) else repr(plain_number(key))
+
+
+def member_name(name: str, key: CellKey | None) -> str:
+    """A quantity, or its member ``key`` where it has members: ``p``, ``cam["left"]``, ``x[1234567]``."""
+    return name if key is None else f"{name}[{key_text(key)}]"
+
+
+def scalar_name(name: str, key: CellKey | None, index: tuple[int, ...]) -> str:
+    """One number of a quantity, as CONTRACT §2 names rows of covariances; ``index`` counts from 1, () for a number."""
+    member = member_name(name, key)
+    return f"{member}[{','.join(map(str, index))}]" if index else member

@@ -1,0 +1,66 @@
+"""Covariances of a solution → matrices with names, as far as they are to be kept."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.problem.types import Problem
+from mbm.report.elements import element_names
+from mbm.report.quantities import derived_quantity, quantity_of
+from mbm.report.types import CovarianceMatrix, DerivedValue, Floats
+from mbm.solution.solution import Solution
+
+LARGEST_COVARIANCE = 200
+"""Rows of a covariance matrix that is kept without being asked for: 200 rows are about 1 MB of text."""
+
+_LEFT_OUT = "left out for its size; `--covariance full` keeps it"
+
+
+def estimates_covariance(
+    problem: Problem, solution: Solution, names: tuple[str, ...], unknown: str | None, *, full: bool
+) -> CovarianceMatrix:
+    """The covariance of the free scalars, of which ``names`` (N,) are those of all numbers.
+
+    Scalars held at a bound have NaN: their sigma is none, and 0 would say that they are certain. ``unknown`` says why
+    nothing of it is known, if nothing is; ``full`` keeps it however large it is.
+    """
+    factors = np.concatenate(
+        [np.full(e.count, quantity_of(problem, e.unknown).factor) for e in solution.layout.entries] or [np.empty(0)]
+    )[solution.free]
+    chosen = tuple(names[int(p)] for p in solution.free)
+    if len(chosen) > LARGEST_COVARIANCE and not full:
+        return _matrix(chosen, factors, None, _LEFT_OUT)
+    if unknown is not None:
+        return _matrix(chosen, factors, np.full((len(chosen),) * 2, np.nan), unknown)
+    held = solution.minimum.at_bound != 0
+    matrix = solution.covariance.matrix
+    if not bool(held.any()):
+        return _matrix(chosen, factors, matrix, None)
+    return _matrix(chosen, factors, np.where(np.logical_or.outer(held, held), np.nan, matrix), None)
+
+
+def derived_covariance(
+    problem: Problem, solution: Solution, values: tuple[DerivedValue, ...], unknown: str | None, *, full: bool
+) -> CovarianceMatrix | None:
+    """The common covariance of the derived quantities; None where there are none. Parameters as above."""
+    if not values:
+        return None
+    quantities = [derived_quantity(problem, problem.derived[found.owner]) for found in solution.derived]
+    names: list[str] = []
+    factors: list[float] = []
+    for quantity, value in zip(quantities, values, strict=True):
+        of_quantity = element_names(quantity, value.keys)
+        names.extend(of_quantity)
+        factors.extend([quantity.factor] * len(of_quantity))
+    chosen, by_row = tuple(names), np.array(factors)
+    if len(chosen) > LARGEST_COVARIANCE and not full:
+        return _matrix(chosen, by_row, None, _LEFT_OUT)
+    if unknown is not None:
+        return _matrix(chosen, by_row, np.full((len(chosen),) * 2, np.nan), unknown)
+    if solution.derived_covariance is None:
+        return _matrix(chosen, by_row, None, f"{len(chosen)} scalars are too many")
+    return _matrix(chosen, by_row, solution.derived_covariance, None)
+
+
+def _matrix(names: tuple[str, ...], factors: Floats, matrix: Floats | None, reason: str | None) -> CovarianceMatrix:
+    return CovarianceMatrix(names=names, factors=tuple(factors.tolist()), matrix=matrix, reason=reason)

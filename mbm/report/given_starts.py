@@ -1,0 +1,110 @@
+"""Initial values from outside → starts in SI, each at the member of its family that its key names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from mbm.expression.dimension import NONE
+from mbm.expression.units import parse_unit
+from mbm.problem.naming import key_text
+from mbm.problem.tables import CellKey, Table
+from mbm.problem.types import Problem, Unknown, UnknownKind
+from mbm.report import faults
+from mbm.report.initial import InitialValue, initial_values, is_document
+from mbm.report.quantities import quantity_of
+from mbm.report.types import Floats
+from mbm.text.suggest import closest
+from mbm.text.types import MbmError
+
+StartsFinder = Callable[[Mapping[str, CellKey]], Mapping[str, Floats]]
+"""The starts (SI, by name) for the solve with a key; NaN where none is given."""
+
+
+def given_starts(problem: Problem, tables: Mapping[str, Table], init: Mapping[str, object] | None) -> StartsFinder:
+    """Starts by name for the solve with a key, from values by name or a result document.
+
+    Plain numbers are in the unit that the unknown is reported in, entries with a ``unit`` in that. Values with ``keys``
+    go to the members so called, in an array over all members of the solve; of a result document, members that this
+    solve does not have are passed over.
+
+    Raises:
+        MbmError: a name that is no unknown, a key that is no member, a unit of another dimension, a wrong shape.
+
+    """
+    unknowns = {unknown.name: unknown for unknown in problem.unknowns}
+
+    def starts(key: Mapping[str, CellKey]) -> Mapping[str, Floats]:
+        if init is None:
+            return {}
+        found = {}
+        for name, given in initial_values(init, key).items():
+            unknown = unknowns.get(name)
+            if unknown is None:
+                raise MbmError(faults.bad_initial_value(name, "a value for a name that is no unknown"))
+            value = given.value * _factor(problem, unknown, given)
+            if given.keys is not None:
+                if not is_document(init):
+                    _check_keys(unknown, given.keys, tables)
+                value = _by_member(unknown, given.keys, value, members(unknown, tables, key))
+            if bool(np.isfinite(value).any()):
+                found[name] = value
+        return found
+
+    return starts
+
+
+def members(unknown: Unknown, tables: Mapping[str, Table], key: Mapping[str, CellKey]) -> tuple[CellKey, ...]:
+    """The keys of the members that a family has in the solve with a ``for-each`` key, in the order of their numbers."""
+    family = unknown.family
+    if family is None:
+        return ()
+    table = tables[family.table]
+    picked = np.ones(len(table), dtype=bool)
+    for column, wanted in key.items():
+        if column in table.columns:
+            picked &= np.array([cell == wanted for cell in table.keys(column)], dtype=bool)
+    kept = table.take(np.flatnonzero(picked))
+    return tuple(dict.fromkeys(kept.keys(family.column if family.column is not None else family.key)))
+
+
+def _check_keys(unknown: Unknown, keys: tuple[CellKey, ...], tables: Mapping[str, Table]) -> None:
+    """Every key is a member in some solve."""
+    known = members(unknown, tables, {})
+    strangers = [key for key in keys if key not in set(known)]
+    if unknown.family is not None and strangers:
+        near = closest(str(strangers[0]), [str(key) for key in known])
+        raise MbmError(faults.unknown_member(unknown.name, key_text(strangers[0]), near))
+
+
+def _by_member(unknown: Unknown, keys: tuple[CellKey, ...], value: Floats, wanted: tuple[CellKey, ...]) -> Floats:
+    """``value`` (given keys, …shape) as (members, …shape), NaN for members without one."""
+    if unknown.family is None:
+        raise MbmError(faults.bad_initial_value(unknown.name, "a family with `keys`, but it has no members"))
+    if value.shape[1:] != unknown.shape:
+        raise MbmError(faults.bad_initial_value(unknown.name, "a family whose values have another shape"))
+    place = {key: i for i, key in enumerate(keys)}
+    found = np.full((len(wanted), *unknown.shape), np.nan)
+    for i, key in enumerate(wanted):
+        if key in place:
+            found[i] = value[place[key]]
+    return found
+
+
+def _factor(problem: Problem, unknown: Unknown, given: InitialValue) -> float:
+    """SI value per value as given."""
+    quantity = quantity_of(problem, unknown)
+    if given.unit is None or given.unit == quantity.unit:
+        return quantity.factor
+    unit = parse_unit(given.unit)
+    if unit is None:
+        raise MbmError(faults.bad_initial_value(unknown.name, f"in `{given.unit}`, which is no unit"))
+    for component in range(unknown.size):
+        wanted = problem.dimensions.get((unknown.name, component))
+        if unknown.kind is UnknownKind.ANGLE:
+            wanted = NONE
+        if wanted is not None and wanted != unit.dimension:
+            what = f"in `{given.unit}`, {unit.dimension.describe()}; it is {wanted.describe()}"
+            raise MbmError(faults.bad_initial_value(unknown.name, what))
+    return unit.factor
