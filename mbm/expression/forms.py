@@ -32,7 +32,7 @@ def to_form(node: Expression, span: Span) -> Form:
 
 
 def number_form(node: Number, span: Span) -> Form:
-    """A number as a numeral with its SI unit; ``(* 1.5rad (^ 1m 1/2))`` where the unit has a power that is not whole."""
+    """A number as a numeral with its SI unit; ``(* 1.5rad (^ 1m 1/2))`` where a power of the unit is not whole."""
     if node.dimension is not None and any(e.denominator != 1 for e in node.dimension.exponents):
         return _fractional(node.value, node.dimension, span)
     unit = node.dimension.suffix() if node.dimension is not None else ""

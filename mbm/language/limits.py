@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 from mbm.language import faults
-from mbm.text.types import Form, MbmError
+from mbm.text.types import Form, MbmError, Place
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,10 +21,13 @@ class Limits:
 
     depth: int = 3000
     steps: int = 64_000
-    total_steps: int = 20 * steps
+    total_steps: int = 10 * steps
     list_length: int = 100_000
     files: int = 200
 
+
+STEPS_PER_EVALUATION = 16
+"""What it takes to evaluate a clause at all: to make its scope, its block of equations."""
 
 ELEMENTS_PER_STEP = 8
 """Elements of a list or vector that are looked at or copied in the time that one form takes."""
@@ -57,10 +60,17 @@ class Budget:
         self._allowed = limits.steps
         self._before = 0
 
-    def reset(self) -> None:
-        """A new evaluation begins: of another clause, or of the same for other rows."""
-        self._before += self._steps
+    def reset(self, place: Place) -> None:
+        """A new evaluation begins: of another clause, or of the same for other rows.
+
+        Raises:
+            MbmError: the evaluations so far took all steps that there are.
+
+        """
+        self._before += self._steps + STEPS_PER_EVALUATION
         self._allowed = min(self.limits.steps, self.limits.total_steps - self._before)
+        if self._allowed <= 0:
+            raise MbmError(faults.too_many_in_all(place, self.limits.total_steps))
         self._steps = 0
         self._depth = 0
 

@@ -241,7 +241,7 @@ def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: dict[str, Spa
         with work.collecting():
             blocks.append(read_observation(work, clause, taken))
     for clause in _all(clauses, "constraints"):
-        work.evaluator.budget.reset()
+        work.evaluator.budget.reset(clause.span)
         blocks.extend(read_constraints(work, clause, taken))
     return tuple(blocks)
 

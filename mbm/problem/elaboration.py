@@ -53,6 +53,8 @@ class Workspace:
             self.diagnostics.extend(d for d in found if (d.code, d.place, d.message) not in known)
             if isinstance(declares, Sequence) and declares.head is not None:
                 self.undeclared.add(declares.head)
+            if any(d.code == language_faults.TOO_MANY_STEPS for d in found):
+                raise MbmError(*self.diagnostics) from None  # what runs away once may do so in every clause
         except StaticColumnNeeded as need:
             self.diagnostics.append(language_faults.not_static(need.span, f"column `{need.column.name}`"))
 
@@ -81,7 +83,7 @@ class Workspace:
         ``kept`` is the mask of the rows that are used; the values of the others decide nothing.
         """
         if table is None:
-            self.evaluator.budget.reset()
+            self.evaluator.budget.reset(span)
             try:
                 return [((), evaluate(self.scope))]
             except StaticColumnNeeded as need:
@@ -91,7 +93,7 @@ class Workspace:
         found: list[tuple[Static, T]] = []
         while pending:
             static, rows = pending.pop()
-            self.evaluator.budget.reset()
+            self.evaluator.budget.reset(span)
             scope = RowScope(self.scope, table, dict(static))
             try:
                 found.append((static, evaluate(scope)))

@@ -1,4 +1,4 @@
-"""NumPy over the instruction stream gives what CasADi's virtual machine gives, at ties, kinks and missing numbers too."""
+"""NumPy over the instruction stream gives what CasADi gives, at ties, kinks and missing numbers too."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ def sigmas(result, *names):
 
 
 def check(result, fit, *names, scale=1.0, rtol=1e-10):
-    """Estimates, covariance (times scale²) and cost. Both sides solve the same well-conditioned equations in doubles."""
+    """Estimates, covariance (times scale²) and cost. Both solve the same well-conditioned equations in doubles."""
     np.testing.assert_allclose(values(result, *names), fit.x, rtol=rtol, atol=1e-12)
     np.testing.assert_allclose(sigmas(result, *names), scale * fit.sigma, rtol=rtol)
     np.testing.assert_allclose(result.covariance.matrix, scale**2 * fit.covariance, rtol=rtol, atol=1e-15)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
 
-from mbm.solution.minimise import minimise
 from mbm.problem.types import Method
+from mbm.solution.minimise import minimise
 from mbm.solution.settings import Settings
 from tests.solution.classics import CLASSICS, Functions
 

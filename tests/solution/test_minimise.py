@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mbm.problem.types import Method
 from mbm.solution import minimise as module
 from mbm.solution.minimise import minimise, solver_for
-from mbm.problem.types import Method
 from mbm.solution.settings import Settings
 from mbm.solution.solvers.linear import LINEAR
 from mbm.solution.types import Reason

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mbm.problem.types import Method
 from mbm.solution.covariance import covariance
 from mbm.solution.minimise import minimise
 from mbm.solution.observability import observability
-from mbm.problem.types import Method
 from mbm.solution.settings import Settings
 from mbm.solution.variance import common_factor
 from tests.solution.nist import Regression, digits, read_set, shared_folder

@@ -88,7 +88,9 @@ def _may_rotate(m: Array) -> bool:
         return True
     n = m.shape[0]
     columns = [values[j::n] for j in range(n)]
-    products = [(i == j, sum(a * b for a, b in zip(columns[i], columns[j], strict=True))) for i in range(n) for j in range(n)]
+    products = [
+        (i == j, sum(a * b for a, b in zip(columns[i], columns[j], strict=True))) for i in range(n) for j in range(n)
+    ]
     return all(abs(found - same) <= ORTHONORMAL_TO for same, found in products)
 
 

@@ -21,6 +21,9 @@ from mbm.solution.types import Equations, Floats, Mask
 StepRule: TypeAlias = Callable[[Scaled, float], Floats]
 """From the decomposition and the trust radius to a step in scaled coordinates."""
 
+ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
+"""Relative error of a bound minus a number plus that number."""
+
 KEEP = 0.1
 """A coordinate of type `positive` keeps at least this part of its value in one step (fraction to the boundary)."""
 
@@ -51,6 +54,19 @@ class Box:
         inside = np.clip(x, self.lower, self.upper)
         bad = self.positive & (inside <= 0.0)
         return np.where(bad, np.where(np.isfinite(self.upper), 0.5 * self.upper, 1.0), inside)
+
+    def landed(self, x: Floats, step: Step) -> Floats:
+        """Where a step led, inside the box; a coordinate that it put on a bound stands on it to the last bit.
+
+        ``x + (bound - x)`` may fall short of the bound by a rounding: it would count as free, and be given a sigma.
+        """
+        inside = self.project(x)
+        if step.stopped is None or not step.stopped.any():
+            return inside
+        bound = np.where(step.vector < 0.0, self.lower, self.upper)
+        there = np.abs(inside - bound) <= ROUNDING * (np.abs(bound) + np.abs(step.vector))
+        near = step.stopped & np.isfinite(bound) & there
+        return np.where(near, bound, inside)
 
     def free(self, x: Floats, gradient: Floats) -> Mask:
         """Coordinates that are not at a bound which the descent direction would leave, shape (n,)."""

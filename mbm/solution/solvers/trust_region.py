@@ -141,7 +141,7 @@ def _step_within(state: State, rule: StepRule, radius: float) -> Step:
 def _try(equations: Equations, state: State, step: Step) -> Trial:
     """Evaluate a step, and once more with the curvature answered where it brought too little."""
     here = state.place
-    point = state.box.project(equations.retract(here.point, step.vector))
+    point = state.box.landed(equations.retract(here.point, step.vector), step)
     residuals = equations.residuals(point)
     cost = float(residuals @ residuals)
     plain = Trial(step=step, point=point, residuals=residuals, cost=cost, evaluations=1)
