@@ -197,23 +197,37 @@ class Inference:
             )
 
     def _reduce(self, term: Term) -> Term:
-        pending = [v for v in term.unknown if v in self._solved]
-        if not pending:
-            return term
+        """``term`` in open variables."""
+        solved = [v for v in term.unknown if v in self._solved]
+        for variable in solved:
+            self._shorten(variable)
+        return self._substituted(term, solved) if solved else term
+
+    def _shorten(self, variable: Variable) -> None:
+        """Let a solved variable stand for open ones at once: what a long sum makes equal is a chain as long."""
+        stack = [variable]
+        while stack:
+            term = self._solved[stack[-1]]
+            solved = [v for v in term.unknown if v in self._solved]
+            long = [v for v in solved if any(other in self._solved for other in self._solved[v].unknown)]
+            if long:
+                stack.extend(long)
+            else:
+                top = stack.pop()
+                if solved:
+                    self._solved[top] = self._substituted(term, solved)
+
+    def _substituted(self, term: Term, variables: list[Variable]) -> Term:
+        """``term`` without ``variables``, which stand for open ones."""
         known, unknown = term.known, dict(term.unknown)
-        while pending:
-            variable = pending.pop()
-            exponent = unknown.pop(variable, 0)
-            if not exponent:
-                continue
+        for variable in variables:
+            exponent = unknown.pop(variable)
             solved = self._solved[variable]
             known = known * solved.known**exponent
             for each, power in solved.unknown.items():
                 value = whole(unknown.get(each, 0) + power * exponent)
                 if value:
                     unknown[each] = value
-                    if each in self._solved:
-                        pending.append(each)
                 else:
                     unknown.pop(each, None)
         return Term(known, unknown)

@@ -13,6 +13,9 @@ from mbm.symbolic.types import ResidualBlock
 LEAST_SIZE = 3
 """Operations that a repeated subexpression has before it gets a name of its own."""
 
+MOST_LEVELS = 40
+"""Levels of operations in one line."""
+
 
 @dataclass(frozen=True, slots=True)
 class PrintedEquations:
@@ -46,14 +49,22 @@ def _latex(node: sympy.Basic) -> str:
 def named_subexpressions(
     expressions: Sequence[sympy.Expr], taken: set[str]
 ) -> tuple[list[tuple[sympy.Symbol, sympy.Expr]], list[sympy.Expr]]:
-    """``expressions`` with each repeated subexpression of some size replaced by a symbol, and those symbols' values."""
+    """``expressions`` with symbols for subexpressions, and those symbols' values.
+
+    A subexpression gets a symbol if it is repeated and has some size, or stands on too many levels: nobody can read
+    those, and SymPy's printers call themselves for each.
+    """
     order, uses, sizes = _survey(expressions)
     definitions: list[tuple[sympy.Symbol, sympy.Expr]] = []
     replaced: dict[sympy.Basic, sympy.Basic] = {}
+    levels: dict[sympy.Basic, int] = {}
     with sympy.evaluate(False):
         for node in order:
             made = _rebuilt(node, [replaced[a] for a in node.args]) if node.args else node
-            if node.args and uses[node] > 1 and sizes[node] >= LEAST_SIZE and isinstance(node, sympy.Expr):
+            levels[node] = 1 + max((levels[a] for a in node.args), default=0)
+            repeated = uses[node] > 1 and sizes[node] >= LEAST_SIZE
+            if node.args and (repeated or levels[node] >= MOST_LEVELS) and isinstance(node, sympy.Expr):
+                levels[node] = 1
                 symbol = _symbol(len(definitions) + 1, taken)
                 definitions.append((symbol, made))
                 made = symbol

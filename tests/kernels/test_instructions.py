@@ -1,4 +1,4 @@
-"""Every instruction that is read from CasADi: run by NumPy with CasADi's result, met in kernels or known not to be."""
+"""Every instruction read from CasADi: run by NumPy with CasADi's result, and met in kernels or known not to be."""
 
 from __future__ import annotations
 

@@ -106,3 +106,12 @@ def test_fixed_by_a_form_for_each_member():
     np.testing.assert_allclose(result["m"].value, [0.25, *means], rtol=1e-12)
     np.testing.assert_allclose(result["m"].sigma, [0, 0.2 / np.sqrt(5), 0.2 / np.sqrt(4)], rtol=1e-12)
     assert result.covariance.names == ("m[1]", "m[2]")
+
+
+@pytest.mark.parametrize("start", [-4.6, -0.3, 0.1, 1e-9, 0.55, -1234.5])
+@pytest.mark.parametrize("bound", [0.8, 1 / 3, 0.1 + 0.6])
+def test_estimate_at_a_bound_is_the_bound_to_the_last_bit(start, bound):
+    """start + (bound − start) may fall short of the bound by a rounding, and would then count as free."""
+    result = solved(f"(problem p (unknowns (a :init {start!r} :in (-1e4 {bound!r}))) (observe (= 5 a) :sigma 1))")
+    assert float(result["a"].value) == bound
+    assert np.isnan(result["a"].sigma)

@@ -1,9 +1,9 @@
-"""Diagnostics of the problem stage: clauses, tables, units, and data that do not go with the equations."""
+"""Diagnostics of the clauses: what a problem may say wrongly before any data are looked at."""
 
 from __future__ import annotations
 
 from mbm.text.suggest import closest
-from mbm.text.types import Code, Diagnostic, Label, Place, Severity, Source, Span
+from mbm.text.types import Code, Diagnostic, Source, Span
 
 NO_PROBLEM = Code(
     "no-problem", "The file defines no problem, so there is nothing to solve.", "Add `(problem name clause…)`."
@@ -66,103 +66,9 @@ CONDITION_AS_EQUATION = Code(
     "A truth value stands where something that should be zero is wanted.",
     "Write `(= MEASURED MODEL)` at the top of `observe`; inequalities belong into `constraints`.",
 )
-UNIT_CLASH = Code(
-    "unit-clash",
-    "Two known dimensions that should be one are different: a length plus a time, a column used as both.",
-    "Correct a unit, or convert.",
-)
-MIXED_UNITS = Code(
-    "mixed-units",
-    "The cells of an inline table state different units for one column, or its unit is stated twice.",
-    "Give all cells of a column units of one dimension, or none and `:columns ((column :unit u))`.",
-)
-MISSING_UNIT = Code(
-    "missing-unit",
-    "With `--strict-units`, every column and every unknown states its unit; this one does not.",
-    "Add `:unit`.",
-)
-DANGLING_KEY = Code(
-    "dangling-key",
-    "A cell should be the key of a row of another table, or of a member of a family, but no such key exists.",
-    "Correct the cell, or add the row.",
-)
-NOT_FINITE_CELL = Code(
-    "not-finite-cell",
-    "A cell that an equation uses is empty, NaN or infinite.",
-    "Correct it; leave such rows out with `:when (finite column)` or `:missing skip`.",
-)
-NO_ROWS = Code(
-    "no-rows", "An observation has no rows to use, so it says nothing (a warning).", "Look at the data and at `:when`."
-)
-BAD_NOISE = Code(
-    "bad-noise",
-    "A standard deviation is not positive, or a covariance matrix is not symmetric and positive definite.",
-    "Correct the form or the cell.",
-)
-BAD_BOUNDS = Code("bad-bounds", "A lower bound is not below the upper bound.", "Exchange or widen them.")
-MISSING_START = Code(
-    "missing-start",
-    "An unknown enters the equations nonlinearly and has neither `:init` nor `:in`; this version finds starts "
-    "for unknowns that enter linearly only.",
-    "Give `:init`, or a range `:in (lo hi)`, whose middle is taken.",
-)
-UNMENTIONED = Code(
-    "unmentioned",
-    "No equation mentions an unknown, so nothing can be said about it (a warning).",
-    "Use it in an equation, give it a prior with `:sigma`, or remove it.",
-)
-TOO_FEW_EQUATIONS = Code(
-    "too-few-equations",
-    "The structure of the equations cannot determine all unknowns, whatever the numbers are (a warning).",
-    "Add observations or priors, or fix an unknown.",
-)
-TABLE_WITHOUT_KEY = Code(
-    "table-without-key",
-    "Rows of a table are to be found by their key (by `:with`, or as members of a family), but the table has none.",
-    "Add `:key column` to its data clause; a family may also range over a column: `:per table.column`.",
-)
-DERIVED_ELSEWHERE = Code(
-    "derived-elsewhere",
-    "A quantity that is derived for each row of a table is used where there is no row of that table.",
-    "Use it in quantities that are `:over` the same table.",
-)
 UNKNOWN_BACKEND = Code(
     "unknown-backend", "`--backend` names nothing that evaluates equations here.", "Use `auto`, `casadi` or `numpy`."
 )
-
-
-def unmentioned(span: Span, name: str) -> Diagnostic:
-    """An unknown without an equation."""
-    return Diagnostic(
-        code=UNMENTIONED, message=f"no equation mentions the unknown `{name}`", place=span, severity=Severity.WARNING,
-        hint="use it in an equation, give it a prior with `:sigma`, or remove it",
-    )  # fmt: skip
-
-
-def too_few_equations(span: Span, name: str, equations: int, unknowns: int) -> Diagnostic:
-    """An unknown that the structure leaves over."""
-    return Diagnostic(
-        code=TOO_FEW_EQUATIONS,
-        message=f"`{name}` has no equation of its own: {_counted(equations, 'scalar equation')}, "
-        f"{_counted(unknowns, 'scalar unknown')}",
-        place=span, severity=Severity.WARNING, hint="add observations or priors, or fix an unknown",
-    )  # fmt: skip
-
-
-def table_without_key(span: Span, table: str) -> Diagnostic:
-    """Rows that cannot be named."""
-    return Diagnostic(
-        code=TABLE_WITHOUT_KEY, message=f"the table `{table}` has no key to find its rows by", place=span,
-        hint=f"add `:key column` to `(data {table} …)`",
-    )  # fmt: skip
-
-
-def derived_elsewhere(span: Span, name: str, table: str) -> Diagnostic:
-    """A value per row where there is no row."""
-    return Diagnostic(
-        code=DERIVED_ELSEWHERE, message=f"`{name}` is derived for each row of `{table}`; there is no such row here",
-        place=span, hint=f"use it in quantities with `:over {table}`",
-    )  # fmt: skip
 
 
 def unknown_backend(name: str, known: tuple[str, ...]) -> Diagnostic:
@@ -318,109 +224,12 @@ def condition_as_equation(span: Span) -> Diagnostic:
     )  # fmt: skip
 
 
-def unit_clash(span: Span | None, left: str, right: str, labels: tuple[Label, ...]) -> Diagnostic:
-    """Two dimensions that should be one."""
-    return Diagnostic(
-        code=UNIT_CLASH, message=f"{left} does not go with {right}", place=span, labels=labels,
-        hint="correct a unit, or convert",
-    )  # fmt: skip
-
-
-def mixed_units(span: Span, column: str, other: Span) -> Diagnostic:
-    """A column with two units."""
-    return Diagnostic(
-        code=MIXED_UNITS, message=f"the unit of column `{column}` is stated twice, or differently", place=span,
-        labels=(Label(other, "stated here"),), hint="state it once",
-    )  # fmt: skip
-
-
-def impure(span: Span | None, what: str, labels: tuple[Label, ...]) -> Diagnostic:
-    """A dimension where a pure number is wanted: in a sine, as an exponent."""
-    return Diagnostic(
-        code=UNIT_CLASH, message=f"{what} stands where a pure number is wanted", place=span, labels=labels,
-        hint="divide by something of the same dimension",
-    )  # fmt: skip
-
-
-def missing_unit(span: Span | None, what: str) -> Diagnostic:
-    """A unit that strictness asks for."""
-    return Diagnostic(code=MISSING_UNIT, message=f"{what} states no unit", place=span, hint="add `:unit`")
-
-
-def dangling_key(place: Place, cell: str | float, where: str, near: str | None, used: Span | None) -> Diagnostic:
-    """A key without a row."""
-    shown = f"`{cell}`" if isinstance(cell, str) else f"{cell:g}"
-    return Diagnostic(
-        code=DANGLING_KEY, message=f"{shown} is no key of {where}", place=place,
-        hint=f"did you mean `{near}`?" if near else None,
-        labels=(Label(used, "used as a key here"),) if used is not None else (),
-    )  # fmt: skip
-
-
-def not_finite_cell(place: Place, column: str, value: float, used: Span | None) -> Diagnostic:
-    """A gap in what an equation uses."""
-    what = "empty or not a number" if value != value else "infinite"
-    return Diagnostic(
-        code=NOT_FINITE_CELL, message=f"a cell of `{column}` that is used is {what}", place=place,
-        hint=f"correct it, or leave such rows out with `:when (finite {column})` or `:missing skip`",
-        labels=(Label(used, "used here"),) if used is not None else (),
-    )  # fmt: skip
-
-
-def undecided(span: Span) -> Diagnostic:
-    """A condition that a missing number leaves open."""
-    return Diagnostic(
-        code=NOT_FINITE_CELL, message="this condition depends on a number that is missing", place=span,
-        hint="ask with `(finite column)` whether it is there",
-    )  # fmt: skip
-
-
 def two_tables(span: Span, model: str, tables: tuple[str, ...]) -> Diagnostic:
     """A model whose arguments come from rows of different tables."""
     return Diagnostic(
         code=UNEQUAL_BRANCHES, message=f"the arguments of `{model}` come from rows of {_listed(tables)}", place=span,
         hint="its constraints can hold for each row of one table only; write them into the problem's `constraints`",
     )  # fmt: skip
-
-
-def start_not_positive(span: Span, name: str) -> Diagnostic:
-    """A start that the type forbids."""
-    return Diagnostic(
-        code=BAD_BOUNDS, message=f"`{name}` is positive, but its start is not above zero", place=span,
-        hint="give a start above zero, or the type `real`",
-    )  # fmt: skip
-
-
-def no_rows(span: Span, name: str) -> Diagnostic:
-    """An observation of nothing."""
-    return Diagnostic(
-        code=NO_ROWS, message=f"the observation `{name}` has no rows to use", place=span, severity=Severity.WARNING,
-        hint="look at the data, and at `:when` and `:where`",
-    )  # fmt: skip
-
-
-def bad_noise(span: Span, what: str, place: Place | None) -> Diagnostic:
-    """A weight that is none."""
-    labels = (Label(place, "for this row"),) if place is not None else ()
-    hint = "a sigma is a number above zero; covariance and information are symmetric and positive definite"
-    return Diagnostic(code=BAD_NOISE, message=what, place=span, labels=labels, hint=hint)
-
-
-def bad_bounds(span: Span, name: str) -> Diagnostic:
-    """Bounds the wrong way round."""
-    return Diagnostic(code=BAD_BOUNDS, message=f"the lower bound of `{name}` is not below its upper bound", place=span)
-
-
-def missing_start(span: Span, name: str) -> Diagnostic:
-    """A start that this version cannot find."""
-    return Diagnostic(
-        code=MISSING_START, message=f"`{name}` has no start, and it enters the equations nonlinearly", place=span,
-        hint="give `:init`, or a range `:in (lo hi)`, whose middle is taken",
-    )  # fmt: skip
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def _listed(names: tuple[str, ...]) -> str:

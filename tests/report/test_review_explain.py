@@ -1,0 +1,36 @@
+"""`mbm explain` names the solver that `mbm solve` takes, and why."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import mbm
+from mbm.api import explain
+
+CASES = [
+    ("(unknowns (a) (b))", "", "linear", "one step of linear least squares: every equation is affine in the unknowns"),
+    ("(unknowns (a positive) (b))", "", "lm", "some must stay positive"),
+    ("(unknowns (a :in (0 9)) (b))", "", "lm", "some are bounded"),
+    ("(unknowns (a :in (0 9) :init 1 :fixed true) (b))", "", "linear", "one step of linear least squares"),
+    ("(unknowns (a :init 2 :fixed true) (b))", "(observe q (= 4 (* a b)) :sigma 1)", "linear", "one step"),
+    ("(unknowns (a :init 2) (b :init 1))", "(observe q (= 4 (* a b)) :sigma 1)", "lm", "not affine"),
+    ("(unknowns (a) (b))", "(solve :method dogleg)", "dogleg", "it is asked for"),
+]
+
+
+@pytest.mark.parametrize(("unknowns", "more", "solver", "reason"), CASES)
+def test_the_solver_and_its_reason(unknowns: str, more: str, solver: str, reason: str, tmp_path: Path) -> None:
+    text = f"(problem p {unknowns} (observe o (= 1 a) (= 2 (+ a b)) (= 3 b) :sigma 1) {more})"
+    assert mbm.loads(text).solve().first.method == solver
+    path = tmp_path / "p.mbm"
+    path.write_text(text)
+    said = explain(path).split("\nsolver\n")[1]
+    assert reason in said
+
+
+def test_what_cannot_be_solved_is_still_explained(tmp_path: Path) -> None:
+    path = tmp_path / "p.mbm"
+    path.write_text("(problem p (data t (table (y s) (1 -1))) (unknowns (a)) (observe t (= y a) :sigma s))")
+    assert "  none: " in explain(path)
