@@ -1,0 +1,31 @@
+"""Which unknowns are left without an equation of their own: against the rank of random matrices of the structure."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mbm.problem.structure import _unmatched
+
+
+def structural_rank(mentions, scalars, generator):
+    """The rank of a matrix with random entries where an equation mentions a number: the structural rank, almost surely."""
+    matrix = np.zeros((len(mentions), len(scalars)))
+    for row, each in enumerate(mentions):
+        for scalar in each:
+            matrix[row, scalars.index(scalar)] = generator.normal()
+    return int(np.linalg.matrix_rank(matrix))
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_as_many_are_left_as_the_structural_rank_lacks(seed):
+    generator = np.random.default_rng(seed)
+    count, equations = int(generator.integers(1, 12)), int(generator.integers(1, 14))
+    scalars = [("a", float(i), ()) for i in range(count)]
+    mentions = [
+        frozenset(scalars[i] for i in generator.integers(0, count, int(generator.integers(0, 4))))
+        for _ in range(equations)
+    ]
+    left = _unmatched(mentions, scalars)
+    assert len(left) == count - structural_rank(mentions, scalars, generator)
+    assert set(left) <= set(scalars)
