@@ -14,7 +14,7 @@ from mbm.expression.units import parse_unit, refused_unit
 from mbm.language import faults
 from mbm.language.coerce import assemble
 from mbm.language.indexing import element
-from mbm.language.limits import ELEMENTS_PER_STEP, Budget, Limits
+from mbm.language.limits import ITEMS_PER_STEP, Budget, Limits
 from mbm.language.scope import EmptyScope, Scope
 from mbm.language.values import (
     FORMS,
@@ -155,8 +155,8 @@ class Evaluator:
     def _list(self, form: Sequence, scope: Scope) -> Value:
         if not form.items:
             return ListValue(())
-        if len(form.items) >= ELEMENTS_PER_STEP:  # names and numbers take no steps of their own
-            self.budget.look(len(form.items), form)
+        if len(form.items) >= ITEMS_PER_STEP:  # names and numbers take no steps of their own
+            self.budget.spend(len(form.items) // ITEMS_PER_STEP, form)
         head = form.items[0]
         if isinstance(head, Symbol):
             special = self.vocabulary.special_forms.get(head.name)

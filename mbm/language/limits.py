@@ -29,6 +29,9 @@ class Limits:
 STEPS_PER_EVALUATION = 16
 """What it takes to evaluate a clause at all: to make its scope, its block of equations."""
 
+ITEMS_PER_STEP = 4
+"""Items that a form may have for its one step; longer forms take more."""
+
 ELEMENTS_PER_STEP = 8
 """Elements of a list or vector that are looked at or copied in the time that one form takes."""
 

@@ -11,6 +11,7 @@ from mbm.language import faults
 from mbm.language.coerce import condition, conditional, integer, vector
 from mbm.language.evaluator import Evaluator
 from mbm.language.functions import UserFunction
+from mbm.language.limits import ITEMS_PER_STEP
 from mbm.language.parameters import parse_parameters
 from mbm.language.quasiquote import fill
 from mbm.language.scope import LocalScope, Scope
@@ -104,7 +105,7 @@ def let_scope(evaluator: Evaluator, form: Sequence, scope: Scope) -> tuple[Local
     """The scope that ``let`` or ``let*`` opens, and its body."""
     if len(form.items) < 3 or not isinstance(form.items[1], Sequence):
         raise MbmError(faults.bad_form(form.span, f"`{form.head}` is not complete", LET_USAGE))
-    evaluator.budget.look(len(form.items[1].items), form)
+    evaluator.budget.spend(len(form.items[1].items) // ITEMS_PER_STEP, form)
     sequential = form.head == "let*"
     variables: dict[str, Value] = {}
     inner = LocalScope(variables, scope)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -53,8 +54,10 @@ def test_an_array_is_refused_by_the_number_of_its_elements():
 
 def test_all_groups_of_rows_share_one_budget():
     text = "(problem p (data t external) (unknowns (a (vector 3000))) (observe t (= y (sum (i 1 {}) (* (a j) i)))))"
-    data = {"t": {"j": list(range(1, 2001)), "y": [1.0] * 2000}}
-    found = diagnostics(text.format(10_000), data=data)
+    data = {"t": {"j": list(range(1, 51)), "y": [1.0] * 50}}
+    problem = mbm.loads(text.format(300))
+    few = replace(problem.registry, limits=Limits(steps=2000, total_steps=20_000))
+    found = replace(problem, registry=few).check(data=data)
     assert [d.code.name for d in found] == ["too-many-steps"]
     assert "together" in found[0].message
 

@@ -9,7 +9,7 @@ from mbm.problem.structure import _unmatched
 
 
 def structural_rank(mentions, scalars, generator):
-    """The rank of a matrix with random entries where an equation mentions a number: the structural rank, almost surely."""
+    """The rank of a matrix with random entries where an equation mentions a number: the structural rank."""
     matrix = np.zeros((len(mentions), len(scalars)))
     for row, each in enumerate(mentions):
         for scalar in each:
