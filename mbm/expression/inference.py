@@ -114,7 +114,7 @@ class Inference:
         elif isinstance(node, Column):
             place = (node.table, node.name)
             place = self._declared.same_column.get(place, place)
-            known = node.dimension or self._declared.columns.get(place)
+            known = self._declared.columns.get(place)
             if known is not None:
                 return Term(known)
             variable = ("column", *place)

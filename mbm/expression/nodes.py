@@ -111,7 +111,6 @@ class Column:
     table: str
     name: str
     row: RowChoice = RowChoice.EACH
-    dimension: Dimension | None = None
     span: Span | None = field(default=None, repr=False)
     angle: bool = False
 

@@ -103,7 +103,7 @@ def bind(
     scope: Scope,
 ) -> LocalScope:
     """The scope of a body: parameters bound to ``values`` over ``scope``; defaults see the parameters before them."""
-    positional, tagged = _split(parameters, values, name, span)
+    positional, tagged = _split(parameters, values, name)
     most = len(parameters.required) + len(parameters.optional)
     if not len(parameters.required) <= len(positional) <= most:
         raise MbmError(faults.wrong_arity(span, name, parameters.usage(name), len(positional)))
@@ -134,7 +134,7 @@ def _default(
 
 
 def _split(
-    parameters: Parameters, values: tuple[Value, ...], name: str, span: Span
+    parameters: Parameters, values: tuple[Value, ...], name: str
 ) -> tuple[list[Value], Mapping[str | None, Value]]:
     if not parameters.keys:
         return list(values), {}

@@ -180,7 +180,7 @@ class RowScope:
     def _row_number(self, span: Span) -> Value:
         if ROW in self._static:
             return Number(int(self._static[ROW]), None, span)
-        return Column(self.table.name, ROW, self._row, None, span)
+        return Column(self.table.name, ROW, self._row, span)
 
     def _reference(self, column: TableColumn, span: Span) -> Value:
         if column.name in self._static:
@@ -191,7 +191,7 @@ class RowScope:
             sample = column.texts[position] if column.texts is not None and position is not None else None
             place = self.table.place(position, column.name) if position is not None else None
             return TextColumn(self.table.name, column.name, self._row, sample, place)
-        return Column(self.table.name, column.name, self._row, None, span)
+        return Column(self.table.name, column.name, self._row, span)
 
 
 def _exact(value: CellKey) -> int | float:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mbm.problem import faults as problem_faults
+from mbm.problem.naming import scalar_name
 from mbm.problem.rows import decided, row_values
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem, RowValues, Unknown, UnknownKind
@@ -67,12 +68,8 @@ class Layout:
         """The name of a number as CONTRACT §2 writes it: ``p[1]``, ``theta[2,1]``, ``q["waist"]``."""
         entry = self.owner(position)
         member, component = divmod(position - entry.offset, entry.unknown.size)
-        name = entry.unknown.name
-        if entry.keys is not None:
-            key = entry.keys[member]
-            name += f'["{key}"]' if isinstance(key, str) else f"[{key:g}]"
-        index = entry.unknown.indices()[component]
-        return f"{name}[{','.join(map(str, index))}]" if index else name
+        key = None if entry.keys is None else entry.keys[member]
+        return scalar_name(entry.unknown.name, key, entry.unknown.indices()[component])
 
 
 def layout(problem: Problem, tables: Mapping[str, Table], starts: Mapping[str, Floats]) -> Layout:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbm.problem.naming import plain_number
 from mbm.text.types import Code, Diagnostic, Label, Place, Severity, Span
 
 UNIT_CLASH = Code(
@@ -131,7 +132,7 @@ def missing_unit(span: Span | None, what: str) -> Diagnostic:
 
 def dangling_key(place: Place, cell: str | float, where: str, near: str | None, used: Span | None) -> Diagnostic:
     """A key without a row."""
-    shown = f"`{cell}`" if isinstance(cell, str) else f"{cell:g}"
+    shown = f"`{cell}`" if isinstance(cell, str) else f"{plain_number(cell)}"
     return Diagnostic(
         code=DANGLING_KEY, message=f"{shown} is no key of {where}", place=place,
         hint=f"did you mean `{near}`?" if near else None,

@@ -36,7 +36,7 @@ def read_observation(work: Workspace, clause: Sequence, taken: dict[str, Span]) 
     name, table = _name_and_table(work, symbols)
     if not equations:
         raise MbmError(language_faults.bad_form(clause.span, "`observe` has no equation", USAGE))
-    kind, form, factor = _noise(work, options)
+    kind, form, factor = _noise(options)
 
     def evaluate(scope: Scope) -> tuple[Equation, ...]:
         found = [r for each in equations for r in residuals(work.evaluator, each, scope)]
@@ -117,7 +117,7 @@ def _free_name(name: Symbol | None, table: Table | None, taken: dict[str, Span],
     return candidate
 
 
-def _noise(work: Workspace, options: Options) -> tuple[NoiseKind, Form | None, bool]:
+def _noise(options: Options) -> tuple[NoiseKind, Form | None, bool]:
     """The kind of noise, its form (None: 1), and whether it holds up to an unknown factor."""
     given = [k for k in NOISE if options.get(k) is not None]
     if len(given) > 1:
