@@ -62,6 +62,9 @@ def check(
     """Diagnostics of one problem of a file, or of all of them."""
     loaded = load(path, sandbox=sandbox)
     inputs = Inputs(paths={k: str(v) for k, v in (data or {}).items()}, sandbox=sandbox)
+    program = loaded.program
+    if problem is None and not loaded.names and (program.models or program.functions or program.constants):
+        return ()  # a file of definitions, for others to use
     found: list[Diagnostic] = []
     for name in (problem,) if problem is not None else loaded.names or (None,):
         chosen = loaded if name is None else loaded.named(name)

@@ -20,6 +20,7 @@ from mbm.problem.structure import structural_warnings
 from mbm.problem.types import Override
 from mbm.registry import Registry, standard_registry
 from mbm.report.answer import Solved
+from mbm.solution.precheck import refusals
 from mbm.text.formatter import format_text
 from mbm.text.from_python import from_python, symbol
 from mbm.text.printer import print_form
@@ -166,7 +167,7 @@ class Problem:
             return error.diagnostics
         problem, tables = found.problem, found.tables
         lacking = missing_units(problem.unknowns, problem.blocks, tables) if strict_units else ()
-        return (*problem.warnings, *structural_warnings(problem, tables), *lacking)
+        return (*refusals(problem, tables), *problem.warnings, *structural_warnings(problem, tables), *lacking)
 
 
 def build(name: str, *clauses: object) -> Problem:

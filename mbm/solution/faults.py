@@ -36,6 +36,12 @@ NOISE_NOT_ESTIMATED = Code(
     "State `:sigma`, or add observations.",
 )
 
+TOO_MANY_SOLVES = Code(
+    "too-many-solves",
+    "The columns of `for-each` stand in different tables, and all combinations of their values are too many.",
+    "Put the columns into one table: then only the combinations that occur are solved.",
+)
+
 
 def no_equations(unknowns: int, place: Place | None = None) -> Diagnostic:
     """No residuals at all for ``unknowns`` scalar unknowns."""
@@ -94,4 +100,13 @@ def noise_not_estimated(span: Span, name: str, why: str) -> Diagnostic:
         place=span,
         hint=NOISE_NOT_ESTIMATED.mend,
         severity=Severity.WARNING,
+    )
+
+
+def too_many_solves(columns: tuple[str, ...], count: int, limit: int) -> Diagnostic:
+    """Keys of different tables that combine to more problems than can be meant."""
+    return Diagnostic(
+        code=TOO_MANY_SOLVES,
+        message=f"`for-each {' '.join(columns)}` combines to {count} problems; at most {limit} are tried",
+        hint=TOO_MANY_SOLVES.mend,
     )

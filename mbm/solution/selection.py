@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
@@ -11,6 +12,11 @@ import numpy as np
 from mbm.problem.joining import with_families
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
+from mbm.solution import faults
+from mbm.text.types import MbmError
+
+MAXIMUM_SOLVES = 1_000_000
+"""Combinations of keys from different tables that are tried; rows of one table that has all columns are not limited."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,6 +58,9 @@ def _combinations(columns: tuple[str, ...], tables: Mapping[str, Table]) -> list
                 if column in table.columns:
                     cells.update(dict.fromkeys(table.keys(column)))
             values.append(list(cells))
+        count = math.prod(map(len, values))
+        if count > MAXIMUM_SOLVES:
+            raise MbmError(faults.too_many_solves(columns, count, MAXIMUM_SOLVES))
         found.update(dict.fromkeys(product(*values)))
     return list(found)
 

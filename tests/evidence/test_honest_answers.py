@@ -161,3 +161,26 @@ def test_what_is_free_is_called_by_its_finite_motion() -> None:
         assert found["status"] == "unobservable"
         assert words in found["observability"]["unobservable"][0]["sentence"]
         assert np.isclose(found["cost"], 0.0, atol=1e-20)
+
+
+def test_keys_of_different_tables_that_combine_to_too_many_solves_are_refused() -> None:
+    text = """(problem p (data s external) (data t external) (unknowns (a :init 0))
+      (observe s (= y a) :sigma 1) (observe t (= y a) :sigma 1) (for-each i j))"""
+    numbers = np.arange(1001.0)
+    with pytest.raises(mbm.MbmError) as error:
+        mbm.loads(text).solve(data={"s": {"i": numbers, "y": numbers}, "t": {"j": numbers, "y": numbers}})
+    assert [d.code.name for d in error.value.diagnostics] == ["too-many-solves"]
+
+
+@pytest.mark.parametrize(
+    ("clauses", "code"),
+    [
+        ("(unknowns (a)) (observe t (= y a) :sigma -0.1)", "bad-noise"),
+        ("(unknowns (a)) (observe t (= [y y] [a a]) :covariance [[1 2] [2 1]])", "bad-noise"),
+        ("(unknowns (a :in (3 2))) (observe t (= y a) :sigma 1)", "bad-bounds"),
+        ("(unknowns (a positive :init -1)) (observe t (= y a) :sigma 1)", "bad-bounds"),
+    ],
+)
+def test_check_refuses_what_a_solve_would_refuse_before_its_first_step(clauses: str, code: str) -> None:
+    problem = mbm.loads(f"(problem p (data t (table (y) (1) (2))) {clauses})")
+    assert {d.code.name for d in problem.check()} == {code}

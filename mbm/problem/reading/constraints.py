@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from mbm.expression.algebra import number
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, RowChoice, leaves
 from mbm.language import faults as language_faults
-from mbm.language.coerce import difference, integer, scalar
+from mbm.language.coerce import difference, integer
 from mbm.language.scope import LocalScope, Scope
+from mbm.language.values import Array
 from mbm.problem import faults
-from mbm.problem.elaboration import Workspace
+from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.options import split_options
 from mbm.problem.reading.equations import data_only
 from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKind
@@ -108,14 +109,22 @@ def _normal(work: Workspace, bound: _Bound, taken: dict[str, Span]) -> Block:
 
 
 def normal_equation(work: Workspace, forms: tuple[Form, ...], scope: Scope, span: Span) -> Equation:
-    """``(normal FORM mean sigma)`` as a residual FORM − mean."""
+    """``(normal FORM mean sigma)`` as residuals FORM − mean; a scalar mean or sigma holds for all elements of FORM."""
     if len(forms) != 3:
         raise MbmError(language_faults.bad_form(span, "`normal` takes a form, a mean and a sigma", USAGE))
-    value, mean, sigma = (scalar(work.evaluator.wanted(f, scope), f.span) for f in forms)
-    work.refuse_unknowns((sigma,), forms[2].span, "the sigma of `normal`")
-    component = difference(value, mean, span)
+    value = work.evaluator.wanted(forms[0], scope)
+    shape = value.shape if isinstance(value, Array) else ()
+    elements, mean, sigma = (
+        shaped(given, shape, form.span)
+        for given, form in zip((value, *(work.evaluator.wanted(f, scope) for f in forms[1:])), forms, strict=True)
+    )
+    work.refuse_unknowns(sigma, forms[2].span, "the sigma of `normal`")
     return Equation(
-        components=(component,), noise_kind=NoiseKind.SIGMA, noise=(sigma,), measured=data_only((mean,)), span=span
+        components=tuple(difference(a, b, span) for a, b in zip(elements, mean, strict=True)),
+        noise_kind=NoiseKind.SIGMA,
+        noise=sigma,
+        measured=data_only(mean),
+        span=span,
     )
 
 

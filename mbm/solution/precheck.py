@@ -1,0 +1,42 @@
+"""What a solve would refuse before its first step, as far as no start has to be found: bounds, starts, weights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from mbm.problem.checks import used_rows
+from mbm.problem.rows import rows_of
+from mbm.problem.tables import Table
+from mbm.problem.types import Block, Problem
+from mbm.solution.layout import layout
+from mbm.solution.whitening import whitener
+from mbm.text.types import Diagnostic, MbmError
+
+
+def refusals(problem: Problem, tables: Mapping[str, Table]) -> list[Diagnostic]:
+    """Errors about bounds, starts, standard deviations and covariances, for the data as a whole."""
+    found: list[Diagnostic] = []
+    try:
+        layout(problem, tables, {})
+    except MbmError as error:
+        found.extend(error.diagnostics)
+    for block in problem.blocks:
+        try:
+            _weigh(block, tables)
+        except MbmError as error:
+            found.extend(error.diagnostics)
+    return found
+
+
+def _weigh(block: Block, tables: Mapping[str, Table]) -> None:
+    mask = used_rows(block, tables)
+    table = tables[block.table] if block.table is not None else None
+    for case in block.cases:
+        positions = None
+        if table is not None and mask is not None:
+            positions = rows_of(case.static, table)
+            positions = positions[mask[positions]]
+        first = 0
+        for equation in case.equations:
+            whitener(equation, first, table, positions, tables)
+            first += len(equation.components)
