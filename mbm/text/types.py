@@ -120,17 +120,12 @@ class MbmError(Exception):
         self.diagnostics: tuple[Diagnostic, ...] = diagnostics
 
 
-Expansion: TypeAlias = tuple[Span, ...]
-"""The calls, innermost first, through which a form came to be."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Symbol:
     """A name; case-sensitive."""
 
     name: str
     span: Span = field(compare=False)
-    expansion: Expansion = field(default=(), compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,7 +134,6 @@ class Keyword:
 
     name: str
     span: Span = field(compare=False)
-    expansion: Expansion = field(default=(), compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,7 +142,6 @@ class Text:
 
     value: str
     span: Span = field(compare=False)
-    expansion: Expansion = field(default=(), compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -158,7 +151,6 @@ class Numeral:
     value: int | Fraction | float
     unit: str | None
     span: Span = field(compare=False)
-    expansion: Expansion = field(default=(), compare=False, repr=False)
 
 
 class Bracket(StrEnum):
@@ -178,7 +170,6 @@ class Sequence:
     items: tuple[Form, ...]
     bracket: Bracket
     span: Span = field(compare=False)
-    expansion: Expansion = field(default=(), compare=False, repr=False)
 
     @property
     def head(self) -> str | None:
