@@ -33,8 +33,9 @@ from mbm.text.types import MbmError, Source
 if TYPE_CHECKING:
     from mbm.kernels.types import KernelSet
     from mbm.report.options import Progress
+    from mbm.report.simulated import Simulated
     from mbm.report.types import Result
-    from mbm.solution.assembly import EvaluationCache
+    from mbm.solution.binding import EvaluationCache
     from mbm.symbolic.types import SymbolicModel
 
 
@@ -57,6 +58,19 @@ class SolveSettings:
     method: str | None = None
     covariance_full: bool = False
     progress: Progress | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulationSettings:
+    """What a caller asks of a simulation: true values as ``SolveSettings.init``, noise factors and measured columns by
+    observation; the fraction of rows with gross errors, and their size in standard deviations.
+    """
+
+    at: Mapping[str, object] = field(default_factory=lambda: MappingProxyType({}))
+    seed: int = 1
+    noise: Mapping[str, object] = field(default_factory=lambda: MappingProxyType({}))
+    measured: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
+    outliers: tuple[float, float] | None = None
 
 
 def read(source: Source, path: Path, registry: Registry, sandbox: Path | None = None) -> Program:
@@ -148,3 +162,26 @@ def solved(
         covariance_full=settings.covariance_full,
         progress=settings.progress,
     )
+
+
+def simulated(
+    found: Elaborated,
+    program: Program,
+    inputs: Inputs,
+    registry: Registry,
+    settings: SimulationSettings,
+    file: str | None,
+) -> Simulated:
+    """Typed equations + true values → the measurements that the model predicts, with noise, as tables."""
+    from mbm.report.given_starts import given_starts
+    from mbm.report.simulated import noise_factors, simulated
+    from mbm.solution.simulation.simulate import simulate
+    from mbm.solution.simulation.types import Outliers, Simulating
+
+    problem = found.problem
+    gross = None if settings.outliers is None else Outliers(fraction=settings.outliers[0], size=settings.outliers[1])
+    asked = Simulating(seed=settings.seed, outliers=gross, measured=settings.measured)
+    values = given_starts(problem, found.tables, settings.at)
+    made = simulate(found, values, noise_factors(problem, settings.at, settings.noise), asked)
+    as_read = (replace(p.declaration, columns=(), key=None, skip_missing=False) for p in problem.plans)
+    return simulated(found, _loaded(as_read, program, inputs, registry), made, file=file, seed=settings.seed)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mbm.api.compiled import CompiledProblem
-from mbm.api.files import check, expand, explain, solve_file
+from mbm.api.files import check, expand, explain, simulate_file, solve_file
 from mbm.api.problem import Problem, build, load, loads
 from mbm.report.answer import Solved
 from mbm.text.from_python import keyword, symbol
@@ -21,6 +21,7 @@ __all__ = [
     "keyword",
     "load",
     "loads",
+    "simulate_file",
     "solve_file",
     "symbol",
 ]

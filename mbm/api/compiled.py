@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
     from mbm.kernels.types import KernelSet
     from mbm.report.types import Result
-    from mbm.solution.assembly import Assembled, EvaluationCache
+    from mbm.solution.assembly import Assembled
+    from mbm.solution.binding import EvaluationCache
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,7 +100,7 @@ class CompiledProblem:
         return Solved(
             self.result(
                 SolveSettings(
-                    init=None if init is None else {name: _as_json(value) for name, value in init.items()},
+                    init=None if init is None else {name: as_json(value) for name, value in init.items()},
                     seed=seed,
                     method=method,
                     covariance_full=covariance_full,
@@ -119,12 +120,13 @@ class CompiledProblem:
         The tables are ``data``, or those it was compiled with; compiled without, those of the last solve.
         """
         equations, start = self._assembled(data)
-        return equations.residuals(start + np.asarray(x, dtype=np.float64))
+        return equations.residuals(equations.retract(start, np.asarray(x, dtype=np.float64)))
 
     def jacobian(self, x: ArrayLike, *, data: Mapping[str, object] | None = None) -> NDArray[np.float64]:
         """D residuals / d x, shape (m, n); tables as for ``residuals``."""
         equations, start = self._assembled(data)
-        return equations.jacobian(start + np.asarray(x, dtype=np.float64))
+        step = np.asarray(x, dtype=np.float64)
+        return equations.jacobian(equations.retract(start, step)) @ equations.chart_slopes(start, step)
 
     @property
     def elaborated(self) -> Elaborated:
@@ -174,12 +176,14 @@ class CompiledProblem:
 
     def _assembled(self, data: Mapping[str, object] | None = None) -> tuple[Assembled, NDArray[np.float64]]:
         from mbm.solution.estimate import assemble
+        from mbm.solution.settings import settings_of
+        from mbm.solution.starting import beginnings
 
         now = self._for(data) if data else self._latest()
         found = now.elaborated
         starts = {k: np.asarray(v, dtype=np.float64) for k, v in found.starts.items()}
         equations, _ = assemble(found.problem, now.kernels, found.tables, starts, now.cache)
-        return equations, equations.numbers[equations.free]
+        return equations, beginnings(equations, settings_of(found.problem.request))[0].point
 
 
 def compiled(origin: Origin, inputs: Inputs, backend: str) -> CompiledProblem:
@@ -206,7 +210,7 @@ def compilation_of(origin: Origin, inputs: Inputs, backend: str) -> Compilation:
         MbmError: the problem, its data or the name of the backend are wrong.
 
     """
-    from mbm.solution.assembly import EvaluationCache
+    from mbm.solution.binding import EvaluationCache
 
     if backend == "native":
         raise MbmError(language_faults.not_available_yet(None, "the native backend", "native speed"))
@@ -217,10 +221,10 @@ def compilation_of(origin: Origin, inputs: Inputs, backend: str) -> Compilation:
     return Compilation(elaborated=found, kernels=compiler.derived(found), cache=EvaluationCache(maker()))
 
 
-def _as_json(value: object) -> object:
+def as_json(value: object) -> object:
     """Arrays as nested lists, as a JSON document has them."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, Mapping):
-        return {str(name): _as_json(entry) for name, entry in value.items()}
-    return [_as_json(entry) for entry in value] if isinstance(value, list | tuple) else value
+        return {str(name): as_json(entry) for name, entry in value.items()}
+    return [as_json(entry) for entry in value] if isinstance(value, list | tuple) else value

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from mbm import compiler
 from mbm.api.problem import load
-from mbm.compiler import Inputs, SolveSettings
+from mbm.compiler import Inputs, SimulationSettings, SolveSettings
 from mbm.language import faults as language_faults
 from mbm.language.limits import recursion_room
 from mbm.language.quasiquote import value_form
@@ -21,6 +21,8 @@ from mbm.text.reader import read, read_file
 from mbm.text.types import Diagnostic, MbmError, Source
 
 if TYPE_CHECKING:
+    from mbm.report.simulated import Simulated
+    from mbm.report.simulated_files import OutputFile
     from mbm.report.types import Result
 
 
@@ -36,11 +38,7 @@ def solve_file(path: str | Path, options: SolveOptions) -> Result:
         problem = problem.named(options.problem)
     if options.workers > 1:
         raise MbmError(language_faults.not_available_yet(None, "more than one worker", "native speed"))
-    inputs = Inputs(
-        paths={name: str(given) for name, given in options.data.items()},
-        overrides={name: Override(name=name, text=text) for name, text in options.set},
-        sandbox=options.sandbox,
-    )
+    inputs = _inputs(options)
     settings = SolveSettings(
         init=options.init,
         seed=options.seed,
@@ -49,6 +47,34 @@ def solve_file(path: str | Path, options: SolveOptions) -> Result:
         progress=options.progress,
     )
     return problem.compiled(inputs, options.backend.value).result(settings)
+
+
+def simulate_file(
+    path: str | Path, options: SolveOptions, settings: SimulationSettings
+) -> tuple[Simulated, tuple[OutputFile, ...]]:
+    """What ``mbm simulate`` does: the simulated tables, and the files of a folder that can be solved.
+
+    Raises:
+        MbmError: the problem, the data or the call is wrong.
+
+    """
+    from mbm.report.simulated_files import output_files
+
+    problem = load(path, sandbox=options.sandbox)
+    if options.problem is not None:
+        problem = problem.named(options.problem)
+    inputs = _inputs(options)
+    found = compiler.elaborated(problem.program, problem.name, inputs, problem.registry)
+    made = compiler.simulated(found, problem.program, inputs, problem.registry, settings, problem.file)
+    return made, output_files(problem.program, found.problem, problem.name, made)
+
+
+def _inputs(options: SolveOptions) -> Inputs:
+    return Inputs(
+        paths={name: str(given) for name, given in options.data.items()},
+        overrides={name: Override(name=name, text=text) for name, text in options.set},
+        sandbox=options.sandbox,
+    )
 
 
 def check(
@@ -82,7 +108,7 @@ def explain(
 ) -> str:
     """The derived observation model as text, or what a stage made: ``forms problem symbolic kernels``."""
     from mbm.report import explain as explaining
-    from mbm.solution.assembly import EvaluationCache
+    from mbm.solution.binding import EvaluationCache
 
     if stage == "forms":
         return "\n".join(print_form(form) for form in read(read_file(Path(path), str(path)))) + "\n"

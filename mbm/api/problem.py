@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mbm import compiler
-from mbm.api.compiled import CompiledProblem, Origin, compiled
-from mbm.compiler import Inputs
+from mbm.api.compiled import CompiledProblem, Origin, as_json, compiled
+from mbm.compiler import Inputs, SimulationSettings
 from mbm.language import faults as language_faults
 from mbm.language.program import Program
 from mbm.problem import faults
@@ -26,6 +26,9 @@ from mbm.text.from_python import from_python, symbol
 from mbm.text.printer import print_form
 from mbm.text.reader import read_file
 from mbm.text.types import Diagnostic, MbmError, Source
+
+if TYPE_CHECKING:
+    from mbm.report.simulated import Simulated
 
 
 def load(path: str | Path, *, sandbox: str | Path | None = None) -> Problem:
@@ -140,6 +143,45 @@ class Problem:
             raise MbmError(language_faults.not_available_yet(None, "`starts`", "multi-start"))
         made = self.compile(data=data, constants=constants, backend=backend, allow_external=allow_external)
         return made.solve(init=init, seed=seed, method=method, covariance_full=covariance_full)
+
+    def simulate(
+        self,
+        *,
+        at: Mapping[str, object] | None = None,
+        seed: int = 1,
+        data: Mapping[str, object] | None = None,
+        constants: Mapping[str, object] | None = None,
+        noise: Mapping[str, object] | None = None,
+        measured: Mapping[str, Sequence[str]] | None = None,
+        outliers: tuple[float, float] | None = None,
+    ) -> Simulated:
+        """The measurements that the model predicts at known values, with noise: tables for ``solve(data=…)``.
+
+        Args:
+            at: true values by name, in the unit that the unknown is reported in; or a result document. What is not
+                given is simulated at its start.
+            seed: the noise follows from it, the observation's name and the row's number.
+            data: see ``compile``; what is measured in them is replaced, the rest stays.
+            constants: see ``compile``.
+            noise: factors of observations with ``:sigma unknown``, in SI or as texts such as ``"3mm"``; else those of
+                the document, else 1.
+            measured: columns that an observation measures, where its equation does not say so.
+            outliers: the fraction of rows with a gross error, and its size in standard deviations.
+
+        Raises:
+            MbmError: the problem or the data are wrong, or an equation does not say what it measures.
+
+        """
+        inputs = Inputs(tables=dict(data or {}), overrides=_overrides(constants or {}), sandbox=self.sandbox)
+        asked = {name: tuple(columns) for name, columns in (measured or {}).items()}
+        values = {name: as_json(value) for name, value in (at or {}).items()}
+        settings = SimulationSettings(at=values, seed=seed, noise=dict(noise or {}), measured=asked, outliers=outliers)
+        return self.simulated(inputs, settings)
+
+    def simulated(self, inputs: Inputs, settings: SimulationSettings) -> Simulated:
+        """As ``simulate``, for everything that may come from outside."""
+        found = compiler.elaborated(self.program, self.name, inputs, self.registry)
+        return compiler.simulated(found, self.program, inputs, self.registry, settings, self.file)
 
     def equations(self, *, data: Mapping[str, object] | None = None) -> Mapping[str, tuple[Any, ...]]:
         """The residuals of each observation and prior in SymPy, by name; of several groups of rows, the first."""

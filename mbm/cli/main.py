@@ -15,6 +15,7 @@ from mbm.version import __version__
 
 COMMANDS = {
     "solve": "Solve a problem: estimates with their uncertainties.",
+    "simulate": "Make the measurements that the model predicts, with noise, as data files.",
     "check": "Find what is wrong with a problem without solving it.",
     "explain": "Show the derived observation model: equations, unknowns, structure.",
     "expand": "Show the form that a form expands to.",
@@ -23,7 +24,7 @@ COMMANDS = {
 }
 """The commands, each the module of its name in `mbm.cli.commands`."""
 
-LATER = ("simulate", "design", "compile", "view", "ui", "lsp")
+LATER = ("design", "compile", "view", "ui", "lsp")
 """Commands of CONTRACT §1 that this version answers with one line."""
 
 COMPLETION = "_MBM_COMPLETE"

@@ -1,8 +1,9 @@
-"""The bytes of a data file, and the text in them."""
+"""The bytes of a data file, unpacked where its name ends in .gz, .bz2 or .xz, and the text in them."""
 
 from __future__ import annotations
 
 from hashlib import sha256
+from io import BufferedIOBase, BytesIO
 from pathlib import Path
 from stat import S_ISREG
 
@@ -12,6 +13,9 @@ from mbm.text.types import DataPlace, MbmError, Place
 
 LARGEST_FILE = 2_000_000_000
 """The size in bytes from which on a file is refused: its table would not fit the memory of an ordinary machine."""
+
+COMPRESSED = (".gz", ".bz2", ".xz")
+"""Endings of compressed files; the ending before it tells the format."""
 
 
 def check_file(path: Path, place: Place, *, largest: int = LARGEST_FILE) -> None:
@@ -35,10 +39,10 @@ def check_file(path: Path, place: Place, *, largest: int = LARGEST_FILE) -> None
         raise MbmError(faults.file_too_large(place, shown, status.st_size, largest))
 
 
-def read_bytes(path: Path, *, largest: int = LARGEST_FILE) -> bytes:
-    """The bytes of a file, read once.
+def read_bytes(path: Path, *, largest: int = LARGEST_FILE) -> tuple[bytes, str]:
+    """The content of a file, read once and unpacked, and the SHA-256 digest of its bytes in hexadecimal.
 
-    Raises MbmError as ``check_file`` does, and empty-file.
+    Raises MbmError as ``check_file`` does, and empty-file, damaged-archive.
     """
     place = DataPlace(file=path.as_posix())
     check_file(path, place, largest=largest)
@@ -51,7 +55,39 @@ def read_bytes(path: Path, *, largest: int = LARGEST_FILE) -> bytes:
         raise MbmError(faults.file_too_large(place, place.file, len(content), largest))
     if not content:
         raise MbmError(faults.empty_file(place))
-    return content
+    digest = sha256(content).hexdigest()
+    if path.suffix.lower() in COMPRESSED:
+        content = _unpacked(content, path, largest)
+        if not content:
+            raise MbmError(faults.empty_file(place))
+    return content, digest
+
+
+def _unpacked(content: bytes, path: Path, largest: int) -> bytes:
+    """The content of a compressed file; never more than ``largest`` bytes are unpacked."""
+    import lzma
+    import zlib
+
+    place = DataPlace(file=path.as_posix())
+    try:
+        with _packed_stream(content, path.suffix.lower()) as stream:
+            unpacked = stream.read(largest + 1)
+    except (OSError, EOFError, ValueError, zlib.error, lzma.LZMAError) as error:
+        raise MbmError(faults.damaged_archive(place, str(error))) from None
+    if len(unpacked) > largest:
+        raise MbmError(faults.file_too_large(place, place.file, len(unpacked), largest))
+    return unpacked
+
+
+def _packed_stream(content: bytes, ending: str) -> BufferedIOBase:
+    """The stream that unpacks ``content``."""
+    import bz2
+    import gzip
+    import lzma
+
+    if ending == ".gz":
+        return gzip.GzipFile(fileobj=BytesIO(content))
+    return bz2.BZ2File(BytesIO(content)) if ending == ".bz2" else lzma.LZMAFile(BytesIO(content))
 
 
 def read_text(path: Path) -> tuple[str, str]:
@@ -59,7 +95,7 @@ def read_text(path: Path) -> tuple[str, str]:
 
     Raises MbmError as ``read_bytes`` does, and not-text; empty-file also for nothing but white space.
     """
-    content = read_bytes(path)
+    content, digest = read_bytes(path)
     shown = path.as_posix()
     nul = content.find(b"\0")
     if nul >= 0:
@@ -73,9 +109,4 @@ def read_text(path: Path) -> tuple[str, str]:
         raise MbmError(faults.not_text(DataPlace(file=shown, row=row), byte=offending)) from None
     if not text or text.isspace():
         raise MbmError(faults.empty_file(DataPlace(file=shown)))
-    return text, digest(content)
-
-
-def digest(content: bytes) -> str:
-    """The SHA-256 digest of bytes in hexadecimal."""
-    return sha256(content).hexdigest()
+    return text, digest

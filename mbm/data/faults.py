@@ -31,6 +31,11 @@ EMPTY_FILE = Code(
     "A data file holds nothing, not even the names of its columns.",
     "Look whether the program that wrote the file came to its end. A table without rows still has a header.",
 )
+DAMAGED_ARCHIVE = Code(
+    "damaged-archive",
+    "A file whose name ends in .gz, .bz2 or .xz cannot be unpacked: it is cut short, damaged, or not packed at all.",
+    "Fetch or pack it anew, or correct the ending of its name.",
+)
 NOT_TEXT = Code(
     "not-text",
     "A file of a text format is not UTF-8 text: it is a binary file, or a text in another encoding.",
@@ -167,6 +172,12 @@ def file_too_large(place: Place, path: str, size: int, largest: int) -> Diagnost
 def empty_file(place: DataPlace) -> Diagnostic:
     """Nothing in the file."""
     return Diagnostic(code=EMPTY_FILE, message=f"the file `{place.file}` is empty", place=place)
+
+
+def damaged_archive(place: DataPlace, reason: str) -> Diagnostic:
+    """A compressed file that does not unpack; ``reason`` is what the unpacker says."""
+    message = f"the compressed file `{place.file}` cannot be unpacked: {reason or 'it is damaged'}"
+    return Diagnostic(code=DAMAGED_ARCHIVE, message=message, place=place)
 
 
 def not_text(place: DataPlace, byte: int) -> Diagnostic:

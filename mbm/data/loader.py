@@ -9,17 +9,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeAlias
 
 from mbm.data import faults
-from mbm.data.content import check_file
+from mbm.data.content import COMPRESSED, check_file
 from mbm.data.given import table_from_given
 from mbm.data.inline import table_from_inline
 from mbm.data.shaping import shape
-from mbm.data.types import RawTable, Reader
+from mbm.data.types import ManyReader, RawTable, Reader, asked
 from mbm.problem.tables import Table, TableDeclaration
 from mbm.text.types import Diagnostic, Label, MbmError, Span
 
 EXTERNAL = "external"
+
+Parts: TypeAlias = "dict[tuple[str, Path], Mapping[str, RawTable | MbmError]]"
+"""Files of several tables that were read, by format and path."""
 
 
 def load_all(
@@ -29,7 +33,7 @@ def load_all(
     given: Mapping[str, object],
     paths: Mapping[str, str],
     sandbox: Path | None,
-    readers: Mapping[str, Reader],
+    readers: Mapping[str, Reader | ManyReader],
 ) -> dict[str, Table]:
     """The tables of all data clauses by name, in their order; parameters as of ``load``.
 
@@ -40,9 +44,12 @@ def load_all(
     strangers = [name for name in dict.fromkeys((*given, *paths)) if name not in declared]
     found: list[Diagnostic] = [faults.undeclared_table(name, declared) for name in strangers]
     tables: dict[str, Table] = {}
+    parts: Parts = {}
     for name, declaration in declared.items():
         try:
-            tables[name] = load(declaration, base=base, given=given, paths=paths, sandbox=sandbox, readers=readers)
+            tables[name] = load(
+                declaration, base=base, given=given, paths=paths, sandbox=sandbox, readers=readers, parts=parts
+            )
         except MbmError as error:
             found.extend(error.diagnostics)
     if found:
@@ -57,13 +64,15 @@ def load(
     given: Mapping[str, object],
     paths: Mapping[str, str],
     sandbox: Path | None,
-    readers: Mapping[str, Reader],
+    readers: Mapping[str, Reader | ManyReader],
+    parts: Parts | None = None,
 ) -> Table:
     """The table of one data clause, numbers in SI.
 
     ``base`` is the folder of the problem file as messages shall print it, ``given`` holds tables by name (they override
     files), ``paths`` files by name, relative to the working directory (they override the data clause), ``sandbox`` the
-    folder that all reads are confined to, ``readers`` the formats by name.
+    folder that all reads are confined to, ``readers`` the formats by name; ``parts`` holds the files of several tables
+    that were read before, and gains the one that is read now.
 
     ``:where`` and ``:with`` are left to the problem stage.
 
@@ -71,7 +80,8 @@ def load(
     ValueError if the data clause names a reader that ``readers`` does not have.
     """
     try:
-        return shape(_raw(declaration, base, given, paths, sandbox, readers), declaration)
+        known = {} if parts is None else parts
+        return shape(_raw(declaration, base, given, paths, sandbox, readers, known), declaration)
     except MbmError as error:
         raise MbmError(*(_with_clause(fault, declaration) for fault in error.diagnostics)) from None
 
@@ -91,7 +101,8 @@ def _raw(
     given: Mapping[str, object],
     paths: Mapping[str, str],
     sandbox: Path | None,
-    readers: Mapping[str, Reader],
+    readers: Mapping[str, Reader | ManyReader],
+    parts: Parts,
 ) -> RawTable:
     """The table as its origin has it."""
     name = declaration.name
@@ -99,7 +110,7 @@ def _raw(
         return table_from_given(name, given[name])
     if name in paths:
         path = Path(paths[name])
-        return _read(_reader_for(path, declaration, readers), path, declaration, sandbox)
+        return _read(_reader_for(path, declaration, readers), path, declaration, sandbox, parts)
     if declaration.inline is not None:
         return table_from_inline(declaration.inline, declaration.span)
     if declaration.source == EXTERNAL:
@@ -107,28 +118,43 @@ def _raw(
     reader = readers.get(declaration.source)
     if reader is None or declaration.path is None:
         raise ValueError(f"no reader `{declaration.source}` for the path {declaration.path!r}")
-    return _read(reader, base / declaration.path, declaration, sandbox)
+    return _read(reader, base / declaration.path, declaration, sandbox, parts)
 
 
-def _reader_for(path: Path, declaration: TableDeclaration, readers: Mapping[str, Reader]) -> Reader:
-    """The reader of a path that overrides the data clause: by the ending; the clause's own where that says nothing."""
+def _reader_for(
+    path: Path, declaration: TableDeclaration, readers: Mapping[str, Reader | ManyReader]
+) -> Reader | ManyReader:
+    """The reader of a path that overrides the data clause: by the ending; the clause's own where that says nothing.
+
+    A format of several tables is meant only by a clause that names one of them.
+    """
     declared = readers.get(declaration.source)
-    ending = path.suffix.lower()
-    claiming = [reader for reader in readers.values() if ending in reader.extensions]
-    if declared is not None and (declared in claiming or not claiming):
+    ending = (path.with_suffix("") if path.suffix.lower() in COMPRESSED else path).suffix.lower()
+    single = [reader for reader in readers.values() if isinstance(reader, Reader)]
+    claiming: list[Reader | ManyReader] = [reader for reader in single if ending in reader.extensions]
+    if declared is not None and (ending in declared.extensions or not claiming):
         return declared
     if not claiming:
-        endings = [extension for reader in readers.values() for extension in reader.extensions]
+        endings = [extension for reader in single for extension in reader.extensions]
         raise MbmError(faults.unknown_format(declaration.span, path.as_posix(), endings))
     return claiming[0]
 
 
-def _read(reader: Reader, path: Path, declaration: TableDeclaration, sandbox: Path | None) -> RawTable:
+def _read(
+    reader: Reader | ManyReader, path: Path, declaration: TableDeclaration, sandbox: Path | None, parts: Parts
+) -> RawTable:
     """Read a file that lies where it may; whether it is there is said of the place that names it."""
     if sandbox is not None:
         _check_confined(path, declaration, sandbox)
     check_file(path, declaration.span)
-    return reader.read(path)
+    if isinstance(reader, Reader):
+        return reader.read(path)
+    found = parts.get((reader.name, path))
+    if found is None:
+        found = parts[reader.name, path] = reader.read(path)
+    if declaration.part is None or declaration.part not in found:
+        raise ValueError(f"the reader `{reader.name}` has no part {declaration.part!r}")
+    return asked(found[declaration.part])
 
 
 def _check_confined(path: Path, declaration: TableDeclaration, sandbox: Path) -> None:

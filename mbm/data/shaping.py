@@ -23,6 +23,10 @@ def shape(raw: RawTable, declaration: TableDeclaration) -> Table:
     Raises MbmError: missing-column, duplicate-column, not-a-number, empty-column, missing-key, duplicate-key.
     """
     columns = _renamed(raw, declaration)
+    names = {declared.source: declared.name for declared in declaration.columns}
+    key = declaration.key
+    if key is None and raw.key is not None:
+        key = names.get(raw.key, raw.key)
     provenance = Provenance(
         path=raw.path,
         sha256=raw.sha256,
@@ -35,12 +39,13 @@ def shape(raw: RawTable, declaration: TableDeclaration) -> Table:
         columns=columns,
         rows=row_numbers(1, len(raw.file_rows)),
         provenance=provenance,
-        key=declaration.key,
+        key=key,
+        groups={name: group.renamed(names) for name, group in raw.groups.items()},
     )
     if declaration.skip_missing:
         table = _without_gaps(table)
-    if declaration.key is not None:
-        _check_key(table, declaration.key, declaration)
+    if key is not None:
+        _check_key(table, key, declaration)
     return table
 
 

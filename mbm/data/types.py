@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.problem.tables import Column
+from mbm.problem.tables import Column, ColumnGroup
+from mbm.text.types import MbmError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -18,13 +19,16 @@ class RawTable:
 
     ``path`` is what messages print, ``sha256`` the digest of the file's bytes in hexadecimal (None without a file).
     All columns have the length of ``file_rows``, which holds each row's number as in the origin (header = 1; formats
-    without a header count their records from 1).
+    without a header count their records from 1). ``key`` is the column that names the rows where the format says so,
+    ``groups`` the columns that make a matrix or vector together, by its name.
     """
 
     path: str
     sha256: str | None
     columns: tuple[Column, ...]
     file_rows: NDArray[np.int64] = field(repr=False)
+    key: str | None = None
+    groups: Mapping[str, ColumnGroup] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,3 +41,32 @@ class Reader:
     name: str
     extensions: tuple[str, ...]
     read: Callable[[Path], RawTable]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ManyReader:
+    """A format whose files hold several tables: ``(g2o "path" :edges)`` asks for the one called ``edges``.
+
+    ``read`` takes the path as messages shall print it, reads the file once, and gives all tables by the names
+    ``parts``; an MbmError in the place of a table is raised when it is asked for.
+    """
+
+    name: str
+    extensions: tuple[str, ...]
+    parts: tuple[str, ...]
+    read: Callable[[Path], Mapping[str, RawTable | MbmError]]
+
+    def part(self, name: str) -> Reader:
+        """The reader of one of the tables alone."""
+
+        def read(path: Path) -> RawTable:
+            return asked(self.read(path)[name])
+
+        return Reader(name=self.name, extensions=self.extensions, read=read)
+
+
+def asked(table: RawTable | MbmError) -> RawTable:
+    """The table; raises what is in its place."""
+    if isinstance(table, MbmError):
+        raise table
+    return table

@@ -7,8 +7,12 @@ from typing import Any
 import casadi
 import numpy as np
 
-from mbm.kernels.lowering import Lowered, lower
+from mbm.kernels.charts import tangent_map
+from mbm.kernels.corrections import corrections_of
+from mbm.kernels.differentiation import differentiated
+from mbm.kernels.lowering import lower
 from mbm.kernels.types import Kernel, KernelSet
+from mbm.problem.manifold import Piece
 from mbm.symbolic.types import ResidualBlock, SymbolicModel
 
 
@@ -23,22 +27,29 @@ def kernel_of(block: ResidualBlock) -> Kernel:
     inputs = casadi.SX.sym("z", count + len(block.parameters))
     scalars = casadi.vertsplit(inputs) if inputs.numel() else []
     symbols = dict(zip((*block.variable_symbols, *block.parameter_symbols), scalars, strict=True))
-    values, jacobian = _differentiated(lower(block.expressions, symbols), inputs[:count])
+    values, jacobian = differentiated(lower(block.expressions, symbols), inputs[:count])
+    if any(chart.piece is not Piece.NUMBER for chart in block.charts):
+        jacobian = casadi.sparsify(casadi.mtimes(jacobian, tangent_map(block, scalars)))
     rows, columns = jacobian.sparsity().get_triplet()
     scalars_of_jacobian: Any = jacobian.nonzeros()  # CasADi's stubs do not know their own type here
     nonzeros = casadi.vertcat(*scalars_of_jacobian) if rows else casadi.SX(0, 1)
     outputs = casadi.cse(casadi.vertcat(values, nonzeros))
-    dependence = np.zeros((len(rows), count), dtype=bool)
+    dependence = np.zeros((len(rows), len(block.tangents)), dtype=bool)
     if rows and count:
         pattern = casadi.jacobian_sparsity(nonzeros, inputs[:count])
-        found_rows, found_columns = pattern.get_triplet()
-        dependence[found_rows, found_columns] = True
+        found_rows, found_columns = (np.asarray(found, dtype=np.int64) for found in pattern.get_triplet())
+        for chart in block.charts:
+            varying = found_rows[np.isin(found_columns, chart.variables)]
+            for tangent in chart.tangents:
+                dependence[varying, tangent] = True
     return Kernel(
         name=block.name,
         purpose=block.purpose,
         owner=block.owner,
         case=block.case,
         variables=block.variables,
+        tangents=block.tangents,
+        charts=block.charts,
         parameters=block.parameters,
         outputs=len(block.expressions),
         jacobian_rows=np.asarray(rows, dtype=np.int64),
@@ -46,38 +57,6 @@ def kernel_of(block: ResidualBlock) -> Kernel:
         dependence=dependence,
         value_function=casadi.Function("values", [inputs], [casadi.cse(values)]),
         jacobian_function=casadi.Function("values_and_jacobian", [inputs], [outputs]),
+        corrections=corrections_of(block) if block.corrected else None,
         span=block.span,
     )
-
-
-def _differentiated(lowered: Lowered, variables: casadi.SX) -> tuple[casadi.SX, casadi.SX]:
-    """Values and Jacobian. Piecewise values are differentiated branch by branch and then chosen from.
-
-    Automatic differentiation of a choice multiplies the derivative of the branch not taken by zero, which makes NaN of
-    the infinite slope of ``sqrt`` at zero that the condition was there to avoid.
-    """
-    values = casadi.densify(casadi.vertcat(*lowered.expressions))
-    if not lowered.choices:
-        return values, casadi.jacobian(values, variables)
-    count = int(variables.numel())
-    slopes: dict[int, casadi.SX] = {}
-    known: list[casadi.SX] = []
-    chosen: list[casadi.SX] = []
-
-    def total(expression: casadi.SX) -> casadi.SX:
-        """The Jacobian with those of the choices that ``expression`` uses, by the chain rule."""
-        result = casadi.jacobian(expression, variables)
-        for symbol in casadi.symvar(expression):
-            slope = slopes.get(symbol.element_hash())
-            if slope is not None:
-                result = result + casadi.mtimes(casadi.jacobian(expression, symbol), slope)
-        return result
-
-    for choice in lowered.choices:
-        then, other = casadi.densify(total(choice.then)), casadi.densify(total(choice.other))
-        pairs = [casadi.if_else(choice.test, then[j], other[j]) for j in range(count)]
-        slopes[choice.symbol.element_hash()] = casadi.sparsify(casadi.horzcat(*pairs)) if pairs else casadi.SX(1, 0)
-        known.append(choice.symbol)
-        chosen.append(casadi.if_else(choice.test, choice.then, choice.other))
-    _, (values, jacobian) = casadi.substitute_inplace(known, chosen, [values, total(values)])
-    return values, jacobian

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.symbolic.types import Parameter, Purpose, Slot
+from mbm.symbolic.types import Chart, Parameter, Purpose, Slot
 from mbm.text.types import Span
 
 if TYPE_CHECKING:
@@ -23,9 +23,10 @@ class Kernel:
     """The equations of one group of rows, differentiated.
 
     Inputs of a row: the numbers of unknowns (``variables``), then data (``parameters``). Outputs: ``outputs`` values,
-    and the nonzeros of their Jacobian with respect to ``variables``: nonzero k stands in row ``jacobian_rows[k]`` and
-    column ``jacobian_columns[k]``. ``dependence[k, j]`` says whether nonzero k depends on variable j: the equations are
-    affine in a set of variables if no nonzero in its columns depends on any of them.
+    and the nonzeros of their Jacobian with respect to ``tangents``, coordinates of the tangent spaces (for plain
+    numbers the variables themselves): nonzero k stands in row ``jacobian_rows[k]`` and column ``jacobian_columns[k]``.
+    ``dependence[k, j]`` says whether nonzero k varies with tangent j: the equations are affine in a set of tangents if
+    no nonzero in its columns depends on any of them. ``corrections`` are the derivatives by uncertain data, if any.
     """
 
     name: str
@@ -33,6 +34,8 @@ class Kernel:
     owner: int
     case: int
     variables: tuple[Slot, ...]
+    tangents: tuple[Slot, ...]
+    charts: tuple[Chart, ...]
     parameters: tuple[Parameter, ...]
     outputs: int
     jacobian_rows: NDArray[np.int64] = field(repr=False)
@@ -40,12 +43,30 @@ class Kernel:
     dependence: NDArray[np.bool_] = field(repr=False)
     value_function: casadi.Function = field(repr=False)
     jacobian_function: casadi.Function = field(repr=False)
+    corrections: Corrections | None = None
     span: Span = field(repr=False)
 
-    def affine_in(self, variables: NDArray[np.bool_]) -> bool:
-        """Whether the outputs are affine in the variables that the mask picks, whatever the others are."""
-        columns = variables[self.jacobian_columns]
-        return not bool(self.dependence[np.ix_(columns, variables)].any())
+    def affine_in(self, tangents: NDArray[np.bool_]) -> bool:
+        """Whether the outputs are affine in the tangents that the mask picks, whatever the others are."""
+        columns = tangents[self.jacobian_columns]
+        return not bool(self.dependence[np.ix_(columns, tangents)].any())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Corrections:
+    """How the equations of a kernel vary with the parameters at the positions ``columns``, which are uncertain.
+
+    ``kernel`` has the inputs of the one that it belongs to, and behind them one multiplier λ for each output. Its
+    nonzeros are the slopes dh/dy, nonzero k of output ``slope_rows[k]`` and the column numbered ``slope_columns[k]``,
+    and behind them those of the curvature ∂²(λᵀh)/∂y², at ``curvature_rows`` and ``curvature_columns``.
+    """
+
+    columns: tuple[int, ...]
+    kernel: Kernel
+    slope_rows: NDArray[np.int64] = field(repr=False)
+    slope_columns: NDArray[np.int64] = field(repr=False)
+    curvature_rows: NDArray[np.int64] = field(repr=False)
+    curvature_columns: NDArray[np.int64] = field(repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,6 +82,8 @@ class KernelSet:
         for kernel in self.kernels:
             digest.update(repr((kernel.name, kernel.variables, kernel.parameters)).encode())
             digest.update(kernel.jacobian_function.serialize().encode())
+            if kernel.corrections is not None:
+                digest.update(kernel.corrections.kernel.jacobian_function.serialize().encode())
         return digest.hexdigest()
 
 

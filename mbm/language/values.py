@@ -51,9 +51,15 @@ class ListValue:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RotationValue:
-    """A rotation of the plane (2×2) or of space (3×3) as its matrix; columns are the images of the axes."""
+    """A rotation of the plane (2×2) or of space (3×3) as its matrix; columns are the images of the axes.
+
+    ``quaternion`` (w, x, y, z) of length 1 (space) or ``angle`` (plane) hold the same where they are known: differences
+    of rotations are short in them.
+    """
 
     matrix: Array
+    quaternion: tuple[Expression, ...] | None = None
+    angle: Expression | None = None
 
     @property
     def dimension(self) -> int:

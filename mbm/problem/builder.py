@@ -18,20 +18,24 @@ from mbm.problem.clauses import effective_clauses
 from mbm.problem.dimensions import infer
 from mbm.problem.elaboration import Workspace
 from mbm.problem.joining import filtered, joined
+from mbm.problem.pairing import paired
 from mbm.problem.reading.cameras import read_camera
 from mbm.problem.reading.constants import constant_values, read_constants
 from mbm.problem.reading.constraints import model_constraints, read_constraints
 from mbm.problem.reading.derived import read_derived
+from mbm.problem.reading.errors import with_shared_errors
 from mbm.problem.reading.observations import read_observation
+from mbm.problem.reading.pairs import read_pair
 from mbm.problem.reading.request import read_request
 from mbm.problem.reading.sources import DataClause, in_join_order, read_source, refuse_overwriting
 from mbm.problem.reading.unknowns import Declaration, declare_unknowns, given_start, read_unknown
+from mbm.problem.reading.windows import read_window
 from mbm.problem.scopes import ProblemScope
-from mbm.problem.tables import Table, TableDeclaration
+from mbm.problem.tables import PairDeclaration, Table, TableDeclaration
 from mbm.problem.types import Block, Derived, Overrides, Problem, TablePlan, Unknown
 from mbm.problem.vocabulary import NOT_YET, SPECIAL_FORMS
 from mbm.shapes.model import ModelLog, model_maker
-from mbm.text.types import MbmError, Sequence, Span, Symbol
+from mbm.text.types import Diagnostic, MbmError, Sequence, Span, Symbol
 
 Loader = Callable[[Iterable[TableDeclaration]], Mapping[str, Table]]
 """Reads the tables of all data clauses."""
@@ -76,6 +80,7 @@ def elaborate(
     constants = [name for c in _all(clauses, "constants") for name in read_constants(work, c, overrides)]
     numbers = constant_values(work, constants, definition.span)
     plans, raw = _tables(work, clauses, load)
+    pairs = _pairs(work, clauses)
     work.finish()
     declarations = [d for c in _all(clauses, "unknowns") for d in declare_unknowns(work, c)]
     for clause in _all(clauses, "camera"):
@@ -85,19 +90,22 @@ def elaborate(
     unknowns, priors = _unknowns(work, declarations)
     starts = _starts(work, declarations, constants, overrides)
     taken = {prior.name: prior.span for prior in priors}
-    blocks = (*_blocks(work, clauses, taken), *priors)
+    observed, concerns = _observed(work, clauses, taken, plans)
+    blocks = (*observed, *priors)
     derived = _derived(work, clauses)
     blocks = (*blocks, *model_constraints(work, log, taken))
     request = None
     with work.collecting():
         request = read_request(work, _all(clauses, "solve"), _all(clauses, "for-each"))
+        window = read_window(work, _all(clauses, "window"), request.for_each)
+        request = replace(request, window=window)
     if not declarations:
         if not work.undeclared:
             work.diagnostics.append(faults.no_unknowns(definition.span))
     elif not blocks and not work.diagnostics:
         work.diagnostics.append(faults.no_equations(definition.span))
     work.finish()
-    dimensions, clashes = infer(unknowns, blocks, derived, plans, tables, starts)
+    dimensions, clashes = infer(unknowns, blocks, derived, plans, pairs, tables, starts)
     work.diagnostics.extend(clashes)
     work.finish()
     if request is None:
@@ -106,13 +114,14 @@ def elaborate(
         name=definition.name,
         doc=definition.doc,
         plans=plans,
+        pairs=pairs,
         constants=numbers,
         unknowns=unknowns,
         blocks=blocks,
         derived=derived,
         request=request,
         dimensions=dimensions,
-        warnings=tuple(work.evaluator.warnings.values()),
+        warnings=(*work.evaluator.warnings.values(), *concerns),
         span=definition.span,
     )
     errors, warnings = check_data(problem, tables)
@@ -186,6 +195,17 @@ def _tables(
     return tuple(plans), raw
 
 
+def _pairs(work: Workspace, clauses: tuple[Sequence, ...]) -> tuple[PairDeclaration, ...]:
+    """The tables that are laid on one another, each pair after those written before it."""
+    found = []
+    for clause in _all(clauses, "pair"):
+        with work.collecting():
+            pair = read_pair(work, clause)
+            work.tables[pair.name] = paired(pair, work.tables)
+            found.append(pair)
+    return tuple(found)
+
+
 def _plan(work: Workspace, data: DataClause) -> TablePlan:
     table = work.tables[data.declaration.name]
     where = None if data.where is None else work.conditions(data.where, table, 1, wanted="`:where`")
@@ -244,6 +264,16 @@ def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: dict[str, Spa
         work.evaluator.budget.reset(clause.span)
         blocks.extend(read_constraints(work, clause, taken))
     return tuple(blocks)
+
+
+def _observed(
+    work: Workspace, clauses: tuple[Sequence, ...], taken: dict[str, Span], plans: tuple[TablePlan, ...]
+) -> tuple[tuple[Block, ...], tuple[Diagnostic, ...]]:
+    """Observations and constraints with the errors that their columns share, and the warnings about those."""
+    blocks = _blocks(work, clauses, taken)
+    with work.collecting():
+        return with_shared_errors(blocks, plans, work.tables)
+    return blocks, ()
 
 
 def _derived(work: Workspace, clauses: tuple[Sequence, ...]) -> tuple[Derived, ...]:

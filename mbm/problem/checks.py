@@ -59,7 +59,23 @@ def check_data(problem: Problem, tables: Mapping[str, Table]) -> tuple[list[Diag
         for value_case in derived.cases:
             positions = rows_of(value_case.static, table) if table is not None else None
             errors.extend(_cells(value_case.values, table, positions, tables, families))
+    errors.extend(_cells_of_sigmas(problem, tables))
     return _first_of_each(errors), warnings
+
+
+def _cells_of_sigmas(problem: Problem, tables: Mapping[str, Table]) -> list[Diagnostic]:
+    """Gaps in the columns that state the errors of others."""
+    found: list[Diagnostic] = []
+    for block in problem.blocks:
+        table = tables[block.table] if block.table is not None else None
+        mask = used_rows(block, tables) if block.errors else None
+        for sigma in (column.sigma for column in block.errors if column.sigma is not None):
+            for case in sigma.cases:
+                positions = rows_of(case.static, table) if table is not None else None
+                if positions is not None and mask is not None:
+                    positions = positions[mask[positions]]
+                found.extend(_cells(case.values, table, positions, tables, {}))
+    return found
 
 
 def _first_of_each(errors: list[Diagnostic]) -> list[Diagnostic]:

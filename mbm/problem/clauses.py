@@ -13,6 +13,7 @@ from mbm.text.types import Diagnostic, MbmError, Sequence, Symbol
 CLAUSES = (
     "constants",
     "data",
+    "pair",
     "camera",
     "unknowns",
     "define",
@@ -21,13 +22,12 @@ CLAUSES = (
     "constraints",
     "derive",
     "for-each",
+    "window",
     "solve",
 )
 NOT_YET: Mapping[str, str] = {
     "states": "sequences",
     "dynamics": "sequences",
-    "window": "sliding windows",
-    "pair": "joining timed tables",
 }
 _MERGED = frozenset({"constants", "unknowns", "define", "derive"})
 """Clauses that are lists of named entries: ``:like`` replaces entry by entry."""
@@ -88,7 +88,7 @@ def _wrong_head(clause: Sequence) -> Diagnostic | None:
 
 
 def _name(clause: Sequence) -> str | None:
-    if clause.head in ("data", "camera", "defun", "observe") and len(clause.items) > 1:
+    if clause.head in ("data", "pair", "camera", "defun", "observe") and len(clause.items) > 1:
         first = clause.items[1]
         if isinstance(first, Symbol):
             return first.name

@@ -9,8 +9,8 @@ from mbm.expression.inference import Clash, Declared, Inference, origin
 from mbm.expression.nodes import Apply, Column, Component, Expression, Number, Operation, leaves
 from mbm.expression.units import parse_unit
 from mbm.problem import faults
-from mbm.problem.tables import Table
-from mbm.problem.types import Block, Derived, NoiseKind, TablePlan, Unknown, UnknownKind
+from mbm.problem.tables import PairDeclaration, Table
+from mbm.problem.types import Block, BlockRole, Derived, NoiseKind, TablePlan, Unknown, UnknownKind
 from mbm.text.types import Diagnostic, Label, Place, Span
 
 
@@ -19,6 +19,7 @@ def infer(
     blocks: tuple[Block, ...],
     derived: tuple[Derived, ...],
     plans: tuple[TablePlan, ...],
+    pairs: tuple[PairDeclaration, ...],
     tables: Mapping[str, Table],
     starts: Mapping[str, tuple[Number, ...]],
 ) -> tuple[dict[tuple[str, int], Dimension | None], list[Diagnostic]]:
@@ -26,7 +27,7 @@ def infer(
 
     ``starts`` are those given from outside.
     """
-    inference = Inference(_declared(unknowns, plans, tables))
+    inference = Inference(_declared(unknowns, plans, pairs, tables))
     for plan in plans:
         for kept in plan.where.cases if plan.where is not None else ():
             inference.visit(kept.values)
@@ -42,7 +43,9 @@ def infer(
             inference.visit(case.values)
             if each.unit is not None:
                 wanted = Number(0.0, each.unit.dimension, each.span)
-                for value in case.values:
+                square = each.dimension**2
+                lengths = case.values if not each.dimension else case.values[square : square + each.dimension]
+                for value in lengths:
                     inference.equate(value, wanted, each.span)
     inference.settle()
     diagnostics = [_diagnostic(clash, inference, unknowns) for clash in inference.clashes]
@@ -57,12 +60,24 @@ def _without_repeats(diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
     return list(found.values())
 
 
-def _declared(unknowns: tuple[Unknown, ...], plans: tuple[TablePlan, ...], tables: Mapping[str, Table]) -> Declared:
+def _declared(
+    unknowns: tuple[Unknown, ...],
+    plans: tuple[TablePlan, ...],
+    pairs: tuple[PairDeclaration, ...],
+    tables: Mapping[str, Table],
+) -> Declared:
     components = {
         (u.name, index): u.unit.dimension
         for u in unknowns
         if u.unit is not None and u.kind is not UnknownKind.ANGLE
+        for index in _united(u)
+    }
+    components |= {
+        (u.name, index): NONE
+        for u in unknowns
+        if u.dimension
         for index in u.indices()
+        if index not in _united(u) and not (u.kind is UnknownKind.SIMILARITY and index == u.indices()[-1])
     }
     columns: dict[tuple[str, str], Dimension] = {}
     for table in tables.values():
@@ -75,6 +90,8 @@ def _declared(unknowns: tuple[Unknown, ...], plans: tuple[TablePlan, ...], table
         for join in plan.joins:
             for name in tables[join.table].columns if join.table in tables else ():
                 same[plan.name, f"{join.alias}.{name}"] = (join.table, name)
+    for pair in pairs:
+        same |= _paired_columns(pair, tables, columns, same)
     for unknown in unknowns:
         family = unknown.family
         if family is not None and family.column is not None:
@@ -82,13 +99,45 @@ def _declared(unknowns: tuple[Unknown, ...], plans: tuple[TablePlan, ...], table
     return Declared(components=components, columns=columns, same_column=same)
 
 
+def _paired_columns(
+    pair: PairDeclaration,
+    tables: Mapping[str, Table],
+    columns: Mapping[tuple[str, str], Dimension],
+    same: Mapping[tuple[str, str], tuple[str, str]],
+) -> dict[tuple[str, str], tuple[str, str]]:
+    """The columns of a pair are those of its tables, and its two times are of one dimension."""
+    found: dict[tuple[str, str], tuple[str, str]] = {}
+    times = [(name, pair.by) for name in (pair.first, pair.second)]
+    first, second = (same.get(time, time) for time in times)
+    if second not in columns:
+        found[second] = first
+    elif first not in columns:
+        found[first] = second
+    for name in (pair.first, pair.second):
+        for column in tables[name].columns:
+            place = same.get((name, column), (name, column))
+            found[pair.name, f"{name}.{column}"] = found.get(place, place)
+    found[pair.name, pair.by] = found[pair.name, f"{pair.first}.{pair.by}"]
+    return found
+
+
+def _united(unknown: Unknown) -> tuple[tuple[int, ...], ...]:
+    """The indices of the numbers that a unit stated for the unknown belongs to."""
+    indices = unknown.indices()
+    return tuple(indices[i] for i in unknown.manifold.translation()) if unknown.dimension else indices
+
+
 def _visit_block(inference: Inference, block: Block) -> None:
     for values in block.when.cases if block.when is not None else ():
         inference.visit(values.values)
+    for column in block.errors:
+        for values in column.sigma.cases if column.sigma is not None else ():
+            measured = Column(block.table or "", column.name, span=column.span)
+            inference.equate(measured, values.values[0], values.values[0].span or column.span)
     for case in block.cases:
         for equation in case.equations:
             inference.visit((*equation.components, *equation.noise))
-            if block.unknown_factor:
+            if block.unknown_factor or block.role is BlockRole.CONSTRAINT:
                 continue
             size = len(equation.components)
             if equation.noise_kind is NoiseKind.SIGMA:
@@ -115,12 +164,16 @@ def _reciprocal(node: Expression) -> Expression:
 
 def _visit_unknown(inference: Inference, unknown: Unknown) -> None:
     angle = unknown.kind is UnknownKind.ANGLE
-    options = (unknown.start, unknown.lower, unknown.upper, unknown.start_lower, unknown.start_upper)
-    for values in options:
+    bounds = (unknown.lower, unknown.upper, unknown.start_lower, unknown.start_upper)
+    for values in (unknown.start, *bounds):
         if values is None:
             continue
         for case in values.cases:
-            for index, value in zip(unknown.indices(), case.values, strict=True):
+            stated = case.values
+            if unknown.dimension and values is unknown.start:
+                stated = _stated_translation(inference, unknown, stated)
+            indices = _united(unknown) if len(stated) < unknown.size else unknown.indices()
+            for index, value in zip(indices, stated, strict=False):
                 component = Component(unknown.name, index, None, angle, unknown.span)
                 inference.equate(component, value, value.span or values.span)
     for case in unknown.fixed.cases if unknown.fixed is not None else ():
@@ -128,6 +181,18 @@ def _visit_unknown(inference: Inference, unknown: Unknown) -> None:
     if unknown.unit is not None and angle and not unknown.unit.dimension.is_none:
         component = Component(unknown.name, (), None, angle, unknown.span)
         inference.equate(component, Number(0.0, unknown.unit.dimension, unknown.span), unknown.span)
+
+
+def _stated_translation(
+    inference: Inference, unknown: Unknown, stated: tuple[Expression, ...]
+) -> tuple[Expression, ...]:
+    """Of what ``:init`` states for a rotation, pose or similarity, the translation; the scale has a unit of its own."""
+    inference.visit(stated)
+    square = unknown.dimension**2
+    if unknown.kind is UnknownKind.SIMILARITY:
+        component = Component(unknown.name, unknown.indices()[-1], None, False, unknown.span)
+        inference.equate(component, stated[-1], stated[-1].span or unknown.span)
+    return stated[square : square + unknown.dimension]
 
 
 def _dimensions(

@@ -123,10 +123,15 @@ class Workspace:
         self, form: Form, table: Table | None, shape: tuple[int, ...], *, wanted: str, broadcast: bool = True
     ) -> RowValues:
         """A form per row as numbers of a shape; a scalar stands for every component. Unknowns may not occur."""
+        return self.evaluated(form, table, lambda v: shaped(v, shape, form.span, broadcast=broadcast), wanted=wanted)
+
+    def evaluated(
+        self, form: Form, table: Table | None, taken: Callable[[Value], tuple[Expression, ...]], *, wanted: str
+    ) -> RowValues:
+        """A form per row as the numbers that ``taken`` makes of its value. Unknowns may not occur."""
 
         def evaluate(scope: Scope) -> tuple[Expression, ...]:
-            value = self.evaluator.wanted(form, scope)
-            elements = shaped(value, shape, form.span, broadcast=broadcast)
+            elements = taken(self.evaluator.wanted(form, scope))
             self.refuse_unknowns(elements, form.span, wanted)
             return elements
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from mbm.problem import faults
+from mbm.problem.pairing import with_pairs
 from mbm.problem.rows import MAXIMUM_REPORTED, decided
 from mbm.problem.tables import CellKey, Column, Provenance, Table
 from mbm.problem.types import Family, Join, Problem, RowValues, TablePlan
@@ -15,7 +17,7 @@ from mbm.text.types import Diagnostic, MbmError
 
 
 def prepare(problem: Problem, raw: Mapping[str, Table]) -> dict[str, Table]:
-    """The tables of a problem from those that were read: joins, filters, families.
+    """The tables of a problem from those that were read: joins, filters, pairs, families.
 
     Raises:
         MbmError: a key that is in no row of the joined table.
@@ -26,12 +28,14 @@ def prepare(problem: Problem, raw: Mapping[str, Table]) -> dict[str, Table]:
         tables[plan.name] = joined(raw[plan.name], plan.joins, {**raw, **tables})
     for plan in problem.plans:
         tables[plan.name] = filtered(plan, tables, plan.where)
+    tables = with_pairs(tables, problem.pairs)
     return with_families(tables, tuple(u.family for u in problem.unknowns if u.family is not None))
 
 
 def joined(table: Table, joins: tuple[Join, ...], tables: Mapping[str, Table]) -> Table:
     """``table`` with the columns of the tables whose keys it holds, called ``alias.column``."""
     columns = dict(table.columns)
+    groups = dict(table.groups)
     names = dict(table.provenance.source_columns)
     for join in joins:
         other = tables.get(join.table)
@@ -47,14 +51,9 @@ def joined(table: Table, joins: tuple[Join, ...], tables: Mapping[str, Table]) -
             taken = column.take(positions)
             columns[name] = Column(name=name, numbers=taken.numbers, texts=taken.texts, unit=taken.unit)
             names[name] = names.get(join.column, join.column)
-    provenance = Provenance(
-        path=table.provenance.path,
-        sha256=table.provenance.sha256,
-        rows=table.provenance.rows,
-        file_rows=table.provenance.file_rows,
-        source_columns=names,
-    )
-    return Table(name=table.name, columns=columns, rows=table.rows, provenance=provenance, key=table.key)
+        groups.update(other.groups_called(join.alias))
+    provenance = replace(table.provenance, source_columns=names)
+    return replace(table, columns=columns, provenance=provenance, groups=groups)
 
 
 def _positions(table: Table, column: Column, other: Table, join: Join) -> np.ndarray:
@@ -119,6 +118,7 @@ def depends_on_values(problem: Problem) -> bool:
     cases = [case.static for block in problem.blocks for case in block.cases]
     cases += [case.static for each in problem.derived for case in each.cases]
     options = [block.when for block in problem.blocks] + [plan.where for plan in problem.plans]
+    options += [column.sigma for block in problem.blocks for column in block.errors]
     for unknown in problem.unknowns:
         options += [unknown.start, unknown.lower, unknown.upper, unknown.fixed]
         options += [unknown.start_lower, unknown.start_upper]

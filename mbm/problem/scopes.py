@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 
 from mbm.expression.nodes import Column, Number, RowChoice
 from mbm.language import faults
+from mbm.language.coerce import scalar
 from mbm.language.evaluator import Evaluator
 from mbm.language.scope import LocalScope, Scope
-from mbm.language.values import TableName, TextColumn, Value
+from mbm.language.values import Array, TableName, TextColumn, Value
 from mbm.problem import faults as problem_faults
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.tables import Column as TableColumn
@@ -135,15 +136,15 @@ class RowScope:
 
     def lookup(self, name: str, span: Span) -> Value | None:
         """A column, or a name of the problem; a plain name that is both is ambiguous."""
-        column = self._column(name)
+        cell = self._cell(name, span)
         local = self.local(name)
-        if column is not None:
+        if cell is not None:
             if local is not None:
                 raise MbmError(faults.ambiguous_name(span, name, self.table.name, "variable", None))
             entry = self._problem.entries.get(name)
             if entry is not None and entry.kind in ("unknown", "constant", "state"):
                 raise MbmError(faults.ambiguous_name(span, name, self.table.name, entry.kind, entry.span))
-            return self._reference(column, span)
+            return cell
         if local is not None:
             return local
         value = self._problem.own(name, span)
@@ -169,13 +170,19 @@ class RowScope:
     def names(self) -> Iterator[str]:
         """The columns, then the problem's names."""
         yield from self.table.columns
+        yield from self.table.groups
         yield from self._problem.names()
 
-    def _column(self, name: str) -> TableColumn | None:
-        column = self.table.columns.get(name)
-        if column is None and name.startswith(f"{self.table.name}."):
-            column = self.table.columns.get(name[len(self.table.name) + 1 :])
-        return column
+    def _cell(self, name: str, span: Span) -> Value | None:
+        """The cell of a column, or the vector or matrix that a group of columns holds; ``TABLE.x`` is ``x`` too."""
+        for plain in (name, name.removeprefix(f"{self.table.name}.")):
+            column, group = self.table.columns.get(plain), self.table.groups.get(plain)
+            if column is not None:
+                return self._reference(column, span)
+            if group is not None:
+                cells = [self._reference(self.table.columns[each], span) for each in group.columns]
+                return Array(group.shape, tuple(scalar(cell, span) for cell in cells))
+        return None
 
     def _row_number(self, span: Span) -> Value:
         if ROW in self._static:

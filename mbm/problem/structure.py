@@ -16,7 +16,7 @@ from mbm.problem import faults
 from mbm.problem.checks import used_rows
 from mbm.problem.rows import rows_of
 from mbm.problem.tables import CellKey, Table
-from mbm.problem.types import EquationCase, Problem
+from mbm.problem.types import EquationCase, Problem, Relation
 from mbm.text.types import Diagnostic
 
 MAXIMUM_EQUATIONS = 20_000
@@ -63,6 +63,8 @@ def _of_case(
         found = rows_of(case.static, table)
         positions = found[mask[found]].tolist()
     for equation in case.equations:
+        if equation.relation is Relation.NOT_ABOVE_ZERO:
+            continue  # it bounds, but determines nothing
         for node in equation.components:
             components = [leaf for leaf in leaves((node,)) if isinstance(leaf, Component)]
             members = {c.member for c in components if isinstance(c.member, ColumnMember)}

@@ -30,6 +30,21 @@ def reads_as_number(cell: str) -> bool:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ColumnGroup:
+    """Columns that make a vector (shape (n,)) or matrix (shape (n, m)) in each row; ``columns`` has them row by row.
+
+    A column may stand in several places, as in a symmetric matrix.
+    """
+
+    shape: tuple[int, ...]
+    columns: tuple[str, ...]
+
+    def renamed(self, names: Mapping[str, str]) -> ColumnGroup:
+        """The group after its columns got other names."""
+        return replace(self, columns=tuple(names.get(c, c) for c in self.columns))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ColumnDeclaration:
     """``(new old :unit u)`` of a data clause: the file's column ``old`` is called ``name`` and read in ``unit``."""
 
@@ -51,11 +66,15 @@ class InlineTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableDeclaration:
-    """A ``data`` clause before anything is read. ``source`` names the reader (``csv``, ``external``, ``table`` …)."""
+    """A ``data`` clause before anything is read. ``source`` names the reader (``csv``, ``external``, ``table`` …).
+
+    ``part`` names the table of a format whose files hold several (``edges`` of a ``g2o``).
+    """
 
     name: str
     source: str
     path: str | None
+    part: str | None = None
     inline: InlineTable | None = None
     key: str | None = None
     columns: tuple[ColumnDeclaration, ...] = ()
@@ -64,20 +83,53 @@ class TableDeclaration:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PairDeclaration:
+    """A ``pair`` clause: rows of ``first`` and ``second`` at the same time of their columns ``by``.
+
+    ``tolerance`` in SI, None where the clause states none; ``interpolate``: the second table is taken at the first
+    one's times.
+    """
+
+    name: str
+    first: str
+    second: str
+    by: str
+    tolerance: float | None
+    interpolate: bool
+    span: Span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """Where a table came from. ``file_rows[i]`` is the row of cell row i as in the file (header = 1)."""
+    """Where a table came from. ``file_rows[i]`` is the row of cell row i as in the file (header = 1).
+
+    ``origins`` has the columns that came in from another table.
+    """
 
     path: str
     sha256: str | None
     rows: int
     file_rows: NDArray[np.int64] = field(repr=False)
     source_columns: Mapping[str, str] = field(default_factory=dict)
+    origins: Mapping[str, Origin] = field(default_factory=dict, repr=False)
 
     def place(self, row: int, column: str | None = None) -> DataPlace:
         """The place of a cell; ``row`` counts the table's rows from 1, ``column`` is the name used in the problem."""
+        origin = self.origins.get(column) if column is not None else None
+        if origin is not None and 0 < row <= len(origin.rows):
+            return origin.provenance.place(int(origin.rows[row - 1]), origin.column)
         in_file = int(self.file_rows[row - 1]) if 0 < row <= len(self.file_rows) else row
         name = self.source_columns.get(column, column) if column is not None else None
         return DataPlace(file=self.path, row=in_file, column=name)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Origin:
+    """Where a column of another table came from: for each row its row (from 1) there, and its name there."""
+
+    provenance: Provenance
+    rows: NDArray[np.int64] = field(repr=False)
+    column: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,7 +182,8 @@ class Table:
     """A table: columns of one length.
 
     ``rows`` holds, for each row kept, its number (from 1) in the unfiltered table; ``key`` is the name of the column
-    whose cells name the rows. Columns that came in through ``:with`` are called ``alias.column``.
+    whose cells name the rows. Columns that came in through ``:with`` are called ``alias.column``. ``groups`` are the
+    columns that make a vector or matrix together, by its name.
     """
 
     name: str
@@ -138,9 +191,15 @@ class Table:
     rows: NDArray[np.int64] = field(repr=False)
     provenance: Provenance
     key: str | None = None
+    groups: Mapping[str, ColumnGroup] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.rows)
+
+    def groups_called(self, alias: str) -> dict[str, ColumnGroup]:
+        """The groups of columns where the columns are called ``alias.column``."""
+        names = {name: f"{alias}.{name}" for name in self.columns}
+        return {f"{alias}.{name}": group.renamed(names) for name, group in self.groups.items()}
 
     def take(self, positions: NDArray[np.int64]) -> Table:
         """The table of the rows at ``positions`` (from 0), in that order."""

@@ -9,11 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from math import prod
 
 from mbm.expression.dimension import Dimension
 from mbm.expression.nodes import Expression
 from mbm.expression.units import Unit
-from mbm.problem.tables import CellKey, TableDeclaration
+from mbm.problem.manifold import Manifold, manifold_of
+from mbm.problem.tables import CellKey, PairDeclaration, TableDeclaration
 from mbm.text.types import Diagnostic, Span
 
 
@@ -25,6 +27,10 @@ class UnknownKind(StrEnum):
     ANGLE = "angle"
     VECTOR = "vector"
     ARRAY = "array"
+    DIRECTION = "direction"
+    ROTATION = "rotation"
+    POSE = "pose"
+    SIMILARITY = "similarity"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,14 +72,18 @@ class RowValues:
 class Unknown:
     """What is to be estimated.
 
-    ``shape`` is () for a number, (n,) or (n, m) else; components count row by row. ``lower``, ``upper`` are the hard
-    bounds, ``start_lower``, ``start_upper`` the range of starts, each with one value per component.
+    ``shape`` is () for a number, (n,) or (n, m) else; components count row by row. Directions, rotations, poses and
+    similarities have the shape (n,) of the numbers that hold them (``manifold``), and ``dimension`` 2 or 3 of their
+    space; 0 for other kinds. ``start`` has one value per number, ``fixed`` one per coordinate of the tangent space.
+    ``lower``, ``upper`` are the hard bounds, ``start_lower``, ``start_upper`` the range of starts, each with one value
+    per coordinate of the tangent space; NaN where there is none (rotations).
     ``unit`` is the unit that results are reported in, if one is stated.
     """
 
     name: str
     kind: UnknownKind
     shape: tuple[int, ...]
+    dimension: int = 0
     family: Family | None
     start: RowValues | None
     lower: RowValues | None
@@ -87,11 +97,18 @@ class Unknown:
 
     @property
     def size(self) -> int:
-        """Number of components."""
-        result = 1
-        for extent in self.shape:
-            result *= extent
-        return result
+        """Numbers that hold the value."""
+        return prod(self.shape)
+
+    @property
+    def manifold(self) -> Manifold:
+        """How the numbers vary."""
+        return manifold_of(self.kind.value, self.dimension, self.size)
+
+    @property
+    def freedom(self) -> int:
+        """Coordinates of the tangent space."""
+        return self.manifold.tangent
 
     def indices(self) -> tuple[tuple[int, ...], ...]:
         """The indices of the components, from 1, row by row; ``((),)`` for a number."""
@@ -110,18 +127,30 @@ class NoiseKind(StrEnum):
     INFORMATION = "information"
 
 
+class Relation(StrEnum):
+    """What an equation demands of its components; the value is how constraints are reported."""
+
+    NEAR_ZERO = "observed"
+    ZERO = "="
+    NOT_ABOVE_ZERO = "<="
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Equation:
-    """Residual components that should be zero (model − measured), and their noise.
+    """Components that should be zero (model − measured), and their noise; or what a constraint wants zero or below.
 
-    ``noise`` holds the standard deviation of each component for ``SIGMA``, else the n×n matrix row by row. ``measured``
-    is the measured side (or a prior's mean) where it holds data only, None elsewhere: reports and pictures show it.
+    ``noise`` holds the standard deviation of each component for ``SIGMA``, else the n×n matrix row by row; it is empty
+    for constraints. ``measured`` is the measured side (or a prior's mean) where it holds data only, None elsewhere:
+    reports and pictures show it. ``measured_columns`` are the columns of the row at hand that stand on the measured
+    side, whatever kind of thing it is: what a simulation replaces.
     """
 
     components: tuple[Expression, ...]
     noise_kind: NoiseKind
     noise: tuple[Expression, ...]
     measured: tuple[Expression, ...] | None
+    measured_columns: tuple[str, ...] = ()
+    relation: Relation = Relation.NEAR_ZERO
     span: Span
 
 
@@ -134,10 +163,64 @@ class EquationCase:
 
 
 class BlockRole(StrEnum):
-    """Whether a block of equations is measured, or known besides."""
+    """Whether a block of equations is measured, known besides with some uncertainty, or demanded."""
 
     OBSERVATION = "observation"
     PRIOR = "prior"
+    CONSTRAINT = "constraint"
+
+
+class ConstraintKind(StrEnum):
+    """How a constraint is written; the value is its head, and what the result document calls its type."""
+
+    EQUAL = "="
+    BELOW = "<"
+    NOT_ABOVE = "<="
+    ABOVE = ">"
+    NOT_BELOW = ">="
+    UNIFORM = "uniform"
+
+
+class LossKind(StrEnum):
+    """Robust losses; the value is the name in ``:loss``."""
+
+    HUBER = "huber"
+    SOFT_L1 = "soft-l1"
+    CAUCHY = "cauchy"
+    TUKEY = "tukey"
+    GEMAN_MCCLURE = "geman-mcclure"
+    BARRON = "barron"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Loss:
+    """A loss on the norm of an equation's whitened residual.
+
+    ``scale`` is its parameter in standard deviations (None: 95 % efficiency for a residual of that many components),
+    ``shape`` the exponent a of Barron's family (None for the others).
+    """
+
+    kind: LossKind
+    scale: float | None = None
+    shape: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UncertainColumn:
+    """``:errors ((col sigma)…)``: a measured column with an error of its own, one for each row of ``table``.
+
+    ``table`` is the column's own table (that of a ``:with`` for a joined column), ``column`` its name there, ``key``
+    the column of the block's table that holds the key of the row there (None: the row itself). The block's
+    expressions hold it as ``Column(block table, name)``. ``sigma`` has one value for each row of the block's table;
+    None where another observation states it.
+    """
+
+    name: str
+    table: str
+    column: str
+    key: str | None
+    sigma: RowValues | None
+    span: Span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,7 +228,9 @@ class Block:
     """Equations that hold for each row of ``table`` (once if None).
 
     ``unknown_factor``: the stated noise is known up to one factor, which is estimated. ``distinct`` names columns of
-    which each combination of values counts once: rows that repeat one are left out.
+    which each combination of values counts once: rows that repeat one are left out. ``loss`` acts on each equation and
+    row. ``errors`` are the measured columns that are corrected; the equations' own noise then adds to theirs (all zero
+    where none is stated). ``constraint`` is how a constraint is written.
     """
 
     name: str
@@ -155,15 +240,24 @@ class Block:
     when: RowValues | None
     unknown_factor: bool
     distinct: tuple[str, ...] = ()
+    loss: Loss | None = None
+    errors: tuple[UncertainColumn, ...] = ()
+    constraint: ConstraintKind | None = None
     span: Span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Derived:
-    """A quantity computed from the estimates, once or for each row of ``table``."""
+    """A quantity computed from the estimates, once or for each row of ``table``.
+
+    Of a rotation, pose or similarity (``kind`` with its ``dimension``) the ``cases`` hold the rotation matrix row by
+    row, then the translation, then the scale; ``shape`` is that of the numbers that hold it.
+    """
 
     name: str
     table: str | None
+    kind: UnknownKind | None = None
+    dimension: int = 0
     shape: tuple[int, ...]
     cases: tuple[ValueCase, ...]
     unit: Unit | None
@@ -202,17 +296,84 @@ class Method(StrEnum):
     MARQUARDT = "lm"
     DOGLEG = "dogleg"
     GAUSS_NEWTON = "gauss-newton"
+    IPOPT = "ipopt"
+    CLOSED_FORM = "closed-form"
+    DIRECT_SEARCH = "direct-search"
+
+
+class ConsensusKind(StrEnum):
+    """Consensus estimators; the value is the name in ``:robust``."""
+
+    LMEDS = "lmeds"
+    RANSAC = "ransac"
+    MSAC = "msac"
+    GNC = "gnc"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Consensus:
+    """``:robust``: how rows that agree are found; ``threshold`` in standard deviations; None: chosen automatically."""
+
+    kind: ConsensusKind
+    trials: int | None = None
+    threshold: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RandomStarts:
+    """``:starts (random n :seed s)``; ``seed`` None: that of the solve."""
+
+    count: int
+    seed: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GivenStarts:
+    """``:starts (given ((name value)…)…)``: each start names some unknowns, with one number per component in SI."""
+
+    starts: tuple[Mapping[str, tuple[float, ...]], ...]
+
+
+class ConstraintMethod(StrEnum):
+    """How constraints are met; the value is the name in ``:constraints``."""
+
+    PENALTY = "penalty"
+    EXACT = "exact"
+
+
+class Gauge(StrEnum):
+    """What becomes of common motions that no equation notices; the value is the name in ``:gauge``."""
+
+    REPORT = "report"
+    FREE = "free"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Window:
+    """``(window COLUMN :length L :step S :min-rows n)``, in SI: rows with ``end − length < column ≤ end``."""
+
+    column: str
+    length: float
+    step: float
+    min_rows: int = 1
+    span: Span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """How to solve, and which problems to make of the data."""
+    """How to solve, and which problems to make of the data. ``routine`` names a registered routine as the method."""
 
     method: Method = Method.AUTO
+    routine: str | None = None
+    robust: Consensus | None = None
+    starts: RandomStarts | GivenStarts | None = None
+    constraints: ConstraintMethod = ConstraintMethod.PENALTY
+    gauge: Gauge = Gauge.REPORT
     seed: int = 1
     max_iterations: int = 100
     tolerance: float = 1e-10
     for_each: tuple[str, ...] = ()
+    window: Window | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -232,6 +393,7 @@ class Problem:
     name: str
     doc: str
     plans: tuple[TablePlan, ...]
+    pairs: tuple[PairDeclaration, ...] = ()
     constants: tuple[ConstantValue, ...]
     unknowns: tuple[Unknown, ...]
     blocks: tuple[Block, ...]

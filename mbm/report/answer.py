@@ -11,6 +11,7 @@ import numpy as np
 from mbm.report.document import document
 from mbm.report.elements import shown_sigma, solve_scalars
 from mbm.report.encode import encode, to_bytes
+from mbm.report.geometric import GEOMETRIC, number_factors
 from mbm.report.table import table as text_table
 from mbm.report.types import (
     CovarianceMatrix,
@@ -34,6 +35,8 @@ class Named:
 
     ``value`` and ``sigma`` are NumPy arrays of the quantity's shape (0-d for a number), with a leading axis over
     ``keys`` for families; ``sigma`` is 0 where fixed, NaN where held at a bound or not determined by the data.
+    Rotations are unit quaternions (w, x, y, z), or angles in the plane; poses add the translation, similarities the
+    scale. Their ``sigma`` is that of rotation vector, translation and logarithm of the scale.
     """
 
     name: str
@@ -158,5 +161,6 @@ class Solved:
 
 
 def _named(item: Estimate | DerivedValue) -> Named:
-    value = np.asarray(item.value / item.quantity.factor)
+    factor = number_factors(item.quantity) if item.quantity.kind in GEOMETRIC else item.quantity.factor
+    value = np.asarray(item.value / factor)
     return Named(item.quantity.name, value, shown_sigma(item), item.quantity.unit, item.keys)

@@ -6,7 +6,9 @@ import numpy as np
 
 from mbm.problem.types import Problem
 from mbm.report.elements import element_names
-from mbm.report.quantities import derived_quantity, quantity_of
+from mbm.report.geometric import GEOMETRIC
+from mbm.report.geometric import coordinate_factors as geometric_factors
+from mbm.report.quantities import coordinate_factors, derived_quantity
 from mbm.report.types import CovarianceMatrix, DerivedValue, Floats
 from mbm.solution.solution import Solution
 
@@ -19,14 +21,14 @@ _LEFT_OUT = "left out for its size; `--covariance full` keeps it"
 def estimates_covariance(
     problem: Problem, solution: Solution, names: tuple[str, ...], unknown: str | None, *, full: bool
 ) -> CovarianceMatrix:
-    """The covariance of the free scalars, of which ``names`` (N,) are those of all numbers.
+    """The covariance of the free scalars, of which ``names`` (M,) are those of all coordinates.
 
     Scalars held at a bound have NaN: their sigma is none, and 0 would say that they are certain. ``unknown`` says why
     nothing of it is known, if nothing is; ``full`` keeps it however large it is.
     """
-    factors = np.concatenate(
-        [np.full(e.count, quantity_of(problem, e.unknown).factor) for e in solution.layout.entries] or [np.empty(0)]
-    )[solution.free]
+    factors = np.concatenate([coordinate_factors(problem, e) for e in solution.layout.entries] or [np.empty(0)])[
+        solution.free
+    ]
     chosen = tuple(names[int(p)] for p in solution.free)
     if len(chosen) > LARGEST_COVARIANCE and not full:
         return _matrix(chosen, factors, None, _LEFT_OUT)
@@ -51,7 +53,11 @@ def derived_covariance(
     for quantity, value in zip(quantities, values, strict=True):
         of_quantity = element_names(quantity, value.keys)
         names.extend(of_quantity)
-        factors.extend([quantity.factor] * len(of_quantity))
+        by_scalar = [quantity.factor] * len(of_quantity)
+        if quantity.kind in GEOMETRIC:
+            tangent = geometric_factors(quantity).tolist()
+            by_scalar = tangent * (len(of_quantity) // len(tangent))
+        factors.extend(by_scalar)
     chosen, by_row = tuple(names), np.array(factors)
     if len(chosen) > LARGEST_COVARIANCE and not full:
         return _matrix(chosen, by_row, None, _LEFT_OUT)

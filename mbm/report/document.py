@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from mbm.report.elements import plain_key, shown_sigma, unit_text
+from mbm.report.geometric import GEOMETRIC
+from mbm.report.geometric import written as written_geometry
 from mbm.report.types import (
     CovarianceMatrix,
     DerivedValue,
@@ -113,13 +115,22 @@ def _value_and_sigma(item: Estimate | DerivedValue) -> dict[str, Any]:
     """Value, sigma and unit, and the reason where one of the numbers is missing."""
     sigma = shown_sigma(item)
     written: dict[str, Any] = {
-        "value": _numbers(np.asarray(item.value) / item.quantity.factor),
+        "value": _value(item),
         "sigma": _numbers(sigma),
         "unit": unit_text(item.quantity) or None,
     }
     if not np.all(np.isfinite(sigma)) or not np.all(np.isfinite(item.value)):
         written["reason"] = item.reason or _why_undefined(item, sigma)
     return written
+
+
+def _value(item: Estimate | DerivedValue) -> Any:
+    """The value in its unit: numbers, or what documents hold for rotations, poses, similarities and directions."""
+    if item.quantity.kind not in GEOMETRIC:
+        return _numbers(np.asarray(item.value) / item.quantity.factor)
+    if item.keys is None:
+        return written_geometry(item.quantity, item.value)
+    return [written_geometry(item.quantity, numbers) for numbers in item.value]
 
 
 def _why_undefined(item: Estimate | DerivedValue, sigma: Floats) -> str:

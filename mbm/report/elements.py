@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
-from mbm.problem.naming import plain_number, scalar_name
+from mbm.problem.naming import member_name, plain_number, scalar_name
+from mbm.report import geometric
 from mbm.report.types import DerivedValue, Estimate, Floats, Key, Kind, Mask, Quantity, SolveReport
 
 
@@ -39,6 +40,9 @@ def plain_key(key: Key) -> str | int | float | None:
 
 def element_names(quantity: Quantity, keys: tuple[Key, ...] | None = None) -> tuple[str, ...]:
     """``p``, ``p[1]``, ``theta[2,1]``, ``q["waist"]``, ``cam["left"][3]``: the names of all scalars, row by row."""
+    if quantity.kind in geometric.GEOMETRIC:
+        labels = geometric.manifold(quantity).labels
+        return tuple(member_name(quantity.name, key) + label for key in keys or (None,) for label in labels)
     indices = list(product(*(range(1, n + 1) for n in quantity.shape)))
     members: tuple[Key | None, ...] = (None,) if keys is None else keys
     return tuple(scalar_name(quantity.name, key, index) for key in members for index in indices)
@@ -49,22 +53,28 @@ def shown_sigma(item: Estimate | DerivedValue) -> Floats:
 
     Fixed elements have 0; NaN stands for those held at a bound, those without a value, and where none was computed.
     """
+    value = _coordinates(item)
     if item.sigma is None:
-        sigma = np.full(np.shape(item.value), math.nan)
+        sigma = np.full(np.shape(value), math.nan)
     else:
-        sigma = np.where(np.isfinite(item.value), item.sigma, math.nan)
+        sigma = np.where(np.isfinite(value), item.sigma, math.nan)
     if isinstance(item, Estimate):
         if item.at_bound is not None:
             sigma = np.where(item.at_bound, math.nan, sigma)
         sigma = np.where(item.fixed, 0.0, sigma)
-    return np.asarray(sigma / item.quantity.factor, dtype=np.float64)
+    return np.asarray(sigma / _factors(item.quantity), dtype=np.float64)
+
+
+def _factors(quantity: Quantity) -> Floats | float:
+    """SI per unit shown, along the last axis of sigmas."""
+    return geometric.coordinate_factors(quantity) if quantity.kind in geometric.GEOMETRIC else quantity.factor
 
 
 def scalars(item: Estimate | DerivedValue) -> Iterator[Scalar]:
     """The scalars of an estimate or a derived value, in the order of `element_names`."""
     quantity = item.quantity
     names = element_names(quantity, item.keys)
-    values = np.ravel(item.value) / quantity.factor
+    values = np.ravel(_coordinates(item) / _factors(quantity))
     sigmas = np.ravel(shown_sigma(item))
     estimate = item if isinstance(item, Estimate) else None
     fixed = _flags(estimate.fixed if estimate else None, len(names))
@@ -74,12 +84,30 @@ def scalars(item: Estimate | DerivedValue) -> Iterator[Scalar]:
             name=name,
             value=float(values[i]),
             sigma=float(sigmas[i]),
-            quantity=quantity,
+            quantity=_coordinate_quantity(quantity, i),
             fixed=fixed[i],
             at_bound=held[i],
             derived=estimate is None,
             reason=item.reason,
         )
+
+
+def _coordinates(item: Estimate | DerivedValue) -> Floats:
+    """The values that scalars show, SI: those of the tangent coordinates for rotations and the like."""
+    if item.quantity.kind in geometric.GEOMETRIC:
+        return geometric.coordinate_values(item.quantity, np.asarray(item.value))
+    return np.asarray(item.value)
+
+
+def _coordinate_quantity(quantity: Quantity, place: int) -> Quantity:
+    """The quantity of one scalar: coordinates of rotations are angles, those of scales pure numbers."""
+    if quantity.kind not in geometric.GEOMETRIC:
+        return quantity
+    found = geometric.manifold(quantity)
+    label = found.labels[place % found.tangent]
+    if label.startswith(".trans"):
+        return replace(quantity, kind=Kind.REAL)
+    return replace(quantity, kind=Kind.REAL if label == ".logscale" else Kind.ANGLE, unit=None, factor=1.0)
 
 
 def solve_scalars(solve: SolveReport) -> Iterator[Scalar]:

@@ -9,7 +9,7 @@ from mbm.kernels.types import KernelSet
 from mbm.problem.builder import Elaborated
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, NoiseKind, Problem, Unknown
-from mbm.solution.assembly import EvaluationCache
+from mbm.solution.binding import EvaluationCache
 from mbm.solution.choice import chosen_solver
 from mbm.symbolic.printing import printed
 from mbm.symbolic.types import ColumnInput, Parameter, Purpose, ResidualBlock, Slot, SymbolicModel
@@ -114,7 +114,7 @@ def _equations(blocks: Iterable[ResidualBlock], left: str, *, latex: bool) -> It
 def _structure(block: ResidualBlock) -> Iterator[str]:
     rows = len(block.expressions)
     names = ", ".join(symbol.name for symbol in block.variable_symbols) or "nothing"
-    yield f"    Jacobian block: {rows} × {len(block.variables)}, with respect to {names}"
+    yield f"    Jacobian block: {rows} × {len(block.tangents)}, with respect to {names}"
 
 
 def _solver(found: Elaborated, kernels: KernelSet, cache: EvaluationCache) -> Iterator[str]:
@@ -162,7 +162,7 @@ def kernel_stage(kernels: KernelSet) -> str:
     for kernel in kernels.kernels:
         lines.append(
             f"{kernel.purpose.value} {kernel.name}, case {kernel.case + 1}: {kernel.outputs} outputs, "
-            f"{len(kernel.jacobian_rows)} nonzeros of {kernel.outputs} × {len(kernel.variables)}, "
+            f"{len(kernel.jacobian_rows)} nonzeros of {kernel.outputs} × {len(kernel.tangents)}, "
             f"{kernel.jacobian_function.n_instructions()} instructions"
         )
         lines.append(f"  variables: {', '.join(_slot(s) for s in kernel.variables) or 'none'}")

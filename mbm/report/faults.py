@@ -6,11 +6,6 @@ from collections.abc import Sequence
 
 from mbm.text.types import Code, DataPlace, Diagnostic, Severity, Span
 
-MISSING_EXTRA = Code(
-    "missing-extra",
-    "What was asked for needs a library that the core installation leaves out.",
-    "Install mbm with the extra that the message names.",
-)
 PLOT_FORMAT = Code(
     "plot-format",
     "The name of a plot ends in no picture format that can be drawn.",
@@ -30,15 +25,6 @@ NEAR_BOUND = Code(
 )
 
 MOST_NAMES = 8
-
-
-def missing_extra(what: str, extra: str) -> Diagnostic:
-    """``what`` needs the optional dependencies ``extra``."""
-    return Diagnostic(
-        code=MISSING_EXTRA,
-        message=f"{what} needs libraries that are not installed",
-        hint=f'install them with `pip install "mbm[{extra}]"`',
-    )
 
 
 def plot_format(path: str, known: str) -> Diagnostic:

@@ -18,7 +18,7 @@ EQUAL = 1e-6
 
 
 def free_directions(solution: Solution, names: tuple[str, ...]) -> tuple[FreeDirection, ...]:
-    """The free combinations, and the unknowns that nothing depends on; ``names`` (N,) are those of all numbers."""
+    """The free combinations, and the unknowns that nothing depends on; ``names`` (M,) are those of all coordinates."""
     found = [_direction(solution, names, combination) for combination in solution.observability.combinations]
     return (*_unused(solution, names), *found)
 
@@ -37,7 +37,7 @@ def _unused(solution: Solution, every: tuple[str, ...]) -> list[FreeDirection]:
     for name, positions in by_unknown.items():
         names = [every[p] for p in positions]
         entry = solution.layout.entry(name)
-        subject = f"`{name}`" if len(positions) == entry.count else listed(names)
+        subject = f"`{name}`" if len(positions) == entry.members * entry.unknown.freedom else listed(names)
         if all(p in mentioned for p in positions):
             sentence = f"{subject} appears in no equation that has data"
         else:

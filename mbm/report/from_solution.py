@@ -12,7 +12,7 @@ from mbm.report import faults
 from mbm.report.covariances import derived_covariance, estimates_covariance
 from mbm.report.freedom import free_directions
 from mbm.report.pictures import plot_data
-from mbm.report.quantities import derived_quantity, number_names, quantity_of
+from mbm.report.quantities import coordinate_names, derived_quantity, quantity_of
 from mbm.report.residuals import prior_reports, residual_rows, residual_summaries
 from mbm.report.types import DerivedValue, Estimate, Floats, Mask, Observability, SolveReport, SolveStatus
 from mbm.solution.layout import Entry
@@ -29,7 +29,7 @@ _NOT_FINITE = "the value is not finite"
 def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool) -> SolveReport:
     """One solve as a report."""
     status, message = _status(solution)
-    names = number_names(problem, solution)
+    names = coordinate_names(problem, solution)
     unknown = _nothing_known(solution)
     derived = tuple(_derived(problem, solution, each, unknown) for each in solution.derived)
     reached = not _stuck(solution)
@@ -111,32 +111,35 @@ def _reasons(solution: Solution) -> Mapping[str, str]:
 
 
 def _estimate(problem: Problem, solution: Solution, entry: Entry, unknown: str | None) -> Estimate:
-    shape = entry.unknown.shape if entry.keys is None else (entry.members, *entry.unknown.shape)
+    leading = () if entry.keys is None else (entry.members,)
     numbers = solution.numbers[entry.range].copy()
     if entry.unknown.kind is UnknownKind.ANGLE:
         numbers = _wrapped(numbers)
-    sigma = np.full(len(solution.numbers), np.nan)
-    bound = np.zeros(len(solution.numbers), dtype=bool)
+    place = entry.coordinates
+    shape = (*leading, *(entry.unknown.shape if not entry.unknown.dimension else (entry.unknown.freedom,)))
+    count = len(solution.layout.number)
+    sigma = np.full(count, np.nan)
+    bound = np.zeros(count, dtype=bool)
     bound[solution.free] = solution.minimum.at_bound != 0
     if unknown is None:
         sigma[solution.free] = solution.covariance.sigma
-    fixed = solution.layout.fixed[entry.range]
-    missing = np.zeros(len(solution.numbers), dtype=bool)
-    missing[entry.range] = np.isnan(sigma[entry.range]) & ~fixed & ~bound[entry.range]
+    fixed = solution.layout.fixed[place]
+    missing = np.zeros(count, dtype=bool)
+    missing[place] = np.isnan(sigma[place]) & ~fixed & ~bound[place]
     return Estimate(
         quantity=quantity_of(problem, entry.unknown),
-        value=numbers.reshape(shape),
-        sigma=sigma[entry.range].reshape(shape),
+        value=numbers.reshape((*leading, *entry.unknown.shape)),
+        sigma=sigma[place].reshape(shape),
         fixed=fixed.reshape(shape),
         keys=entry.keys,
         per=entry.unknown.family.rows if entry.unknown.family is not None else None,
-        at_bound=bound[entry.range].reshape(shape) if bool(bound[entry.range].any()) else None,
+        at_bound=bound[place].reshape(shape) if bool(bound[place].any()) else None,
         reason=_why_missing(solution, missing, unknown),
     )
 
 
 def _why_missing(solution: Solution, missing: Mask, unknown: str | None) -> str | None:
-    """Why the numbers that ``missing`` (N,) picks have no sigma; several causes are all named."""
+    """Why the numbers that ``missing`` (M,) picks have no sigma; several causes are all named."""
     if not bool(missing.any()):
         return None
     if unknown is not None:
@@ -160,7 +163,8 @@ def _wrapped(angles: Floats) -> Floats:
 
 def _derived(problem: Problem, solution: Solution, found: DerivedSolution, unknown: str | None) -> DerivedValue:
     derived = problem.derived[found.owner]
-    shape = derived.shape if derived.table is None else (len(found.values), *derived.shape)
+    leading = () if derived.table is None else (len(found.values),)
+    shape = (*leading, *derived.shape)
     sigma = found.sigma if unknown is None else np.full_like(found.sigma, np.nan)
     values = _wrapped(found.values) if derived.angle and not derived.shape else found.values
     keys = None
@@ -170,7 +174,7 @@ def _derived(problem: Problem, solution: Solution, found: DerivedSolution, unkno
     return DerivedValue(
         quantity=derived_quantity(problem, derived),
         value=values.reshape(shape),
-        sigma=sigma.reshape(shape),
+        sigma=sigma.reshape(shape if derived.kind is None else (*leading, sigma.shape[1])),
         keys=keys,
         over=derived.table,
         reason=_why_derived_missing(solution, found, sigma, unknown),
@@ -180,6 +184,8 @@ def _derived(problem: Problem, solution: Solution, found: DerivedSolution, unkno
 def _why_derived_missing(solution: Solution, found: DerivedSolution, sigma: Floats, unknown: str | None) -> str | None:
     """Why values or sigmas of a derived quantity are missing; several causes are all named."""
     undefined = ~np.isfinite(found.values)
+    if sigma.shape != undefined.shape:  # of rotations and the like, one coordinate is no one number
+        undefined = np.broadcast_to(undefined.any(axis=1, keepdims=True), sigma.shape)
     missing = np.isnan(sigma) & ~undefined
     causes = [_NOT_FINITE] if bool(undefined.any()) else []
     if bool(missing.any()):
@@ -197,14 +203,14 @@ def _noise_alone(solution: Solution, found: DerivedSolution, missing: Mask) -> b
 
 def _near_bounds(solution: Solution, names: tuple[str, ...]) -> tuple[Diagnostic, ...]:
     """A warning for each unknown that is held at its bounds, or was driven to the zero that it must stay above."""
-    sides = np.zeros(len(solution.numbers), dtype=np.int8)
+    sides = np.zeros(len(solution.layout.number), dtype=np.int8)
     sides[solution.free] = solution.minimum.at_bound
     layout = solution.layout
     zero = (sides < 0) & layout.positive & ~(layout.lower > 0)
     kinds = (("its lower bound", (sides < 0) & ~zero), ("its upper bound", sides > 0), ("zero", zero))
     found = []
     for entry in layout.entries:
-        places = range(entry.range.start, entry.range.stop)
+        places = range(entry.coordinates.start, entry.coordinates.stop)
         for what, which in kinds:
             held = [names[i] for i in places if which[i]]
             if held:
@@ -225,13 +231,13 @@ def _observability(solution: Solution, names: tuple[str, ...]) -> Observability:
 
 def _unused(solution: Solution) -> tuple[str, ...]:
     """Unknowns (or members of families) that no equation mentions, each named once."""
-    unused = np.zeros(len(solution.numbers), dtype=bool)
+    unused = np.zeros(len(solution.layout.number), dtype=bool)
     unused[solution.unused] = True
     names: list[str] = []
     for entry in solution.layout.entries:
-        size = entry.unknown.size
+        size = entry.unknown.freedom
         for member, key in enumerate(entry.keys if entry.keys is not None else (None,)):
-            first = entry.offset + member * size
+            first = entry.first + member * size
             if bool(unused[first : first + size].all()):
                 names.append(member_name(entry.unknown.name, key))
     return tuple(names)

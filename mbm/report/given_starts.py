@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from mbm.problem.naming import key_text
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem, Unknown, UnknownKind
 from mbm.report import faults
+from mbm.report.geometric import GEOMETRIC, number_factors
 from mbm.report.initial import InitialValue, initial_values, is_document
 from mbm.report.quantities import quantity_of
 from mbm.report.types import Floats
@@ -43,7 +45,7 @@ def given_starts(problem: Problem, tables: Mapping[str, Table], init: Mapping[st
             unknown = unknowns.get(name)
             if unknown is None:
                 raise MbmError(faults.bad_initial_value(name, "a value for a name that is no unknown"))
-            value = given.value * _factor(problem, unknown, given)
+            value = given.value * _factors(problem, unknown, given)
             if given.keys is not None:
                 if not is_document(init):
                     _check_keys(unknown, given.keys, tables)
@@ -92,8 +94,17 @@ def _by_member(unknown: Unknown, keys: tuple[CellKey, ...], value: Floats, wante
     return found
 
 
+def _factors(problem: Problem, unknown: Unknown, given: InitialValue) -> Floats | float:
+    """SI value per value as given, for each number."""
+    factor = _factor(problem, unknown, given)
+    quantity = replace(quantity_of(problem, unknown), factor=factor)
+    if quantity.kind in GEOMETRIC and given.value.shape[-1:] == unknown.shape:
+        return number_factors(quantity)
+    return factor
+
+
 def _factor(problem: Problem, unknown: Unknown, given: InitialValue) -> float:
-    """SI value per value as given."""
+    """SI value per value as given, for what has a unit."""
     quantity = quantity_of(problem, unknown)
     if given.unit is None or given.unit == quantity.unit:
         return quantity.factor

@@ -11,6 +11,7 @@ import numpy as np
 from mbm.report import faults
 from mbm.report.document import solve_key
 from mbm.report.encode import encode, to_bytes
+from mbm.report.geometric import numbers_of_written
 from mbm.report.types import Floats, Key
 from mbm.text.types import MbmError
 
@@ -73,6 +74,8 @@ def _of_document(document: Mapping[str, object], key: Mapping[str, Key], file: s
 def _initial_value(name: str, entry: object, file: str | None) -> InitialValue:
     if not isinstance(entry, Mapping):
         return InitialValue(value=_array(name, entry, file))
+    if "value" not in entry and ({"quaternion", "matrix", "angle"} & set(entry)):
+        return InitialValue(value=_array(name, entry, file))
     if "value" not in entry:
         raise MbmError(faults.bad_initial_value(name, "an object without `value`", file))
     value = _array(name, entry["value"], file)
@@ -94,7 +97,15 @@ def _initial_value(name: str, entry: object, file: str | None) -> InitialValue:
 
 
 def _array(name: str, value: object, file: str | None) -> Floats:
-    """Numbers and nested lists of them as an array; null becomes NaN."""
+    """Numbers and nested lists of them as an array; null becomes NaN. Rotations and the like become their numbers."""
+    if isinstance(value, Sequence) and not isinstance(value, str) and any(isinstance(v, Mapping) for v in value):
+        rows = [None if v is None else _array(name, v, file) for v in value]
+        width = max(len(row) for row in rows if row is not None)
+        value = [np.full(width, np.nan) if row is None else row for row in rows]
+    if isinstance(value, Mapping):
+        value = numbers_of_written(value)
+        if value is None:
+            raise MbmError(faults.bad_initial_value(name, "neither a rotation nor a pose as results hold them", file))
     if isinstance(value, str | bool):
         raise MbmError(faults.bad_initial_value(name, "no number", file))
     try:

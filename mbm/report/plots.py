@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from mbm.report import faults
 from mbm.report.types import Result
+from mbm.text.faults import missing_extra
 from mbm.text.types import MbmError
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ def draw(result: Result) -> Figure:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise MbmError(faults.missing_extra("plotting", "plot")) from error
+        raise MbmError(missing_extra("plotting", "plot")) from error
     panels = list(_panels(result))[:MOST_PANELS]
     columns = 1 if len(panels) < 2 else 2 if len(panels) < 5 else 3
     rows = max(-(-len(panels) // columns), 1)

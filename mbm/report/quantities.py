@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from mbm.expression.dimension import Dimension
 from mbm.expression.units import Unit
 from mbm.problem.types import Derived, Problem, Unknown, UnknownKind
+from mbm.report import geometric
 from mbm.report.elements import element_names
-from mbm.report.types import Kind, Quantity
+from mbm.report.types import Floats, Kind, Quantity
+from mbm.solution.layout import Entry
 from mbm.solution.solution import Solution
 
 UNIT_ONE = "1"
@@ -15,36 +19,62 @@ UNIT_ONE = "1"
 
 def quantity_of(problem: Problem, unknown: Unknown) -> Quantity:
     """How an unknown is shown."""
-    unit, factor = _unit(unknown.unit, unknown.kind is UnknownKind.ANGLE, problem, unknown.name, unknown.size)
+    unit, factor = _unit(unknown.unit, unknown.kind is UnknownKind.ANGLE, problem, unknown.name, _united(unknown))
     return Quantity(
         name=unknown.name,
         kind=Kind(unknown.kind.value),
         shape=unknown.shape,
+        dimension=unknown.dimension,
         unit=unit,
         factor=factor,
         doc=unknown.doc or None,
     )
 
 
+def coordinate_factors(problem: Problem, entry: Entry) -> Floats:
+    """SI per unit shown for each coordinate of an unknown, members one after the other."""
+    quantity = quantity_of(problem, entry.unknown)
+    if quantity.kind in geometric.GEOMETRIC:
+        return np.tile(geometric.coordinate_factors(quantity), entry.members)
+    return np.full(entry.count, quantity.factor)
+
+
 def derived_quantity(problem: Problem, derived: Derived) -> Quantity:
     """How a derived quantity is shown."""
     size = len(derived.cases[0].values) if derived.cases else 1
-    unit, factor = _unit(derived.unit, derived.angle, problem, derived.name, size)
+    if derived.kind is not None:
+        square = derived.dimension**2
+        lengths = range(square, square + derived.dimension) if derived.kind is not UnknownKind.ROTATION else range(0)
+        unit, factor = _unit(derived.unit, False, problem, derived.name, lengths)
+        kind = Kind(derived.kind.value)
+        shape, dimension = derived.shape, derived.dimension
+        return Quantity(name=derived.name, kind=kind, shape=shape, dimension=dimension, unit=unit, factor=factor)
+    unit, factor = _unit(derived.unit, derived.angle, problem, derived.name, range(size))
     kind = Kind.ANGLE if derived.angle and not derived.shape else Kind.VECTOR if derived.shape else Kind.REAL
     return Quantity(name=derived.name, kind=kind, shape=derived.shape, unit=unit, factor=factor)
 
 
-def number_names(problem: Problem, solution: Solution) -> tuple[str, ...]:
-    """The names of all numbers of all unknowns, in the order of ``solution.numbers`` (N,)."""
+def coordinate_names(problem: Problem, solution: Solution) -> tuple[str, ...]:
+    """The names of all coordinates of all unknowns (M,), in their order."""
     entries = solution.layout.entries
     return tuple(name for e in entries for name in element_names(quantity_of(problem, e.unknown), e.keys))
 
 
-def _unit(stated: Unit | None, angle: bool, problem: Problem, name: str, size: int) -> tuple[str | None, float]:
+def _united(unknown: Unknown) -> range:
+    """The numbers that have the unit: all of them, or those of the translation."""
+    if not unknown.dimension:
+        return range(unknown.size)
+    if unknown.kind in (UnknownKind.POSE, UnknownKind.SIMILARITY):
+        first = 4 if unknown.dimension == 3 else 1
+        return range(first, first + unknown.dimension)
+    return range(0)
+
+
+def _unit(stated: Unit | None, angle: bool, problem: Problem, name: str, numbers: range) -> tuple[str | None, float]:
     if stated is not None:
         return (None if stated.symbol == UNIT_ONE else stated.symbol), stated.factor
     if angle:
         return "rad", 1.0
-    found: set[Dimension | None] = {problem.dimensions.get((name, i)) for i in range(size)}
+    found: set[Dimension | None] = {problem.dimensions.get((name, i)) for i in numbers}
     dimension = next(iter(found)) if len(found) == 1 else None
     return (dimension.symbol() or None, 1.0) if dimension is not None else (None, 1.0)

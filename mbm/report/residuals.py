@@ -10,7 +10,8 @@ from mbm.expression.evaluate import Values, evaluate
 from mbm.problem.rows import lookup
 from mbm.problem.types import BlockRole, Problem
 from mbm.report.types import Floats, PriorReport, ResidualRow, ResidualSummary
-from mbm.solution.assembly import Group, block_rows
+from mbm.solution.assembly import block_rows
+from mbm.solution.binding import Group
 from mbm.solution.solution import Solution
 from mbm.solution.types import NoiseState
 
@@ -18,7 +19,7 @@ from mbm.solution.types import NoiseState
 @np.errstate(all="ignore")
 def normalised(solution: Solution) -> Floats:
     """Residuals (m,) in standard deviations, infinite or NaN where they are; an estimated noise factor counts."""
-    residuals = solution.minimum.residuals
+    residuals = solution.residuals
     if solution.factors is not None:
         return residuals
     for owner, noise in solution.noise.items():
@@ -129,6 +130,6 @@ def _sigmas(weights: Floats) -> Floats:
 
 
 def _prior_name(solution: Solution, group: Group, name: str, row: int, component: int) -> str:
-    if name.startswith("prior ") and len(group.kernel.variables) == group.kernel.outputs:
-        return f"prior {solution.layout.name(int(group.index[row, component]))}"
+    if name.startswith("prior ") and len(group.kernel.tangents) == group.kernel.outputs:
+        return f"prior {solution.layout.name(int(group.columns[row, component]))}"
     return name

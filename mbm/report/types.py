@@ -29,6 +29,10 @@ class Kind(StrEnum):
     ANGLE = "angle"
     VECTOR = "vector"
     ARRAY = "array"
+    DIRECTION = "direction"
+    ROTATION = "rotation"
+    POSE = "pose"
+    SIMILARITY = "similarity"
 
 
 class SolveStatus(Enum):
@@ -59,13 +63,15 @@ class ResultStatus(StrEnum):
 class Quantity:
     """What is estimated or derived.
 
-    ``shape`` is ``()`` for a number, ``(n,)`` for a vector, ``(n,)`` or ``(n, m)`` for an array (of one family member).
+    ``shape`` is ``()`` for a number, ``(n,)`` for a vector, ``(n,)`` or ``(n, m)`` for an array (of one family member);
+    directions, rotations, poses and similarities have the shape of the numbers that hold them, and a ``dimension``.
     ``unit`` is the text documents show (None: none is known); value in that unit = SI value / ``factor``.
     """
 
     name: str
     kind: Kind = Kind.REAL
     shape: tuple[int, ...] = ()
+    dimension: int = 0
     unit: str | None = None
     factor: float = 1.0
     doc: str | None = None
@@ -76,7 +82,8 @@ class Estimate:
     """An unknown's estimate.
 
     ``value``, ``sigma``, ``fixed``, ``at_bound`` all have ``quantity.shape``, for a family with a leading axis over
-    ``keys``. ``sigma`` is the standard deviation (SI); NaN where the data do not determine one, None if none was
+    ``keys``; of directions, rotations, poses and similarities all but ``value`` have the tangent coordinates instead.
+    ``sigma`` is the standard deviation (SI); NaN where the data do not determine one, None if none was
     computed; ``reason`` then says why in words. ``fixed`` elements were not estimated. ``at_bound`` elements (None: no
     element) are held at a hard bound. Outputs take sigmas from `elements.shown_sigma`: 0 where fixed, NaN at a bound,
     whatever ``sigma`` holds there. Angles are wrapped to (-pi, pi].

@@ -24,7 +24,7 @@ from mbm.language.values import (
     describe,
 )
 from mbm.language.vocabulary.frames import rotation_transform, scale_transform, translation_transform
-from mbm.language.vocabulary.rotations import pose
+from mbm.language.vocabulary.rigid import pose
 from mbm.shapes import faults
 from mbm.shapes.heads import FORMS_NOT_YET, LIBRARY_NOT_YET, are_values, fits, is_users
 from mbm.shapes.repetition import repetitions

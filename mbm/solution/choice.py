@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from mbm.kernels.types import KernelSet
 from mbm.problem.builder import Elaborated
 from mbm.problem.types import Method
-from mbm.solution.assembly import Assembled, Binder, EvaluationCache, mentioned
-from mbm.solution.layout import free_positions, layout
+from mbm.solution.assembly import Assembled, blank
+from mbm.solution.binding import Binder, EvaluationCache
+from mbm.solution.layout import layout
 from mbm.solution.minimise import solver_for
 from mbm.solution.selection import selections
-from mbm.solution.settings import Settings
+from mbm.solution.settings import settings_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +35,9 @@ def chosen_solver(found: Elaborated, kernels: KernelSet, cache: EvaluationCache)
     if selection is None:
         return None
     places = layout(problem, selection.tables, {})
-    groups = Binder(problem=problem, layout=places, tables=selection.tables, cache=cache).equations(kernels)
-    free = free_positions(places, mentioned(groups, len(places.start)))
-    blank = Assembled(layout=places, groups=groups, numbers=places.start, free=free)
-    equations = blank.freed(free, places.start)
-    solver = solver_for(equations, Settings(method=problem.request.method))
+    binder = Binder(problem=problem, layout=places, tables=selection.tables, cache=cache)
+    equations = blank(binder, kernels)
+    solver = solver_for(equations, settings_of(problem.request))
     return Choice(solver.name, _reason(equations, problem.request.method))
 
 

@@ -18,10 +18,10 @@ def covariance(observed: Observability, variance: float = 1.0) -> Covariance:
     """Covariance of the n coordinates, times ``variance`` (the estimated s² of `:sigma unknown`, else 1).
 
     Coordinates held at a bound count as known: variance 0, and the others as if they were constants (the covariance on
-    the active constraint surface). Coordinates that a free combination touches have no variance: NaN. All others keep
+    the active constraint surface); so do movements away from constraints that hold. Coordinates that a free combination touches have no variance: NaN. All others keep
     theirs, whatever else is free.
     """
-    rank = observed.rank
+    rank = observed.row_space.shape[1]
     factor = observed.row_space / observed.singular_values[:rank] / observed.scale[:, None] * np.sqrt(variance)
     matrix = factor @ factor.T
     undetermined = ~observed.estimable & ~observed.fixed

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbm.kernels.types import KernelSet
+from mbm.problem.manifold import manifold_of
 from mbm.problem.types import Problem
-from mbm.solution.assembly import Assembled, Binder, Group
+from mbm.solution.assembly import Assembled
+from mbm.solution.binding import Binder, Group
 from mbm.solution.covariance import propagate
+from mbm.solution.manifolds import numbers_of_stated, tangent_slopes
 from mbm.solution.solution import DerivedSolution
 from mbm.solution.statistics import Statistics, changed
 from mbm.solution.types import Floats, Indices
@@ -58,16 +61,25 @@ class Propagation:
     def _one(self, owner: int) -> DerivedSolution:
         derived = self.problem.derived[owner]
         rows = len(self.binder.tables[derived.table]) if derived.table is not None else 1
-        size = len(derived.cases[0].values) if derived.cases else 0
+        numbers = size = len(derived.cases[0].values) if derived.cases else 0
+        if derived.kind is not None:
+            shape = manifold_of(derived.kind.value, derived.dimension, 0)
+            numbers, size = shape.size, shape.tangent
         width = self.equations.dimension
-        values, sigma = np.full((rows, size), np.nan), np.full((rows, size), np.nan)
+        values, sigma = np.full((rows, numbers), np.nan), np.full((rows, size), np.nan)
         gradient = np.zeros((rows, size, width)) if rows * size * width <= GRADIENT_LIMIT else None
         for group in self.binder.derived(self.kernels, owner):
             positions = group.positions if group.positions is not None else np.arange(1)
-            values[positions] = group.values(self.numbers)
+            stated = group.values(self.numbers).copy()
             part = group.dense_jacobian(self.numbers, self._columns(self.equations.free), width)
-            sigma[positions] = self._sigmas(part)
-            sigma[positions] = np.where(self._unknown(group), np.nan, sigma[positions])
+            unknown = self._unknown(group)
+            if derived.kind is None:
+                values[positions] = stated
+            else:
+                values[positions] = numbers_of_stated(derived.kind, derived.dimension, stated)
+                part = tangent_slopes(derived.kind, derived.dimension, stated, part)
+                unknown = np.repeat(unknown.any(axis=1, keepdims=True), size, axis=1)
+            sigma[positions] = np.where(unknown, np.nan, self._sigmas(part))
             if gradient is not None:
                 gradient[positions] = part
         return DerivedSolution(
@@ -88,15 +100,16 @@ class Propagation:
 
     def _unknown(self, group: Group) -> np.ndarray:
         """Which outputs (rows, size) depend on members that no equation mentions."""
-        free = np.zeros(len(self.numbers), dtype=bool)
+        layout = self.equations.layout
+        free = np.zeros(len(layout.number), dtype=bool)
         free[self.equations.free] = True
-        loose = np.flatnonzero(~free & ~self.equations.layout.fixed)
-        if not loose.size or not np.isin(group.index, loose).any():
+        loose = np.flatnonzero(~free & ~layout.fixed)
+        if not loose.size or not np.isin(group.columns, loose).any():
             return np.zeros((group.rows, group.kernel.outputs), dtype=bool)
         slopes = group.dense_jacobian(self.numbers, self._columns(loose), len(loose))
         return np.asarray((slopes != 0).any(axis=2))
 
     def _columns(self, positions: Indices) -> Indices:
-        columns = np.full(len(self.numbers), -1, dtype=np.int64)
+        columns = np.full(len(self.equations.layout.number), -1, dtype=np.int64)
         columns[positions] = np.arange(len(positions))
         return columns

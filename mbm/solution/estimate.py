@@ -12,15 +12,17 @@ from mbm.kernels.types import KernelSet
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 from mbm.solution import faults
-from mbm.solution.assembly import Assembled, Binder, EvaluationCache, Group, block_rows, mentioned
+from mbm.solution.assembly import Assembled, blank
+from mbm.solution.binding import Binder, EvaluationCache, Group, mentioned
 from mbm.solution.derived import Propagation
-from mbm.solution.layout import free_positions, layout
+from mbm.solution.layout import layout
 from mbm.solution.minimise import minimise, solver_for
 from mbm.solution.motion import with_motions
-from mbm.solution.observability import observability
+from mbm.solution.observability import observed_at
+from mbm.solution.search import Found, search
 from mbm.solution.settings import Settings
 from mbm.solution.solution import Solution
-from mbm.solution.starts import completed
+from mbm.solution.starting import beginnings
 from mbm.solution.statistics import statistics
 from mbm.solution.types import (
     Components,
@@ -28,6 +30,7 @@ from mbm.solution.types import (
     Indices,
     Minimum,
     Noise,
+    Observability,
 )
 from mbm.solution.variance import common_factor, redundancy_numbers, variance_components
 from mbm.text.types import Diagnostic
@@ -43,18 +46,15 @@ def assemble(
     starts: Mapping[str, Floats],
     cache: EvaluationCache,
 ) -> tuple[Assembled, Binder]:
-    """The equations of one data set with every start known.
+    """The equations of one data set; coordinates without a start have NaN in ``numbers``.
 
     Raises:
-        MbmError: weights that are none, bounds the wrong way round, unknowns without a start.
+        MbmError: weights that are none, bounds the wrong way round.
 
     """
     places = layout(problem, tables, starts)
     binder = Binder(problem=problem, layout=places, tables=tables, cache=cache)
-    groups = binder.equations(kernels)
-    free = free_positions(places, mentioned(groups, len(places.start)))
-    blank = Assembled(layout=places, groups=groups, numbers=places.start, free=free)
-    return blank.freed(free, completed(blank, free)), binder
+    return blank(binder, kernels), binder
 
 
 def estimate(
@@ -67,31 +67,41 @@ def estimate(
     settings: Settings,
     cache: EvaluationCache,
 ) -> Solution:
-    """Solve one data set."""
+    """Solve one data set.
+
+    Raises:
+        MbmError: it cannot be set up, or no start is known and none can be found.
+
+    """
     began = time.perf_counter()
     equations, binder = assemble(problem, kernels, tables, starts, cache)
-    run = _Run(problem, equations, settings)
+    found = search(equations, beginnings(equations, settings), settings, problem.span)
+    run = _Run(problem, equations, settings, found)
     minimum, noise, factors = run.weighted()
     weighted = equations.with_factors(factors)
-    observed = observability(minimum.jacobian, minimum.point, minimum.at_bound != 0)
+    observed = observed_at(minimum, weighted.coordinates(minimum.point))
     observed = with_motions(weighted, minimum, observed)
     outcome = statistics(problem, equations, minimum, observed, noise, factors)
-    numbers = equations.all_numbers(minimum.point)
     propagation = Propagation(
-        problem=problem, kernels=kernels, binder=binder, equations=weighted, numbers=numbers, outcome=outcome
+        problem=problem, kernels=kernels, binder=binder, equations=weighted, numbers=minimum.point, outcome=outcome
     )
     derived, derived_covariance = propagation.all_derived()
-    used = mentioned(equations.groups, len(numbers))
-    unused = np.flatnonzero(~used & ~equations.layout.fixed)
+    places = equations.layout
+    used = mentioned((*equations.groups, *equations.constraints), len(places.number))
     diagnostics = (*_at_start(problem, tables, minimum, equations.groups), *outcome.diagnostics)
     return Solution(
         key=key,
         tables=tables,
-        layout=equations.layout,
+        layout=places,
         groups=equations.groups,
-        numbers=numbers,
+        numbers=minimum.point,
         free=equations.free,
         minimum=minimum,
+        residuals=weighted.everything().plain_residuals(minimum.point),
+        weights=None,
+        alternatives=found.alternatives,
+        tally=found.tally,
+        origin=found.origin,
         observability=observed,
         covariance=outcome.covariance,
         derived_covariance=derived_covariance,
@@ -100,7 +110,7 @@ def estimate(
         noise=noise,
         factors=factors,
         sigma_known=outcome.sigma_known,
-        unused=unused,
+        unused=np.flatnonzero(~used & ~places.fixed),
         method=solver_for(equations, settings).name,
         iterations=run.iterations,
         evaluations=run.evaluations,
@@ -110,32 +120,33 @@ def estimate(
 
 
 class _Run:
-    """Minimisations of one data set, again for each round of the variance components; counts the work."""
+    """Minimisations of one data set, again for each round of the variance components; counts the work.
 
-    def __init__(self, problem: Problem, equations: Assembled, settings: Settings) -> None:
+    ``found`` is the minimum with the noise as stated.
+    """
+
+    def __init__(self, problem: Problem, equations: Assembled, settings: Settings, found: Found) -> None:
         self.equations = equations
         self.settings = settings
         self._place = problem.span
-        self.iterations = 0
-        self.evaluations = 0
+        self.iterations = found.iterations
+        self.evaluations = found.evaluations
+        self._first: Minimum | None = found.minimum
         self.unknown = [
-            i
-            for i, block in enumerate(problem.blocks)
-            if block.unknown_factor and len(block_rows(equations.groups, i)) > 0
+            i for i, block in enumerate(problem.blocks) if block.unknown_factor and len(equations.block_rows(i)) > 0
         ]
-        self._point = equations.numbers[equations.free]
-        self._last: Minimum | None = None
+        self._point = found.minimum.point if np.isfinite(found.minimum.cost) else equations.numbers
 
     def weighted(self) -> tuple[Minimum, Mapping[int, Noise], Floats | None]:
         """The minimum with the final weights, and the noise of each block whose factor is unknown."""
-        rows = {i: block_rows(self.equations.groups, i) for i in self.unknown}
+        rows = {i: self.equations.block_rows(i) for i in self.unknown}
         stated = sum(len(r) for r in rows.values()) < self.equations.count
         if not self.unknown or (len(self.unknown) == 1 and not stated):
             minimum = self._minimise(None)
             if not self.unknown:
                 return minimum, {}, None
-            rank = observability(minimum.jacobian, minimum.point, minimum.at_bound != 0).rank
-            noise = common_factor(minimum.cost, self.equations.count - rank)
+            observed = self._observed(minimum)
+            noise = common_factor(minimum.cost, self.equations.count + observed.equalities - observed.rank)
             return minimum, {self.unknown[0]: noise}, None
         groups = [rows[i] for i in self.unknown]
         components = variance_components(lambda factors: self._reweighted(factors, groups), groups)
@@ -153,10 +164,16 @@ class _Run:
         for factor, rows in zip(factors, groups, strict=True):
             by_row[rows] = factor
         minimum = self._minimise(by_row)
-        observed = observability(minimum.jacobian, minimum.point, minimum.at_bound != 0)
+        observed = self._observed(minimum)
         return minimum.residuals, redundancy_numbers(minimum.jacobian, observed)
 
+    def _observed(self, minimum: Minimum) -> Observability:
+        return observed_at(minimum, self.equations.coordinates(minimum.point))
+
     def _minimise(self, factors: Floats | None) -> Minimum:
+        if self._first is not None and (factors is None or bool((factors == 1.0).all())):
+            first, self._first = self._first, None
+            return first
         limit = self.settings.max_iterations
         if self.iterations:
             limit = min(limit, max(REWEIGHTED_ITERATIONS - self.iterations, 1))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from mbm.problem.types import Method
 from mbm.solution import faults
+from mbm.solution.constrained.solve import constrained_minimum
+from mbm.solution.constrained.types import ConstrainedEquations
 from mbm.solution.settings import Settings
 from mbm.solution.solvers.dogleg import DOGLEG
 from mbm.solution.solvers.gauss_newton import GAUSS_NEWTON
@@ -30,7 +32,7 @@ def solver_for(equations: Equations, settings: Settings) -> Solver:
 
 
 def minimise(equations: Equations, start: Floats, settings: Settings, place: Place | None = None) -> Minimum:
-    """The minimum of ``Σ r²`` that the start ``(n,)`` leads to; never worse than the start.
+    """The minimum of ``Σ r²`` (where the constraints hold) that the start leads to; never worse than the start.
 
     Raises MbmError (`no-equations`, `no-unknowns`, `too-many-unknowns`), with ``place`` to point at.
     """
@@ -40,6 +42,8 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
         raise MbmError(faults.no_equations(equations.dimension, place))
     if max(equations.count, equations.dimension) * equations.dimension > DENSE_LIMIT:
         raise MbmError(faults.too_many_unknowns(equations.count, equations.dimension, DENSE_LIMIT, place))
+    if isinstance(equations, ConstrainedEquations) and equations.equality.size:
+        return constrained_minimum(equations, start, settings)
     solver = solver_for(equations, settings)
     state = solver.init(equations, start, settings.tolerance)
     reason = solver.finished(state)

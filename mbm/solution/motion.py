@@ -25,16 +25,16 @@ def with_motions(equations: Equations, minimum: Minimum, observed: Observability
 
 def _classified(equations: Equations, minimum: Minimum, combination: FreeCombination) -> FreeCombination:
     indices = np.asarray(combination.indices)
-    point = minimum.point
+    point = equations.coordinates(minimum.point)
     size = float(np.abs(point[indices]).max(initial=0.0)) or 1.0
     coefficients = np.asarray(combination.coefficients)
-    shifted = point.copy()
-    shifted[indices] += FINITE * size * coefficients / float(np.abs(coefficients).max())
+    shifted = np.zeros(point.size)
+    shifted[indices] = FINITE * size * coefficients / float(np.abs(coefficients).max())
     moves = _invisible(equations, minimum, indices, shifted)
     scales = False
     if combination.relative is not None:
-        scaled = point.copy()
-        scaled[indices] *= np.exp(FINITE * np.asarray(combination.relative))
+        scaled = np.zeros(point.size)
+        scaled[indices] = point[indices] * np.expm1(FINITE * np.asarray(combination.relative))
         scales = _invisible(equations, minimum, indices, scaled)
     # A scaling by one factor is a shift along the point itself. It is called a shift only where all unknowns are of
     # one size and so move by one amount.
@@ -43,10 +43,9 @@ def _classified(equations: Equations, minimum: Minimum, combination: FreeCombina
     return replace(combination, motion=Motion.SCALE) if scales else combination
 
 
-def _invisible(equations: Equations, minimum: Minimum, indices: np.ndarray, moved: Floats) -> bool:
-    step = moved - minimum.point
+def _invisible(equations: Equations, minimum: Minimum, indices: np.ndarray, step: Floats) -> bool:
     expected = float(np.abs(minimum.jacobian[:, indices] * step[indices]).sum(axis=1).max(initial=0.0))
     with np.errstate(all="ignore"):
-        change = equations.residuals(moved) - minimum.residuals
+        change = equations.residuals(equations.retract(minimum.point, step)) - minimum.residuals
     largest = float(np.abs(change).max(initial=0.0))
     return bool(np.isfinite(largest) and largest <= UNCHANGED * expected)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from mbm.problem.checks import used_rows
 from mbm.problem.rows import rows_of
 from mbm.problem.tables import Table
-from mbm.problem.types import Block, Problem
+from mbm.problem.types import Block, BlockRole, Problem
 from mbm.solution.layout import layout
 from mbm.solution.whitening import whitener
 from mbm.text.types import Diagnostic, MbmError
@@ -29,6 +29,8 @@ def refusals(problem: Problem, tables: Mapping[str, Table]) -> list[Diagnostic]:
 
 
 def _weigh(block: Block, tables: Mapping[str, Table]) -> None:
+    if block.role is BlockRole.CONSTRAINT:
+        return
     mask = used_rows(block, tables)
     table = tables[block.table] if block.table is not None else None
     for case in block.cases:

@@ -10,10 +10,10 @@ import numpy as np
 from mbm.kernels.types import KernelSet
 from mbm.problem.builder import Elaborated
 from mbm.problem.tables import CellKey
-from mbm.solution.assembly import EvaluationCache
+from mbm.solution.binding import EvaluationCache
 from mbm.solution.estimate import estimate
 from mbm.solution.selection import Selection, selections
-from mbm.solution.settings import Settings
+from mbm.solution.settings import settings_of
 from mbm.solution.solution import Failure, Solution
 from mbm.solution.types import Floats
 from mbm.text.types import MbmError
@@ -40,7 +40,7 @@ def solutions(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, sta
     """
     problem = found.problem
     request = problem.request
-    settings = Settings(method=request.method, max_iterations=request.max_iterations, tolerance=request.tolerance)
+    settings = settings_of(request)
     given = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
     count, picked = selections(problem, found.tables)
 

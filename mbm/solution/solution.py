@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.problem.tables import CellKey, Table
-from mbm.solution.assembly import Group
+from mbm.solution.binding import Group
 from mbm.solution.layout import Layout
+from mbm.solution.search import Alternative, Tally
 from mbm.solution.types import Covariance, Fit, Floats, Indices, Minimum, Noise, Observability
 from mbm.text.types import Diagnostic
 
@@ -40,9 +41,11 @@ class Failure:
 class Solution:
     """One solve.
 
-    ``numbers`` (N,) are all unknowns in SI, ``free`` the positions of the estimated ones; ``noise`` has an entry for
-    each block with an unknown factor; ``factors`` (m,) are the noise factors per residual that the estimates hold with
-    (None: all 1); ``unused`` are positions of members that no equation mentions.
+    ``numbers`` (N,) are all unknowns in SI, ``free`` the positions of the estimated coordinates; ``noise`` has an entry
+    for each block with an unknown factor; ``factors`` are the noise factors per residual that the estimates hold with
+    (None: all 1); ``residuals`` are all whitened ones without losses, those of rows left out included, ``weights``
+    (same shape, None: all 1) what they counted; ``unused`` are coordinates of members that no equation mentions.
+    ``origin`` says where the start came from.
     """
 
     key: Mapping[str, CellKey]
@@ -52,6 +55,11 @@ class Solution:
     numbers: Floats
     free: Indices
     minimum: Minimum
+    residuals: Floats
+    weights: Floats | None
+    alternatives: tuple[Alternative, ...]
+    tally: Tally | None
+    origin: str
     observability: Observability
     covariance: Covariance
     derived_covariance: NDArray[np.float64] | None

@@ -9,9 +9,9 @@ import numpy as np
 
 from mbm.problem.types import Problem
 from mbm.solution import faults
-from mbm.solution.assembly import Assembled, block_rows
+from mbm.solution.assembly import Assembled
 from mbm.solution.covariance import covariance
-from mbm.solution.observability import observability
+from mbm.solution.observability import observed_at
 from mbm.solution.types import Covariance, Fit, Floats, Mask, Minimum, Noise, NoiseState, Observability
 from mbm.solution.variance import fit_statistics
 from mbm.text.types import Diagnostic
@@ -47,7 +47,7 @@ def statistics(
     cost, variance, known = minimum.cost, 1.0, True
     if len(noise) == 1 and factors is not None:
         residuals = minimum.residuals.copy()
-        rows = block_rows(equations.groups, next(iter(noise)))
+        rows = equations.block_rows(next(iter(noise)))
         residuals[rows] *= factors[rows]
         cost = float(residuals @ residuals)
     elif len(noise) == 1:
@@ -67,7 +67,9 @@ def statistics(
         observed=observed,
         covariance=estimated,
         alternative=alternative,
-        fit=fit_statistics(cost, equations.count, observed.rank, noise_stated=not noise),
+        fit=fit_statistics(
+            cost, equations.count, observed.rank, noise_stated=not noise, equalities=observed.equalities
+        ),
         sigma_known=known,
         diagnostics=diagnostics,
     )
@@ -82,8 +84,8 @@ def _alternative(
         return None
     jacobian = minimum.jacobian.copy()
     for number in untold:
-        jacobian[block_rows(equations.groups, number)] /= 2.0
-    observed = observability(jacobian, minimum.point, minimum.at_bound != 0)
+        jacobian[equations.block_rows(number)] /= 2.0
+    observed = observed_at(minimum, equations.coordinates(minimum.point), jacobian)
     return observed, covariance(observed)
 
 

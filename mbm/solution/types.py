@@ -17,9 +17,10 @@ Indices: TypeAlias = NDArray[np.int64]
 class Equations(Protocol):
     """A least squares problem in whitened form: minimise ``Σ r(x)²`` with ``r = h/σ``.
 
-    ``x`` is a vector of ``dimension`` coordinates; a step is a vector of the same length in the tangent space at ``x``
-    (for real unknowns the two are the same). Bounds compare the coordinates of ``x`` themselves, so they may be finite
-    only where ``retract`` adds. Priors are rows like any other.
+    ``x`` is a point: numbers that only the equations understand. A step is a vector of ``dimension`` n coordinates in
+    the tangent space at the point. ``coordinates(x)`` (n,) are the numbers to which a step simply adds, and 0 where it
+    does something else (rotations, directions); bounds compare those, so they are finite only there. Priors are rows
+    like any other.
     """
 
     @property
@@ -61,7 +62,15 @@ class Equations(Protocol):
         ...
 
     def retract(self, x: Floats, step: Floats) -> Floats:
-        """X ⊞ step, shape (n,); ``x + step`` for real unknowns."""
+        """X ⊞ step, a point; ``x + step`` for real unknowns."""
+        ...
+
+    def coordinates(self, x: Floats) -> Floats:
+        """The numbers that steps add to, shape (n,), 0 for the coordinates of rotations and directions."""
+        ...
+
+    def placed(self, x: Floats, coordinates: Floats) -> Floats:
+        """The point with other ``coordinates``; the rotations and directions of ``x`` stay."""
         ...
 
 
@@ -75,6 +84,8 @@ class Reason(Enum):
     FLAT = ("not-converged", "the fit no longer improves, but the next step is not small: the minimum may lie far off")
     MAX_ITERATIONS = ("not-converged", "the limit of iterations was reached before the estimates settled")
     NOT_FINITE_AT_START = ("not-converged", "an equation has no finite value at the initial values")
+    INTERRUPTED = ("not-converged", "the solve was interrupted; this is the best point so far")
+    INFEASIBLE = ("infeasible", "no point meets all constraints")
     JACOBIAN_NOT_FINITE_AT_START = ("not-converged", "a derivative of an equation is not finite at the initial values")
     NO_FINITE_STEP = ("not-converged", "every step, however short, leads to an equation without a finite value")
 
@@ -99,14 +110,47 @@ class TraceEntry:
     trials: int
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conflict:
+    """Constraints (by number) and coordinates whose lower or upper bounds contradict one another.
+
+    ``smallest``: without any one of them the others can be met; False where there were too many to try.
+    """
+
+    constraints: tuple[int, ...]
+    lower: tuple[int, ...]
+    upper: tuple[int, ...]
+    smallest: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ConstraintState:
+    """The constraints at a minimum.
+
+    ``values`` (k,) should be zero where ``equality``, not above zero elsewhere; ``slopes`` (k, n) their derivatives.
+    ``multipliers`` (k,) of ``cost/2 + Σ λ c``: half of what the cost would lose if the constraint gave way by one unit.
+    ``violated`` where the constraint does not hold, ``active`` where it is at its limit, ``forcing`` where it keeps the
+    estimates from moving: equations, and inequalities that the data push against.
+    """
+
+    values: Floats
+    slopes: Floats
+    multipliers: Floats
+    equality: Mask
+    violated: Mask
+    active: Mask
+    forcing: Mask
+    conflict: Conflict | None = None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Minimum:
     """What a solver answers; how good the point is and why it stopped are separate fields.
 
-    ``point`` (n,), ``residuals`` (m,), ``jacobian`` (m, n) at the point; ``cost = Σ r²``; ``at_bound`` (n,) holds -1
-    and +1 for coordinates held at their lower and upper bound, 0 elsewhere; ``offset`` is the relative offset (Bates
-    and Watts 1981) of the free coordinates, 0 at a perfect minimum; ``bad_row`` is the first residual (0-based) that is
-    not finite where the reason speaks of one.
+    ``point`` as the equations have it, ``residuals`` (m,), ``jacobian`` (m, n) at the point; ``cost = Σ r²``;
+    ``at_bound`` (n,) holds -1 and +1 for coordinates held at their lower and upper bound, 0 elsewhere; ``offset`` is
+    the relative offset (Bates and Watts 1981) of the free coordinates, 0 at a perfect minimum; ``bad_row`` is the first
+    residual (0-based) that is not finite where the reason speaks of one; constraints count on after the residuals.
     """
 
     point: Floats
@@ -119,6 +163,7 @@ class Minimum:
     offset: float
     at_bound: NDArray[np.int8]
     bad_row: int | None = None
+    constraints: ConstraintState | None = None
     trace: tuple[TraceEntry, ...] = field(default=(), repr=False)
 
 
@@ -180,10 +225,11 @@ class Observability:
     """The rank decision at a point.
 
     ``rank`` of ``dimension`` (the free coordinates only: those at a bound are ``fixed`` and not counted in either);
+    ``equalities`` of the rank are what independent equations among the constraints determine;
     ``condition`` of the column-scaled Jacobian on its estimable part; ``singular_values`` of the scaled Jacobian,
     descending; ``unused`` coordinates whose column is exactly zero; ``combinations`` that are free beside those;
-    ``scale`` (n,) the column norms (1 for empty columns); ``row_space`` (n, rank) and ``null_space`` (n, k) orthonormal
-    bases in scaled coordinates ``scale · step``; ``estimable`` (n,) False where a free combination or an unused
+    ``scale`` (n,) the column norms (1 for empty columns); ``row_space`` (n, rank − equalities) and ``null_space``
+    (n, k) orthonormal bases in scaled coordinates ``scale · step``; ``estimable`` (n,) False where a free combination or an unused
     coordinate touches; ``fixed`` (n,) the coordinates held at a bound.
     """
 
@@ -198,6 +244,7 @@ class Observability:
     unused: tuple[int, ...]
     estimable: Mask
     fixed: Mask
+    equalities: int = 0
 
     @property
     def observable(self) -> bool:

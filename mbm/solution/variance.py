@@ -44,7 +44,7 @@ def redundancy_numbers(jacobian: Floats, observed: Observability) -> Floats:
 
     Förstner (1979). 0: the row determines something that nothing else does; 1: it determines nothing.
     """
-    rank = observed.rank
+    rank = observed.row_space.shape[1]
     left = (jacobian / observed.scale) @ (observed.row_space / observed.singular_values[:rank])
     numbers: Floats = np.clip(1.0 - np.square(left).sum(axis=1), 0.0, 1.0)
     return numbers

@@ -117,6 +117,10 @@ class Converter:
                     self._memo[id(node)] = self._interned.setdefault(made, made)
         return tuple(self._memo[id(root)] for root in roots)
 
+    def symbol(self, component: Component) -> sympy.Symbol:
+        """The symbol of one number of an unknown, made where no expression holds it."""
+        return self._leaf(component)
+
     def _apply(self, node: Apply) -> sympy.Basic:
         made = _OPERATIONS[node.operation](*(self._memo[id(a)] for a in node.arguments))
         # SymPy asks for this from the root down and remembers the answer: asked here, nothing is left to recurse into.

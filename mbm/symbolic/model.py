@@ -2,36 +2,55 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 from mbm.expression.nodes import Column, Component, Expression
-from mbm.problem.types import Block, Derived, Problem
+from mbm.problem.manifold import Piece
+from mbm.problem.types import Block, Derived, Problem, Unknown
 from mbm.symbolic.conversion import Converter
-from mbm.symbolic.types import ColumnInput, ConstantInput, Purpose, ResidualBlock, Slot, SymbolicModel
+from mbm.symbolic.types import Chart, ColumnInput, ConstantInput, Purpose, ResidualBlock, Slot, SymbolicModel
 from mbm.text.types import Span
+
+if TYPE_CHECKING:
+    import sympy
 
 
 def symbolic_model(problem: Problem) -> SymbolicModel:
     """The residual blocks of all observations and priors, and the derived quantities, of ``problem``."""
-    places = {(u.name, index): i for u in problem.unknowns for i, index in enumerate(u.indices())}
-    blocks = [b for i, block in enumerate(problem.blocks) for b in _equations(i, block, places)]
-    derived = [b for i, each in enumerate(problem.derived) for b in _derived(i, each, places)]
+    unknowns = {u.name: u for u in problem.unknowns}
+    blocks = [b for i, block in enumerate(problem.blocks) for b in _equations(i, block, unknowns)]
+    derived = [b for i, each in enumerate(problem.derived) for b in _derived(i, each, unknowns)]
     return SymbolicModel(name=problem.name, blocks=(*blocks, *derived))
 
 
-_Places = dict[tuple[str, tuple[int, ...]], int]
+_Unknowns = Mapping[str, Unknown]
 
 
-def _equations(owner: int, block: Block, places: _Places) -> list[ResidualBlock]:
+def _equations(owner: int, block: Block, unknowns: _Unknowns) -> list[ResidualBlock]:
     found = []
     for number, case in enumerate(block.cases):
         components = tuple(c for equation in case.equations for c in equation.components)
         span = case.equations[0].span if case.equations else block.span
-        found.append(_block(block.name, Purpose.EQUATION, owner, number, components, places, span))
+        made = _block(block.name, Purpose.EQUATION, owner, number, components, unknowns, span)
+        found.append(replace(made, corrected=_corrected(made, block)) if block.errors else made)
     return found
 
 
-def _derived(owner: int, derived: Derived, places: _Places) -> list[ResidualBlock]:
+def _corrected(made: ResidualBlock, block: Block) -> tuple[int, ...]:
+    """The positions of the parameters that are uncertain columns of the block."""
+    names = {error.name for error in block.errors}
+    return tuple(
+        i
+        for i, parameter in enumerate(made.parameters)
+        if isinstance(parameter, ColumnInput) and parameter.table == block.table and parameter.name in names
+    )
+
+
+def _derived(owner: int, derived: Derived, unknowns: _Unknowns) -> list[ResidualBlock]:
     return [
-        _block(derived.name, Purpose.DERIVED, owner, number, case.values, places, derived.span)
+        _block(derived.name, Purpose.DERIVED, owner, number, case.values, unknowns, derived.span)
         for number, case in enumerate(derived.cases)
     ]
 
@@ -42,12 +61,13 @@ def _block(
     owner: int,
     case: int,
     values: tuple[Expression, ...],
-    places: _Places,
+    unknowns: _Unknowns,
     span: Span,
 ) -> ResidualBlock:
     converter = Converter()
     expressions = converter.convert(values)
-    components = tuple(converter.components.values())
+    variables = _variables(converter, unknowns)
+    tangents, charts = _charts(tuple(slot for slot, _ in variables), unknowns)
     columns = tuple(converter.columns.values())
     constants = tuple(converter.constants.values())
     return ResidualBlock(
@@ -55,8 +75,10 @@ def _block(
         purpose=purpose,
         owner=owner,
         case=case,
-        variables=tuple(_slot(component, places) for component, _ in components),
-        variable_symbols=tuple(symbol for _, symbol in components),
+        variables=tuple(slot for slot, _ in variables),
+        variable_symbols=tuple(symbol for _, symbol in variables),
+        tangents=tangents,
+        charts=charts,
         parameters=(*(_column(c) for c, _ in columns), *(ConstantInput(c.name) for c, _ in constants)),
         parameter_symbols=(*(symbol for _, symbol in columns), *(symbol for _, symbol in constants)),
         expressions=expressions,
@@ -64,8 +86,53 @@ def _block(
     )
 
 
-def _slot(component: Component, places: _Places) -> Slot:
-    return Slot(component.unknown, places[component.unknown, component.index], component.member)
+def _variables(converter: Converter, unknowns: _Unknowns) -> tuple[tuple[Slot, sympy.Symbol], ...]:
+    """The inputs that are numbers of unknowns; a piece that is held by several numbers enters with all of them."""
+    found: dict[Slot, sympy.Symbol] = {}
+    for component in [c for c, _ in converter.components.values()]:
+        unknown = unknowns[component.unknown]
+        indices = unknown.indices()
+        number = indices.index(component.index) if unknown.dimension else _position(component.index, unknown.shape)
+        first, count = number, 1
+        if unknown.dimension:
+            first, count = next(
+                (start, piece.size)
+                for piece, start, _ in unknown.manifold.spans()
+                if start <= number < start + piece.size
+            )
+        for i in range(first, first + count):
+            slot = Slot(component.unknown, i, component.member)
+            if slot not in found:
+                index = component.index if i == number else indices[i]
+                found[slot] = converter.symbol(Component(component.unknown, index, component.member))
+    return tuple(found.items())
+
+
+def _position(index: tuple[int, ...], shape: tuple[int, ...]) -> int:
+    if not index:
+        return 0
+    return index[0] - 1 if len(index) == 1 else (index[0] - 1) * shape[1] + index[1] - 1
+
+
+def _charts(variables: tuple[Slot, ...], unknowns: _Unknowns) -> tuple[tuple[Slot, ...], tuple[Chart, ...]]:
+    """The tangent coordinates of the pieces that ``variables`` hold, and how these vary with them."""
+    places = {slot: i for i, slot in enumerate(variables)}
+    tangents: list[Slot] = []
+    charts: list[Chart] = []
+    for slot in variables:
+        unknown = unknowns[slot.unknown]
+        piece, number, coordinate = Piece.NUMBER, slot.component, slot.component
+        if unknown.dimension:
+            piece, number, coordinate = next(
+                span for span in unknown.manifold.spans() if span[1] <= slot.component < span[1] + span[0].size
+            )
+        if slot.component != number:
+            continue  # the piece came in with its first number
+        first = len(tangents)
+        tangents.extend(Slot(slot.unknown, coordinate + i, slot.member) for i in range(piece.tangent))
+        held = tuple(places[Slot(slot.unknown, number + i, slot.member)] for i in range(piece.size))
+        charts.append(Chart(piece, held, tuple(range(first, len(tangents)))))
+    return tuple(tangents), tuple(charts)
 
 
 def _column(column: Column) -> ColumnInput:

@@ -7,6 +7,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from mbm.expression.nodes import Member, RowChoice
+from mbm.problem.manifold import Piece
 from mbm.text.types import Span
 
 if TYPE_CHECKING:
@@ -15,7 +16,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """An input that is one number of an unknown: component (from 0, row by row) of the member that ``member`` picks."""
+    """One number of an unknown, or one coordinate of its tangent space.
+
+    ``component`` counts from 0, row by row, in the member that ``member`` picks.
+    """
 
     unknown: str
     component: int
@@ -48,13 +52,26 @@ class Purpose(StrEnum):
     DERIVED = "derived"
 
 
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """How inputs vary together: the variables (their positions) that hold a piece, and its tangent coordinates."""
+
+    piece: Piece
+    variables: tuple[int, ...]
+    tangents: tuple[int, ...]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualBlock:
     """Outputs as functions of unknowns (``variables``) and data (``parameters``), for the rows of one case.
 
+    Derivatives are wanted with respect to ``tangents``, coordinates of the tangent spaces; ``charts`` says how the
+    variables vary with them. For plain numbers the two are the same.
+
     ``owner`` and ``case`` index the problem's blocks (or derived quantities) and their cases. ``expressions`` are in
     SymPy's unevaluated form; ``variable_symbols`` and ``parameter_symbols`` are its real symbols, in the order of
-    ``variables`` and ``parameters``.
+    ``variables`` and ``parameters``. ``corrected`` are the positions of the parameters that are uncertain themselves:
+    derivatives by them are wanted too.
     """
 
     name: str
@@ -63,9 +80,12 @@ class ResidualBlock:
     case: int
     variables: tuple[Slot, ...]
     variable_symbols: tuple[sympy.Symbol, ...] = field(repr=False)
+    tangents: tuple[Slot, ...]
+    charts: tuple[Chart, ...]
     parameters: tuple[Parameter, ...]
     parameter_symbols: tuple[sympy.Symbol, ...] = field(repr=False)
     expressions: tuple[sympy.Expr, ...] = field(repr=False)
+    corrected: tuple[int, ...] = ()
     span: Span
 
 

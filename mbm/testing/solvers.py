@@ -55,6 +55,14 @@ class Sample:
         with np.errstate(all="ignore"):
             return self.derivative(x)
 
+    def coordinates(self, x: Floats) -> Floats:
+        """``x``."""
+        return x
+
+    def placed(self, x: Floats, coordinates: Floats) -> Floats:
+        """The coordinates are the point."""
+        return coordinates
+
     def retract(self, x: Floats, step: Floats) -> Floats:
         """``x + step``."""
         moved: Floats = x + step

@@ -89,6 +89,11 @@ MISSING_FILE = Code(
     "command line to the folder that the command runs in.",
     "Correct the path; a table can also be given with `--data NAME=PATH`.",
 )
+MISSING_EXTRA = Code(
+    "missing-extra",
+    "What was asked for needs a library that the core installation leaves out.",
+    "Install mbm with the extra that the message names.",
+)
 NOT_A_FILE = Code("not-a-file", "A path that is to be read as a file is a directory.", "Name a file in it.")
 UNREADABLE_FILE = Code(
     "unreadable-file",
@@ -319,6 +324,16 @@ def not_text(name: str, what: str, place: Place) -> Diagnostic:
         message=f"`{shown(name)}` is no UTF-8 text: it holds {what}",
         place=place,
         hint="name the right file, or save it as UTF-8",
+    )
+
+
+def missing_extra(what: str, extra: str, place: Place | None = None) -> Diagnostic:
+    """``what`` needs the optional dependencies ``extra``."""
+    return Diagnostic(
+        code=MISSING_EXTRA,
+        message=f"{what} needs libraries that are not installed",
+        place=place,
+        hint=f'install them with `pip install "mbm[{extra}]"`',
     )
 
 

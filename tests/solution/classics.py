@@ -46,6 +46,12 @@ class Functions:
             columns.append(np.asarray(self.function(moved)).imag / 1e-100)
         return np.array(columns).T
 
+    def coordinates(self, x):
+        return x
+
+    def placed(self, x, coordinates):
+        return coordinates
+
     def retract(self, x, step):
         return x + step
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from mbm.data.readers import csv, json, npz, tsv
-from mbm.data.types import Reader
+from mbm.data.readers import bal, csv, euroc, g2o, json, kitti, npz, parquet, tsv, tum
+from mbm.data.types import ManyReader, Reader
 
-READERS: Mapping[str, Reader] = MappingProxyType(
-    {module.READER.name: module.READER for module in (csv, tsv, json, npz)},
+_MODULES = (csv, tsv, json, npz, parquet, tum, kitti, euroc, bal, g2o)
+
+READERS: Mapping[str, Reader | ManyReader] = MappingProxyType(
+    {module.READER.name: module.READER for module in _MODULES}
 )

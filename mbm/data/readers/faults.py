@@ -1,4 +1,4 @@
-"""What may be wrong with a file of a format: the text in it, the header and the rows of CSV, the shape of JSON, npz."""
+"""What may be wrong with a file of a format: the text in it, its header and rows, its shape, its records."""
 
 from __future__ import annotations
 
@@ -41,6 +41,34 @@ MALFORMED_NPZ = Code(
     "A file is not an archive of NumPy arrays as `numpy.savez` writes it, or it is damaged.",
     "Write it anew with `numpy.savez(path, x=…, y=…)`.",
 )
+MALFORMED_RECORD = Code(
+    "malformed-record",
+    "A line of a format with a fixed layout (`tum`, `kitti`, `euroc`, `bal`, `g2o`) does not hold what belongs there.",
+    "Correct the line, or name the format that the file has.",
+)
+MIXED_RECORDS = Code(
+    "mixed-records",
+    "A graph holds records of different kinds, poses of the plane and of space or landmarks, which one table cannot"
+    " hold together.",
+    "Write the kinds to files of their own.",
+)
+NO_RECORDS = Code(
+    "no-records",
+    "A file holds no record of the kind that the data clause asks for.",
+    "Ask for another part of the file, or name the right file.",
+)
+MALFORMED_PARQUET = Code(
+    "malformed-parquet",
+    "A file is no Parquet file, or it is damaged.",
+    "Write it anew, for example with `to_parquet` of a data frame.",
+)
+LONGEST_SHOWN = 40
+
+
+def shown(text: str) -> str:
+    """A piece of a file as messages show it: in backticks, cut short, control characters escaped."""
+    clean = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text[:LONGEST_SHOWN])
+    return f"`{clean}{'…' if len(text) > LONGEST_SHOWN else ''}`"
 
 
 def missing_header(place: DataPlace, said: str) -> Diagnostic:
@@ -81,3 +109,26 @@ def wrong_json_shape(place: DataPlace, what: str) -> Diagnostic:
 def malformed_npz(place: DataPlace, reason: str) -> Diagnostic:
     """``reason`` says what is wrong with the archive."""
     return Diagnostic(code=MALFORMED_NPZ, message=f"`{place.file}` is no archive of arrays: {reason}", place=place)
+
+
+def malformed_record(place: DataPlace, reason: str) -> Diagnostic:
+    """``reason`` says what is wrong with the line, or the file, at ``place``."""
+    where = f"`{place.file}`" if place.row is None else f"line {place.row} of `{place.file}`"
+    return Diagnostic(code=MALFORMED_RECORD, message=f"{where}: {reason}", place=place)
+
+
+def mixed_records(place: DataPlace, tag: str, other: str, row: int) -> Diagnostic:
+    """``tag`` stands at ``place``, the record ``other`` of another kind in line ``row``."""
+    message = f"line {place.row} of `{place.file}` is a {shown(tag)}, line {row} a {shown(other)}"
+    hint = "write the kinds to files of their own"
+    return Diagnostic(code=MIXED_RECORDS, message=message, place=place, hint=hint)
+
+
+def no_records(place: DataPlace, what: str) -> Diagnostic:
+    """``what`` are not in the file."""
+    return Diagnostic(code=NO_RECORDS, message=f"`{place.file}` holds no {what}", place=place)
+
+
+def malformed_parquet(place: DataPlace, reason: str) -> Diagnostic:
+    """``reason`` says what the library found."""
+    return Diagnostic(code=MALFORMED_PARQUET, message=f"`{place.file}` is no Parquet file: {reason}", place=place)

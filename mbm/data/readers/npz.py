@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mbm.data import faults
 from mbm.data.cells import column_from_array
 from mbm.data.columns import check_names, counted_table
-from mbm.data.content import LARGEST_FILE, digest, read_bytes
+from mbm.data.content import LARGEST_FILE, read_bytes
 from mbm.data.readers import faults as format_faults
 from mbm.data.types import RawTable, Reader
 from mbm.text.types import DataPlace, MbmError
@@ -31,10 +31,10 @@ def read(path: Path) -> RawTable:
     Raises MbmError as ``read_bytes`` does, and malformed-npz, no-columns, bad-column-name, duplicate-column, bad-array,
     bad-cell, unequal-lengths.
     """
-    content = read_bytes(path)
+    content, digest = read_bytes(path)
     shown = path.as_posix()
     columns = [column_from_array(name, array, shown) for name, array in _arrays(content, shown, LARGEST_FILE)]
-    return counted_table(shown, digest(content), columns)
+    return counted_table(shown, digest, columns)
 
 
 def _arrays(content: bytes, path: str, largest: int) -> list[tuple[str, NDArray[Any]]]:

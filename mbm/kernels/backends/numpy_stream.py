@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,3 +152,33 @@ class NumpyBackend:
 
 
 BACKEND = NumpyBackend()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stream:
+    """A kernel for any number of rows: for points by the thousand, whose number changes from call to call."""
+
+    outputs: int
+    _values: tuple[Program, tuple[tuple[int, ...], ...]]
+    _both: tuple[Program, tuple[tuple[int, ...], ...]]
+
+    def values(self, inputs: Floats) -> Floats:
+        """The outputs (rows, outputs) at inputs (rows, variables + parameters)."""
+        program, dying = self._values
+        found = np.empty((len(inputs), len(program.outputs)))
+        run(program, dying, inputs, found)
+        return found
+
+    def values_and_jacobian(self, inputs: Floats) -> tuple[Floats, Floats]:
+        """The outputs (rows, outputs) and the nonzeros of their Jacobian (rows, nonzeros)."""
+        program, dying = self._both
+        found = np.empty((len(inputs), len(program.outputs)))
+        run(program, dying, inputs, found)
+        return found[:, : self.outputs], found[:, self.outputs :]
+
+
+@lru_cache(maxsize=256)
+def stream(kernel: Kernel) -> Stream:
+    """The stream of a kernel; read from CasADi once for each kernel."""
+    values, both = program_of(kernel.value_function), program_of(kernel.jacobian_function)
+    return Stream(outputs=kernel.outputs, _values=(values, last_uses(values)), _both=(both, last_uses(both)))

@@ -8,7 +8,8 @@ from mbm.expression.nodes import Expression, Number
 from mbm.language import faults
 from mbm.language.coerce import vector
 from mbm.language.values import SCALARS, Array, Builtin, Call, Placeable, Transform, Value
-from mbm.language.vocabulary.rotations import as_rotation, pose
+from mbm.language.vocabulary.rigid import pose
+from mbm.language.vocabulary.rotations import as_rotation
 from mbm.text.types import MbmError, Span
 
 _ZERO = Number(0, NONE)

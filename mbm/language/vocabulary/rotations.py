@@ -7,13 +7,23 @@ Convention: a rotation matrix R maps coordinates of the rotated frame to those o
 from __future__ import annotations
 
 from mbm.expression import algebra
-from mbm.expression.algebra import add, apply, constant_value, divide, dot, multiply, negate, number, subtract
+from mbm.expression.algebra import add, apply, constant_value, divide, dot, multiply, negate, subtract
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
-from mbm.language.coerce import matrix, scalar, vector
+from mbm.language.coerce import scalar, vector
 from mbm.language.values import Array, Builtin, Call, PoseValue, RotationValue, Value, describe
-from mbm.language.vocabulary.vectors import norm_of, product, transposed
+from mbm.language.vocabulary.rigid import (
+    compose,
+    compose_rotations,
+    inverse_pose,
+    inverse_rotation,
+    plane_rotation,
+    pose,
+    power_series,
+    quaternion_rotation,
+    unit_vector,
+)
 from mbm.text.types import MbmError, Span
 
 _ZERO = Number(0, NONE)
@@ -47,17 +57,6 @@ def euler(angles: tuple[Expression, ...], span: Span) -> RotationValue:
             ),
         )
     )
-
-
-def plane_rotation(angle: Expression, span: Span) -> RotationValue:
-    """The rotation of the plane by an angle."""
-    c, s = apply(Operation.COS, angle, span=span), apply(Operation.SIN, angle, span=span)
-    return RotationValue(Array((2, 2), (c, negate(s, span), s, c)))
-
-
-def rotate_vector(rotation: RotationValue, elements: tuple[Expression, ...], span: Span) -> tuple[Expression, ...]:
-    """R x."""
-    return tuple(dot(row, elements, span) for row in rotation.matrix.rows())
 
 
 def as_rotation(value: Value, span: Span) -> RotationValue:
@@ -137,51 +136,19 @@ def _sinc_pair(squared: Expression, span: Span) -> tuple[Expression, Expression]
     half_sine = apply(Operation.SIN, divide(angle, Number(2, NONE), span), span=span)
     exact_a = divide(apply(Operation.SIN, angle, span=span), angle, span)
     exact_b = divide(multiply(Number(2, NONE), multiply(half_sine, half_sine, span), span), safe, span)
-    series_a = _series(squared, (1, -6, 120, -5040), span)
-    series_b = _series(squared, (2, -24, 720, -40320), span)
+    series_a = power_series(squared, (1, -6, 120, -5040), span)
+    series_b = power_series(squared, (2, -24, 720, -40320), span)
     return (
         apply(Operation.IF, small, series_a, exact_a, span=span),
         apply(Operation.IF, small, series_b, exact_b, span=span),
     )
 
 
-def _series(x: Expression, denominators: tuple[int, ...], span: Span) -> Expression:
-    """Σ xⁱ / dᵢ by Horner's rule."""
-    result: Expression = Number(1 / denominators[-1], NONE)
-    for denominator in reversed(denominators[:-1]):
-        result = add(Number(1 / denominator, NONE), multiply(x, result, span), span)
-    return result
-
-
 def _quaternion(call: Call) -> Value:
     """The rotation of the quaternion w + xi + yj + zk, which need not have length 1."""
     span = call.span
-    w, x, y, z = (scalar(v, f.span) for v, f in zip(call.arguments, call.forms, strict=True))
-    two = Number(2, NONE)
-    squared = dot((w, x, y, z), (w, x, y, z), span)
-
-    def double(a: Expression, b: Expression) -> Expression:
-        return divide(multiply(two, multiply(a, b, span), span), squared, span)
-
-    def diagonal(a: Expression, b: Expression) -> Expression:
-        return subtract(_ONE, add(double(a, a), double(b, b), span), span)
-
-    return RotationValue(
-        Array(
-            (3, 3),
-            (
-                diagonal(y, z),
-                subtract(double(x, y), double(w, z), span),
-                add(double(x, z), double(w, y), span),
-                add(double(x, y), double(w, z), span),
-                diagonal(x, z),
-                subtract(double(y, z), double(w, x), span),
-                subtract(double(x, z), double(w, y), span),
-                add(double(y, z), double(w, x), span),
-                diagonal(x, y),
-            ),
-        )
-    )
+    elements = tuple(scalar(v, f.span) for v, f in zip(call.arguments, call.forms, strict=True))
+    return quaternion_rotation(unit_vector(elements, span), span)
 
 
 def _look_at(call: Call) -> Value:
@@ -191,17 +158,12 @@ def _look_at(call: Call) -> Value:
     up: tuple[Expression, ...] = (_ZERO, _ZERO, _ONE)
     if len(call.arguments) == 3:
         up = vector(call.arguments[2], call.forms[2].span, 3).elements
-    forward = _unit(tuple(subtract(t, e, span) for t, e in zip(target.elements, eye.elements, strict=True)), span)
-    left = _unit(_cross(up, forward, span), span)
+    forward = unit_vector(tuple(subtract(t, e, span) for t, e in zip(target.elements, eye.elements, strict=True)), span)
+    left = unit_vector(_cross(up, forward, span), span)
     top = _cross(forward, left, span)
     columns = (forward, left, top)
     elements = tuple(columns[j][i] for i in range(3) for j in range(3))
     return PoseValue(RotationValue(Array((3, 3), elements)), eye.elements)
-
-
-def _unit(v: tuple[Expression, ...], span: Span) -> tuple[Expression, ...]:
-    length = norm_of(v, span)
-    return tuple(divide(e, length, span) for e in v)
 
 
 def _cross(a: tuple[Expression, ...], b: tuple[Expression, ...], span: Span) -> tuple[Expression, ...]:
@@ -221,55 +183,19 @@ def _pose3(call: Call) -> Value:
     return PoseValue(rotation, vector(call.arguments[1], call.forms[1].span, 3).elements)
 
 
-def pose(value: Value, span: Span) -> PoseValue:
-    """A pose or similarity; a rotation is a pose without translation."""
-    if isinstance(value, RotationValue):
-        return PoseValue(value, (number(0),) * value.dimension)
-    if not isinstance(value, PoseValue):
-        raise MbmError(faults.wrong_kind(span, "a pose", describe(value)))
-    return value
-
-
-def apply_pose(p: PoseValue, elements: tuple[Expression, ...], span: Span) -> tuple[Expression, ...]:
-    """c R x + t."""
-    turned = rotate_vector(p.rotation, elements, span)
-    if p.scale is not None:
-        turned = tuple(multiply(p.scale, e, span) for e in turned)
-    return tuple(add(e, t, span) for e, t in zip(turned, p.translation, strict=True))
-
-
-def inverse_pose(p: PoseValue, span: Span) -> PoseValue:
-    """x = c⁻¹ Rᵀ (y − t)."""
-    rotation = RotationValue(transposed(p.rotation.matrix))
-    moved = rotate_vector(rotation, tuple(negate(t, span) for t in p.translation), span)
-    if p.scale is None:
-        return PoseValue(rotation, moved)
-    scale = divide(_ONE, p.scale, span)
-    return PoseValue(rotation, tuple(multiply(scale, e, span) for e in moved), scale)
-
-
-def compose(p: PoseValue, q: PoseValue, span: Span) -> PoseValue:
-    """x ↦ p(q(x))."""
-    if p.rotation.dimension != q.rotation.dimension:
-        raise MbmError(faults.length_clash(span, "a pose of the plane", "a pose of space"))
-    rotation = RotationValue(product(p.rotation.matrix, q.rotation.matrix, span))
-    scale = p.scale if q.scale is None else q.scale if p.scale is None else multiply(p.scale, q.scale, span)
-    return PoseValue(rotation, apply_pose(p, q.translation, span), scale)
-
-
 def _inverse(call: Call) -> Value:
     value = call.arguments[0]
     if isinstance(value, RotationValue):
-        return RotationValue(transposed(value.matrix))
+        return inverse_rotation(value, call.span)
     return inverse_pose(pose(value, call.forms[0].span), call.span)
 
 
 def _compose(call: Call) -> Value:
     if all(isinstance(v, RotationValue) for v in call.arguments):
-        result = matrix(call.arguments[0], call.span)
+        result = as_rotation(call.arguments[0], call.span)
         for value in call.arguments[1:]:
-            result = product(result, matrix(value, call.span), call.span)
-        return RotationValue(result)
+            result = compose_rotations(result, as_rotation(value, call.span), call.span)
+        return result
     poses = [pose(v, f.span) for v, f in zip(call.arguments, call.forms, strict=True)]
     combined = poses[0]
     for each in poses[1:]:

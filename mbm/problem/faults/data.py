@@ -65,6 +65,12 @@ DERIVED_ELSEWHERE = Code(
     "A quantity that is derived for each row of a table is used where there is no row of that table.",
     "Use it in quantities that are `:over` the same table.",
 )
+BAD_TIME = Code(
+    "bad-time",
+    "Tables are laid on one another by a column of times that is no column of numbers, or has one time twice where "
+    "values are to be found between times.",
+    "Give times as numbers (seconds since some start); leave repeated rows out with `:where`.",
+)
 
 
 def unmentioned(span: Span, name: str) -> Diagnostic:
@@ -147,6 +153,23 @@ def not_finite_cell(place: Place, column: str, value: float, used: Span | None) 
         code=NOT_FINITE_CELL, message=f"a cell of `{column}` that is used is {what}", place=place,
         hint=f"correct it, or leave such rows out with `:when (finite {column})` or `:missing skip`",
         labels=(Label(used, "used here"),) if used is not None else (),
+    )  # fmt: skip
+
+
+def bad_time(place: Place, column: str, cell: str, used: Span) -> Diagnostic:
+    """A text where a time is wanted."""
+    return Diagnostic(
+        code=BAD_TIME, message=f"`{column}` holds the text `{cell}`, where a time as a number is wanted", place=place,
+        labels=(Label(used, "the column of times here"),), hint="give times as numbers, in seconds since some start",
+    )  # fmt: skip
+
+
+def repeated_time(place: Place, other: Place, column: str, time: float, used: Span) -> Diagnostic:
+    """Two rows at one time, so that nothing lies between them."""
+    return Diagnostic(
+        code=BAD_TIME, message=f"two rows have the time {time:.17g} in `{column}`, and values between times are wanted",
+        place=place, labels=(Label(other, "first here"), Label(used, "the column of times here")),
+        hint="leave one of them out",
     )  # fmt: skip
 
 

@@ -14,14 +14,28 @@ from mbm.problem import faults
 from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.options import split_options
 from mbm.problem.reading.equations import data_only
-from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKind
+from mbm.problem.reading.relations import Pair, pairs, refuse_contradictions
+from mbm.problem.rows import rows_of
+from mbm.problem.tables import Table
+from mbm.problem.types import (
+    Block,
+    BlockRole,
+    ConstraintKind,
+    Equation,
+    EquationCase,
+    NoiseKind,
+    Relation,
+    Static,
+)
 from mbm.shapes.constraints import calls_with_constraints
 from mbm.shapes.model import ModelLog
 from mbm.shapes.types import ModelCall, ModelConstraint, Shape
+from mbm.text.suggest import closest
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 
-USAGE = "(normal form mean sigma [:over TABLE] [:name n])"
-_LATER = ("=", "<", "<=", ">", ">=", "uniform")
+USAGE = "(= a b …), (<= a b …), (normal form mean sigma) or (uniform form lo hi), each [:over TABLE] [:name n]"
+_RELATIONS = {kind.value: kind for kind in ConstraintKind}
+_LONGEST_NAME = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +48,7 @@ class _Bound:
 
 def read_constraints(work: Workspace, clause: Sequence, taken: dict[str, Span]) -> list[Block]:
     """The blocks of a ``constraints`` clause."""
-    found = []
+    found: list[Block | None] = []
     refused: set[Span] = set()  # what a `for` repeats is wrong once, not thousands of times
     for item in clause.items[1:]:
         for each in _unrolled(work, item, ()):
@@ -42,9 +56,9 @@ def read_constraints(work: Workspace, clause: Sequence, taken: dict[str, Span]) 
                 continue
             refused.add(each.form.span)
             with work.collecting():
-                found.append(_normal(work, each, taken))
+                found.append(_read(work, each, taken))
                 refused.remove(each.form.span)
-    return found
+    return [block for block in found if block is not None]
 
 
 def _unrolled(work: Workspace, form: Form, variables: tuple[tuple[str, int], ...]) -> list[_Bound]:
@@ -75,36 +89,84 @@ def _scope(scope: Scope, variables: tuple[tuple[str, int], ...]) -> Scope:
     return LocalScope({name: number(value) for name, value in variables}, scope) if variables else scope
 
 
-def _normal(work: Workspace, bound: _Bound, taken: dict[str, Span]) -> Block:
+def _read(work: Workspace, bound: _Bound, taken: dict[str, Span]) -> Block | None:
+    """The block of one constraint; None where it holds whatever the unknowns are."""
     form = bound.form
     head = form.head or ""
-    if head in _LATER:
-        raise MbmError(
-            language_faults.not_available_yet(
-                form.items[0].span, f"the constraint `{head}`", "exact and penalty constraints"
-            )
-        )
-    if head != "normal":
-        raise MbmError(language_faults.bad_form(form.items[0].span, f"`{head}` is no constraint", USAGE))
+    kind = _RELATIONS.get(head)
+    if kind is None and head != "normal":
+        near = closest(head, (*_RELATIONS, "normal"))
+        hint = f"did you mean `{near}`?" if near else USAGE
+        raise MbmError(language_faults.bad_form(form.items[0].span, f"`{head}` is no constraint", hint))
     options = split_options(
         form.items[1:], form.span, owner="a constraint", known=("over", "name"), not_yet={"at": "sequences"}
     )
     over = options.get("over")
     table = work.table(over) if over is not None else None
-    name_form = options.get("name")
+    name = _name(options.get("name"), bound, taken)
+    forms = options.positional
+    if kind is not None:
+
+        def chain(scope: Scope) -> tuple[Pair, ...]:
+            inner = _scope(scope, bound.variables)
+            return pairs(kind, [work.evaluator.wanted(f, inner) for f in forms], form.span)
+
+        return _constraint(work, name, kind, table, work.cases(table, chain, form.span), form.span)
 
     def evaluate(scope: Scope) -> tuple[Equation, ...]:
-        return (normal_equation(work, options.positional, _scope(scope, bound.variables), form.span),)
+        return (normal_equation(work, forms, _scope(scope, bound.variables), form.span),)
 
-    cases = work.cases(table, evaluate, form.span)
     return Block(
-        name=_name(name_form, bound, taken),
+        name=name,
         role=BlockRole.PRIOR,
         table=table.name if table is not None else None,
-        cases=tuple(EquationCase(static=s, equations=e) for s, e in cases),
+        cases=tuple(EquationCase(static=s, equations=e) for s, e in work.cases(table, evaluate, form.span)),
         when=None,
         unknown_factor=False,
         span=form.span,
+    )
+
+
+def _constraint(
+    work: Workspace,
+    name: str,
+    kind: ConstraintKind,
+    table: Table | None,
+    found: list[tuple[Static, tuple[Pair, ...]]],
+    span: Span,
+    distinct: tuple[str, ...] = (),
+) -> Block | None:
+    """The block of what is left to be met once the pairs without unknowns are decided."""
+    cases = []
+    for static, chain in found:
+        positions = rows_of(static, table) if table is not None else None
+        refuse_contradictions(kind, chain, table, positions, work.tables, span)
+        components = tuple(pair.component for pair in chain if not pair.known)
+        if components:
+            cases.append(EquationCase(static=static, equations=(_demand(kind, components, span),)))
+    if not cases:
+        return None
+    return Block(
+        name=name,
+        role=BlockRole.CONSTRAINT,
+        table=table.name if table is not None else None,
+        cases=tuple(cases),
+        when=None,
+        unknown_factor=False,
+        distinct=distinct,
+        constraint=kind,
+        span=span,
+    )
+
+
+def _demand(kind: ConstraintKind, components: tuple[Expression, ...], span: Span) -> Equation:
+    return Equation(
+        components=components,
+        noise_kind=NoiseKind.SIGMA,
+        noise=(),
+        measured=None,
+        relation=Relation.ZERO if kind is ConstraintKind.EQUAL else Relation.NOT_ABOVE_ZERO,
+        span=span,
     )
 
 
@@ -133,10 +195,18 @@ def _name(form: Form | None, bound: _Bound, taken: dict[str, Span]) -> str:
         base = form.name
     elif form is not None and hasattr(form, "value"):
         base = str(form.value)
-    else:
+    elif bound.form.head == "normal":
         base = f"normal {bound.form.items[1].span.text}" if len(bound.form.items) > 1 else "normal"
+    else:
+        base = _short(bound.form)
     base += "".join(f" {name}={value}" for name, value in bound.variables)
     return _free(base, taken, bound.form.span)
+
+
+def _short(form: Form) -> str:
+    """The form as it is written, on one line; only its beginning where it is long."""
+    text = " ".join(form.span.text.split())
+    return text if len(text) <= _LONGEST_NAME else text[: _LONGEST_NAME - 1] + "…"
 
 
 def _free(base: str, taken: dict[str, Span], span: Span) -> str:
@@ -152,34 +222,51 @@ def model_constraints(work: Workspace, log: ModelLog, taken: dict[str, Span]) ->
     for form in tuple(log.quoted):
         with work.collecting():
             work.evaluator.wanted(form, work.scope)
-    found = []
+    found: list[Block | None] = []
     for call in calls_with_constraints(Shape(content=c, span=c.span) for c in log.calls):
         for constraint in call.constraints:
             with work.collecting():
                 found.append(_of_model(work, call, constraint, taken))
-    return found
+    return [block for block in found if block is not None]
 
 
-def _of_model(work: Workspace, call: ModelCall, constraint: ModelConstraint, taken: dict[str, Span]) -> Block:
-    if constraint.kind != "normal":
-        what = f"the constraint `{constraint.kind}` of the model `{call.name}`"
-        raise MbmError(language_faults.not_available_yet(constraint.span, what, "exact and penalty constraints"))
-    equation = normal_equation(work, constraint.forms, constraint.scope, constraint.span)
+def _of_model(work: Workspace, call: ModelCall, constraint: ModelConstraint, taken: dict[str, Span]) -> Block | None:
+    """A constraint of a model, with the model's arguments in place; it holds for each row that these come from."""
+    kind = _RELATIONS.get(constraint.kind)
+    span = constraint.span
+    if kind is not None:
+        chain = pairs(kind, [work.evaluator.wanted(f, constraint.scope) for f in constraint.forms], span)
+        rows = _row_columns(tuple(node for pair in chain for node in (pair.left, pair.right)))
+        name = _free(f"{call.name} {' '.join(span.text.split())}", taken, span)
+        table = _one_table(work, call, constraint, rows)
+        return _constraint(work, name, kind, table, [((), chain)], span, _columns(rows))
+    equation = normal_equation(work, constraint.forms, constraint.scope, span)
     rows = _row_columns((*equation.components, *equation.noise))
-    tables = tuple(dict.fromkeys(table for table, _ in rows))
-    if len(tables) > 1:
-        raise MbmError(faults.two_tables(constraint.span, call.name, tables))
-    base = f"{call.name} normal {constraint.forms[0].span.text}"
+    table = _one_table(work, call, constraint, rows)
     return Block(
-        name=_free(base, taken, constraint.span),
+        name=_free(f"{call.name} normal {constraint.forms[0].span.text}", taken, span),
         role=BlockRole.PRIOR,
-        table=tables[0] if tables else None,
+        table=table.name if table is not None else None,
         cases=(EquationCase(static=(), equations=(equation,)),),
         when=None,
         unknown_factor=False,
-        distinct=tuple(dict.fromkeys(column for _, column in rows)),
-        span=constraint.span,
+        distinct=_columns(rows),
+        span=span,
     )
+
+
+def _one_table(
+    work: Workspace, call: ModelCall, constraint: ModelConstraint, rows: list[tuple[str, str]]
+) -> Table | None:
+    """The table whose rows the columns are read from; None where there are no columns."""
+    tables = tuple(dict.fromkeys(table for table, _ in rows))
+    if len(tables) > 1:
+        raise MbmError(faults.two_tables(constraint.span, call.name, tables))
+    return work.tables[tables[0]] if tables else None
+
+
+def _columns(rows: list[tuple[str, str]]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(column for _, column in rows))
 
 
 def _row_columns(nodes: tuple[Expression, ...]) -> list[tuple[str, str]]:

@@ -17,10 +17,11 @@ from mbm.language.values import (
 )
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
+from mbm.problem.manifold import manifold_of
 from mbm.problem.options import split_options
 from mbm.problem.reading.unknowns import stated_unit
 from mbm.problem.scopes import Entry
-from mbm.problem.types import Derived, ValueCase
+from mbm.problem.types import Derived, UnknownKind, ValueCase
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 
 USAGE = "(derive (name form [:over TABLE] [:unit u])…)"
@@ -46,18 +47,20 @@ def _derived(work: Workspace, item: Form) -> Derived:
     over, unit = options.get("over"), options.get("unit")
     table = work.table(over) if over is not None else None
 
-    def evaluate(scope: Scope) -> tuple[tuple[int, ...], tuple[Expression, ...]]:
-        return _elements(work.evaluator.wanted(form, scope), form.span)
+    def evaluate(scope: Scope) -> tuple[Value, tuple[int, ...], tuple[Expression, ...]]:
+        value = work.evaluator.wanted(form, scope)
+        return (value, *_elements(value, form.span))
 
     cases = work.cases(table, evaluate, item.span)
-    shapes = {shape for _, (shape, _) in cases}
-    if len(shapes) > 1:
+    kinds = {(*_kind(value), shape) for _, (value, shape, _) in cases}
+    if len(kinds) > 1:
         raise MbmError(faults.unequal_branches(form.span))
+    kind, dimension, shape = next(iter(kinds), (None, 0, ()))
     if name.name in work.scope.derived_over:
         first = work.scope.derived_over[name.name][1]
         raise MbmError(language_faults.duplicate_definition(name.span, name.name, first.span))
     if table is None:
-        value = _value(*cases[0][1])
+        value = _kept(*cases[0][1])
         work.scope.add(name.name, Entry("derived quantity", name.span, lambda: value))
     else:
         other = work.scope.entries.get(name.name)
@@ -67,21 +70,37 @@ def _derived(work: Workspace, item: Form) -> Derived:
     return Derived(
         name=name.name,
         table=table.name if table is not None else None,
-        shape=next(iter(shapes), ()),
-        cases=tuple(ValueCase(static=s, values=v) for s, (_, v) in cases),
+        kind=kind,
+        dimension=dimension,
+        shape=(manifold_of(kind.value, dimension, 0).size,) if kind is not None else shape,
+        cases=tuple(ValueCase(static=s, values=v) for s, (_, _, v) in cases),
         unit=stated_unit(unit) if unit is not None else None,
-        angle=bool(cases) and all(e.angle for _, (_, v) in cases for e in v),
+        angle=bool(cases) and all(e.angle for _, (_, _, v) in cases for e in v),
         span=name.span,
     )
 
 
-def _value(shape: tuple[int, ...], elements: tuple[Expression, ...]) -> Value:
+def _kept(value: Value, shape: tuple[int, ...], elements: tuple[Expression, ...]) -> Value:
+    """What later forms see under the name."""
+    if isinstance(value, RotationValue | PoseValue):
+        return value
     return Array(shape, elements) if shape else elements[0]
 
 
+def _kind(value: Value) -> tuple[UnknownKind | None, int]:
+    if isinstance(value, RotationValue):
+        return UnknownKind.ROTATION, value.dimension
+    if isinstance(value, PoseValue):
+        return (UnknownKind.POSE if value.scale is None else UnknownKind.SIMILARITY), value.rotation.dimension
+    return None, 0
+
+
 def _elements(value: Value, span: Span) -> tuple[tuple[int, ...], tuple[Expression, ...]]:
-    if isinstance(value, RotationValue | PoseValue):
-        raise MbmError(language_faults.not_available_yet(span, f"{describe(value)} as derived quantity", "manifolds"))
+    if isinstance(value, RotationValue):
+        return (), value.matrix.elements
+    if isinstance(value, PoseValue):
+        scale = () if value.scale is None else (value.scale,)
+        return (), (*value.rotation.matrix.elements, *value.translation, *scale)
     if isinstance(value, Array):
         return value.shape, value.elements
     if isinstance(value, ListValue | Placeable):

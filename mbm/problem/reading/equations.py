@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mbm.expression.algebra import apply, wrap
-from mbm.expression.nodes import Apply, Component, Expression, Operation, leaves
+from mbm.expression.nodes import Apply, Column, Component, Expression, Operation, RowChoice, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, difference, is_form, scalar, vector
 from mbm.language.evaluator import Evaluator
@@ -24,17 +24,22 @@ from mbm.language.values import (
     Value,
     describe,
 )
+from mbm.language.vocabulary.rigid import geometric_difference, logarithms
 from mbm.problem import faults
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span
 
 
 @dataclass(frozen=True, slots=True)
 class Residual:
-    """Components that should be zero, model − measured; differences of angles are wrapped."""
+    """Components that should be zero, model − measured; differences of angles are wrapped.
+
+    ``columns`` are those of the row at hand on the measured side, whatever else stands there.
+    """
 
     components: tuple[Expression, ...]
     measured: tuple[Expression, ...] | None
     span: Span
+    columns: tuple[str, ...] = ()
 
 
 def data_only(nodes: tuple[Expression, ...]) -> tuple[Expression, ...] | None:
@@ -113,6 +118,7 @@ def _either(test: Apply, then: list[Residual], other: list[Residual], span: Span
             tuple(apply(Operation.IF, test, a, b, span=span) for a, b in zip(t.components, o.components, strict=True)),
             _either_measured(test, t, o, span),
             t.span,
+            tuple(dict.fromkeys((*t.columns, *o.columns))),
         )
         for t, o in zip(then, other, strict=True)
     ]
@@ -131,12 +137,21 @@ def _equation(evaluator: Evaluator, form: Sequence, scope: Scope) -> Residual:
     measured_form, model_form = form.items[1:]
     measured = evaluator.wanted(measured_form, scope)
     model = evaluator.wanted(model_form, scope)
+    geometric = geometric_difference(measured, model, form.span)
+    if geometric is not None:
+        return Residual(geometric, None, form.span, _columns(_elements(measured, measured_form.span)))
     left, right = _elements(measured, measured_form.span), _elements(model, model_form.span)
     if len(left) != len(right) or _is_vector(measured) != _is_vector(model):
         raise MbmError(faults.unequal_sides(form.span, describe(measured), describe(model)))
     pairs = zip(left, right, strict=True)
     components = tuple(difference(b, a, form.span) for a, b in pairs)
-    return Residual(components, data_only(left), form.span)
+    return Residual(components, data_only(left), form.span, _columns(left))
+
+
+def _columns(nodes: tuple[Expression, ...]) -> tuple[str, ...]:
+    """Columns of the row at hand that nodes read."""
+    found = (leaf for leaf in leaves(nodes) if isinstance(leaf, Column) and leaf.row is RowChoice.EACH)
+    return tuple(dict.fromkeys(leaf.name for leaf in found))
 
 
 def _is_vector(value: Value) -> bool:
@@ -147,7 +162,7 @@ def _elements(value: Value, span: Span) -> tuple[Expression, ...]:
     if isinstance(value, bool) or (isinstance(value, Apply) and value.is_condition):
         raise MbmError(faults.condition_as_equation(span))
     if isinstance(value, RotationValue | PoseValue):
-        raise MbmError(language_faults.not_available_yet(span, f"an equation between {describe(value)}s", "manifolds"))
+        return logarithms(value, span)
     if isinstance(value, Array) and value.is_matrix:
         return value.elements
     if isinstance(value, ListValue | Array):

@@ -11,6 +11,7 @@ from mbm.problem import faults
 from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.options import Options, split_options
 from mbm.problem.reading.equations import Residual, residuals
+from mbm.problem.reading.errors import read_errors
 from mbm.problem.rows import decided
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKind
@@ -19,7 +20,7 @@ from mbm.text.types import Form, Label, MbmError, Sequence, Span, Symbol
 
 USAGE = "(observe [name] [table] equation… [:sigma form])"
 NOISE = ("sigma", "covariance", "information")
-LATER = {"bound": "interval methods", "errors": "errors in the variables"}
+LATER = {"bound": "interval methods"}
 
 
 def read_observation(work: Workspace, clause: Sequence, taken: dict[str, Span]) -> Block:
@@ -28,7 +29,7 @@ def read_observation(work: Workspace, clause: Sequence, taken: dict[str, Span]) 
         clause.items[1:],
         clause.span,
         owner="`observe`",
-        known=("sigma", "covariance", "information", "loss", "when"),
+        known=("sigma", "covariance", "information", "errors", "loss", "when"),
         not_yet=LATER,
     )
     _check_loss(options.get("loss"))
@@ -37,13 +38,15 @@ def read_observation(work: Workspace, clause: Sequence, taken: dict[str, Span]) 
     if not equations:
         raise MbmError(language_faults.bad_form(clause.span, "`observe` has no equation", USAGE))
     kind, form, factor = _noise(options)
+    exact = form is None and options.get("errors") is not None and options.get("sigma") is None
 
     def evaluate(scope: Scope) -> tuple[Equation, ...]:
         found = [r for each in equations for r in residuals(work.evaluator, each, scope)]
-        return tuple(_with_noise(work, r, kind, form, scope) for r in found)
+        return tuple(_with_noise(work, r, kind, form, scope, exact=exact) for r in found)
 
     when_form = options.get("when")
     try:
+        errors = read_errors(work, options.get("errors"), table)
         when = None if when_form is None else work.conditions(when_form, table, 1, wanted="`:when`")
         kept = decided(when, work.tables)[:, 0] if when is not None and table is not None else None
         cases = work.cases(table, evaluate, clause.span, kept)
@@ -55,7 +58,8 @@ def read_observation(work: Workspace, clause: Sequence, taken: dict[str, Span]) 
         table=table.name if table is not None else None,
         cases=tuple(EquationCase(static=s, equations=e) for s, e in cases),
         when=when,
-        unknown_factor=factor,
+        unknown_factor=factor and not exact,
+        errors=errors,
         span=clause.items[0].span,
     )
 
@@ -135,10 +139,13 @@ def _noise(options: Options) -> tuple[NoiseKind, Form | None, bool]:
     return NoiseKind(given[0]), form, False
 
 
-def _with_noise(work: Workspace, residual: Residual, kind: NoiseKind, form: Form | None, scope: Scope) -> Equation:
+def _with_noise(
+    work: Workspace, residual: Residual, kind: NoiseKind, form: Form | None, scope: Scope, *, exact: bool
+) -> Equation:
+    """``exact``: without noise of its own, all that is uncertain is in the columns."""
     size = len(residual.components)
     if form is None:
-        noise: tuple[Expression, ...] = tuple(Number(1) for _ in range(size))
+        noise: tuple[Expression, ...] = tuple(Number(0 if exact else 1) for _ in range(size))
         return _equation(residual, kind, noise)
     value = work.evaluator.wanted(form, scope)
     if kind is NoiseKind.SIGMA:
@@ -157,6 +164,7 @@ def _equation(residual: Residual, kind: NoiseKind, noise: tuple[Expression, ...]
         noise_kind=kind,
         noise=noise,
         measured=residual.measured,
+        measured_columns=residual.columns,
         span=residual.span,
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from mbm.expression.nodes import Constant, Number
 from mbm.expression.units import Unit
@@ -23,8 +24,12 @@ USAGE = (
     '(data name (csv "path") [:key column] [:with (table column)] [:columns ((new old :unit u)…)] '
     "[:where form] [:missing skip])"
 )
-FILES = ("csv", "tsv", "json", "npz")
-LATER = ("parquet", "tum", "kitti", "euroc", "bal", "g2o", "image", "contour", "chessboard")
+FILES = ("csv", "tsv", "json", "npz", "parquet", "tum", "kitti", "euroc")
+PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"bal": ("cameras", "points", "observations"), "g2o": ("vertices", "edges")}
+)
+"""Formats whose files hold several tables, with their names."""
+LATER = ("image", "contour", "chessboard")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +39,24 @@ class DataClause:
     declaration: TableDeclaration
     joins: tuple[Join, ...]
     where: Form | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Inline:
+    """An inline table with the SI unit of each column whose cells state one, and the place that states it."""
+
+    table: InlineTable
+    units: Mapping[str, tuple[str, Span]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Source:
+    """The source of a data clause: a format with its path (and table, of several), ``external``, or rows written."""
+
+    format: str
+    path: str | None = None
+    part: str | None = None
+    inline: _Inline | None = None
 
 
 def read_source(evaluator: Evaluator, scope: Scope, clause: Sequence) -> DataClause:
@@ -51,15 +74,17 @@ def read_source(evaluator: Evaluator, scope: Scope, clause: Sequence) -> DataCla
     )
     if options.positional:
         raise MbmError(language_faults.bad_form(options.positional[0].span, "a data clause has one source", USAGE))
-    source, path, inline = _source(evaluator, scope, items[1])
+    origin = _source(evaluator, scope, items[1])
+    inline = origin.inline
     columns = _columns(options.get("columns"))
     if inline is not None:
         columns = _inline_units(inline, columns)
     key = options.get("key")
     declaration = TableDeclaration(
         name=name.name,
-        source=source,
-        path=path,
+        source=origin.format,
+        path=origin.path,
+        part=origin.part,
         inline=inline.table if inline is not None else None,
         key=_symbol(key, ":key") if key is not None else None,
         columns=columns,
@@ -113,28 +138,36 @@ def refuse_overwriting(table: Table, clause: DataClause, tables: Mapping[str, Ta
             taken[name] = join.span
 
 
-def _source(evaluator: Evaluator, scope: Scope, form: Form) -> tuple[str, str | None, _Inline | None]:
+def _source(evaluator: Evaluator, scope: Scope, form: Form) -> _Source:
     if isinstance(form, Symbol) and form.name == "external":
-        return "external", None, None
+        return _Source(format="external")
     head = form.head if isinstance(form, Sequence) else None
     if head in LATER:
         raise MbmError(language_faults.not_available_yet(form.span, f"the source `{head}`", "other file formats"))
     if isinstance(form, Sequence) and head in FILES:
         if len(form.items) != 2 or not isinstance(form.items[1], Text):
             raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes one path", f'({head} "path")'))
-        return str(head), form.items[1].value, None
+        return _Source(format=str(head), path=form.items[1].value)
+    if isinstance(form, Sequence) and head in PARTS:
+        return _part(form, str(head))
     if isinstance(form, Sequence) and head == "table":
-        return "table", None, _inline(evaluator, scope, form)
+        return _Source(format="table", inline=_inline(evaluator, scope, form))
     shown = head or form.span.text
-    raise MbmError(faults.unknown_source(form.span, shown, closest(shown, (*FILES, "table", "external", *LATER))))
+    known = (*FILES, *PARTS, "table", "external", *LATER)
+    raise MbmError(faults.unknown_source(form.span, shown, closest(shown, known)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Inline:
-    """An inline table with the SI unit of each column whose cells state one, and the place that states it."""
-
-    table: InlineTable
-    units: Mapping[str, tuple[str, Span]]
+def _part(form: Sequence, head: str) -> _Source:
+    """``(g2o "path" :edges)``: one of the tables of a file."""
+    parts = PARTS[head]
+    usage = f'({head} "path" {" | ".join(f":{part}" for part in parts)})'
+    if len(form.items) != 3 or not isinstance(form.items[1], Text) or not isinstance(form.items[2], Keyword):
+        raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes a path and the table that is meant", usage))
+    part = form.items[2]
+    if part.name not in parts:
+        near = closest(part.name, parts)
+        raise MbmError(language_faults.unknown_keyword(part.span, part.name, f"`{head}`", (near,) if near else parts))
+    return _Source(format=head, path=form.items[1].value, part=part.name)
 
 
 def _inline(evaluator: Evaluator, scope: Scope, form: Sequence) -> _Inline:

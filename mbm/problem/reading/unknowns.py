@@ -5,15 +5,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import prod
 
-from mbm.expression.nodes import Column, ColumnMember, Component, Constant, LiteralMember, Member, Number
+from mbm.expression.nodes import Column, ColumnMember, Component, Constant, Expression, LiteralMember, Member, Number
 from mbm.expression.units import Unit, parse_unit, refused_unit
 from mbm.language import faults as language_faults
-from mbm.language.coerce import difference, integer, static_number
+from mbm.language.coerce import difference, integer, static_number, vector
 from mbm.language.scope import Scope
-from mbm.language.values import Array, FamilyValue, TextColumn, Value
+from mbm.language.values import Array, FamilyValue, PoseValue, RotationValue, TextColumn, Value, describe
+from mbm.language.vocabulary.rigid import (
+    direction_difference,
+    geometric_difference,
+    plane_rotation,
+    pose,
+    quaternion_rotation,
+)
+from mbm.language.vocabulary.rotations import as_rotation
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace, pair_of, shaped
 from mbm.problem.joining import with_families
+from mbm.problem.manifold import Manifold, manifold_of
 from mbm.problem.options import Options, split_options
 from mbm.problem.reading.constants import given_value
 from mbm.problem.scopes import ROW, Entry
@@ -36,7 +45,7 @@ from mbm.text.types import Form, MbmError, Numeral, Sequence, Span, Symbol, Text
 USAGE = "(name [type] [:init form] [:in (lo hi)] [:unit u] [:sigma s] [:fixed true] [:per TABLE])"
 OPTIONS = ("init", "in", "start", "unit", "sigma", "covariance", "fixed", "per", "doc")
 _SCALARS = {"real": UnknownKind.REAL, "positive": UnknownKind.POSITIVE, "angle": UnknownKind.ANGLE}
-_LATER = ("direction", "rotation", "pose", "similarity")
+_SPATIAL = ("rotation", "pose", "similarity")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,8 +55,14 @@ class Declaration:
     name: Symbol
     kind: UnknownKind
     shape: tuple[int, ...]
+    dimension: int
     family: Family | None
     options: Options
+
+    @property
+    def manifold(self) -> Manifold:
+        """How its numbers vary."""
+        return manifold_of(self.kind.value, self.dimension, prod(self.shape))
 
 
 def declare_unknowns(work: Workspace, clause: Sequence) -> list[Declaration]:
@@ -69,19 +84,21 @@ def _declaration(work: Workspace, item: Form) -> Declaration:
     options = split_options(item.items[1:], item.span, owner="an unknown", known=OPTIONS)
     if len(options.positional) > 1:
         raise MbmError(language_faults.bad_form(options.positional[1].span, "only one type may be given", USAGE))
-    kind, shape = _type(work, options.positional[0] if options.positional else None)
+    kind, shape, dimension = _type(work, options.positional[0] if options.positional else None)
     family = _family(work, options.get("per"))
-    return Declaration(name=name, kind=kind, shape=shape, family=family, options=options)
+    return Declaration(name=name, kind=kind, shape=shape, dimension=dimension, family=family, options=options)
 
 
-def _type(work: Workspace, form: Form | None) -> tuple[UnknownKind, tuple[int, ...]]:
+def _type(work: Workspace, form: Form | None) -> tuple[UnknownKind, tuple[int, ...], int]:
     if form is None:
-        return UnknownKind.REAL, ()
+        return UnknownKind.REAL, (), 0
     head = form.name if isinstance(form, Symbol) else form.head if isinstance(form, Sequence) else None
-    if head in _LATER:
-        raise MbmError(language_faults.not_available_yet(form.span, f"the type `{head}` of unknowns", "manifolds"))
     if isinstance(form, Symbol) and form.name in _SCALARS:
-        return _SCALARS[form.name], ()
+        return _SCALARS[form.name], (), 0
+    if isinstance(form, Symbol) and head == "direction":
+        return UnknownKind.DIRECTION, (manifold_of(head, 3, 0).size,), 3
+    if head in _SPATIAL:
+        return _spatial(work, form, head)
     if isinstance(form, Sequence) and head in ("vector", "array"):
         extents = [integer(work.evaluator.wanted(f, work.scope), f.span, "a size") for f in form.items[1:]]
         most = 1 if head == "vector" else 2
@@ -92,10 +109,21 @@ def _type(work: Workspace, form: Form | None) -> tuple[UnknownKind, tuple[int, .
             if extent < 1:
                 raise MbmError(language_faults.bad_index(size_form.span, f"there is no {head} of size {extent}"))
         work.evaluator.budget.check_length(prod(extents), form)
-        return UnknownKind(head), tuple(extents)
-    known = (*_SCALARS, "vector", "array", *_LATER)
+        return UnknownKind(head), tuple(extents), 0
+    known = (*_SCALARS, "vector", "array", "direction", *_SPATIAL)
     shown = head or form.span.text
     raise MbmError(faults.unknown_type(form.span, shown, closest(shown, known), known))
+
+
+def _spatial(work: Workspace, form: Form, head: str) -> tuple[UnknownKind, tuple[int, ...], int]:
+    """``(rotation 2)``, ``(pose 3)``, …: the dimension says of which space."""
+    dimension = 0
+    if isinstance(form, Sequence) and len(form.items) == 2:
+        dimension = integer(work.evaluator.wanted(form.items[1], work.scope), form.items[1].span, "a dimension")
+    if dimension not in (2, 3):
+        usage = f"({head} 2) of the plane, or ({head} 3) of space"
+        raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes its dimension", usage))
+    return UnknownKind(head), (manifold_of(head, dimension, 0).size,), dimension
 
 
 def _family(work: Workspace, form: Form | None) -> Family | None:
@@ -128,10 +156,27 @@ def components(declaration: Declaration, member: Member | None, span: Span | Non
     shape = declaration.shape
     if not shape:
         return Component(name, (), member, angle, span)
+    if declaration.dimension:
+        angles = declaration.manifold.number_angles()
+        numbers = tuple(Component(name, (i + 1,), member, a, span) for i, a in enumerate(angles))
+        return _geometric(declaration, numbers, span or declaration.name.span)
     if len(shape) == 1:
         return Array(shape, tuple(Component(name, (i + 1,), member, angle, span) for i in range(shape[0])))
     indices = [(i + 1, j + 1) for i in range(shape[0]) for j in range(shape[1])]
     return Array(shape, tuple(Component(name, index, member, angle, span) for index in indices))
+
+
+def _geometric(declaration: Declaration, numbers: tuple[Component, ...], span: Span) -> Value:
+    """A direction, rotation, pose or similarity made of the numbers that hold it."""
+    kind, dimension = declaration.kind, declaration.dimension
+    if kind is UnknownKind.DIRECTION:
+        return Array((3,), numbers)
+    held = 4 if dimension == 3 else 1
+    rotation = quaternion_rotation(numbers[:4], span) if dimension == 3 else plane_rotation(numbers[0], span)
+    if kind is UnknownKind.ROTATION:
+        return rotation
+    scale = numbers[-1] if kind is UnknownKind.SIMILARITY else None
+    return PoseValue(rotation, numbers[held : held + dimension], scale)
 
 
 def _enter(work: Workspace, declaration: Declaration, keys: frozenset[str | float] | None) -> None:
@@ -157,8 +202,13 @@ def read_unknown(work: Workspace, declaration: Declaration) -> tuple[Unknown, Bl
     table = work.tables[family.rows] if family is not None else None
     name = declaration.name.name
 
-    def numbers(form: Form | None, wanted: str) -> RowValues | None:
-        return None if form is None else work.values(form, table, shape, wanted=wanted)
+    def start(form: Form | None) -> RowValues | None:
+        if form is None:
+            return None
+        wanted = f"`:init` of `{name}`"
+        if not declaration.dimension:
+            return work.values(form, table, shape, wanted=wanted)
+        return work.evaluated(form, table, lambda value: _stated(declaration, value, form.span), wanted=wanted)
 
     def ends(option: str) -> tuple[RowValues | None, RowValues | None]:
         form = options.get(option)
@@ -166,20 +216,20 @@ def read_unknown(work: Workspace, declaration: Declaration) -> tuple[Unknown, Bl
             return None, None
         low, high = pair_of(form, f":{option}")
         wanted = f"`:{option}` of `{name}`"
-        return numbers(low, wanted), numbers(high, wanted)
+        extent = _bounded_shape(declaration, form)
+        return work.values(low, table, extent, wanted=wanted), work.values(high, table, extent, wanted=wanted)
 
     lower, upper = ends("in")
     start_lower, start_upper = ends("start")
     fixed_form, unit_form = options.get("fixed"), options.get("unit")
-    size = 1
-    for extent in shape:
-        size *= extent
+    size = declaration.manifold.tangent
     unknown = Unknown(
         name=name,
         kind=declaration.kind,
         shape=shape,
+        dimension=declaration.dimension,
         family=family,
-        start=numbers(options.get("init"), f"`:init` of `{name}`"),
+        start=start(options.get("init")),
         lower=lower,
         upper=upper,
         start_lower=start_lower,
@@ -190,6 +240,35 @@ def read_unknown(work: Workspace, declaration: Declaration) -> tuple[Unknown, Bl
         span=declaration.name.span,
     )
     return unknown, _prior(work, declaration, table)
+
+
+def _bounded_shape(declaration: Declaration, form: Form) -> tuple[int, ...]:
+    """What ``:in`` and ``:start`` give ends for: the translation of poses and similarities, nothing of directions."""
+    kind = declaration.kind
+    if not declaration.dimension:
+        return declaration.shape
+    if kind in (UnknownKind.POSE, UnknownKind.SIMILARITY):
+        return (declaration.dimension,)
+    if kind is UnknownKind.ROTATION and declaration.dimension == 2:
+        return ()
+    usage = "bounds are for numbers and for the translation of poses"
+    raise MbmError(language_faults.bad_form(form.span, f"a {kind.value} has no bounds", usage))
+
+
+def _stated(declaration: Declaration, value: Value, span: Span) -> tuple[Expression, ...]:
+    """What ``:init`` says of a direction (3), rotation (matrix), pose (and translation) or similarity (and scale)."""
+    kind = declaration.kind
+    if kind is UnknownKind.DIRECTION:
+        return vector(value, span, 3).elements
+    given = as_rotation(value, span) if kind is UnknownKind.ROTATION else pose(value, span)
+    rotation = given if isinstance(given, RotationValue) else given.rotation
+    if rotation.dimension != declaration.dimension:
+        wanted = f"`({kind.value} {declaration.dimension})`"
+        raise MbmError(language_faults.length_clash(span, describe(value), wanted))
+    if isinstance(given, RotationValue):
+        return given.matrix.elements
+    numbers = (*rotation.matrix.elements, *given.translation)
+    return (*numbers, given.scale or Number(1)) if kind is UnknownKind.SIMILARITY else numbers
 
 
 def _doc(form: Form | None) -> str:
@@ -216,14 +295,23 @@ def _prior(work: Workspace, declaration: Declaration, table: Table | None) -> Bl
     def evaluate(scope: Scope) -> tuple[Equation, ...]:
         evaluator = work.evaluator
         value = components(declaration, own_member(declaration.family), declaration.name.span)
-        own = value.elements if isinstance(value, Array) else (value,)
-        mean = shaped(evaluator.wanted(init_form, scope), declaration.shape, init_form.span)
-        differences = tuple(difference(a, b, init_form.span) for a, b in zip(own, mean, strict=True))  # type: ignore[arg-type]
-        noise_shape = declaration.shape if kind is NoiseKind.SIGMA else (len(own), len(own))
+        given = evaluator.wanted(init_form, scope)
+        found = geometric_difference(given, value, init_form.span)
+        mean: tuple[Expression, ...] | None = None
+        if declaration.kind is UnknownKind.DIRECTION and isinstance(value, Array):
+            found = direction_difference(vector(given, init_form.span, 3).elements, value.elements, init_form.span)
+        if found is None:
+            own = value.elements if isinstance(value, Array) else (value,)
+            mean = shaped(given, declaration.shape, init_form.span)
+            found = tuple(difference(a, b, init_form.span) for a, b in zip(own, mean, strict=True))  # type: ignore[arg-type]
+        size = declaration.manifold.tangent
+        shape: tuple[int, ...] = declaration.shape if not declaration.dimension else (size,)
+        noise_shape = shape if kind is NoiseKind.SIGMA else (size, size)
         noise = shaped(evaluator.wanted(form, scope), noise_shape, form.span, broadcast=kind is NoiseKind.SIGMA)
         work.refuse_unknowns(noise, form.span, f"`:{kind.value}` of `{name}`")
-        work.refuse_unknowns(mean, init_form.span, f"`:init` of `{name}`")
-        return (Equation(components=differences, noise_kind=kind, noise=noise, measured=mean, span=form.span),)
+        stated = mean if mean is not None else _stated(declaration, given, init_form.span)
+        work.refuse_unknowns(stated, init_form.span, f"`:init` of `{name}`")
+        return (Equation(components=found, noise_kind=kind, noise=noise, measured=mean, span=form.span),)
 
     cases = work.cases(table, evaluate, form.span)
     return Block(
@@ -267,7 +355,8 @@ def given_start(work: Workspace, declaration: Declaration, override: Override) -
     value = given_value(work, override.name, override.text or "")
     span = declaration.name.span
     found = []
-    for element in shaped(value, declaration.shape, span):
+    elements = _stated(declaration, value, span) if declaration.dimension else shaped(value, declaration.shape, span)
+    for element in elements:
         dimension = element.dimension if isinstance(element, Number | Constant) else None
         found.append(Number(float(static_number(element, span)), dimension, element.span))
     return tuple(found)

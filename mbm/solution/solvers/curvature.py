@@ -28,12 +28,13 @@ def residual_curvature(
     Per unit of ‖r‖, so that the term fades where the residuals do. ``spread`` is the standard deviation of a residual,
     so that ``spread / scale`` is one of a coordinate.
     """
-    n = x.size
+    n = equations.dimension
+    size = np.abs(equations.coordinates(x))
     gradient = residuals @ jacobian
     result = np.empty((n, n))
     for j in range(n):
         step = np.zeros(n)
-        step[j] = max(FRACTION * spread / scale[j], RELATIVE * abs(float(x[j])))
+        step[j] = max(FRACTION * spread / scale[j], RELATIVE * float(size[j]))
         gradient_there = residuals @ equations.jacobian(equations.retract(x, step))
         result[j] = (gradient_there - gradient) / step[j]
     if not np.isfinite(result).all():

@@ -42,7 +42,7 @@ class Linear:
             finite = bool(np.isfinite(cost))
             if not finite or cost > best.cost + best.slack:
                 break
-            new = place_at(point, residuals, best.jacobian, state.box, state.tolerance, best, None)
+            new = place_at(equations, point, residuals, best.jacobian, state.box, state.tolerance, best, None)
             if best is not state.place and not new.full.length < best.full.length:
                 break
             best = new

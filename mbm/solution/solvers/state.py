@@ -32,12 +32,14 @@ where every derivative vanishes; the shares from 0.03 to 0.15 do equally well.""
 class Place:
     """A point and all that depends on it alone (and on the columns seen so far).
 
+    ``coordinates`` (n,) are those of the point, as bounds compare them.
     ``peak`` (n,) is the largest norm that each column has had (Moré 1978), ``scale`` (n,) > 0 the metric made of it;
     ``parts`` the decomposition of the Jacobian of the coordinates that are free to move; ``full`` the undamped step;
     ``free`` is None without bounds; ``noise`` the rounding of ‖r‖; ``ending`` why nothing is left to do here, or None.
     """
 
     point: Floats
+    coordinates: Floats
     residuals: Floats
     jacobian: Floats
     cost: float
@@ -81,19 +83,21 @@ class State:
 def begin(equations: Equations, point: Floats, tolerance: float) -> State:
     """The state at the start, projected into the bounds; finished at once where something is not finite there."""
     box = box_of(equations)
-    x = box.project(np.array(point, dtype=np.float64))
+    x = np.array(point, dtype=np.float64)
+    if box.present:
+        x = equations.placed(x, box.project(equations.coordinates(x)))
     residuals = equations.residuals(x)
     row, reason = first_bad(residuals), Reason.NOT_FINITE_AT_START
     if row is None and not isfinite(float(residuals @ residuals)):
         row = int(np.argmax(np.abs(residuals)))
-    jacobian = np.zeros((residuals.size, x.size))
+    jacobian = np.zeros((residuals.size, equations.dimension))
     if row is None:
         jacobian = equations.jacobian(x)
         row, reason = first_bad(jacobian), Reason.JACOBIAN_NOT_FINITE_AT_START
     if row is not None:
-        jacobian = np.zeros((residuals.size, x.size))
-    place = place_at(x, residuals, jacobian, box, tolerance, None, None)
-    weighted = place.scale * x
+        jacobian = np.zeros((residuals.size, equations.dimension))
+    place = place_at(equations, x, residuals, jacobian, box, tolerance, None, None)
+    weighted = place.scale * place.coordinates
     size, length = sqrt(float(weighted @ weighted)), sqrt(place.cost)
     return State(
         place=place,
@@ -111,7 +115,8 @@ def begin(equations: Equations, point: Floats, tolerance: float) -> State:
 
 
 def place_at(
-    x: Floats,
+    equations: Equations,
+    point: Floats,
     residuals: Floats,
     jacobian: Floats,
     box: Box,
@@ -120,6 +125,7 @@ def place_at(
     curvature: Floats | None,
 ) -> Place:
     """Everything at a point; ``before`` is the place that it was reached from."""
+    x = equations.coordinates(point)
     norms = column_norms(jacobian)
     peak = norms if before is None else np.maximum(norms, before.peak)
     scale = _metric(peak, x)
@@ -145,7 +151,8 @@ def place_at(
     elif sqrt(float(movement @ movement)) <= NOISE * EPSILON * size:
         ending = Reason.ROUNDING
     return Place(
-        point=x,
+        point=point,
+        coordinates=x,
         residuals=residuals,
         jacobian=jacobian,
         cost=cost,
@@ -248,7 +255,7 @@ def answer(state: State, reason: Reason) -> Minimum:
         iterations=state.iterations,
         evaluations=state.evaluations,
         offset=place.offset,
-        at_bound=state.box.sides(place.point, place.free, place.full),
+        at_bound=state.box.sides(place.coordinates, place.free, place.full),
         bad_row=state.bad_row,
         trace=state.trace,
     )

@@ -110,7 +110,7 @@ class TrustRegion:
                 done = _counted(state, evaluations, trials)
                 new = _moved(equations, done, trial, jacobian, radius, share if decided else None)
                 if not decided and not new.place.offset <= POLISH * here.offset:
-                    return _no_better(done)
+                    return _no_better(equations, done)
                 return new
             if not decided:
                 break
@@ -131,7 +131,7 @@ def _step_within(state: State, rule: StepRule, radius: float) -> Step:
     if here.full.length <= 1.1 * radius:
         return here.full
     if here.free is not None:
-        gaps = state.box.gaps(here.point)
+        gaps = state.box.gaps(here.coordinates)
         return boxed_step(here.jacobian, here.residuals, here.scale, here.free, gaps, rule, radius)
     scaled = rule(here.parts, radius)
     length = sqrt(float(scaled @ scaled))
@@ -141,7 +141,9 @@ def _step_within(state: State, rule: StepRule, radius: float) -> Step:
 def _try(equations: Equations, state: State, step: Step) -> Trial:
     """Evaluate a step, and once more with the curvature answered where it brought too little."""
     here = state.place
-    point = state.box.landed(equations.retract(here.point, step.vector), step)
+    point = equations.retract(here.point, step.vector)
+    if state.box.present:
+        point = equations.placed(point, state.box.landed(equations.coordinates(point), step))
     residuals = equations.residuals(point)
     cost = float(residuals @ residuals)
     plain = Trial(step=step, point=point, residuals=residuals, cost=cost, evaluations=1)
@@ -166,14 +168,16 @@ def _moved(
 ) -> State:
     """The state at an accepted point, with the second-order term where convergence is slow enough to pay for it."""
     here = state.place
-    there = place_at(trial.point, trial.residuals, jacobian, state.box, state.tolerance, here, state.curvature)
+    there = place_at(
+        equations, trial.point, trial.residuals, jacobian, state.box, state.tolerance, here, state.curvature
+    )
     if share is not None:
         radius = _radius_after(share, radius, trial.step.length, trial.step is here.full)
     new = replace(state, place=there, radius=radius, reason=there.ending, patience=max(state.patience - 1, 0))
     if there.ending is not None or there.offset <= SLOW * here.offset or new.patience > 0:
         return new
     if there.offset < NEAR:
-        if remaining(there.offset, here.offset, state.tolerance) <= there.point.size + 2:
+        if remaining(there.offset, here.offset, state.tolerance) <= there.coordinates.size + 2:
             return new
     elif here.cost - trial.cost > CREEP * here.cost:
         return new
@@ -186,7 +190,7 @@ def _with_curvature(equations: Equations, state: State) -> State:
     here = state.place
     spread = spread_of(here.cost, here.freedom)
     curvature = residual_curvature(equations, here.point, here.residuals, here.jacobian, here.scale, spread)
-    again = place_at(here.point, here.residuals, here.jacobian, state.box, state.tolerance, here, curvature)
+    again = place_at(equations, here.point, here.residuals, here.jacobian, state.box, state.tolerance, here, curvature)
     patience = PATIENCE if again.offset >= NEAR else 0
     return replace(state, place=again, curvature=curvature, patience=patience, reason=again.ending)
 
@@ -195,7 +199,7 @@ def _stuck(equations: Equations, state: State, finite: bool) -> State:
     """No trial was accepted: the end, unless Newton's step shows a way that Gauss-Newton's did not."""
     here = state.place
     if here.full.predicted <= UNDECIDED * here.slack:
-        return _no_better(state)
+        return _no_better(equations, state)
     if not finite:
         return replace(state, reason=Reason.NO_FINITE_STEP)
     if state.patience > 0:
@@ -204,12 +208,12 @@ def _stuck(equations: Equations, state: State, finite: bool) -> State:
     return replace(second, patience=PATIENCE, radius=max(state.radius, second.place.full.length))
 
 
-def _no_better(state: State) -> State:
+def _no_better(equations: Equations, state: State) -> State:
     """No better point: the end, unless the second-order term was too inexact for the last digits."""
     if state.curvature is None:
         return replace(state, reason=Reason.ROUNDING)
     here = state.place
-    plain = place_at(here.point, here.residuals, here.jacobian, state.box, state.tolerance, here, None)
+    plain = place_at(equations, here.point, here.residuals, here.jacobian, state.box, state.tolerance, here, None)
     radius = max(state.radius, plain.full.length)
     return replace(state, place=plain, curvature=None, patience=NEVER, radius=radius, reason=plain.ending)
 

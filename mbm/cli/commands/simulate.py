@@ -1,0 +1,91 @@
+"""``mbm simulate``: what the model predicts at known values, with noise, as a folder that can be solved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mbm.cli import faults
+from mbm.cli.failure import print_diagnostics
+from mbm.cli.inputs import json_object, named_paths, named_texts
+from mbm.cli.options import terminal, verbosity_options
+from mbm.text.types import MbmError
+
+if TYPE_CHECKING:
+    from mbm.report.simulated import Simulated
+    from mbm.report.simulated_files import OutputFile
+
+
+@click.command("simulate")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--at", metavar="VALUES.json", help="The true values: name → value, or a result document.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, metavar="N", help="The noise follows from it.")
+@click.option("-o", "--output", "folder", metavar="DIR", required=True, help="The folder to write.")
+@click.option("--problem", metavar="NAME", help="The problem of the file, where it holds several.")
+@click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A constant or initial value: h=70cm.")
+@click.option("--data", multiple=True, metavar="NAME=PATH", help="The file of a table.")
+@click.option("--noise", multiple=True, metavar="NAME=VALUE", help="The factor of an unknown noise: ranges=5mm.")
+@click.option("--measured", multiple=True, metavar="NAME=COLUMN,…", help="What an observation measures, where unclear.")
+@click.option(
+    "--outliers", nargs=2, type=float, metavar="FRACTION SIZE", help="Gross errors of SIZE standard deviations."
+)
+@click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
+@verbosity_options
+def command(**given: Any) -> int:
+    """Write a folder with the measurements that the model of FILE predicts at the given values, with noise, beside a
+    copy of FILE that reads them, and `truth.json`, which `mbm solve --init` takes.
+
+    Rows that no observation uses, and all that is not measured, stay as they are.
+    """
+    screen = terminal()
+    made, files = _simulated(given)
+    print_diagnostics(() if screen.quiet else made.notes, color=screen.color_errors)
+    folder = Path(given["folder"])
+    _write(folder, files, given["file"])
+    if not screen.quiet:
+        for file in files:
+            click.echo(f"{folder / file.path}: {file.summary}")
+    return 0
+
+
+def _simulated(given: dict[str, Any]) -> tuple[Simulated, tuple[OutputFile, ...]]:
+    from mbm.api import simulate_file
+    from mbm.compiler import SimulationSettings
+    from mbm.report.options import SolveOptions
+
+    outliers = given["outliers"]
+    if outliers is not None and not (0.0 <= outliers[0] <= 1.0 and abs(outliers[1]) < float("inf")):
+        raise MbmError(faults.bad_call("--outliers wants a fraction from 0 to 1, and a finite size", "mbm simulate"))
+    options = SolveOptions(
+        problem=given["problem"],
+        set=named_texts("--set", given["settings"]),
+        data=named_paths("--data", given["data"]),
+        sandbox=None if given["sandbox"] is None else Path(given["sandbox"]),
+    )
+    measured = {
+        name: tuple(part.strip() for part in text.split(",") if part.strip())
+        for name, text in named_texts("--measured", given["measured"])
+    }
+    settings = SimulationSettings(
+        at={} if given["at"] is None else json_object(Path(given["at"])),
+        seed=given["seed"],
+        noise=dict(named_texts("--noise", given["noise"])),
+        measured=measured,
+        outliers=outliers,
+    )
+    return simulate_file(given["file"], options, settings)
+
+
+def _write(folder: Path, files: tuple[OutputFile, ...], problem: Path) -> None:
+    """Write all files; the problem's own folder is refused, where they would replace real measurements."""
+    if folder.resolve() == problem.resolve().parent:
+        raise MbmError(faults.not_writable(str(folder), "it holds the problem, whose data would be replaced"))
+    try:
+        for file in files:
+            target = folder / file.path
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(file.content)
+    except OSError as error:
+        raise MbmError(faults.not_writable(str(folder), error.strerror or str(error))) from error

@@ -1,0 +1,93 @@
+"""Lines of numbers between blanks, as trajectories, graphs and bundles have them: texts → arrays, faults by line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.data import faults
+from mbm.data.cells import frozen
+from mbm.data.readers import faults as format_faults
+from mbm.problem.tables import Column, Numbers, reads_as_number
+from mbm.text.types import DataPlace, Diagnostic, MbmError
+
+MOST_LINES_REPORTED = 5
+
+Line = tuple[int, list[str]]
+"""The number of a line, from 1, and its fields."""
+
+
+def lines_of(text: str, *, separator: str | None = None) -> list[Line]:
+    """The lines that hold something, in fields; what stands behind a ``#`` at the beginning of a line is a comment.
+
+    ``separator`` None: blanks and tabulators, any number of them.
+    """
+    found = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        stripped = line.strip()
+        if stripped and not stripped.startswith("#"):
+            found.append((number, stripped.split(separator)))
+    return found
+
+
+def number_table(lines: Sequence[Line], names: tuple[str, ...], path: str) -> Numbers:
+    """The fields of ``lines`` as numbers, shape (lines, names).
+
+    Raises MbmError with the first few faults: short-row, long-row, malformed-record (a field that is no number).
+    """
+    width = len(names)
+    wrong = [line for line in lines if len(line[1]) != width]
+    if wrong:
+        raise MbmError(*(_width_fault(line, names, path) for line in wrong[:MOST_LINES_REPORTED]))
+    numbers = numbers_of([field for _, fields in lines for field in fields])
+    if numbers is None:
+        raise MbmError(*_not_numbers(lines, names, path))
+    return numbers.reshape(len(lines), width)
+
+
+def numbers_of(fields: Sequence[str]) -> Numbers | None:
+    """All fields as numbers, shape (n,), or None if one is something else."""
+    together = "".join(fields)
+    if "_" in together or not together.isascii():
+        return None
+    try:
+        return np.fromiter(map(float, fields), dtype=np.float64, count=len(fields))
+    except ValueError:
+        return None
+
+
+def number_columns(names: Sequence[str], numbers: NDArray[np.float64]) -> tuple[Column, ...]:
+    """The columns of an array of shape (rows, names)."""
+    return tuple(Column(name=name, numbers=frozen(numbers[:, i])) for i, name in enumerate(names))
+
+
+def line_numbers(numbers: Iterable[int]) -> NDArray[np.int64]:
+    """Numbers of lines as the rows of a table, read-only."""
+    rows = np.fromiter(numbers, dtype=np.int64)
+    rows.setflags(write=False)
+    return rows
+
+
+def _width_fault(line: Line, names: tuple[str, ...], path: str) -> Diagnostic:
+    number, fields = line
+    if len(fields) > len(names):
+        return faults.long_row(DataPlace(file=path, row=number), number, len(fields), names)
+    place = DataPlace(file=path, row=number, column=names[len(fields)])
+    return faults.short_row(place, number, len(fields), names)
+
+
+def _not_numbers(lines: Sequence[Line], names: tuple[str, ...], path: str) -> list[Diagnostic]:
+    found = []
+    for number, fields in lines:
+        for name, cell in zip(names, fields, strict=True):
+            if not reads_as_number(cell):
+                place = DataPlace(file=path, row=number, column=name)
+                found.append(
+                    format_faults.malformed_record(place, f"`{name}` is {format_faults.shown(cell)}, no number")
+                )
+                break
+        if len(found) == MOST_LINES_REPORTED:
+            break
+    return found

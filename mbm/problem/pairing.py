@@ -1,0 +1,173 @@
+"""``(pair NAME (A B) :by t …)``: two timed tables → one, whose rows hold a row of each at the same time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.expression.dimension import NONE
+from mbm.expression.units import parse_unit
+from mbm.problem import faults
+from mbm.problem.association import Between, Positions, associated, between, usual_tolerance
+from mbm.problem.rows import MAXIMUM_REPORTED
+from mbm.problem.tables import Column, Numbers, Origin, PairDeclaration, Provenance, Table
+from mbm.text.types import MbmError
+
+TURNING_UNITS = frozenset({"rad", "mrad", "urad", "deg", "arcmin", "arcsec", "rev"})
+QUATERNION = ("qx", "qy", "qz", "qw")
+
+
+def with_pairs(tables: Mapping[str, Table], pairs: tuple[PairDeclaration, ...]) -> dict[str, Table]:
+    """``tables`` with those that the pairs make, in the order of the pairs."""
+    found = dict(tables)
+    for pair in pairs:
+        found[pair.name] = paired(pair, found)
+    return found
+
+
+def paired(pair: PairDeclaration, tables: Mapping[str, Table]) -> Table:
+    """The table that a pair makes: columns ``A.x``, ``B.x`` and the time under its plain name, in A's order.
+
+    Raises:
+        MbmError: a time that is missing, text or (of B, when interpolating) there twice.
+
+    """
+    first, second = tables[pair.first], tables[pair.second]
+    a, b = _times(first, pair), _times(second, pair)
+    if pair.interpolate:
+        _refuse_repeated(second, b, pair)
+        where = between(a, b)
+        rows, where = _near_enough(where, a, b, pair.tolerance)
+        taken = {name: _interpolated(second, name, where) for name in second.columns}
+        taken.update(_turned(second, where))
+        taken[pair.by] = replace(second.columns[pair.by], numbers=a[rows])
+        others = np.where(where.fraction > 0.5, where.later, where.earlier)
+    else:
+        tolerance = usual_tolerance(a, b) if pair.tolerance is None else pair.tolerance
+        rows, others = associated(a, b, tolerance)
+        taken = {name: column.take(others) for name, column in second.columns.items()}
+    columns = {pair.by: first.columns[pair.by].take(rows)}
+    origins: dict[str, Origin] = {}
+    for table, found, positions in (
+        (first, {name: column.take(rows) for name, column in first.columns.items()}, rows),
+        (second, taken, others),
+    ):
+        for name, column in found.items():
+            columns[f"{table.name}.{name}"] = replace(column, name=f"{table.name}.{name}")
+            origins[f"{table.name}.{name}"] = Origin(
+                provenance=table.provenance, rows=table.rows[positions], column=name
+            )
+    origins[pair.by] = origins[f"{first.name}.{pair.by}"]
+    return Table(
+        name=pair.name,
+        columns=columns,
+        rows=np.arange(1, len(rows) + 1, dtype=np.int64),
+        provenance=_provenance(first, rows, origins),
+        groups={**first.groups_called(first.name), **second.groups_called(second.name)},
+    )
+
+
+def _provenance(first: Table, rows: Positions, origins: Mapping[str, Origin]) -> Provenance:
+    """Rows of a pair are those of its first table."""
+    source = first.provenance
+    file_rows = np.array([source.place(int(row)).row or 0 for row in first.rows[rows]], dtype=np.int64)
+    return Provenance(path=source.path, sha256=source.sha256, rows=len(rows), file_rows=file_rows, origins=origins)
+
+
+def _times(table: Table, pair: PairDeclaration) -> Numbers:
+    """The times of a table, all finite."""
+    column = table.columns.get(pair.by)
+    if column is None:
+        raise MbmError(faults.unknown_column(pair.span, pair.by, table.name, tuple(table.columns)))
+    if column.numbers is None:
+        position = column.first_text() or 0
+        place = table.place(position, pair.by)
+        raise MbmError(faults.bad_time(place, pair.by, str(column.cell(position)), pair.span))
+    wrong = np.flatnonzero(~np.isfinite(column.numbers))[:MAXIMUM_REPORTED]
+    if wrong.size:
+        cells = [(table.place(int(i), pair.by), float(column.numbers[i])) for i in wrong]
+        raise MbmError(*(faults.not_finite_cell(place, pair.by, value, pair.span) for place, value in cells))
+    return column.numbers
+
+
+def _refuse_repeated(table: Table, times: Numbers, pair: PairDeclaration) -> None:
+    order = np.argsort(times, kind="stable")
+    repeated = np.flatnonzero(np.diff(times[order]) == 0)
+    if repeated.size:
+        here, there = (int(order[repeated[0] + i]) for i in (1, 0))
+        places = table.place(here, pair.by), table.place(there, pair.by)
+        raise MbmError(faults.repeated_time(*places, pair.by, float(times[here]), pair.span))
+
+
+def _near_enough(where: Between, a: Numbers, b: Numbers, tolerance: float | None) -> tuple[Positions, Between]:
+    """The rows of A that are used, and where they fall: both neighbours lie within the tolerance, if one is stated."""
+    rows = np.flatnonzero(where.inside)
+    if tolerance is None:
+        return rows, where
+    times = a[rows]
+    slack = 4 * np.finfo(np.float64).eps * float(np.abs(times).max(initial=0.0))
+    before = (times - b[where.earlier] <= tolerance + slack) | (where.fraction == 1)
+    after = (b[where.later] - times <= tolerance + slack) | (where.fraction == 0)
+    kept = before & after
+    inside = np.zeros(len(a), dtype=bool)
+    inside[rows[kept]] = True
+    taken = Between(inside=inside, earlier=where.earlier[kept], later=where.later[kept], fraction=where.fraction[kept])
+    return rows[kept], taken
+
+
+def _interpolated(table: Table, name: str, where: Between) -> Column:
+    """A column on the straight line between two rows; angles go the shorter way round, texts are the nearer row's."""
+    column = table.columns[name]
+    if column.numbers is None:
+        return column.take(np.where(where.fraction > 0.5, where.later, where.earlier))
+    start, end = column.numbers[where.earlier], column.numbers[where.later]
+    step = end - start
+    if turns(column):
+        step = step - 2 * np.pi * np.round(step / (2 * np.pi))
+    return replace(column, numbers=np.where(where.fraction == 0, start, start + where.fraction * step))
+
+
+def turns(column: Column) -> bool:
+    """Whether the column states a unit of angle: a whole turn makes no difference then."""
+    unit = parse_unit(column.unit) if column.unit is not None else None
+    return unit is not None and unit.symbol in TURNING_UNITS and unit.dimension == NONE
+
+
+def _turned(table: Table, where: Between) -> dict[str, Column]:
+    """Columns ``qx qy qz qw`` (whatever stands before these names) on the great circle between two rotations.
+
+    Spherical linear interpolation (Shoemake 1985), the shorter way round.
+    """
+    found: dict[str, Column] = {}
+    for name in table.columns:
+        if not name.endswith(QUATERNION[0]):
+            continue
+        names = [name.removesuffix(QUATERNION[0]) + part for part in QUATERNION]
+        columns = [table.columns[each] for each in names if each in table.columns]
+        numbers = [column.numbers for column in columns if column.numbers is not None]
+        if len(numbers) < len(QUATERNION):
+            continue
+        quaternions = np.column_stack(numbers)
+        turned = _slerp(quaternions[where.earlier], quaternions[where.later], where.fraction)
+        for i, column in enumerate(columns):
+            found[names[i]] = replace(column, numbers=turned[:, i])
+    return found
+
+
+def _slerp(start: Numbers, end: Numbers, fraction: Numbers) -> Numbers:
+    """Quaternions (n, 4) between two, of length 1; those at a node stay as they are."""
+    with np.errstate(all="ignore"):  # a quaternion of zeros is no rotation: NaN, found where it is used
+        p = start / np.linalg.norm(start, axis=1, keepdims=True)
+        q = end / np.linalg.norm(end, axis=1, keepdims=True)
+        cosine = np.einsum("ni,ni->n", p, q)
+        q = np.where(cosine[:, None] < 0, -q, q)
+        # the half angle from chord and sum: exact for small angles, where the cosine has lost its digits
+        angle = 2 * np.arctan2(np.linalg.norm(q - p, axis=1), np.linalg.norm(q + p, axis=1))
+        near = angle < 1e-9
+        sine = np.where(near, 1.0, np.sin(angle))
+        a = np.where(near, 1 - fraction, np.sin((1 - fraction) * angle) / sine)
+        b = np.where(near, fraction, np.sin(fraction * angle) / sine)
+        found = a[:, None] * p + b[:, None] * q
+    return np.asarray(np.where(fraction[:, None] == 0, start, found))

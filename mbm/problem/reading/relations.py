@@ -1,0 +1,167 @@
+"""``(= a b …) (<= a b …) … (uniform form lo hi)`` → what must be zero, and what must not be above zero.
+
+An inequality asks for ``left − right ≤ 0``. What must hold of an angle depends on what it is compared with. Between two
+limits without unknowns, it is the representative nearest their middle, so that ``(<= 170deg a 190deg)`` means what it
+says; beside one such limit, the representative in (−π, π]; of two angles with unknowns, the wrapped difference counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from mbm.expression.algebra import add, divide, number, subtract, wrap
+from mbm.expression.evaluate import evaluate
+from mbm.expression.nodes import Component, Expression, leaves
+from mbm.language import faults as language_faults
+from mbm.language.coerce import difference, scalar, vector
+from mbm.language.values import SCALARS, Array, ListValue, Value, describe
+from mbm.language.vocabulary.rigid import geometric_difference
+from mbm.problem import faults
+from mbm.problem.rows import Positions, lookup
+from mbm.problem.tables import Table
+from mbm.problem.types import ConstraintKind
+from mbm.text.types import MbmError, Span
+
+SIGNS = {"<": "<", "<=": "≤", ">": "<", ">=": "≤", "uniform": "≤", "=": "="}
+
+ROUNDING = 1e-12
+"""Known numbers that differ by less than this share of them are equal."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """Two neighbours of a chain, in ascending order, and the component that they make."""
+
+    left: Expression
+    right: Expression
+    component: Expression
+
+    @property
+    def known(self) -> bool:
+        """No unknown occurs in it."""
+        return not holds_unknown(self.component)
+
+
+def holds_unknown(node: Expression) -> bool:
+    """Whether an unknown occurs in ``node``."""
+    return any(isinstance(leaf, Component) for leaf in leaves((node,)))
+
+
+def pairs(kind: ConstraintKind, values: Sequence[Value], span: Span) -> tuple[Pair, ...]:
+    """The pairs of neighbours in a chain of ``values``, element by element; numbers stand for every element.
+
+    Raises:
+        MbmError: sides of different lengths or kinds, too few of them.
+
+    """
+    wanted = 3 if kind is ConstraintKind.UNIFORM else 2
+    if len(values) < wanted or (kind is ConstraintKind.UNIFORM and len(values) > wanted):
+        usage = "(uniform form lo hi)" if kind is ConstraintKind.UNIFORM else f"({kind.value} a b …)"
+        raise MbmError(language_faults.bad_form(span, f"`{kind.value}` wants {wanted} forms", usage))
+    if kind is ConstraintKind.EQUAL:
+        found: list[Pair] = []
+        for left, right in pairwise(values):
+            found.extend(_equal(left, right, span))
+        return tuple(found)
+    if kind is ConstraintKind.UNIFORM:
+        values = (values[1], values[0], values[2])
+    elif kind in (ConstraintKind.ABOVE, ConstraintKind.NOT_BELOW):
+        values = tuple(reversed(values))
+    return tuple(pair for chain in zip(*_elements(values, span), strict=True) for pair in _ascending(chain, span))
+
+
+def _equal(left: Value, right: Value, span: Span) -> list[Pair]:
+    geometric = geometric_difference(right, left, span)
+    if geometric is not None:
+        return [Pair(each, number(0, span), each) for each in geometric]
+    return [Pair(a, b, difference(a, b, span)) for a, b in zip(*_elements((left, right), span), strict=True)]
+
+
+def _elements(values: Sequence[Value], span: Span) -> list[tuple[Expression, ...]]:
+    """The elements of each value; numbers are repeated to the length of the others."""
+    found: list[tuple[Expression, ...]] = []
+    for value in values:
+        if isinstance(value, bool):
+            raise MbmError(language_faults.wrong_kind(span, "a number or a vector", describe(value)))
+        if isinstance(value, SCALARS):
+            found.append((scalar(value, span),))
+        elif isinstance(value, Array) and value.is_matrix:
+            found.append(value.elements)
+        else:
+            found.append(vector(value, span).elements)
+    size = max((len(e) for e, v in zip(found, values, strict=True) if not isinstance(v, SCALARS)), default=1)
+    for elements, value in zip(found, values, strict=True):
+        if len(elements) != size and not isinstance(value, SCALARS):
+            other = next(v for v in values if isinstance(v, Array | ListValue) and v is not value)
+            raise MbmError(faults.unequal_sides(span, describe(value), describe(other)))
+    return [elements * size if isinstance(v, SCALARS) else elements for elements, v in zip(found, values, strict=True)]
+
+
+def _ascending(chain: tuple[Expression, ...], span: Span) -> list[Pair]:
+    """``chain[0] ≤ chain[1] ≤ …`` as pairs."""
+    found = []
+    known = [not holds_unknown(each) for each in chain]
+    for i, (left, right) in enumerate(pairwise(chain)):
+        if not (left.angle or right.angle) or (known[i] and known[i + 1]):
+            component = subtract(left, right, span)
+        elif not known[i] and not known[i + 1]:
+            component = difference(left, right, span)
+        elif known[i]:
+            middle = _middle(left, chain[i + 2], span) if i + 2 < len(chain) and known[i + 2] else None
+            component = subtract(left, _near(right, middle, span), span)
+        else:
+            middle = _middle(chain[i - 1], right, span) if i > 0 and known[i - 1] else None
+            component = subtract(_near(left, middle, span), right, span)
+        found.append(Pair(left, right, component))
+    return found
+
+
+def _middle(low: Expression, high: Expression, span: Span) -> Expression:
+    return divide(add(low, high, span), number(2, span), span)
+
+
+def _near(angle: Expression, middle: Expression | None, span: Span) -> Expression:
+    """The representative of ``angle`` that is nearest to ``middle`` (0 if None)."""
+    if middle is None:
+        return wrap(angle, span)
+    return add(middle, wrap(subtract(angle, middle, span), span), span)
+
+
+def refuse_contradictions(
+    kind: ConstraintKind,
+    found: Sequence[Pair],
+    table: Table | None,
+    positions: Positions | None,
+    tables: Mapping[str, Table],
+    span: Span,
+) -> None:
+    """Decide the pairs that hold no unknown, for the rows at ``positions``.
+
+    Raises:
+        MbmError: one does not hold (`contradiction`), or has no value (`not-finite-cell`, `undefined-value`).
+
+    """
+    for pair in found:
+        if not pair.known or (positions is not None and len(positions) == 0):
+            continue
+        numbers = evaluate((pair.left, pair.right, pair.component), lookup(table, positions, tables))
+        left, right, value = np.broadcast_arrays(*(np.atleast_1d(np.asarray(each, dtype=float)) for each in numbers))
+        rounding = ROUNDING * (np.abs(left) + np.abs(right))
+        if kind is ConstraintKind.EQUAL:
+            holds = np.abs(value) <= rounding
+        elif kind in (ConstraintKind.BELOW, ConstraintKind.ABOVE):
+            holds = value < 0
+        else:
+            holds = value <= rounding
+        if bool(holds.all()):
+            continue
+        row = int(np.argmin(holds))
+        place = None
+        if table is not None and positions is not None and len(value) == len(positions):
+            place = table.place(int(positions[row]), None)
+        sign = SIGNS[kind.value]
+        raise MbmError(faults.contradiction(span, float(left[row]), float(right[row]), sign, place))

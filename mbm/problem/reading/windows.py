@@ -1,0 +1,54 @@
+"""``(window COLUMN :length L :step S [:min-rows n])``: one problem for each sliding window of the rows."""
+
+from __future__ import annotations
+
+from mbm.language import faults as language_faults
+from mbm.language.coerce import integer
+from mbm.problem import faults
+from mbm.problem.elaboration import Workspace
+from mbm.problem.options import split_options
+from mbm.problem.reading.pairs import stretch
+from mbm.problem.types import Window
+from mbm.text.types import MbmError, Sequence, Symbol
+
+USAGE = "(window column :length l :step s [:min-rows n])"
+MOST_ROWS_WANTED = 1_000_000_000
+
+
+def read_window(work: Workspace, clauses: list[Sequence], for_each: tuple[str, ...]) -> Window | None:
+    """The window that a problem asks for; ``for_each`` are the columns that choose rows besides."""
+    if not clauses:
+        return None
+    clause = clauses[0]
+    for other in clauses[1:]:
+        raise MbmError(language_faults.duplicate_definition(other.span, "window", clause.span))
+    options = split_options(clause.items[1:], clause.span, owner="`window`", known=("length", "step", "min-rows"))
+    if len(options.positional) != 1 or not isinstance(options.positional[0], Symbol):
+        raise MbmError(language_faults.bad_form(clause.span, "`window` names one column", USAGE))
+    column = options.positional[0]
+    length, step = options.get("length"), options.get("step")
+    if length is None or step is None:
+        raise MbmError(language_faults.bad_form(clause.span, "`window` wants a length and a step", USAGE))
+    tables = tuple(table for table in work.tables.values() if column.name in table.columns)
+    if not tables:
+        every = tuple(dict.fromkeys(c for table in work.tables.values() for c in table.columns))
+        raise MbmError(faults.unknown_column(column.span, column.name, "any table", every))
+    for table in tables:
+        if table.columns[column.name].is_text:
+            place = table.place(table.columns[column.name].first_text() or 0, column.name)
+            cell = str(table.columns[column.name].cell(table.columns[column.name].first_text() or 0))
+            raise MbmError(faults.bad_time(place, column.name, cell, column.span))
+    if column.name in for_each:
+        raise MbmError(language_faults.duplicate_definition(column.span, column.name, clause.span))
+    rows = options.get("min-rows")
+    count = 1 if rows is None else integer(work.evaluator.wanted(rows, work.scope), rows.span, "`:min-rows`")
+    if not 1 <= count <= MOST_ROWS_WANTED:
+        place = rows.span if rows is not None else clause.span
+        raise MbmError(language_faults.bad_form(place, "`:min-rows` is a whole number from 1 on", USAGE))
+    return Window(
+        column=column.name,
+        length=stretch(work, length, tables, column.name, ":length"),
+        step=stretch(work, step, tables, column.name, ":step"),
+        min_rows=count,
+        span=clause.items[0].span,
+    )

@@ -1,0 +1,160 @@
+"""A simulation as callers hold it: tables as their files have them, and the truth that they were made from."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mbm.expression.units import parse_unit
+from mbm.problem.builder import Elaborated
+from mbm.problem.tables import CellKey, Column, Table
+from mbm.problem.types import BlockRole, Problem
+from mbm.report import faults
+from mbm.report.document import solve_key
+from mbm.report.elements import plain_key, unit_text
+from mbm.report.geometric import GEOMETRIC, written
+from mbm.report.initial import is_document
+from mbm.report.quantities import quantity_of
+from mbm.report.types import Quantity
+from mbm.solution.layout import Entry
+from mbm.solution.simulation import faults as simulation_faults
+from mbm.solution.simulation.types import FactorsFinder, Simulation, Truth
+from mbm.text.types import Diagnostic, MbmError
+from mbm.version import __version__
+
+_QUANTITY = re.compile(r"(?P<number>\+?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?)\s*(?P<unit>\S*)")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedTable:
+    """A table with simulated columns, named and in units as its file has them; ``changed`` are their names there."""
+
+    name: str
+    columns: tuple[Column, ...]
+    changed: tuple[str, ...]
+
+    def cells(self) -> dict[str, Any]:
+        """The columns as arrays (texts as lists) by name."""
+        return {c.name: list(c.texts) if c.texts is not None else np.array(c.numbers) for c in self.columns}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Simulated(Mapping[str, dict[str, Any]]):
+    """Simulated measurements: a mapping from the name of each table to its columns, as ``solve(data=…)`` takes it.
+
+    ``truth`` has the form of a result document: the true values of each solve, and the rows with outliers by
+    observation. ``notes`` are warnings about what had to be assumed.
+    """
+
+    tables: tuple[SimulatedTable, ...]
+    truth: dict[str, Any]
+    notes: tuple[Diagnostic, ...]
+
+    def __getitem__(self, name: str) -> dict[str, Any]:
+        for table in self.tables:
+            if table.name == name:
+                return table.cells()
+        raise KeyError(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return (table.name for table in self.tables)
+
+    def __len__(self) -> int:
+        return len(self.tables)
+
+
+def simulated(
+    found: Elaborated, origins: Mapping[str, Table], simulation: Simulation, *, file: str | None, seed: int
+) -> Simulated:
+    """The simulated numbers put into the tables as they were read (``origins``: no unit applied, no row left out)."""
+    declarations = {plan.name: plan.declaration for plan in found.problem.plans}
+    tables = []
+    for name, origin in origins.items():
+        columns = dict(origin.columns)
+        changed = []
+        for cells in simulation.cells:
+            if cells.table != name:
+                continue
+            declared = next((c for c in declarations[name].columns if c.name == cells.column), None)
+            source, factor = (declared.source, declared.factor) if declared is not None else (cells.column, 1.0)
+            numbers = origin.numbers(source).copy()
+            numbers[cells.rows - 1] = cells.numbers / factor
+            columns[source] = replace(columns[source], numbers=numbers)
+            changed.append(source)
+        tables.append(SimulatedTable(name=name, columns=tuple(columns.values()), changed=tuple(changed)))
+    truth = {
+        "mbm": __version__,
+        "file": file,
+        "problem": found.problem.name,
+        "seed": seed,
+        "solves": [_solve(found.problem, each) for each in simulation.truths],
+    }
+    return Simulated(tables=tuple(tables), truth=truth, notes=simulation.notes)
+
+
+def _solve(problem: Problem, truth: Truth) -> dict[str, Any]:
+    return {
+        "key": solve_key(truth.key),
+        "estimates": {
+            e.unknown.name: _estimate(quantity_of(problem, e.unknown), e, truth) for e in truth.layout.entries
+        },
+        "outliers": {name: list(rows) for name, rows in truth.outliers.items()},
+    }
+
+
+def _estimate(quantity: Quantity, entry: Entry, truth: Truth) -> dict[str, Any]:
+    """The true value of an unknown, as documents hold estimates."""
+    numbers = truth.numbers[entry.range].reshape(entry.members, *entry.unknown.shape)
+    if quantity.kind in GEOMETRIC:
+        values = [written(quantity, each) for each in numbers]
+    else:
+        values = (numbers / quantity.factor).tolist()
+    found: dict[str, Any] = {"value": values[0]}
+    if entry.keys is not None:
+        found = {"keys": [plain_key(key) for key in entry.keys], "value": values}
+    return found | {"unit": unit_text(quantity) or None}
+
+
+def noise_factors(problem: Problem, at: Mapping[str, object], given: Mapping[str, object]) -> FactorsFinder:
+    """The factors of unknown noise: those ``given`` (numbers in SI, or texts such as ``"3mm"``), else the document's.
+
+    Raises:
+        MbmError: a name that is no observation, a value that is no number above zero.
+
+    """
+    known = [block.name for block in problem.blocks if block.role is BlockRole.OBSERVATION]
+    for name in given:
+        if name not in known:
+            raise MbmError(simulation_faults.unknown_observation(name, known))
+    stated = {name: _factor(name, value) for name, value in given.items()}
+
+    def factors(key: Mapping[str, CellKey]) -> Mapping[str, float]:
+        found: dict[str, float] = {}
+        solves = at.get("solves") if is_document(at) else None
+        for solve in solves if isinstance(solves, list) else ():
+            if not isinstance(solve, Mapping) or (solve.get("key") != solve_key(key) and len(solves or ()) > 1):
+                continue
+            noise = solve.get("noise")
+            for name, value in noise.items() if isinstance(noise, Mapping) else ():
+                if isinstance(value, int | float) and name in known:
+                    found[str(name)] = float(value)
+        return {**found, **stated}
+
+    return factors
+
+
+def _factor(name: str, value: object) -> float:
+    number, factor = value, 1.0
+    match = _QUANTITY.fullmatch(value.strip()) if isinstance(value, str) else None
+    if match is not None:
+        unit = parse_unit(match["unit"]) if match["unit"] else None
+        number = float(match["number"]) if unit is not None or not match["unit"] else None
+        factor = unit.factor if unit is not None else 1.0
+    if isinstance(number, bool) or not isinstance(number, int | float) or not 0 < number < math.inf:
+        raise MbmError(faults.bad_initial_value(name, "a noise factor that is no number above zero"))
+    return float(number) * factor

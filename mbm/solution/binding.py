@@ -1,0 +1,298 @@
+"""Kernels and tables → groups of equations: which rows, which numbers, with which weights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbm.expression.nodes import Column as ColumnNode
+from mbm.expression.nodes import ColumnMember, LiteralMember, Member, RowChoice
+from mbm.kernels.types import Backend, Evaluation, Kernel, KernelSet
+from mbm.problem import faults as problem_faults
+from mbm.problem.checks import used_rows
+from mbm.problem.rows import Positions, chosen_number, column_numbers, rows_of
+from mbm.problem.scopes import ROW
+from mbm.problem.tables import CellKey, Table
+from mbm.problem.types import BlockRole, Problem, Static
+from mbm.solution.layout import Entry, Layout
+from mbm.solution.robust.losses import LossFunction, loss_function
+from mbm.solution.scatter import Scatter, scatter
+from mbm.solution.types import Floats, Indices, Mask
+from mbm.solution.whitening import Whitener, whitener
+from mbm.symbolic.types import ConstantInput, Parameter, Purpose, Slot
+from mbm.text.types import MbmError
+
+
+class EvaluationCache:
+    """Prepared kernels by number of rows, so that a stream of data sets of one size prepares them once.
+
+    Local to one compiled problem in one thread; an evaluation is filled anew before each use.
+    """
+
+    def __init__(self, backend: Backend) -> None:
+        self.backend = backend
+        self._prepared: dict[tuple[int, int], Evaluation] = {}
+
+    def evaluation(self, number: int, kernel: Kernel, rows: int) -> Evaluation:
+        """The evaluation of kernel ``number`` for ``rows`` rows."""
+        found = self._prepared.get((number, rows))
+        if found is None:
+            found = self.backend.prepare(kernel, rows)
+            self._prepared[number, rows] = found
+        return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Group:
+    """A kernel bound to the rows it holds for.
+
+    ``positions`` (from 0) in the block's table, None without one; ``index`` (rows, variables) gives for each input of
+    unknowns its place in the vector of all numbers, ``columns`` (rows, tangents) for each tangent its place in that of
+    all coordinates; ``shared[j]`` and ``shared_columns[j]`` say that variable or tangent j is the same in all rows.
+    Residuals stand at ``first …`` in the vector of all, units (one equation in one row) at ``first_unit …``.
+    """
+
+    kernel: Kernel
+    evaluation: Evaluation
+    positions: Positions | None
+    index: Indices
+    columns: Indices
+    shared: tuple[bool, ...]
+    shared_columns: tuple[bool, ...]
+    parameters: Floats
+    whiteners: tuple[Whitener, ...] = ()
+    losses: tuple[LossFunction, ...] = ()
+    first: int = 0
+    first_unit: int = 0
+
+    @property
+    def places(self) -> Indices:
+        """``index`` with one row in place of equal ones."""
+        return self.index[:1] if all(self.shared) else self.index
+
+    @property
+    def touched(self) -> Indices:
+        """``columns`` with one row in place of equal ones."""
+        return self.columns[:1] if all(self.shared_columns) else self.columns
+
+    @property
+    def units(self) -> Indices:
+        """The unit of each scalar output, shape (rows, outputs)."""
+        sizes = [w.last - w.first for w in self.whiteners]
+        of_output = np.repeat(np.arange(len(sizes)), sizes)
+        return self.first_unit + np.arange(self.rows)[:, None] * len(sizes) + of_output
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(self.index)
+
+    @property
+    def count(self) -> int:
+        """Number of scalar outputs."""
+        return self.rows * self.kernel.outputs
+
+    def fill(self, numbers: Floats) -> None:
+        """Put the vector of all numbers (N,) and the data into the inputs."""
+        variables = self.index.shape[1]
+        self.evaluation.inputs[:, :variables] = numbers[self.places]
+        self.evaluation.inputs[:, variables:] = self.parameters
+
+    def values(self, numbers: Floats) -> Floats:
+        """Outputs (rows, outputs), not whitened."""
+        self.fill(numbers)
+        return self.evaluation.values()
+
+    def whitened(self, values: Floats) -> Floats:
+        """Outputs divided by their noise, shape (rows, outputs)."""
+        if len(self.whiteners) == 1:
+            return self.whiteners[0].apply(values)
+        return np.hstack([w.apply(values) for w in self.whiteners])
+
+    def scatter(self, columns: Indices) -> Scatter:
+        """Where the Jacobian goes; ``columns`` (M,) gives the column of each coordinate, -1: nowhere."""
+        kernel = self.kernel
+        return scatter(kernel.jacobian_rows, kernel.jacobian_columns, self.columns, self.shared_columns, columns)
+
+    def dense_jacobian(self, numbers: Floats, columns: Indices, width: int) -> Floats:
+        """Jacobian, not whitened, shape (rows, outputs, width); ``columns`` (M,) places each coordinate, or -1."""
+        result = np.zeros((self.rows, self.kernel.outputs, width))
+        self.add_jacobian(numbers, self.scatter(columns), result)
+        return result
+
+    def add_jacobian(self, numbers: Floats, places: Scatter, target: Floats) -> None:
+        """Add the Jacobian, not whitened, to ``target`` (rows, outputs, width)."""
+        self.fill(numbers)
+        places.add(self.evaluation.values_and_jacobian()[1], target)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Binder:
+    """Binds kernels to the tables of one solve."""
+
+    problem: Problem
+    layout: Layout
+    tables: Mapping[str, Table]
+    cache: EvaluationCache
+
+    def equations(self, kernels: KernelSet) -> tuple[Group, ...]:
+        """All observation and prior kernels with the rows in use."""
+        return self._bound(kernels, constraints=False)
+
+    def constraints(self, kernels: KernelSet) -> tuple[Group, ...]:
+        """All constraint kernels with the rows in use."""
+        return self._bound(kernels, constraints=True)
+
+    def _bound(self, kernels: KernelSet, *, constraints: bool) -> tuple[Group, ...]:
+        groups = []
+        masks: dict[int, Mask | None] = {}
+        first = first_unit = 0
+        for number, kernel in enumerate(kernels.kernels):
+            if kernel.purpose is not Purpose.EQUATION:
+                continue
+            block = self.problem.blocks[kernel.owner]
+            if (block.role is BlockRole.CONSTRAINT) is not constraints:
+                continue
+            if kernel.owner not in masks:
+                masks[kernel.owner] = used_rows(block, self.tables)
+            case = block.cases[kernel.case]
+            table, positions = self._rows(block.table, case.static, masks[kernel.owner])
+            group = self.bind(number, kernel, table, positions)
+            whiteners, offset = [], 0
+            for equation in () if constraints else case.equations:
+                whiteners.append(whitener(equation, offset, table, positions, self.tables))
+                offset += len(equation.components)
+            losses = () if block.loss is None else tuple(loss_function(block.loss, w.last - w.first) for w in whiteners)
+            bound = replace(group, whiteners=tuple(whiteners), losses=losses, first=first, first_unit=first_unit)
+            groups.append(bound)
+            first += group.count
+            first_unit += group.rows * len(whiteners)
+        return tuple(groups)
+
+    def derived(self, kernels: KernelSet, owner: int) -> tuple[Group, ...]:
+        """The kernels of one derived quantity, for all rows of its table."""
+        groups = []
+        for number, kernel in enumerate(kernels.kernels):
+            if kernel.purpose is Purpose.DERIVED and kernel.owner == owner:
+                derived = self.problem.derived[owner]
+                table, positions = self._rows(derived.table, derived.cases[kernel.case].static, None)
+                groups.append(self.bind(number, kernel, table, positions))
+        return tuple(groups)
+
+    def _rows(self, name: str | None, static: Static, mask: Mask | None) -> tuple[Table | None, Positions | None]:
+        if name is None:
+            return None, None
+        table = self.tables[name]
+        positions = rows_of(static, table)
+        return table, positions if mask is None else positions[mask[positions]]
+
+    def bind(self, number: int, kernel: Kernel, table: Table | None, positions: Positions | None) -> Group:
+        """A kernel for the rows at ``positions``."""
+        rows = 1 if positions is None else len(positions)
+        index = np.empty((rows, len(kernel.variables)), dtype=np.int64)
+        columns = np.empty((rows, len(kernel.tangents)), dtype=np.int64)
+        members: dict[tuple[str, Member], Indices | int] = {}
+        for j, slot in enumerate(kernel.variables):
+            entry = self.layout.entry(slot.unknown)
+            index[:, j] = entry.offset + self._member(slot, table, positions, members) * entry.unknown.size
+            index[:, j] += slot.component
+        for j, slot in enumerate(kernel.tangents):
+            entry = self.layout.entry(slot.unknown)
+            columns[:, j] = entry.first + self._member(slot, table, positions, members) * entry.unknown.freedom
+            columns[:, j] += slot.component
+        parameters = np.empty((rows, len(kernel.parameters)))
+        for j, parameter in enumerate(kernel.parameters):
+            parameters[:, j] = self._parameter(parameter, table, positions)
+        evaluation = self.cache.evaluation(number, kernel, rows)
+        return Group(
+            kernel=kernel,
+            evaluation=evaluation,
+            positions=positions,
+            index=index,
+            columns=columns,
+            shared=tuple(not _differs(slot) for slot in kernel.variables),
+            shared_columns=tuple(not _differs(slot) for slot in kernel.tangents),
+            parameters=parameters,
+        )
+
+    def _parameter(self, parameter: Parameter, table: Table | None, positions: Positions | None) -> Floats | float:
+        if isinstance(parameter, ConstantInput):
+            return self._constants()[parameter.name]
+        if parameter.row is RowChoice.EACH and table is not None and parameter.table == table.name:
+            return column_numbers(table, parameter.name)[positions]
+        return chosen_number(ColumnNode(parameter.table, parameter.name, parameter.row), self.tables)
+
+    def _constants(self) -> Mapping[str, float]:
+        values: dict[str, float] = {}
+        for constant in self.problem.constants:
+            values.update(zip(constant.elements, constant.values, strict=True))
+        return values
+
+    def _member(
+        self,
+        slot: Slot,
+        table: Table | None,
+        positions: Positions | None,
+        members: dict[tuple[str, Member], Indices | int],
+    ) -> Indices | int:
+        """Numbers (from 0) of the members of one slot, 0 without a family; ``members`` keeps what was found."""
+        if slot.member is None:
+            return 0
+        found = members.get((slot.unknown, slot.member))
+        if found is None:
+            entry = self.layout.entry(slot.unknown)
+            found = members[slot.unknown, slot.member] = self._members(entry, slot.member, table, positions)
+        return found
+
+    def _members(self, entry: Entry, member: Member, table: Table | None, positions: Positions | None) -> Indices | int:
+        """Numbers (from 0) of the members that ``member`` names, for each row."""
+        where = f"the family `{entry.unknown.name}`"
+        if isinstance(member, LiteralMember):
+            literal = entry.index.get(member.key)
+            if literal is None:
+                raise MbmError(problem_faults.dangling_key(entry.unknown.span, member.key, where, None, None))
+            return literal
+        cells = self._cells(member, table, positions)
+        found = np.array([entry.index.get(cell, -1) for cell in cells], dtype=np.int64)
+        if bool((found < 0).any()):
+            row = int(np.argmax(found < 0))
+            if table is None or positions is None or member.row is not RowChoice.EACH:
+                raise MbmError(problem_faults.dangling_key(entry.unknown.span, cells[row], where, None, None))
+            place = table.place(int(positions[row]), member.column)
+            raise MbmError(problem_faults.dangling_key(place, cells[row], where, None, entry.unknown.span))
+        return found
+
+    def _cells(self, member: ColumnMember, table: Table | None, positions: Positions | None) -> list[CellKey]:
+        if member.row is RowChoice.EACH and table is not None and positions is not None:
+            if member.column == ROW and ROW not in table.columns:
+                return [float(r) for r in table.rows[positions]]
+            keys = table.keys(member.column)
+            return [keys[i] for i in positions]
+        if member.row is RowChoice.EACH:
+            message = f"a key of `{member.table}.{member.column}` is wanted where there is no row"
+            raise TypeError(message)
+        other = self.tables[member.table]
+        keys = other.keys(member.column)
+        return [keys[0 if member.row is RowChoice.FIRST else -1]]
+
+
+def _differs(slot: Slot) -> bool:
+    """Whether the variable may be another member in each row."""
+    return isinstance(slot.member, ColumnMember) and slot.member.row is RowChoice.EACH
+
+
+def affine(group: Group, mask: Mask) -> bool:
+    """Whether the outputs of a group are affine in the coordinates that ``mask`` (M,) picks."""
+    touched = np.asarray(mask[group.touched].any(axis=0), dtype=bool)
+    return group.kernel.affine_in(touched)
+
+
+def mentioned(groups: tuple[Group, ...], size: int) -> Mask:
+    """Which of all coordinates (M,) some equation in use depends on."""
+    used = np.zeros(size, dtype=bool)
+    for group in groups:
+        columns = np.unique(group.kernel.jacobian_columns)
+        used[group.touched[:, columns].ravel()] = True
+    return used

@@ -1,0 +1,70 @@
+"""The estimates of the last window as a start of the next, where that is better than its own start."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.solution.assembly import Assembled
+from mbm.solution.layout import Layout
+from mbm.solution.settings import Settings
+from mbm.solution.solution import Solution
+from mbm.solution.starting import Beginning, beginnings
+from mbm.solution.types import Floats
+from mbm.text.types import MbmError
+
+ORIGIN = "the last window"
+
+
+def carried_beginnings(equations: Assembled, settings: Settings, last: Solution | None) -> tuple[Beginning, ...]:
+    """The points to start from; the last window's estimates come first if the equations fit them better.
+
+    They take the place of the one start, and stand before several.
+
+    Raises:
+        MbmError: no start is known, none can be found, and there is no last window that has one.
+
+    """
+    if last is None:
+        return beginnings(equations, settings)
+    point = carried(equations.layout, last)
+    usable = bool(np.isfinite(point).all())
+    try:
+        own = beginnings(equations, settings)
+    except MbmError:
+        if not usable:
+            raise
+        return (Beginning(point=point, origin=ORIGIN),)
+    if not usable or not _cost(equations, point) < _cost(equations, own[0].point):
+        return own
+    start = Beginning(point=point, origin=ORIGIN)
+    return (start, *own) if len(own) > 1 else (start,)
+
+
+def carried(layout: Layout, last: Solution) -> Floats:
+    """The numbers (N,) of the last window by name and member; what is new here, or given, has its own start."""
+    point = layout.start.copy()
+    for entry in layout.entries:
+        other = last.layout.entry(entry.unknown.name)
+        size = entry.unknown.size
+        if entry.keys == other.keys:
+            found = last.numbers[other.range].copy()
+        else:
+            found = point[entry.range].copy()
+            for member, key in enumerate(entry.keys or ()):
+                place = other.index.get(key)
+                if place is not None:
+                    first = other.offset + place * size
+                    found[member * size : (member + 1) * size] = last.numbers[first : first + size]
+        point[entry.range] = found
+    fixed = layout.number[layout.fixed & (layout.number >= 0)]
+    point[fixed] = layout.start[fixed]
+    for curved in layout.curved:
+        held = layout.fixed[curved.coordinates].all(axis=1)
+        point[curved.numbers[held]] = layout.start[curved.numbers[held]]
+    return point
+
+
+def _cost(equations: Assembled, point: Floats) -> float:
+    with np.errstate(all="ignore"):
+        cost = float(np.square(equations.residuals(point)).sum())
+    return cost if np.isfinite(cost) else np.inf

@@ -1,0 +1,295 @@
+"""Which numbers are unknown, which equations hold them, and what these say at points of one's choosing.
+
+A *candidate* is a set of unknown numbers that some rows mention together and without others; a family has one for each
+member, and all members are probed at once, since their rows do not meet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mbm.problem.tables import Table
+from mbm.problem.types import BlockRole, Problem
+from mbm.solution.binding import Group
+from mbm.solution.layout import Entry, Layout
+from mbm.solution.types import Floats, Indices, Mask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Piece:
+    """One equation of a group in some of its rows: outputs ``first … last`` of rows ``lines``.
+
+    ``inputs`` (r, variables) holds what is known of the rows' unknowns, ``roles`` (r, variables) for each variable that
+    the candidate gives its position among the candidate's numbers, -1 for the others.
+    """
+
+    group: Group = field(repr=False)
+    lines: Indices = field(repr=False)
+    first: int
+    last: int
+    inputs: Floats = field(repr=False)
+    roles: Indices = field(repr=False)
+
+    def fill(self, points: Floats) -> None:
+        """Put the candidate's numbers (r, s) of each row into the inputs of the kernel."""
+        evaluation, variables = self.group.evaluation, self.roles.shape[1]
+        given = np.where(self.roles >= 0, np.take_along_axis(points, np.maximum(self.roles, 0), axis=1), self.inputs)
+        evaluation.inputs[:, :variables] = np.nan
+        evaluation.inputs[self.lines, :variables] = given
+        evaluation.inputs[:, variables:] = self.group.parameters
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rows:
+    """Equations of ``width`` components that hold no unknown numbers but one member's of a candidate; n of them.
+
+    ``member`` (n,) is the member, ``unit`` (n,) the number of the equation among all, ``weight`` (n,) 1/σ² of a
+    component (the mean of several).
+    """
+
+    columns: Indices = field(repr=False)
+    pieces: tuple[Piece, ...] = field(repr=False)
+    width: int
+    member: Indices = field(repr=False)
+    unit: Indices = field(repr=False)
+    weight: Floats = field(repr=False)
+
+    def __len__(self) -> int:
+        """n."""
+        return len(self.member)
+
+    def values(self, points: Floats) -> Floats:
+        """The equations, not whitened, (n, width), each row with its own numbers (n, s), or all with the same (s,)."""
+        found = np.empty((len(self), self.width))
+        for piece, mine in self._parts():
+            piece.fill(self._points(points)[mine])
+            found[mine] = piece.group.evaluation.values()[piece.lines, piece.first : piece.last]
+        return found
+
+    def slopes(self, points: Floats) -> Floats:
+        """Derivatives (n, width, q) by the coordinates of the candidate's tangent space; points as for ``values``."""
+        coordinates = int(self.columns.max()) + 1
+        found = np.empty((len(self), self.width, coordinates))
+        for piece, mine in self._parts():
+            group = piece.group
+            piece.fill(self._points(points)[mine])
+            dense = np.zeros((group.rows, group.kernel.outputs, coordinates))
+            group.scatter(self.columns).add(group.evaluation.values_and_jacobian()[1], dense)
+            found[mine] = dense[piece.lines, piece.first : piece.last]
+        return found
+
+    def _points(self, points: Floats) -> Floats:
+        return np.broadcast_to(points, (len(self), points.shape[-1]))
+
+    def _parts(self) -> Iterator[tuple[Piece, slice]]:
+        first = 0
+        for piece in self.pieces:
+            yield piece, slice(first, first + len(piece.lines))
+            first += len(piece.lines)
+
+    def of_member(self, member: int) -> Indices:
+        """The rows of one member."""
+        return np.flatnonzero(self.member == member)
+
+    def picked(self, mask: Mask) -> Rows:
+        """Some of the rows."""
+        pieces = []
+        for piece, mine in self._parts():
+            part = mask[mine]
+            pieces.append(
+                replace(piece, lines=piece.lines[part], inputs=piece.inputs[part], roles=piece.roles[part])
+            )
+        return replace(
+            self,
+            pieces=tuple(pieces),
+            member=self.member[mask],
+            unit=self.unit[mask],
+            weight=self.weight[mask],
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Candidate:
+    """Unknowns that are determined together, once for each of K members.
+
+    ``places`` (K, s) are the places of their numbers among all, unknown by unknown; ``coordinates`` (K, q) those of
+    their coordinates. ``lines`` holds the rows of each group that mention no other unknown number, with their member.
+    """
+
+    situation: Situation = field(repr=False)
+    entries: tuple[Entry, ...] = field(repr=False)
+    places: Indices = field(repr=False)
+    coordinates: Indices = field(repr=False)
+    lines: tuple[tuple[Group, Indices, Indices], ...] = field(repr=False)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The unknowns."""
+        return tuple(entry.unknown.name for entry in self.entries)
+
+    @property
+    def members(self) -> int:
+        """K."""
+        return len(self.places)
+
+    @property
+    def flat(self) -> bool:
+        """All numbers vary by addition."""
+        return all(entry.unknown.manifold.flat for entry in self.entries)
+
+    @property
+    def angles(self) -> Mask:
+        """Which of the numbers (s,) of flat unknowns are angles."""
+        return self.situation.layout.angle[self.coordinates[0]]
+
+    def rows(self, width: int) -> Rows:
+        """The equations of ``width`` components; where there are none, rows whose equations together have so many."""
+        found = self._rows(width, whole=False)
+        return found if len(found) or width == 1 else self._rows(width, whole=True)
+
+    def all_rows(self) -> tuple[Rows, ...]:
+        """Every equation, by width."""
+        widths = {w.last - w.first for group, _, _ in self.lines for w in group.whiteners}
+        return tuple(self._rows(width, whole=False) for width in sorted(widths))
+
+    def _rows(self, width: int, *, whole: bool) -> Rows:
+        pieces, members, units, weights = [], [], [], []
+        numbers = self.situation.numbers
+        role = np.full(len(numbers), -1, dtype=np.int64)
+        role[self.places] = np.arange(self.places.shape[1])
+        for group, lines, member in self.lines:
+            scale = _precision(group)
+            every = [(0, group.kernel.outputs)] if whole else [(w.first, w.last) for w in group.whiteners]
+            index = group.index[lines]
+            for first, last in every:
+                if last - first == width:
+                    pieces.append(
+                        Piece(group=group, lines=lines, first=first, last=last, inputs=numbers[index], roles=role[index])
+                    )
+                    members.append(member)
+                    units.append(group.units[lines, first])
+                    weights.append(scale[lines, first:last].mean(axis=1))
+        columns = np.full(len(self.situation.layout.number), -1, dtype=np.int64)
+        columns[self.coordinates] = np.arange(self.coordinates.shape[1])
+        return Rows(
+            columns=columns,
+            pieces=tuple(pieces),
+            width=width,
+            member=np.concatenate(members) if members else np.empty(0, dtype=np.int64),
+            unit=np.concatenate(units) if units else np.empty(0, dtype=np.int64),
+            weight=np.concatenate(weights) if weights else np.empty(0),
+        )
+
+
+def _precision(group: Group) -> Floats:
+    """1/σ² of each output (rows, outputs), for weighting among rows; correlations are left out."""
+    parts = [w.weights**2 if w.weights.ndim == 2 else np.square(w.weights).sum(axis=1) for w in group.whiteners]
+    return np.hstack(parts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Situation:
+    """The observations of one solve and what is known so far: ``numbers`` (N,), NaN where a value is wanted."""
+
+    problem: Problem
+    layout: Layout
+    tables: Mapping[str, Table] = field(repr=False)
+    groups: tuple[Group, ...] = field(repr=False)
+    numbers: Floats = field(repr=False)
+
+    def with_numbers(self, numbers: Floats) -> Situation:
+        """The same with other knowledge."""
+        return replace(self, numbers=numbers)
+
+    def candidates(self) -> Iterator[Candidate]:
+        """What may be determined on its own: what single rows mention, the fewest numbers first; then all together."""
+        missing = np.isnan(self.numbers)
+        found: dict[tuple[int, ...], set[tuple[int, ...]]] = {}
+        for group in self.observations():
+            for entries, members in _supports(group, missing, self.layout):
+                found.setdefault(entries, set()).update(members)
+        size = {key: sum(self.layout.entries[e].unknown.size for e in key) for key in found}
+        for key in sorted(found, key=lambda k: (size[k], k)):
+            candidate = self.candidate(key, sorted(found[key]))
+            if candidate is not None:
+                yield candidate
+        whole = self._together(missing)
+        if whole is not None and whole not in found:
+            candidate = self.candidate(whole, [(0,) * len(whole)])
+            if candidate is not None:
+                yield candidate
+
+    def candidate(self, entries: tuple[int, ...], members: list[tuple[int, ...]]) -> Candidate | None:
+        """The candidate of ``entries`` (numbers of unknowns) for some of their members; None if members overlap."""
+        owners = tuple(self.layout.entries[e] for e in entries)
+        chosen = np.array(members, dtype=np.int64).reshape(len(members), len(entries))
+        places, coordinates = [], []
+        for column, entry in zip(chosen.T, owners, strict=True):
+            unknown = entry.unknown
+            first = entry.offset + int(column[0]) * unknown.size
+            absent = np.flatnonzero(np.isnan(self.numbers[first : first + unknown.size]))
+            if len(absent) < unknown.size and not unknown.manifold.flat:
+                return None
+            free = absent if unknown.manifold.flat else np.arange(unknown.freedom)
+            places.append(entry.offset + column[:, None] * unknown.size + absent)
+            coordinates.append(entry.first + column[:, None] * unknown.freedom + free)
+        every = np.hstack(places)
+        if len(np.unique(every)) != every.size or not bool(np.isnan(self.numbers[every]).all()):
+            return None
+        lines = tuple(self._lines(every))
+        return Candidate(
+            situation=self, entries=owners, places=every, coordinates=np.hstack(coordinates), lines=lines
+        )
+
+    def observations(self) -> tuple[Group, ...]:
+        """Groups of measured equations; priors take no part in starts."""
+        blocks = self.problem.blocks
+        return tuple(g for g in self.groups if blocks[g.kernel.owner].role is BlockRole.OBSERVATION and g.rows)
+
+    def _lines(self, places: Indices) -> Iterator[tuple[Group, Indices, Indices]]:
+        """Rows of each group whose unknown numbers are all of one member, and that member."""
+        owner = np.full(len(self.numbers), -1, dtype=np.int64)
+        owner[places] = np.arange(len(places))[:, None]
+        missing = np.isnan(self.numbers)
+        for group in self.observations():
+            absent = missing[group.index]
+            owners = np.where(absent, owner[group.index], -2)
+            highest = owners.max(axis=1, initial=-2)
+            same = (~absent | (owners == highest[:, None])).all(axis=1) & (highest >= 0)
+            rows = np.flatnonzero(same)
+            if len(rows):
+                yield group, rows, highest[rows]
+
+    def _together(self, missing: Mask) -> tuple[int, ...] | None:
+        """All unknowns that have missing numbers, if none of them is a family."""
+        entries = [i for i, e in enumerate(self.layout.entries) if bool(missing[e.range].any())]
+        if not entries or any(self.layout.entries[i].members != 1 for i in entries):
+            return None
+        return tuple(entries)
+
+
+def _supports(
+    group: Group, missing: Mask, layout: Layout
+) -> Iterator[tuple[tuple[int, ...], set[tuple[int, ...]]]]:
+    """The unknowns (by number) that rows of a group miss values of, with the members that they do it for."""
+    absent = missing[group.index]
+    owners = [next(i for i, e in enumerate(layout.entries) if e.unknown.name == s.unknown) for s in group.kernel.variables]
+    patterns, of_row = np.unique(absent, axis=0, return_inverse=True)
+    for number, pattern in enumerate(patterns):
+        if not bool(pattern.any()):
+            continue
+        rows = np.flatnonzero(of_row.ravel() == number)
+        entries = tuple(sorted({owners[j] for j in np.flatnonzero(pattern)}))
+        members = []
+        for e in entries:
+            entry = layout.entries[e]
+            slots = [j for j in np.flatnonzero(pattern) if owners[j] == e]
+            each = (group.index[np.ix_(rows, slots)] - entry.offset) // entry.unknown.size
+            if bool((each != each[:, :1]).any()):
+                break
+            members.append(each[:, 0])
+        else:
+            yield entries, {tuple(int(m) for m in line) for line in np.unique(np.stack(members, axis=1), axis=0)}

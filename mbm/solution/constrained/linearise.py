@@ -1,0 +1,60 @@
+"""A point of a constrained problem to first order, in units that do not depend on how the constraints are written."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.solution.constrained.types import ConstrainedEquations, Linearised
+from mbm.solution.metric import metric
+from mbm.solution.solvers.scaled import EPSILON, column_norms
+from mbm.solution.types import Floats, Mask
+
+NOISE = 4.0
+"""The rounding of a value in units of ``eps · ‖terms‖``: the model has a few operations behind it."""
+
+MET = 1e-8
+"""A constraint is met where its violation is below this share of its unit: far below any standard deviation."""
+
+EXACT = 1e-12
+"""… and the iteration goes on until it is below this, as long as it gets better."""
+
+
+@np.errstate(all="ignore")
+def linearise(equations: ConstrainedEquations, x: Floats, before: Linearised | None = None) -> Linearised:
+    """Everything at ``x``; ``before`` is where it was reached from, whose scale is kept where it is larger."""
+    residuals, values = equations.residuals(x), equations.constraint_values(x)
+    jacobian, slopes = equations.jacobian(x), equations.constraint_jacobian(x)
+    scale = metric(jacobian, slopes)
+    if before is not None:
+        scale = np.maximum(scale, before.scale)
+    size = np.abs(equations.coordinates(x))
+    terms = column_norms(jacobian) * size
+    noise = NOISE * EPSILON * float(np.sqrt(terms @ terms) + np.sqrt(residuals @ residuals))
+    lengths = np.sqrt(np.square(slopes / scale).sum(axis=1))
+    return Linearised(
+        point=x,
+        residuals=residuals,
+        jacobian=jacobian,
+        values=values,
+        slopes=slopes,
+        scale=scale,
+        unit=np.where(lengths > 0.0, lengths, 1.0),
+        rounding=NOISE * EPSILON * (np.abs(slopes) @ size + np.abs(values)),
+        noise=noise,
+    )
+
+
+def violations(values: Floats, equality: Mask) -> Floats:
+    """How far each constraint is from being met, shape (k,) >= 0."""
+    return np.where(equality, np.abs(values), np.maximum(values, 0.0))
+
+
+def met(here: Linearised, equality: Mask, share: float = MET) -> Mask:
+    """Which constraints hold, as far as anybody can tell, shape (k,)."""
+    return np.asarray(violations(here.values, equality) <= share * here.unit + here.rounding, dtype=bool)
+
+
+def finite(here: Linearised) -> bool:
+    """Everything there has a value."""
+    parts = (here.residuals, here.jacobian, here.values, here.slopes)
+    return all(bool(np.isfinite(part).all()) for part in parts)

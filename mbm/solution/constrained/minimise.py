@@ -1,0 +1,163 @@
+"""Equations, constraints and a start → the constrained minimum, or the constraints that contradict one another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbm.solution.constrained.conflict import STILL, TOLERANCE, conflict_at
+from mbm.solution.constrained.linearise import linearise, met, violations
+from mbm.solution.constrained.penalised import least_violation, marquardt, penalised, updated
+from mbm.solution.constrained.sequential import Iterate, begin, run
+from mbm.solution.constrained.types import ConstrainedEquations
+from mbm.solution.types import Conflict, Floats, Minimum, Reason
+
+ROUNDS = 14
+"""Rounds of the multiplied penalties."""
+
+FIRST_WEIGHT = 3.0
+FEASIBLE_WEIGHT = 100.0
+"""A violation by one standard deviation costs half the square of this: at first, and from a point without any."""
+
+HEAVIER = 10.0
+SHRINKS = 0.25
+"""The weight grows where a round does not bring the violations to this share."""
+
+LOOSE = 1e-2
+"""Standard deviations to which a round is solved; the sequential steps give the digits."""
+
+FINISH = 30
+"""Sequential steps that may follow a round."""
+
+PLACES = 10
+"""Points around the start from which a feasible one is searched for before there is said to be none."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Constrained:
+    """Where the search ended; ``conflict`` where it ended because no point meets the constraints."""
+
+    state: Iterate
+    reason: Reason
+    iterations: int
+    evaluations: int
+    conflict: Conflict | None = None
+
+
+@dataclass(slots=True)
+class _Work:
+    """The iterations and evaluations of one search, as they add up."""
+
+    limit: int
+    iterations: int = 0
+    evaluations: int = 0
+    searched: bool = field(default=False)
+
+    def count(self, done: Iterate | Minimum) -> None:
+        self.iterations += done.iterations
+        self.evaluations += done.evaluations
+
+    def end(self, state: Iterate, reason: Reason, conflict: Conflict | None = None) -> Constrained:
+        return Constrained(
+            state=state, reason=reason, iterations=self.iterations, evaluations=self.evaluations, conflict=conflict
+        )
+
+
+def by_penalties(
+    equations: ConstrainedEquations, start: Floats, *, tolerance: float, limit: int, seed: int = 1
+) -> Constrained:
+    """Multiplied penalties until the constraints nearly hold, then sequential steps until they do.
+
+    The penalties need no feasible start and no feasible linearisation. Where they do not bring the violations down,
+    the least of them is searched for: if that is not zero, the constraints contradict one another.
+    """
+    return _by_penalties(equations, begin(equations, start), tolerance, _Work(limit), seed)
+
+
+def by_sequential_steps(
+    equations: ConstrainedEquations, start: Floats, *, tolerance: float, limit: int, seed: int = 1
+) -> Constrained:
+    """Sequential quadratic programming from the start; multiplied penalties where that gets stuck."""
+    work = _Work(limit)
+    state = run(equations, begin(equations, start), tolerance=tolerance, limit=limit)
+    work.count(state)
+    if state.reason is not None and (state.reason.converged or state.reason is Reason.NOT_FINITE_AT_START):
+        return work.end(state, state.reason)
+    work.limit += limit
+    return _by_penalties(equations, begin(equations, state.place.point), tolerance, work, seed)
+
+
+def _by_penalties(
+    equations: ConstrainedEquations, first: Iterate, tolerance: float, work: _Work, seed: int
+) -> Constrained:
+    if first.reason is not None:
+        return work.end(first, first.reason)
+    start = point = first.place.point
+    known = first.multipliers
+    weight, worst, last = FIRST_WEIGHT, np.inf, first
+    for _ in range(ROUNDS):
+        unit = linearise(equations, point).unit
+        penalties = penalised(equations, unit, known, weight)
+        found = marquardt(penalties, point, LOOSE, max(work.limit - work.iterations, 1))
+        work.count(found)
+        point, known = found.point, updated(penalties, found.point)
+        last = run(equations, begin(equations, point, known), tolerance=tolerance, limit=FINISH)
+        work.count(last)
+        if last.reason is not None and last.reason.converged:
+            return work.end(last, last.reason)
+        left = float((violations(equations.constraint_values(point), equations.equality) / unit).max(initial=0.0))
+        if not left <= SHRINKS * worst:
+            weight *= HEAVIER
+            if not work.searched:
+                feasible = _feasible(equations, point, start, work, seed)
+                if isinstance(feasible, Constrained):
+                    return feasible
+                point, known, weight = feasible, np.zeros(len(known)), max(weight, FEASIBLE_WEIGHT)
+                last = run(equations, begin(equations, point), tolerance=tolerance, limit=FINISH)
+                work.count(last)
+                if last.reason is not None and last.reason.converged:
+                    return work.end(last, last.reason)
+        worst = min(worst, left) if np.isfinite(left) else worst
+        if work.iterations >= work.limit:
+            break
+    return work.end(last, last.reason or Reason.MAX_ITERATIONS)
+
+
+def _feasible(
+    equations: ConstrainedEquations, here: Floats, start: Floats, work: _Work, seed: int
+) -> Floats | Constrained:
+    """A point that meets the constraints; or the end at the point of least violation, with what contradicts there."""
+    work.searched = True
+    least, fewest, unit_there = None, np.inf, np.zeros(0)
+    for point in _places(equations, here, start, seed):
+        unit = linearise(equations, point).unit
+        found, left = least_violation(equations, point, unit, TOLERANCE, work.limit)
+        work.count(found)
+        if not np.isfinite(found.cost):
+            continue
+        there = linearise(equations, found.point)
+        if bool((left <= STILL).all()) or bool(met(there, equations.equality).all()):
+            return found.point
+        if found.cost < fewest:
+            least, fewest, unit_there = found, found.cost, unit
+    if least is None:
+        return here
+    conflict = conflict_at(equations, least, unit_there, work.limit)
+    return work.end(begin(equations, least.point), Reason.INFEASIBLE, conflict)
+
+
+def _places(equations: ConstrainedEquations, here: Floats, start: Floats, seed: int) -> Iterator[Floats]:
+    """Where the search for a point that meets the constraints begins: here, at the start, around them, in the box."""
+    yield here
+    yield start
+    random = np.random.default_rng(seed)
+    low, high = equations.lower, equations.upper
+    boxed = np.isfinite(low) & np.isfinite(high)
+    sizes = np.maximum(np.abs(equations.coordinates(start)), 1.0 / linearise(equations, start).scale)
+    for _ in range(PLACES):
+        moved = equations.retract(start, sizes * random.normal(size=equations.dimension))
+        inside = np.where(boxed, low + random.random(equations.dimension) * np.where(boxed, high - low, 0.0), 0.0)
+        coordinates = np.clip(np.where(boxed, inside, equations.coordinates(moved)), low, high)
+        yield equations.placed(moved, coordinates)

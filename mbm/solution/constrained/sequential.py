@@ -1,0 +1,271 @@
+"""Sequential quadratic programming for least squares: Gauss-Newton steps that obey the linearised constraints.
+
+The merit function is exact (Han 1977, Powell 1978): the cost and the weighted violations. A step that the curvature of
+the constraints spoils is corrected once (Fletcher 1982). Near the end, where Gauss-Newton is slow, the Hessian of the
+Lagrange function takes over; the last steps are judged by their length because the merit no longer tells points apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import inf, isfinite, sqrt
+
+import numpy as np
+
+from mbm.solution.constrained.curvature import lagrangian_model
+from mbm.solution.constrained.linearise import EXACT, finite, linearise, met, violations
+from mbm.solution.constrained.quadratic import Solved, Subproblem, solve
+from mbm.solution.constrained.types import ConstrainedEquations, Linearised
+from mbm.solution.solvers.box import Box, Step, box_of
+from mbm.solution.solvers.state import relative_offset
+from mbm.solution.types import Floats, Reason, TraceEntry
+
+ACCEPT = 1e-4
+"""Least share of the promised decrease of the merit that a step must bring."""
+
+HALVINGS = 40
+FIRST_DAMPING = 1e-2
+MOST_DAMPING = 1e8
+"""Damping in scaled coordinates, where the residuals' singular values are about 1: when a step has failed, and ever."""
+
+HOPELESS = 3
+"""Iterations in a row whose linearised constraints contradict one another: other methods do better."""
+
+SLOW = 0.2
+NEAR = 0.1
+"""The second-order term is computed where the offset is below NEAR and shrinks by less than SLOW."""
+
+POLISH = 0.5
+SETTLED = 1e-4
+"""Near the end each step must be shorter by POLISH; a step of SETTLED standard deviations ends where none is."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Iterate:
+    """Where the iteration is: the place, the last multipliers, weights of the violations (k,), damping, counters.
+
+    ``bounds`` (n,) are the multipliers of the bounds: negative at a lower, positive at an upper one. ``infeasible``
+    counts the last iterations whose linearised constraints had no common point.
+    """
+
+    place: Linearised
+    multipliers: Floats
+    bounds: Floats
+    weights: Floats
+    damping: float
+    offset: float
+    second: bool
+    infeasible: int
+    iterations: int
+    evaluations: int
+    reason: Reason | None
+    trace: tuple[TraceEntry, ...]
+
+
+def begin(equations: ConstrainedEquations, start: Floats, multipliers: Floats | None = None) -> Iterate:
+    """The iterate at a start (put into the bounds)."""
+    box = box_of(equations)
+    point = equations.placed(start, box.project(equations.coordinates(start))) if box.present else start
+    place = linearise(equations, point)
+    known = np.zeros(len(place.values)) if multipliers is None else multipliers
+    return Iterate(
+        place=place,
+        multipliers=known,
+        bounds=np.zeros(equations.dimension),
+        weights=np.abs(known),
+        damping=0.0,
+        offset=inf,
+        second=False,
+        infeasible=0,
+        iterations=0,
+        evaluations=1,
+        reason=None if finite(place) else Reason.NOT_FINITE_AT_START,
+        trace=(),
+    )
+
+
+def run(equations: ConstrainedEquations, state: Iterate, *, tolerance: float, limit: int) -> Iterate:
+    """Steps until the iteration is over (``reason``), or ``limit`` of them are done (``reason`` None)."""
+    box = box_of(equations)
+    while state.reason is None and state.iterations < limit:
+        state = step(equations, box, state, tolerance)
+    return state
+
+
+@np.errstate(all="ignore")
+def step(equations: ConstrainedEquations, box: Box, state: Iterate, tolerance: float) -> Iterate:
+    """One iteration."""
+    here, equality = state.place, equations.equality
+    model = lagrangian_model(equations, here, state.multipliers, state.bounds) if state.second else None
+    problem = _subproblem(equations, box, here, model, state.damping)
+    solved = solve(problem)
+    offset = _offset(here, solved, equations.count)
+    state = replace(
+        state,
+        offset=offset,
+        multipliers=solved.multipliers,
+        bounds=solved.bounds,
+        infeasible=0 if solved.feasible else state.infeasible + 1,
+        iterations=state.iterations + 1,
+    )
+    if state.infeasible > HOPELESS:
+        return replace(state, reason=Reason.FLAT)
+    everything = solved.feasible and bool(met(here, equality, EXACT).all())
+    if everything and offset <= tolerance:
+        return replace(state, reason=Reason.SMALL_OFFSET)
+    if everything and _no_movement(here, solved, equations):
+        return replace(state, reason=Reason.ROUNDING)
+    state = replace(state, weights=_weights(state.weights, solved.multipliers))
+    return _searched(equations, box, state, problem, solved)
+
+
+def _subproblem(
+    equations: ConstrainedEquations,
+    box: Box,
+    here: Linearised,
+    model: tuple[Floats, Floats] | None,
+    damping: float,
+) -> Subproblem:
+    jacobian, residuals = (here.jacobian, here.residuals) if model is None else model
+    down, up = box.gaps(equations.coordinates(here.point))
+    return Subproblem(
+        jacobian=jacobian,
+        residuals=residuals,
+        slopes=here.slopes,
+        values=here.values,
+        equality=equations.equality,
+        down=down,
+        up=up,
+        scale=here.scale,
+        damping=damping,
+    )
+
+
+def _offset(here: Linearised, solved: Solved, count: int) -> float:
+    """The step in standard deviations of the estimates: relative offset of Bates and Watts (1981)."""
+    image = here.jacobian @ solved.step
+    length = float(image @ image)
+    moving = max(len(solved.step), 1)
+    return relative_offset(length, max(here.cost - length, 0.0), moving, max(count - moving, 1))
+
+
+def _no_movement(here: Linearised, solved: Solved, equations: ConstrainedEquations) -> bool:
+    """The step is no more than the rounding of the coordinates."""
+    size = np.abs(equations.coordinates(here.point)) * here.scale
+    return bool(
+        sqrt(float(np.square(solved.step * here.scale).sum())) <= here.noise + 1e-15 * float(size.max(initial=0))
+    )
+
+
+def _weights(before: Floats, multipliers: Floats) -> Floats:
+    """Weights of the violations above every multiplier, falling slowly (Powell 1978)."""
+    needed = np.abs(multipliers)
+    return np.maximum(1.1 * needed, 0.5 * (before + needed))
+
+
+def _merit(here: Linearised, weights: Floats, equations: ConstrainedEquations) -> float:
+    return _merit_of(here.residuals, here.values, weights, equations)
+
+
+def _merit_of(residuals: Floats, values: Floats, weights: Floats, equations: ConstrainedEquations) -> float:
+    merit = 0.5 * float(residuals @ residuals) + float(weights @ violations(values, equations.equality))
+    return merit if isfinite(merit) else inf
+
+
+def _searched(
+    equations: ConstrainedEquations, box: Box, state: Iterate, problem: Subproblem, solved: Solved
+) -> Iterate:
+    """The iterate after a search along the step."""
+    here = state.place
+    before = _merit(here, state.weights, equations)
+    image = here.jacobian @ solved.step
+    slope = float(here.residuals @ image) - float(state.weights @ violations(here.values, equations.equality))
+    rounding = 0.5 * here.slack + float(state.weights @ here.rounding)
+    promised = -slope
+    if promised <= 10.0 * rounding and solved.feasible:
+        return _judged_by_length(equations, box, state, solved)
+    evaluations, length = state.evaluations, 1.0
+    for tries in range(HALVINGS):
+        vector = length * solved.step
+        point = _moved(equations, box, here.point, vector)
+        residuals, values = equations.residuals(point), equations.constraint_values(point)
+        evaluations += 1
+        merit = _merit_of(residuals, values, state.weights, equations)
+        wanted = before - ACCEPT * length * max(promised, 0.0) + rounding
+        if merit > wanted and tries == 0 and isfinite(merit):
+            point, merit = _corrected(equations, box, state, problem, values, solved)
+            evaluations += 1
+        if merit <= wanted and merit < before + rounding:
+            place = linearise(equations, point, here)
+            if finite(place):
+                return _arrived(replace(state, evaluations=evaluations), place, length, tries)
+        length *= 0.5 if tries < 4 else 0.1
+        if length < 1e-12:
+            break
+    return _stuck(replace(state, evaluations=evaluations))
+
+
+def _moved(equations: ConstrainedEquations, box: Box, point: Floats, vector: Floats) -> Floats:
+    """Where a step leads, inside the bounds, on them to the last bit."""
+    moved = equations.retract(point, vector)
+    if not box.present:
+        return moved
+    inside = equations.coordinates(moved)
+    stopped = np.ones(len(vector), dtype=bool)
+    step_there = Step(vector=vector, predicted=0.0, length=0.0, stopped=stopped)
+    return equations.placed(moved, box.landed(inside, step_there))
+
+
+def _corrected(
+    equations: ConstrainedEquations, box: Box, state: Iterate, problem: Subproblem, values: Floats, solved: Solved
+) -> tuple[Floats, float]:
+    """The full step again, with the curvature of the constraints answered that showed at its end."""
+    bent = values - problem.slopes @ solved.step
+    again = solve(replace(problem, values=bent))
+    point = _moved(equations, box, state.place.point, again.step)
+    residuals, there = equations.residuals(point), equations.constraint_values(point)
+    return point, _merit_of(residuals, there, state.weights, equations)
+
+
+def _arrived(state: Iterate, place: Linearised, length: float, tries: int) -> Iterate:
+    damping = state.damping
+    if length >= 1.0:
+        damping = damping / 10.0 if damping > 1e-6 else 0.0
+    elif length < 0.2:
+        damping = min(max(10.0 * damping, FIRST_DAMPING), MOST_DAMPING)
+    last = state.trace[-1].offset if state.trace else inf
+    second = state.second or (state.offset <= NEAR and state.offset > SLOW * last)
+    entry = TraceEntry(
+        iteration=state.iterations, cost=state.place.cost, offset=state.offset, radius=inf, trials=tries + 1
+    )
+    return replace(state, place=place, damping=damping, second=second, trace=(*state.trace, entry))
+
+
+def _stuck(state: Iterate) -> Iterate:
+    """No length would do: shorter steps by damping, as long as there is any hope."""
+    if state.damping >= MOST_DAMPING or (not state.second and state.damping >= 1e4):
+        return replace(state, reason=Reason.FLAT)
+    return replace(state, damping=max(100.0 * state.damping, FIRST_DAMPING), second=False)
+
+
+def _judged_by_length(equations: ConstrainedEquations, box: Box, state: Iterate, solved: Solved) -> Iterate:
+    """The merit is rounding: take the step if the next one is shorter and the constraints hold no worse."""
+    here = state.place
+    point = _moved(equations, box, here.point, solved.step)
+    place = linearise(equations, point, here)
+    state = replace(state, evaluations=state.evaluations + 1)
+    settled = state.offset <= SETTLED or not isfinite(state.offset)
+    ending = Reason.ROUNDING if settled and bool(met(here, equations.equality).all()) else Reason.FLAT
+    if not finite(place):
+        return replace(state, reason=ending)
+    model = lagrangian_model(equations, place, state.multipliers, state.bounds) if state.second else None
+    after = solve(_subproblem(equations, box, place, model, state.damping))
+    shorter = _offset(place, after, equations.count) <= POLISH * state.offset
+    unit = np.maximum(here.unit, place.unit)
+    worse = violations(place.values, equations.equality) / unit
+    better = violations(here.values, equations.equality) / unit
+    if not shorter and not float(worse.max(initial=0.0)) < POLISH * float(better.max(initial=0.0)):
+        if not state.second:
+            return replace(state, second=True)
+        return replace(state, reason=ending)
+    return _arrived(state, place, 1.0, 0)

@@ -1,0 +1,57 @@
+"""What the constrained solvers are given, and what they carry from iteration to iteration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from mbm.solution.types import Equations, Floats, Mask
+
+
+@runtime_checkable
+class ConstrainedEquations(Equations, Protocol):
+    """Least squares with constraints: ``c_i(x) = 0`` where ``equality[i]``, ``c_i(x) <= 0`` elsewhere."""
+
+    @property
+    def equality(self) -> Mask:
+        """Which constraints are equations, shape (k,)."""
+        ...
+
+    def constraint_values(self, x: Floats) -> Floats:
+        """c(x), shape (k,), in the units that the problem states them in; NaN where one has no value."""
+        ...
+
+    def constraint_jacobian(self, x: Floats) -> Floats:
+        """dc/d(step) at step 0, shape (k, n)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Linearised:
+    """Everything at a point to first order.
+
+    ``residuals`` (m,), ``jacobian`` (m, n), ``values`` (k,), ``slopes`` (k, n) of the constraints; ``scale`` (n,) > 0
+    measures coordinates: ``1/scale`` is about a standard deviation; ``unit`` (k,) > 0 is what a movement by one such
+    unit does to a constraint, so that ``values / unit`` does not depend on how the constraint is written.
+    ``rounding`` (k,) is the error of ``values`` that the arithmetic makes.
+    """
+
+    point: Floats
+    residuals: Floats
+    jacobian: Floats
+    values: Floats
+    slopes: Floats
+    scale: Floats
+    unit: Floats
+    rounding: Floats
+    noise: float
+
+    @property
+    def cost(self) -> float:
+        """``Σ r²``."""
+        return float(self.residuals @ self.residuals)
+
+    @property
+    def slack(self) -> float:
+        """Rounding of ``cost``."""
+        return float(2.0 * self.noise * self.cost**0.5 + self.noise * self.noise)

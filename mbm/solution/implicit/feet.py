@@ -1,0 +1,108 @@
+"""The foot of every measured point on its conditions: Newton's method on all components at once, safeguarded.
+
+For fixed unknowns: minimise ``|u|² + |e|²`` subject to ``h(u) = e``. Sequential quadratic programming with the exact
+curvature (Nocedal and Wright 2006, ch. 18), an exact penalty as the merit, and Gauss-Helmert's direction where
+Newton's does not descend. It starts at the measured values, so that the feet depend on the unknowns alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.solution.implicit.search import Search, begun, swept
+from mbm.solution.implicit.types import Conditions, Feet, Local
+from mbm.solution.types import Floats, Mask
+
+SWEEPS = 80
+"""Evaluations of one search; Newton's method needs four or five of them, what takes more is lost."""
+
+REACHES = (1.0, 3.0)
+"""Distances of further starts where no foot is found, beside that of the first attempt."""
+
+MOST_DIRECTIONS = 6
+SOFTNESS = 1e-8
+"""Weight of a condition against the corrections, where the curvature along the conditions is asked for."""
+
+
+class _Scaled:
+    """Conditions with each exact equation divided by its standard deviation at the measured values."""
+
+    def __init__(self, conditions: Conditions) -> None:
+        rows, k = conditions.noisy.shape
+        self.noisy = conditions.noisy
+        self.corrections = conditions.corrections
+        self._conditions = conditions
+        self.scale = np.ones((rows, k))
+        slopes = self.at(np.zeros((rows, self.corrections)), np.zeros((rows, k))).slopes
+        sizes = np.sqrt(np.einsum("rkq,rkq->rk", slopes, slopes))
+        self.scale = np.where(self.noisy | ~(sizes > 0.0) | ~np.isfinite(sizes), 1.0, sizes)
+
+    def at(self, corrections: Floats, multipliers: Floats) -> Local:
+        local = self._conditions.at(corrections, multipliers / self.scale)
+        return Local(
+            values=local.values / self.scale,
+            slopes=local.slopes / self.scale[:, :, None],
+            curvature=local.curvature,
+        )
+
+
+@np.errstate(all="ignore")
+def feet(conditions: Conditions) -> Feet:
+    """The feet of all components; ``found`` is False where there is none, or none that is a minimum."""
+    scaled = _Scaled(conditions)
+    search = _searched(scaled, np.zeros((len(scaled.scale), scaled.corrections)))
+    found = search.done & is_minimum(search)
+    if not bool(found.all()):
+        search, found = _elsewhere(scaled, search, found)
+    slopes = search.slopes * scaled.scale[:, :, None]
+    values = search.values * scaled.scale
+    return Feet(
+        corrections=search.corrections,
+        slopes=slopes,
+        misclosures=values - np.einsum("rkq,rq->rk", slopes, search.corrections),
+        found=found,
+    )
+
+
+def _searched(conditions: Conditions, start: Floats) -> Search:
+    search = begun(conditions, start)
+    for _ in range(SWEEPS):
+        if bool((search.done | search.lost).all()):
+            break
+        search = swept(conditions, search)
+    return search
+
+
+def is_minimum(search: Search) -> Mask:
+    """Whether the curvature along the conditions is positive: the point is a nearest one, not a farthest (R,)."""
+    bent = np.einsum("rij,rij->r", search.curvature, search.curvature) >= 1.0
+    result = ~bent
+    for i in np.flatnonzero(bent):
+        slopes = search.slopes[i]
+        held = slopes.T @ (slopes / np.where(search.noisy[i], 1.0, SOFTNESS)[:, None])
+        try:
+            np.linalg.cholesky(np.eye(slopes.shape[1]) + search.curvature[i] + held)
+        except np.linalg.LinAlgError:
+            continue
+        result[i] = True
+    return result
+
+
+def _elsewhere(conditions: Conditions, search: Search, found: Mask) -> tuple[Search, Mask]:
+    """Components without a foot, again from points around the measured one; the smallest corrections win."""
+    best, sizes = search, np.where(found, 0.0, np.inf)
+    rows, q = search.corrections.shape
+    first = search.corrections
+    reach = np.maximum(np.sqrt(np.where(np.isfinite(first), first, 0.0) ** 2).sum(axis=1), 1.0)
+    for size in REACHES:
+        for direction in range(2 * min(q, MOST_DIRECTIONS)):
+            start = np.zeros((rows, q))
+            start[:, direction // 2] = size * reach * (1.0 if direction % 2 == 0 else -1.0)
+            start = np.where(found[:, None], best.corrections, start)
+            trial = _searched(conditions, start)
+            good = trial.done & is_minimum(trial) & ~found
+            length = np.where(good, (trial.corrections**2).sum(axis=1) + (trial.noises**2).sum(axis=1), np.inf)
+            better = length < sizes
+            best = best.with_rows(better, trial)
+            sizes = np.where(better, length, sizes)
+    return best, found | np.isfinite(sizes)

@@ -1,0 +1,83 @@
+"""One step of the inner problem, for all components at once: the corrections of the linearised conditions.
+
+The linearised problem: minimise ``½|u|² + ½|e|² + ½ dᵀ W d`` with ``h + B d = e`` (e = 0 where an equation has no noise
+of its own), where ``d`` is the change of u and W the curvature ``∇²(λᵀh)``: Gauss-Helmert's step for W = 0, else
+Newton's.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.solution.types import Floats, Mask
+
+
+def step(slopes: Floats, curvature: Floats | None, noisy: Mask, values: Floats, at: Floats) -> tuple[Floats, Floats]:
+    """The next corrections (R, q) and the multipliers (R, k); not finite where a system has no solution.
+
+    ``slopes`` (R, k, q), ``curvature`` (R, q, q) or None for none, ``noisy`` (R, k), ``values`` (R, k), ``at`` (R, q).
+    """
+    if slopes.shape[1] > slopes.shape[2] and bool(noisy.all()):
+        return _by_corrections(slopes, curvature, values, at)
+    if curvature is None:
+        return _by_equations(slopes, noisy, values, at)
+    return _whole(slopes, curvature, noisy, values, at)
+
+
+def _by_equations(slopes: Floats, noisy: Mask, values: Floats, at: Floats) -> tuple[Floats, Floats]:
+    """``S λ = h − B u`` with ``S = B Bᵀ + Σ``; ``u = −Bᵀ λ``."""
+    misclosures = values - np.einsum("rkq,rq->rk", slopes, at)
+    if slopes.shape[1] == 1:
+        weight = np.einsum("rkq,rkq->rk", slopes, slopes) + noisy
+        with np.errstate(all="ignore"):
+            multipliers = misclosures / weight
+    else:
+        multipliers = solved(spread(slopes, noisy), misclosures)
+    return -np.einsum("rkq,rk->rq", slopes, multipliers), multipliers
+
+
+def spread(slopes: Floats, noisy: Mask) -> Floats:
+    """Covariance S (R, k, k) of the linearised conditions."""
+    result: Floats = slopes @ slopes.transpose(0, 2, 1)
+    index = np.arange(slopes.shape[1])
+    result[:, index, index] += noisy
+    return result
+
+
+def _by_corrections(slopes: Floats, curvature: Floats | None, values: Floats, at: Floats) -> tuple[Floats, Floats]:
+    """More equations than corrections, all with noise of their own: the normal equations of the corrections."""
+    normal = slopes.transpose(0, 2, 1) @ slopes
+    index = np.arange(slopes.shape[2])
+    normal[:, index, index] += 1.0
+    if curvature is not None:
+        normal = normal + curvature
+    change = solved(normal, -(at + np.einsum("rkq,rk->rq", slopes, values)))
+    return at + change, values + np.einsum("rkq,rq->rk", slopes, change)
+
+
+def _whole(slopes: Floats, curvature: Floats, noisy: Mask, values: Floats, at: Floats) -> tuple[Floats, Floats]:
+    rows, k, q = slopes.shape
+    matrix = np.zeros((rows, q + k, q + k))
+    matrix[:, :q, :q] = curvature
+    index = np.arange(q)
+    matrix[:, index, index] += 1.0
+    matrix[:, :q, q:] = slopes.transpose(0, 2, 1)
+    matrix[:, q:, :q] = slopes
+    index = np.arange(q, q + k)
+    matrix[:, index, index] = -1.0 * noisy
+    found = solved(matrix, np.concatenate([-at, -values], axis=1))
+    return at + found[:, :q], found[:, q:]
+
+
+def solved(matrices: Floats, right: Floats) -> Floats:
+    """Solutions (R, n) of the systems (R, n, n); NaN for those that are singular or not finite."""
+    try:
+        return np.asarray(np.linalg.solve(matrices, right[:, :, None])[:, :, 0])
+    except np.linalg.LinAlgError:
+        result = np.full(right.shape, np.nan)
+        for i, (matrix, side) in enumerate(zip(matrices, right, strict=True)):
+            try:
+                result[i] = np.linalg.solve(matrix, side)
+            except np.linalg.LinAlgError:
+                continue
+        return result

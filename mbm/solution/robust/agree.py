@@ -1,0 +1,168 @@
+"""Consensus: the units that agree, found from many minimal subsets, improved, and brought to a fixed point.
+
+Least median of squares (Rousseeuw 1984), RANSAC (Fischler and Bolles 1981), MSAC (Torr and Zisserman 2000) differ in
+the score of the trials only; the best few are improved by fits to the units that they explain (Chum et al. 2003), the
+one that explains the data best is fitted to its inliers until those stay the same. Nothing here knows what is measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+
+from mbm.problem.types import Consensus, ConsensusKind
+from mbm.solution.robust.gnc import graduated
+from mbm.solution.robust.refine import Refined, Trimmed, Truncated, refined
+from mbm.solution.robust.scores import cuts, scores, variances_at
+from mbm.solution.robust.subsets import minimal_subsets
+from mbm.solution.robust.trials import Trials
+from mbm.solution.robust.units import STATED, Units, consistency, robust_variance
+from mbm.solution.types import Floats, Mask
+
+CANDIDATES = 10
+"""Trials that are improved."""
+
+LARGE_SUBSET = 7
+"""From so many units in a subset on, trials free of outliers are rare: graduated non-convexity gives one more."""
+
+TOGETHER = 4_000_000
+"""Numbers that the residuals of the trials which are scored together may take."""
+
+STEPS = 12
+ROUNDS = 20
+
+CONTRADICTED = 4.0
+"""Deviations by which the inliers' variance must exceed the stated one before the robust scale takes its place."""
+
+AS_GOOD = 4.0
+"""Another solution whose objective is larger by less than this explains the data as well (two standard deviations)."""
+
+APART = 25.0
+"""… and is another solution if it disagrees with the inliers by so much more in their sum of squares."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Agreed:
+    """The units that agree at a point.
+
+    ``inliers`` (U,), ``squares`` (U,) the squared norms at ``point`` (N,), ``variances`` (U,) of the noise (1
+    where it is stated), ``limits`` (U,) of the squared norms. ``trials`` is the number of subsets; ``ambiguous`` says that another
+    point explains as much.
+    """
+
+    point: Floats
+    inliers: Mask
+    squares: Floats
+    variances: Floats
+    limits: Floats
+    trials: int
+    ambiguous: bool
+
+    @property
+    def share(self) -> float:
+        """Share of the units that agree."""
+        return float(self.inliers.mean()) if self.inliers.size else 1.0
+
+
+@np.errstate(all="ignore")
+def agree(trials: Trials, units: Units, start: Floats, consensus: Consensus, seed: int) -> Agreed:
+    """The units that agree, by random subsets fitted from ``start`` (N,) or by graduated non-convexity."""
+    cut = cuts(units, consensus.threshold)
+    unknown = units.group != STATED
+    count, size = 0, trials.dimension
+    if consensus.kind is ConsensusKind.GNC:
+        points = graduated(trials, units, start, cut, unknown)[None]
+    else:
+        jacobian = trials.linearised(start[None])[1][0]
+        subsets = minimal_subsets(jacobian, units, consensus.trials, seed)
+        count, size = subsets.shape
+        points = (
+            np.concatenate((trials.fitted(np.tile(start, (count, 1)), subsets), start[None])) if count else start[None]
+        )
+        if size >= LARGE_SUBSET:
+            points = np.concatenate((points, graduated(trials, units, start, cut, unknown)[None]))
+        points = _best_few(trials, units, points, consensus.kind, size, cut)
+    candidates, variances = _improved(trials, units, points, cut, size)
+    best = candidates.best()
+    point, squares, variances = _settled(trials, units, candidates.points[best], cut, variances)
+    limits = cut * variances
+    return Agreed(
+        point=point,
+        inliers=squares <= limits,
+        squares=squares,
+        variances=variances,
+        limits=limits,
+        trials=count,
+        ambiguous=_ambiguous(candidates, best, limits),
+    )
+
+
+def _best_few(trials: Trials, units: Units, points: Floats, kind: ConsensusKind, size: int, cut: Floats) -> Floats:
+    """The points with the lowest scores, best first."""
+    step = max(TOGETHER // max(len(units.of_row), 1), 1)
+    parts = [units.squares(trials.residuals(points[i : i + step])) for i in range(0, len(points), step)]
+    squares = np.concatenate(parts)
+    found = scores(ConsensusKind.LMEDS, squares, units, size, cut, cut)
+    if kind is not ConsensusKind.LMEDS:
+        variances = variances_at(squares[int(np.argmin(found))], units, 0)
+        found = scores(kind, squares, units, size, cut, np.maximum(variances, 1e-300))
+    order = np.argsort(found, kind="stable")[:CANDIDATES]
+    return np.asarray(points[order])
+
+
+def _improved(trials: Trials, units: Units, points: Floats, cut: Floats, size: int) -> tuple[Refined, Floats]:
+    """The candidates after fits to the units that they explain, and the variance of each unit (U,) at the best one."""
+    ones = np.ones(units.count)
+    if (units.group != STATED).any():
+        found = refined(trials, units, points, Trimmed(units, cut, size), iterations=STEPS)
+        variances = variances_at(found.squares[found.best()], units, trials.dimension)
+        return found, np.maximum(variances, 1e-300)
+    squares = units.squares(trials.residuals(points))
+    own = [max(robust_variance(each, units, trials.dimension), 1.0) for each in squares]
+    wide = refined(trials, units, points, Truncated(cut * np.array(own)[:, None], ones), iterations=4)
+    return refined(trials, units, wide.points, Truncated(cut, ones), iterations=STEPS), ones
+
+
+def _settled(
+    trials: Trials, units: Units, point: Floats, cut: Floats, variances: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Point, squared norms and variances where fit, scale and inliers agree with one another."""
+    stated = units.group == STATED
+    before: Mask | None = None
+    squares = np.empty(units.count)
+    for _ in range(ROUNDS):
+        found = refined(trials, units, point[None], Truncated(cut * variances, variances), iterations=STEPS)
+        point, squares = found.points[0], found.squares[0]
+        inliers = squares <= cut * variances
+        if before is not None and bool((inliers == before).all()):
+            break
+        before = inliers
+        fresh = np.maximum(variances_at(squares, units, trials.dimension), 1e-300)
+        if stated.any():
+            contradicted = _contradicted(squares, units, trials.dimension, cut, inliers & stated)
+            wide = max(robust_variance(squares, units, trials.dimension, stated), 1.0)
+            fresh[stated] = wide if contradicted else variances[stated]
+        variances = fresh
+    return point, squares, variances
+
+
+def _contradicted(squares: Floats, units: Units, dimension: int, cut: Floats, inliers: Mask) -> bool:
+    """Whether the inliers scatter by more than the stated noise."""
+    freedom = int(units.components[inliers].sum()) - dimension
+    if freedom <= 0:
+        return False
+    expected = float((units.components * consistency(units.components, cut))[inliers].sum())
+    excess = float(squares[inliers].sum()) / freedom * (freedom + dimension) / expected - 1.0
+    return excess > CONTRADICTED * sqrt(2.0 / freedom)
+
+
+def _ambiguous(candidates: Refined, best: int, limits: Floats) -> bool:
+    """Whether another candidate explains the data as well, at a place that contradicts the best one's inliers."""
+    close = candidates.objective < candidates.objective[best] + AS_GOOD
+    inliers = candidates.squares[best] <= limits
+    if not inliers.any():
+        return False
+    sums = np.minimum(candidates.squares[:, inliers], 1e6).sum(axis=1)
+    return bool((close & (sums > sums[best] + APART)).any())

@@ -1,0 +1,48 @@
+"""The tables of one solve among many: rows are taken when a table is asked for, for many solves use few of the tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from mbm.problem.joining import distinct
+from mbm.problem.rows import Positions
+from mbm.problem.tables import Table
+from mbm.problem.types import Family, Problem
+
+
+class SelectedTables(Mapping[str, Table]):
+    """Tables of which each holds only the rows at some positions; those without positions enter whole."""
+
+    def __init__(
+        self, whole: Mapping[str, Table], positions: Mapping[str, Positions], families: Mapping[str, Family]
+    ) -> None:
+        self._whole = whole
+        self._positions = positions
+        self._families = families
+        self._taken: dict[str, Table] = {}
+
+    def __getitem__(self, name: str) -> Table:
+        found = self._taken.get(name)
+        if found is None:
+            found = self._taken[name] = self._make(name)
+        return found
+
+    def _make(self, name: str) -> Table:
+        family = self._families.get(name)
+        if family is not None and family.column is not None:
+            return distinct(self[family.table], family.column, name)
+        positions = self._positions.get(name)
+        return self._whole[name] if positions is None else self._whole[name].take(positions)
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self._whole
+        yield from (name for name in self._families if name not in self._whole)
+
+    def __len__(self) -> int:
+        return len({*self._whole, *self._families})
+
+
+def column_families(problem: Problem) -> dict[str, Family]:
+    """The families over a column, by the name of the table that is made of its distinct values."""
+    families = (u.family for u in problem.unknowns if u.family is not None and u.family.column is not None)
+    return {family.rows: family for family in families}

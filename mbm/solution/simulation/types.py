@@ -1,0 +1,75 @@
+"""Values of the simulation: what is asked for, and what comes out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.problem.tables import CellKey
+from mbm.solution.layout import Layout
+from mbm.solution.types import Floats, Indices
+from mbm.text.types import Diagnostic
+
+ValuesFinder = Callable[[Mapping[str, CellKey]], Mapping[str, Floats]]
+"""The true values (SI, by name) for the solve with a key; NaN or absent where none is given."""
+
+FactorsFinder = Callable[[Mapping[str, CellKey]], Mapping[str, float]]
+"""The noise factors of blocks with `:sigma unknown` for the solve with a key."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outliers:
+    """Gross errors: each equation and row has one with probability ``fraction``, of ``size`` standard deviations.
+
+    Its direction in the space of the whitened components is random, or all of them grow if ``one_sided``.
+    """
+
+    fraction: float
+    size: float
+    one_sided: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Simulating:
+    """How to simulate. ``measured`` names the columns of observations whose equations leave open what they measure."""
+
+    seed: int
+    outliers: Outliers | None = None
+    measured: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cells:
+    """New numbers (SI) for cells of a column; ``rows`` are numbers from 1 in the unfiltered table, each once."""
+
+    table: str
+    column: str
+    rows: Indices
+    numbers: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Truth:
+    """The true values of one solve: ``numbers`` (N,) as its layout has them; ``outliers`` rows by observation."""
+
+    key: Mapping[str, CellKey]
+    layout: Layout
+    numbers: Floats
+    outliers: Mapping[str, tuple[int, ...]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Simulation:
+    """What was simulated: cells of columns, the truth of each solve, and what had to be assumed (warnings)."""
+
+    cells: tuple[Cells, ...]
+    truths: tuple[Truth, ...]
+    notes: tuple[Diagnostic, ...]
+
+
+Draws = Mapping[int, NDArray[np.float64]]
+"""Standard normal numbers (rows of the unfiltered table, components) for each equation of a block, by its number."""

@@ -1,0 +1,241 @@
+"""Marquardt's method for many points at once: every operation is one NumPy call over all trials that still move.
+
+The workhorse of multi-start search and of consensus trials, to moderate accuracy: normal equations with unit diagonal,
+the damping of Nielsen (1999), hard bounds by an active set. The last digits, and the reasons for stopping, are the
+business of the solvers for one point. A trial never ends worse than it began, and no trial influences another.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from mbm.solution.solvers.box import KEEP
+from mbm.solution.types import Floats, Indices, Mask
+
+DAMPING = 1e-3
+"""Damping at the start, relative to the diagonal of the normal equations (Nielsen 1999)."""
+
+HOPELESS = 1e10
+"""A damping above this moves nothing any more."""
+
+ROUNDING = 1e-14
+"""Added to the unit diagonal of the normal equations: they stay regular where an unknown is not determined."""
+
+ACCEPT = 1e-4
+"""Least share of the promised decrease that a step must bring (MINPACK)."""
+
+MEMORY = 4_000_000
+"""Numbers in the Jacobians of the trials that are worked on together: 32 MB, and a few times that on the way."""
+
+REVISIONS = 3
+"""How often a step is computed anew for the coordinates that are left when others have met their bounds."""
+
+
+class Stack(Protocol):
+    """Least squares equations at many points at once; one *trial* is one start, or one subset of the equations.
+
+    ``points`` (T, N) are as in ``Equations``, one row each; ``which`` (T,) says to which trial each of them belongs,
+    for stacks in which every trial has equations of its own. A step has ``dimension`` n coordinates.
+    """
+
+    @property
+    def dimension(self) -> int:
+        """n, the coordinates of a step."""
+        ...
+
+    @property
+    def count(self) -> int:
+        """m, the scalar residuals of a trial."""
+        ...
+
+    @property
+    def lower(self) -> Floats:
+        """Hard lower bounds, shape (n,), -inf where there is none."""
+        ...
+
+    @property
+    def upper(self) -> Floats:
+        """Hard upper bounds, shape (n,), +inf where there is none."""
+        ...
+
+    @property
+    def positive(self) -> Mask:
+        """Coordinates that must stay strictly above zero, shape (n,)."""
+        ...
+
+    def linearised(self, points: Floats, which: Indices) -> tuple[Floats, Floats]:
+        """Whitened residuals (T, m) and their derivatives (T, m, n); NaN or inf where a model has no value."""
+        ...
+
+    def coordinates(self, points: Floats) -> Floats:
+        """The numbers that steps add to, shape (T, n), 0 for the coordinates of rotations and directions."""
+        ...
+
+    def moved(self, points: Floats, steps: Floats) -> Floats:
+        """The points after the steps (T, n), with coordinates that rounding took out of the bounds put back."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Batched:
+    """Where the trials ended: ``points`` (T, N), ``cost`` (T,) = Σ r², inf where a start has no finite value.
+
+    ``settled`` (T,): the next step promises next to nothing; the others ran out of ``iterations`` (T,) or of finite
+    points.
+    """
+
+    points: Floats
+    cost: Floats
+    settled: Mask
+    iterations: Indices
+
+
+@np.errstate(all="ignore")
+def minimise_all(stack: Stack, starts: Floats, *, iterations: int, tolerance: float = 1e-7) -> Batched:
+    """The minima that the starts (T, N) lead to, each in at most so many steps; in chunks that fit the memory.
+
+    A trial has settled when no column of the Jacobian makes an angle with the residuals whose cosine is above
+    ``tolerance``, when the hardly damped step promises less than ``tolerance²`` of the cost, or when the cost is below
+    ``tolerance²`` for each residual: zero, in standard deviations.
+    """
+    chunk = max(1, MEMORY // max(1, stack.count * stack.dimension))
+    parts = []
+    for first in range(0, max(len(starts), 1), chunk):
+        state = _State(stack, starts[first : first + chunk], first, tolerance)
+        for _ in range(iterations):
+            if not state.moving.size:
+                break
+            state.advance()
+        parts.append(state.answer())
+    return Batched(
+        points=np.concatenate([p.points for p in parts]),
+        cost=np.concatenate([p.cost for p in parts]),
+        settled=np.concatenate([p.settled for p in parts]),
+        iterations=np.concatenate([p.iterations for p in parts]),
+    )
+
+
+class _State:
+    """All trials; the arrays of ``moving`` ones are picked out, advanced by one step, and put back."""
+
+    def __init__(self, stack: Stack, starts: Floats, first: int, tolerance: float) -> None:
+        self._stack = stack
+        self._tolerance = tolerance
+        self._first = first
+        count = len(starts)
+        self._points = np.array(starts, dtype=np.float64)
+        self._residuals, self._jacobian = stack.linearised(self._points, first + np.arange(count))
+        cost = np.square(self._residuals).sum(axis=1)
+        finite = np.isfinite(cost) & np.isfinite(self._jacobian).all(axis=(1, 2))
+        self._cost = np.where(finite, cost, np.inf)
+        self._damping = np.full(count, DAMPING)
+        self._growth = np.full(count, 2.0)
+        self._scale = np.zeros((count, stack.dimension))
+        self._settled = np.zeros(count, dtype=bool)
+        self._iterations = np.zeros(count, dtype=np.int64)
+        self.moving = np.flatnonzero(finite)
+
+    def answer(self) -> Batched:
+        """Where the trials are."""
+        return Batched(points=self._points, cost=self._cost, settled=self._settled, iterations=self._iterations)
+
+    def advance(self) -> None:
+        """One step of every trial that still moves."""
+        moving = self.moving
+        points, residuals, jacobian = self._points[moving], self._residuals[moving], self._jacobian[moving]
+        transposed = jacobian.transpose(0, 2, 1)
+        gradient = (transposed @ residuals[:, :, None])[:, :, 0]
+        normal = transposed @ jacobian
+        diagonal = np.einsum("tii->ti", normal)
+        scale = np.maximum(self._scale[moving], np.sqrt(diagonal))
+        self._scale[moving] = scale
+        scale = np.where(scale > 0.0, scale, 1.0)
+        limits = _gaps(self._stack, points)
+        normal = normal / scale[:, :, None] / scale[:, None, :]
+        damping, cost = self._damping[moving], self._cost[moving]
+        step, slope = _bounded_step(normal, gradient / scale, damping, scale, limits)
+        promise = _promise(jacobian, residuals, step)
+        small = self._tolerance * self._tolerance
+        done = (damping <= DAMPING) & (promise >= 0.0) & (promise <= small * cost)
+        done |= (slope * slope <= small * cost) | (cost <= small * residuals.shape[1])
+        trial = self._stack.moved(points, step)
+        there, jacobian = self._stack.linearised(trial, self._first + moving)
+        lower = np.square(there).sum(axis=1)
+        share = np.where(promise > 0.0, (cost - lower) / promise, -1.0)
+        good = (share > ACCEPT) & np.isfinite(lower) & np.isfinite(jacobian).all(axis=(1, 2))
+        taken = moving[good]
+        self._points[taken], self._cost[taken] = trial[good], lower[good]
+        self._residuals[taken], self._jacobian[taken] = there[good], jacobian[good]
+        self._iterations[moving] += 1
+        self._adapt(moving, good, share)
+        lost = self._damping[moving] > HOPELESS
+        self._settled[moving] = done
+        self.moving = moving[~(done | lost)]
+
+    def _adapt(self, moving: Indices, good: Mask, share: Floats) -> None:
+        """Nielsen's damping: less after steps that kept their promise, ever faster more after those that did not."""
+        factor = np.maximum(1.0 / 3.0, 1.0 - (2.0 * np.minimum(share, 1.0) - 1.0) ** 3)
+        self._damping[moving] *= np.where(good, factor, self._growth[moving])
+        self._growth[moving] = np.where(good, 2.0, 2.0 * self._growth[moving])
+
+
+def _gaps(stack: Stack, points: Floats) -> tuple[Floats, Floats] | None:
+    """Largest movements down (≤ 0) and up (≥ 0) of each coordinate (T, n) in one step; None without any bounds."""
+    lower, upper, positive = stack.lower, stack.upper, stack.positive
+    if not (np.isfinite(lower).any() or np.isfinite(upper).any() or positive.any()):
+        return None
+    here = stack.coordinates(points)
+    down = lower - here
+    return np.where(positive, np.maximum(down, (KEEP - 1.0) * here), down), upper - here
+
+
+def _bounded_step(
+    normal: Floats, gradient: Floats, damping: Floats, scale: Floats, limits: tuple[Floats, Floats] | None
+) -> tuple[Floats, Floats]:
+    """The damped step (T, n) inside the bounds, and the largest slope (T,) along a coordinate that is free to move.
+
+    The normal equations (T, n, n) and the gradient (T, n) are in scaled coordinates, with a diagonal of at most 1.
+    A coordinate at a bound that the gradient pushes against is held. Those that a step takes beyond a bound are put on
+    it, and the step is computed anew for the others.
+    """
+    if limits is None:
+        return _solved(normal, gradient, damping, None) / scale, np.abs(gradient).max(axis=1, initial=0.0)
+    down, up = limits[0] * scale, limits[1] * scale
+    held = ((down >= 0.0) & (gradient >= 0.0)) | ((up <= 0.0) & (gradient <= 0.0))
+    slope = np.abs(np.where(held, 0.0, gradient)).max(axis=1, initial=0.0)
+    step = np.zeros_like(gradient)
+    for revision in range(REVISIONS + 1):
+        rest = gradient + (normal @ np.where(held, step, 0.0)[:, :, None])[:, :, 0]
+        found = np.where(held, step, _solved(normal, rest, damping, held))
+        beyond = ~held & ((found < down) | (found > up))
+        step = np.where(held, step, np.clip(found, down, up))
+        if revision == REVISIONS or not beyond.any():
+            break
+        held = held | beyond
+    return step / scale, slope
+
+
+def _solved(normal: Floats, gradient: Floats, damping: Floats, held: Mask | None) -> Floats:
+    """``-(normal + damping)⁻¹ gradient`` for each trial, with the coordinates that are ``held`` left out."""
+    matrix = normal.copy()
+    n = matrix.shape[1]
+    if held is not None and held.any():
+        matrix[held[:, :, None] | held[:, None, :]] = 0.0
+        gradient = np.where(held, 0.0, gradient)
+        damping = np.where(held, 1.0, damping[:, None])
+    else:
+        damping = damping[:, None]
+    places = np.arange(n)
+    matrix[:, places, places] += damping + ROUNDING
+    # A column that has been exactly zero so far has a zero on the diagonal too: only the damping keeps it regular.
+    return np.asarray(np.linalg.solve(matrix, -gradient[:, :, None])[:, :, 0], dtype=np.float64)
+
+
+def _promise(jacobian: Floats, residuals: Floats, step: Floats) -> Floats:
+    """The decrease of Σ r² that the linear model promises for each step, shape (T,)."""
+    image = (jacobian @ step[:, :, None])[:, :, 0]
+    decrease: Floats = -(image * (image + 2.0 * residuals)).sum(axis=1)
+    return decrease

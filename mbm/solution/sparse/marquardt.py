@@ -1,0 +1,351 @@
+"""Marquardt's method on block-sparse normal equations.
+
+Damping as Nielsen (1999) adapts it, with the diagonal of ``JᵀJ`` as the metric, clamped as Ceres does. Points without a
+finite residual or Jacobian are refused, the cost never grows by more than its rounding, and the iteration ends where
+the dense solvers end: at a relative offset below the tolerance (Bates and Watts 1981), or at rounding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import inf, isfinite, sqrt
+from typing import Protocol
+
+import numpy as np
+
+from mbm.solution.solvers.state import first_bad, relative_offset
+from mbm.solution.sparse.normal import Normal
+from mbm.solution.sparse.structure import Structure, Values
+from mbm.solution.sparse.system import Plan, factorised, plan
+from mbm.solution.types import Equations, Floats, Mask, Minimum, Reason, TraceEntry
+
+FIRST = 1e-4
+"""Damping of the first step, relative to the diagonal."""
+
+LEAST = 1e-10
+"""Damping that is as good as none, and keeps singular equations solvable."""
+
+MOST = 1e16
+"""Damping at which no step is left."""
+
+DIAGONAL = (1e-6, 1e32)
+"""Range of the metric's squares."""
+
+ACCEPT = 1e-4
+"""Least share of the promised decrease that a step must bring."""
+
+UNDECIDED = 10.0
+"""A promise below so many roundings of the cost is judged by the offset …"""
+
+POLISH = 0.95
+"""… which must fall below this share."""
+
+NOISE = 4.0 * float(np.finfo(np.float64).eps)
+"""Rounding of a residual, relative to the terms that it is made of."""
+
+TRIALS = 60
+"""Trial points in one iteration."""
+
+KEEP = 0.1
+"""A coordinate that must stay positive keeps at least this part of its value in one step."""
+
+
+class BlockEquations(Equations, Protocol):
+    """Equations whose Jacobian comes in blocks."""
+
+    def structure(self) -> Structure:
+        """Which blocks there are; the same for every point."""
+        ...
+
+    def block_jacobian(self, x: Floats) -> Values:
+        """The whitened Jacobian at ``x``, for each piece of the structure."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Place:
+    """A point and what depends on it alone; ``held`` (columns,) are columns at a bound that descent would leave.
+
+    ``gradient`` (columns,) is ``Jᵀr``, zero where held, ``squares`` (columns,) the squared norms of the columns,
+    ``rounding`` that of the cost.
+    """
+
+    point: Floats
+    residuals: Floats
+    values: Values
+    normal: Normal
+    gradient: Floats
+    squares: Floats
+    held: Mask
+    cost: float
+    rounding: float
+    size: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class State:
+    """An immutable value; ``reason`` is None while there is something left to do. ``growth`` is Nielsen's ν."""
+
+    plan: Plan
+    place: Place | None
+    point: Floats
+    residuals: Floats
+    tolerance: float
+    damping: float
+    growth: float
+    offset: float
+    iterations: int
+    evaluations: int
+    reason: Reason | None
+    bad_row: int | None
+    trace: tuple[TraceEntry, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SparseMarquardt:
+    """For equations in blocks."""
+
+    name: str = "lm-sparse"
+
+    def supports(self, equations: Equations) -> bool:
+        """Equations that know their blocks."""
+        return hasattr(equations, "block_jacobian") and equations.dimension > 0 and equations.count > 0
+
+    @np.errstate(all="ignore")
+    def init(self, equations: BlockEquations, start: Floats, tolerance: float) -> State:
+        """The state at the start (projected into the bounds)."""
+        found = plan(equations.structure())
+        point = _inside(equations, start, start)
+        residuals = equations.residuals(point)
+        row, reason, place = first_bad(residuals), Reason.NOT_FINITE_AT_START, None
+        if row is None and not isfinite(float(residuals @ residuals)):
+            row = int(np.argmax(np.abs(residuals)))
+        if row is None:
+            values = equations.block_jacobian(point)
+            place, reason = _place(equations, found, point, residuals, values), Reason.JACOBIAN_NOT_FINITE_AT_START
+            row = None if place is not None else _bad_derivative(found.structure, values)
+        return State(
+            plan=found,
+            place=place,
+            point=point,
+            residuals=residuals,
+            tolerance=tolerance,
+            damping=LEAST if equations.linear else FIRST,
+            growth=2.0,
+            offset=inf,
+            iterations=0,
+            evaluations=1,
+            reason=None if place is not None else reason,
+            bad_row=row,
+            trace=(),
+        )
+
+    @np.errstate(all="ignore")
+    def step(self, equations: BlockEquations, state: State) -> State:
+        """Trial steps with growing damping until one is accepted, or none can be."""
+        here = state.place
+        if here is None:
+            return state
+        if here.cost <= here.rounding:
+            return replace(state, reason=Reason.EXACT_FIT, offset=0.0)
+        for trials in range(1, TRIALS + 1):
+            step = _solved(state, here, state.damping)
+            if step is None:
+                state = _shortened(state)
+                continue
+            point, step = _moved(equations, here, state.plan, step)
+            promise = _promise(state.plan, here, step)
+            offset = _offset(equations, here, promise)
+            if state.damping > LEAST and offset <= state.tolerance:
+                state = replace(state, damping=LEAST)
+                continue
+            state = replace(state, offset=offset)
+            if offset <= state.tolerance:
+                return _ended(state, here, trials, Reason.SMALL_OFFSET)
+            undecided = promise <= UNDECIDED * here.rounding
+            residuals = equations.residuals(point)
+            cost = float(residuals @ residuals)
+            state = replace(state, evaluations=state.evaluations + 1)
+            share = (here.cost - cost) / promise if isfinite(cost) else -inf
+            good = here.cost - cost >= -here.rounding if undecided else share > ACCEPT
+            there = _place(equations, state.plan, point, residuals, equations.block_jacobian(point)) if good else None
+            if there is not None:
+                if undecided and not _better(equations, state, there):
+                    return _ended(state, here, trials, Reason.ROUNDING)
+                return _accepted(state, here, there, trials, 1.0 if undecided else share)
+            if undecided and isfinite(cost):
+                return _ended(state, here, trials, Reason.ROUNDING)
+            if state.damping >= MOST:
+                return _ended(state, here, trials, Reason.FLAT if isfinite(cost) else Reason.NO_FINITE_STEP)
+            state = _shortened(state)
+        return _ended(state, here, TRIALS, Reason.FLAT)
+
+    def finished(self, state: State) -> Reason | None:
+        """Why the iteration is over, or None while it is not."""
+        return state.reason
+
+    def minimum(self, state: State, reason: Reason) -> Minimum:
+        """The state as an answer; its Jacobian (m, n) is a SciPy CSR array."""
+        from scipy.sparse import csr_array
+
+        free = state.plan.structure.free
+        place = state.place
+        sides = np.zeros(len(free), dtype=np.int8)
+        if place is None:
+            matrix = csr_array((len(state.residuals), len(free)))
+        else:
+            matrix = csr_array(state.plan.structure.matrix(place.values)[:, free])
+            pushed = place.held[free]
+            slope = np.asarray(matrix.T @ place.residuals).reshape(-1)
+            sides[pushed] = np.where(slope[pushed] > 0.0, -1, 1)
+        return Minimum(
+            point=state.point,
+            residuals=state.residuals,
+            jacobian=matrix,
+            cost=float(state.residuals @ state.residuals),
+            reason=reason,
+            iterations=state.iterations,
+            evaluations=state.evaluations,
+            offset=state.offset,
+            at_bound=sides,
+            bad_row=state.bad_row,
+            trace=state.trace,
+        )
+
+
+SPARSE_MARQUARDT = SparseMarquardt()
+
+
+def _place(
+    equations: BlockEquations, found: Plan, point: Floats, residuals: Floats, values: Values
+) -> Place | None:
+    """Everything at a point; None where a derivative is not finite."""
+    layout = found.structure
+    gradient = np.asarray(layout.matrix(values).T @ residuals).reshape(-1)
+    normal = found.pattern.accumulate(values)
+    squares = normal.diagonal()
+    if not (np.isfinite(squares).all() and np.isfinite(gradient).all()):
+        return None
+    held = np.zeros(layout.columns, dtype=bool)
+    coordinates = equations.coordinates(point)
+    slope = gradient[layout.free]
+    held[layout.free] = ((coordinates <= equations.lower) & (slope >= 0.0)) | (
+        (coordinates >= equations.upper) & (slope <= 0.0)
+    )
+    if held.any():
+        normal = found.pattern.accumulate(layout.without(values, held))
+        gradient = np.where(held, 0.0, gradient)
+    terms = np.sqrt(squares[layout.free]) * coordinates
+    cost = float(residuals @ residuals)
+    size = sqrt(float(terms @ terms))
+    noise = NOISE * (size + sqrt(cost))
+    return Place(
+        point=point,
+        residuals=residuals,
+        values=values,
+        normal=normal,
+        gradient=gradient,
+        squares=squares,
+        held=held,
+        cost=cost,
+        rounding=2.0 * noise * sqrt(cost) + noise * noise,
+        size=size,
+    )
+
+
+def _solved(state: State, here: Place, damping: float) -> Floats | None:
+    """The damped step over the padded columns; None where the equations cannot be factorised."""
+    added = damping * np.clip(here.squares, *DIAGONAL)
+    added[state.plan.structure.dead | here.held] = 1.0
+    factors = factorised(state.plan, here.normal, added)
+    if factors is None:
+        return None
+    step = factors.solve(-here.gradient[:, None])[:, 0]
+    return step if bool(np.isfinite(step).all()) else None
+
+
+def _inside(equations: Equations, point: Floats, before: Floats) -> Floats:
+    """The point with its coordinates inside the bounds."""
+    lower, upper, positive = equations.lower, equations.upper, equations.positive
+    if not (positive.any() or np.isfinite(lower).any() or np.isfinite(upper).any()):
+        return point
+    found = equations.coordinates(point)
+    inside = np.clip(found, lower, upper)
+    least = KEEP * equations.coordinates(before)
+    inside = np.where(positive & (inside < least), least, inside)
+    return point if np.array_equal(found, inside) else equations.placed(point, inside)
+
+
+def _moved(equations: Equations, here: Place, found: Plan, step: Floats) -> tuple[Floats, Floats]:
+    """The trial point inside the bounds, and the step (columns,) that leads there."""
+    free = found.structure.free
+    point = equations.retract(here.point, step[free])
+    inside = _inside(equations, point, here.point)
+    if inside is point:
+        return point, step
+    short = equations.coordinates(inside) - equations.coordinates(point)
+    step = step.copy()
+    step[free] += short
+    return inside, step
+
+
+def _promise(found: Plan, here: Place, step: Floats) -> float:
+    """The decrease of the cost if the residuals were linear."""
+    image = found.structure.matrix(here.values) @ step
+    return -float(2.0 * (here.gradient @ step) + image @ image)
+
+
+def _offset(equations: Equations, here: Place, promise: float) -> float:
+    moving = equations.dimension - int(here.held.sum())
+    return relative_offset(promise, max(here.cost - promise, 0.0), moving, equations.count - moving)
+
+
+def _better(equations: BlockEquations, state: State, there: Place) -> bool:
+    """Whether the offset at a point that the cost cannot judge is clearly smaller."""
+    step = _solved(state, there, state.damping)
+    if step is None:
+        return False
+    return _offset(equations, there, _promise(state.plan, there, step)) <= POLISH * state.offset
+
+
+def _shortened(state: State) -> State:
+    return replace(state, damping=min(state.damping * state.growth, MOST), growth=2.0 * state.growth)
+
+
+def _accepted(state: State, here: Place, there: Place, trials: int, share: float) -> State:
+    damping = max(state.damping * max(1.0 / 3.0, 1.0 - (2.0 * share - 1.0) ** 3), LEAST)
+    return replace(
+        state,
+        place=there,
+        point=there.point,
+        residuals=there.residuals,
+        damping=damping,
+        growth=2.0,
+        iterations=state.iterations + 1,
+        trace=(*state.trace, _entry(state, here, trials)),
+    )
+
+
+def _ended(state: State, here: Place, trials: int, reason: Reason) -> State:
+    return replace(
+        state, reason=reason, iterations=state.iterations + 1, trace=(*state.trace, _entry(state, here, trials))
+    )
+
+
+def _entry(state: State, here: Place, trials: int) -> TraceEntry:
+    return TraceEntry(
+        iteration=state.iterations + 1,
+        cost=here.cost,
+        offset=state.offset,
+        radius=1.0 / state.damping,
+        trials=trials,
+    )
+
+
+def _bad_derivative(found: Structure, values: Values) -> int:
+    """The first residual with a derivative that is not finite."""
+    for piece, part in zip(found.pieces, values, strict=True):
+        bad = ~np.isfinite(part).all(axis=2)
+        if bad.any():
+            return piece.first + int(np.argmax(bad.reshape(-1)))
+    return 0

@@ -1,0 +1,171 @@
+"""Jacobian → normal equations in blocks: ``JᵀJ`` by pairs of families, its pattern found once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbm.solution.sparse.structure import Piece, Structure, Values
+from mbm.solution.types import Floats, Indices
+
+SHARED = 24
+"""Rows per block from which one product of tall matrices is cheaper than many small ones that are added up."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Contribution:
+    """Products ``J_leftᵀ J_right`` of rows of one piece: ``rows`` sorted by target, one run of rows per target.
+
+    ``mirrored`` adds the transpose as well: two different local blocks that are the same member.
+    """
+
+    piece: int
+    left: slice
+    right: slice
+    rows: Indices
+    starts: Indices
+    targets: Indices
+    mirrored: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PairPattern:
+    """The nonzero blocks between two families (``left`` ≤ ``right``): block p is at members ``(i[p], j[p])``.
+
+    Sorted by i, then j. Within one family only blocks with i ≤ j are kept.
+    """
+
+    left: int
+    right: int
+    i: Indices
+    j: Indices
+    shape: tuple[int, int]
+    contributions: tuple[Contribution, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NormalPattern:
+    """The pattern of ``JᵀJ``; every family has all its diagonal blocks, ``diagonal[f]`` (members,) says where."""
+
+    structure: Structure
+    pairs: Mapping[tuple[int, int], PairPattern]
+    diagonal: tuple[Indices, ...]
+
+    def accumulate(self, values: Values) -> Normal:
+        """The blocks of ``JᵀJ``."""
+        blocks: dict[tuple[int, int], Floats] = {}
+        for key, pair in self.pairs.items():
+            total = np.zeros((len(pair.i), *pair.shape))
+            for part in pair.contributions:
+                total[part.targets] += _summed(values[part.piece], part)
+            blocks[key] = total
+        return Normal(pattern=self, blocks=blocks)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Normal:
+    """``JᵀJ``: for each pair of families the blocks (blocks, size, size) in the order of its pattern."""
+
+    pattern: NormalPattern
+    blocks: Mapping[tuple[int, int], Floats]
+
+    def diagonal(self) -> Floats:
+        """The diagonal (columns,): squared norms of the Jacobian's columns."""
+        found = [
+            np.einsum("bii->bi", self.blocks[f, f][where]).reshape(-1)
+            for f, where in enumerate(self.pattern.diagonal)
+        ]
+        return np.concatenate(found) if found else np.zeros(0)
+
+
+def _summed(values: Floats, part: Contribution) -> Floats:
+    """The contribution to each target (targets, left size, right size)."""
+    left = values[part.rows, :, part.left]
+    right = left if part.left == part.right else values[part.rows, :, part.right]
+    if len(part.rows) > SHARED * len(part.starts):
+        ends = np.append(part.starts[1:], len(part.rows))
+        runs = zip(part.starts.tolist(), ends.tolist(), strict=True)
+        a, b = left.shape[2], right.shape[2]
+        products = np.array([left[s:e].reshape(-1, a).T @ right[s:e].reshape(-1, b) for s, e in runs])
+    else:
+        products = np.matmul(left.transpose(0, 2, 1), right)
+        if len(part.starts) < len(part.rows):
+            products = np.add.reduceat(products, part.starts, axis=0)
+    return products + products.transpose(0, 2, 1) if part.mirrored else products
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Meeting:
+    """Rows of a piece where the members ``i`` of the left and ``j`` of the right block meet."""
+
+    piece: int
+    left: int
+    right: int
+    rows: Indices
+    i: Indices
+    j: Indices
+    mirrored: bool = False
+
+
+def normal_pattern(found: Structure) -> NormalPattern:
+    """Which members of which families meet in an equation, and where each product goes."""
+    meetings: dict[tuple[int, int], list[_Meeting]] = {(f, f): [] for f in range(len(found.families))}
+    for number, piece in enumerate(found.pieces):
+        for left in range(len(piece.families)):
+            for right in range(left, len(piece.families)):
+                for key, meeting in _meetings(number, piece, left, right):
+                    meetings.setdefault(key, []).append(meeting)
+    pairs = {key: _pair(found, key, each) for key, each in meetings.items()}
+    diagonal = tuple(np.flatnonzero(pairs[f, f].i == pairs[f, f].j) for f in range(len(found.families)))
+    return NormalPattern(structure=found, pairs=pairs, diagonal=diagonal)
+
+
+def _meetings(number: int, piece: Piece, left: int, right: int) -> list[tuple[tuple[int, int], _Meeting]]:
+    """The meetings of two local blocks, each with its pair of families; the smaller number to the left."""
+    if piece.families[left] > piece.families[right]:
+        left, right = right, left
+    key = (piece.families[left], piece.families[right])
+    i, j = piece.members[left], piece.members[right]
+    every = np.arange(piece.rows)
+    if left == right or key[0] != key[1]:
+        return [(key, _Meeting(piece=number, left=left, right=right, rows=every, i=i, j=j))]
+    found = []
+    for a, b, chosen, mirrored in ((left, right, i < j, False), (right, left, i > j, False), (left, right, i == j, True)):
+        rows = every[chosen]
+        if rows.size:
+            ends = (piece.members[a][rows], piece.members[b][rows])
+            meeting = _Meeting(piece=number, left=a, right=b, rows=rows, i=ends[0], j=ends[1], mirrored=mirrored)
+            found.append((key, meeting))
+    return found
+
+
+def _pair(found: Structure, key: tuple[int, int], meetings: list[_Meeting]) -> PairPattern:
+    left, right = found.families[key[0]], found.families[key[1]]
+    codes = [m.i * right.members + m.j for m in meetings]
+    if key[0] == key[1]:
+        codes.append(np.arange(left.members) * (right.members + 1))
+    unique = np.unique(np.concatenate(codes))
+    contributions = []
+    for meeting, code in zip(meetings, codes, strict=False):
+        if not code.size:
+            continue
+        order = np.argsort(code, kind="stable")
+        targets, starts = np.unique(code[order], return_index=True)
+        piece = found.pieces[meeting.piece]
+        a, b = piece.starts[meeting.left], piece.starts[meeting.right]
+        contributions.append(
+            Contribution(
+                piece=meeting.piece,
+                left=slice(a, a + left.size),
+                right=slice(b, b + right.size),
+                rows=meeting.rows[order],
+                starts=starts,
+                targets=np.searchsorted(unique, targets),
+                mirrored=meeting.mirrored,
+            )
+        )
+    i, j = np.divmod(unique, right.members)
+    shape = (left.size, right.size)
+    return PairPattern(left=key[0], right=key[1], i=i, j=j, shape=shape, contributions=tuple(contributions))

@@ -1,0 +1,125 @@
+"""Which blocks of unknowns each equation touches: found once, valid for every point of a solve.
+
+Columns are *padded*: every member of a family has the same number of columns, those of fixed coordinates too (they are
+zero in the Jacobian), so that all work on a family goes through arrays of shape (members, size, …).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from mbm.solution.types import Floats, Indices, Mask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlockFamily:
+    """``members`` blocks of ``size`` columns, one after the other from column ``first`` on."""
+
+    first: int
+    members: int
+    size: int
+
+    @property
+    def columns(self) -> slice:
+        """All columns of the family."""
+        return slice(self.first, self.first + self.members * self.size)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Piece:
+    """Equations that touch blocks of the same families: ``rows`` rows with ``outputs`` residuals each.
+
+    ``first`` is the first residual. Local block k belongs to family ``families[k]``, in row r to its member
+    ``members[k, r]``, and its columns in the piece's values (rows, outputs, width) start at ``starts[k]``.
+    """
+
+    first: int
+    outputs: int
+    families: tuple[int, ...]
+    members: Indices
+    starts: tuple[int, ...]
+    width: int
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return int(self.members.shape[1])
+
+    @property
+    def residuals(self) -> slice:
+        """Where its residuals stand."""
+        return slice(self.first, self.first + self.rows * self.outputs)
+
+
+Values = Sequence[Floats]
+"""The whitened Jacobian: for each piece an array (rows, outputs, width)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Structure:
+    """``free`` (n,) are the padded columns of the estimated coordinates, ``columns`` the number of all, ``count`` m."""
+
+    families: tuple[BlockFamily, ...]
+    pieces: tuple[Piece, ...]
+    free: Indices
+    count: int
+    _indices: tuple[Indices, ...] = field(repr=False)
+
+    @property
+    def columns(self) -> int:
+        """Number of padded columns."""
+        return sum(f.members * f.size for f in self.families)
+
+    @property
+    def dead(self) -> Mask:
+        """Padded columns (columns,) that no coordinate stands behind."""
+        dead = np.ones(self.columns, dtype=bool)
+        dead[self.free] = False
+        return dead
+
+    def padded(self, step: Floats) -> Floats:
+        """A vector or matrix (n, …) over the padded columns, zero where nothing is free."""
+        result = np.zeros((self.columns, *step.shape[1:]))
+        result[self.free] = step
+        return result
+
+    def matrix(self, values: Values) -> Any:
+        """The Jacobian (m, columns) as a SciPy CSR array that shares the memory of ``values``."""
+        from scipy.sparse import csr_array, vstack
+
+        parts, reached = [], 0
+        for piece, found, indices in zip(self.pieces, values, self._indices, strict=True):
+            lines = piece.rows * piece.outputs
+            if piece.first > reached:
+                parts.append(csr_array((piece.first - reached, self.columns)))
+            pointers = np.arange(0, lines * piece.width + 1, piece.width) if piece.width else np.zeros(lines + 1, int)
+            parts.append(csr_array((found.reshape(-1), indices, pointers), shape=(lines, self.columns)))
+            reached = piece.first + lines
+        if reached < self.count:
+            parts.append(csr_array((self.count - reached, self.columns)))
+        return parts[0] if len(parts) == 1 else vstack(parts, format="csr")
+
+    def without(self, values: Values, columns: Mask) -> Values:
+        """The Jacobian with the columns that the mask (columns,) picks set to zero."""
+        kept = np.where(columns, 0.0, 1.0)
+        return [v * kept[i].reshape(v.shape) for v, i in zip(values, self._indices, strict=True)]
+
+
+def structure(families: Sequence[BlockFamily], pieces: Sequence[Piece], free: Indices, count: int) -> Structure:
+    """The structure of ``count`` residuals; ``free`` (n,) are the padded columns that are estimated."""
+    indices = tuple(_columns(families, piece) for piece in pieces)
+    return Structure(families=tuple(families), pieces=tuple(pieces), free=free, count=count, _indices=indices)
+
+
+def _columns(families: Sequence[BlockFamily], piece: Piece) -> Indices:
+    """The column of every number of a piece's values, flat."""
+    found = np.empty((piece.rows, piece.outputs, piece.width), dtype=np.int32)
+    for number, members, start in zip(piece.families, piece.members, piece.starts, strict=True):
+        family = families[number]
+        columns = family.first + members[:, None] * family.size + np.arange(family.size)
+        found[:, :, start : start + family.size] = columns[:, None, :]
+    return found.reshape(-1)
