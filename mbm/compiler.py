@@ -33,9 +33,10 @@ from mbm.text.types import MbmError, Source
 if TYPE_CHECKING:
     from mbm.kernels.types import KernelSet
     from mbm.report.options import Progress
-    from mbm.report.simulated import Simulated
+    from mbm.report.simulated import Simulator
     from mbm.report.types import Result
     from mbm.solution.binding import EvaluationCache
+    from mbm.solution.interruption import Interruption
     from mbm.symbolic.types import SymbolicModel
 
 
@@ -56,21 +57,10 @@ class SolveSettings:
     init: Mapping[str, object] | None = None
     seed: int | None = None
     method: str | None = None
+    starts: int | None = None
     covariance_full: bool = False
     progress: Progress | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SimulationSettings:
-    """What a caller asks of a simulation: true values as ``SolveSettings.init``, noise factors and measured columns by
-    observation; the fraction of rows with gross errors, and their size in standard deviations.
-    """
-
-    at: Mapping[str, object] = field(default_factory=lambda: MappingProxyType({}))
-    seed: int = 1
-    noise: Mapping[str, object] = field(default_factory=lambda: MappingProxyType({}))
-    measured: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
-    outliers: tuple[float, float] | None = None
+    interruption: Interruption | None = None
 
 
 def read(source: Source, path: Path, registry: Registry, sandbox: Path | None = None) -> Program:
@@ -87,7 +77,11 @@ def elaborated(program: Program, name: str | None, inputs: Inputs, registry: Reg
         return elaborate(
             program,
             definition,
-            Front(vocabulary=registry.vocabulary, limits=registry.limits),
+            Front(
+                vocabulary=registry.vocabulary,
+                limits=registry.limits,
+                routines=tuple(form.name for form in registry.closed_forms()),
+            ),
             inputs.overrides,
             lambda declarations: _loaded(declarations, program, inputs, registry),
         )
@@ -146,17 +140,33 @@ def solved(
     settings: SolveSettings,
     cache: EvaluationCache,
     file: str | None,
+    registry: Registry,
 ) -> Result:
     """Kernels and tables → estimates, uncertainties, and what the data cannot tell."""
     from mbm.report.given_starts import given_starts
     from mbm.report.run import asked_options, result_of
     from mbm.solution.run import solutions
 
-    found = replace(found, problem=requested(found.problem, seed=settings.seed, method=settings.method))
+    forms = registry.closed_forms()
+    asked = requested(
+        found.problem,
+        seed=settings.seed,
+        method=settings.method,
+        starts=settings.starts,
+        routines=tuple(form.name for form in forms),
+    )
+    found = replace(found, problem=asked)
     return result_of(
         found.problem,
         found.raw,
-        solutions(found, kernels, cache, given_starts(found.problem, found.tables, settings.init)),
+        solutions(
+            found,
+            kernels,
+            cache,
+            given_starts(found.problem, found.tables, settings.init),
+            settings.interruption,
+            forms,
+        ),
         file=file,
         asked=asked_options(cache.backend.name, inputs.overrides, inputs.paths, settings.init),
         covariance_full=settings.covariance_full,
@@ -164,24 +174,15 @@ def solved(
     )
 
 
-def simulated(
-    found: Elaborated,
-    program: Program,
-    inputs: Inputs,
-    registry: Registry,
-    settings: SimulationSettings,
-    file: str | None,
-) -> Simulated:
-    """Typed equations + true values → the measurements that the model predicts, with noise, as tables."""
-    from mbm.report.given_starts import given_starts
-    from mbm.report.simulated import noise_factors, simulated
-    from mbm.solution.simulation.simulate import simulate
-    from mbm.solution.simulation.types import Outliers, Simulating
+def simulator(found: Elaborated, program: Program, inputs: Inputs, registry: Registry, file: str | None) -> Simulator:
+    """Typed equations + tables → what makes measurements, as the model predicts them, from true values."""
+    from mbm.report.simulated import Simulator
+    from mbm.solution.binding import EvaluationCache
 
-    problem = found.problem
-    gross = None if settings.outliers is None else Outliers(fraction=settings.outliers[0], size=settings.outliers[1])
-    asked = Simulating(seed=settings.seed, outliers=gross, measured=settings.measured)
-    values = given_starts(problem, found.tables, settings.at)
-    made = simulate(found, values, noise_factors(problem, settings.at, settings.noise), asked)
-    as_read = (replace(p.declaration, columns=(), key=None, skip_missing=False) for p in problem.plans)
-    return simulated(found, _loaded(as_read, program, inputs, registry), made, file=file, seed=settings.seed)
+    as_read = (replace(p.declaration, columns=(), key=None, skip_missing=False) for p in found.problem.plans)
+    return Simulator(
+        found=found,
+        origins=_loaded(as_read, program, inputs, registry),
+        kernels=lambda: (derived(found), EvaluationCache(registry.backends["auto"]())),
+        file=file,
+    )

@@ -14,6 +14,7 @@ from mbm.language.limits import Limits
 from mbm.shapes.vocabulary import vocabulary
 
 if TYPE_CHECKING:
+    from mbm.solution.closed_forms.types import ClosedForm
     from mbm.kernels.types import Backend
 
 
@@ -35,6 +36,12 @@ def _automatic() -> Backend:
     return BACKEND
 
 
+def _closed_forms() -> tuple[ClosedForm, ...]:
+    from mbm.solution.closed_forms.standard import STANDARD
+
+    return STANDARD
+
+
 _BACKENDS: Mapping[str, Callable[[], Backend]] = MappingProxyType(
     {"auto": _automatic, "casadi": _casadi, "numpy": _numpy}
 )
@@ -42,14 +49,30 @@ _BACKENDS: Mapping[str, Callable[[], Backend]] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Registry:
-    """Vocabulary, readers by name, and what makes a backend by the name that ``--backend`` gives it."""
+    """Vocabulary, readers by name, what makes a backend by the name that ``--backend`` gives it, and the closed forms.
+
+    What gives the closed forms is called where they are needed: a warm start does without them.
+    """
 
     vocabulary: Vocabulary
     readers: Mapping[str, Reader] = field(default_factory=lambda: READERS)
     backends: Mapping[str, Callable[[], Backend]] = field(default_factory=lambda: _BACKENDS)
+    closed_forms: Callable[[], tuple[ClosedForm, ...]] = _closed_forms
     limits: Limits = field(default_factory=Limits)
 
 
-def standard_registry() -> Registry:
-    """What mbm itself brings."""
-    return Registry(vocabulary=vocabulary())
+ENTRY_POINTS = "mbm.closed_forms"
+"""The group of entry points by which Python packages add closed forms."""
+
+
+def standard_registry(closed_forms: tuple[ClosedForm, ...] = ()) -> Registry:
+    """What mbm itself brings, and what packages add; ``closed_forms`` of the caller are tried before all others."""
+    return Registry(vocabulary=vocabulary(), closed_forms=lambda: (*closed_forms, *_installed(), *_closed_forms()))
+
+
+def _installed() -> tuple[ClosedForm, ...]:
+    """The closed forms that installed packages announce, by name."""
+    from importlib.metadata import entry_points
+
+    found = sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name)
+    return tuple(point.load() for point in found)

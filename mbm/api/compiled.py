@@ -86,7 +86,7 @@ class CompiledProblem:
         Args:
             data: tables by name in place of those it was compiled with.
             init: starts by name, in the unit that the unknown is reported in; or an earlier result document.
-            starts: how many random starts to try; not available yet.
+            starts: how many random starts to try.
             seed: every random choice follows from it.
             method: ``auto``, ``lm``, ``dogleg`` or ``gauss-newton``.
             covariance_full: keep covariance matrices however large.
@@ -95,14 +95,13 @@ class CompiledProblem:
             MbmError: the data do not go with the problem.
 
         """
-        if starts is not None:
-            raise MbmError(language_faults.not_available_yet(None, "`starts`", "multi-start"))
         return Solved(
             self.result(
                 SolveSettings(
                     init=None if init is None else {name: as_json(value) for name, value in init.items()},
                     seed=seed,
                     method=method,
+                    starts=starts,
                     covariance_full=covariance_full,
                 ),
                 data,
@@ -112,7 +111,7 @@ class CompiledProblem:
     def result(self, settings: SolveSettings, data: Mapping[str, object] | None = None) -> Result:
         """The report of a solve, as the command line writes it."""
         now = self._for(data)
-        return compiler.solved(now.elaborated, now.kernels, self.inputs, settings, now.cache, self.origin.file)
+        return compiler.solved(now.elaborated, now.kernels, self.inputs, settings, now.cache, self.origin.file, self.origin.registry)
 
     def residuals(self, x: ArrayLike, *, data: Mapping[str, object] | None = None) -> NDArray[np.float64]:
         """Whitened residuals (m,) at tangent coordinates ``x`` (n,) about the start, in covariance order.

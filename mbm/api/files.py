@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 from mbm import compiler
 from mbm.api.problem import load
-from mbm.compiler import Inputs, SimulationSettings, SolveSettings
+from mbm.compiler import Inputs, SolveSettings
 from mbm.language import faults as language_faults
 from mbm.language.limits import recursion_room
 from mbm.language.quasiquote import value_form
 from mbm.language.session import open_session
 from mbm.problem.types import Override
-from mbm.report.options import SolveOptions
+from mbm.report.options import SimulationSettings, SolveOptions
 from mbm.shapes.model import make_model
 from mbm.text.printer import print_form
 from mbm.text.reader import read, read_file
@@ -43,6 +43,8 @@ def solve_file(path: str | Path, options: SolveOptions) -> Result:
         init=options.init,
         seed=options.seed,
         method=options.method,
+        starts=options.starts,
+        interruption=options.interruption,
         covariance_full=options.covariance_full,
         progress=options.progress,
     )
@@ -63,10 +65,9 @@ def simulate_file(
     problem = load(path, sandbox=options.sandbox)
     if options.problem is not None:
         problem = problem.named(options.problem)
-    inputs = _inputs(options)
-    found = compiler.elaborated(problem.program, problem.name, inputs, problem.registry)
-    made = compiler.simulated(found, problem.program, inputs, problem.registry, settings, problem.file)
-    return made, output_files(problem.program, found.problem, problem.name, made)
+    simulator = problem.simulator(_inputs(options))
+    made = simulator.measurements(settings)
+    return made, output_files(problem.program, simulator.found.problem, problem.name, made)
 
 
 def _inputs(options: SolveOptions) -> Inputs:

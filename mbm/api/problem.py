@@ -11,7 +11,7 @@ import numpy as np
 
 from mbm import compiler
 from mbm.api.compiled import CompiledProblem, Origin, as_json, compiled
-from mbm.compiler import Inputs, SimulationSettings
+from mbm.compiler import Inputs
 from mbm.language import faults as language_faults
 from mbm.language.program import Program
 from mbm.problem import faults
@@ -20,6 +20,7 @@ from mbm.problem.structure import structural_warnings
 from mbm.problem.types import Override
 from mbm.registry import Registry, standard_registry
 from mbm.report.answer import Solved
+from mbm.report.options import SimulationSettings
 from mbm.solution.precheck import refusals
 from mbm.text.formatter import format_text
 from mbm.text.from_python import from_python, symbol
@@ -28,15 +29,19 @@ from mbm.text.reader import read_file
 from mbm.text.types import Diagnostic, MbmError, Source
 
 if TYPE_CHECKING:
-    from mbm.report.simulated import Simulated
+    from mbm.solution.closed_forms.types import ClosedForm
+    from mbm.report.simulated import Simulated, Simulator
 
 
-def load(path: str | Path, *, sandbox: str | Path | None = None) -> Problem:
+def load(
+    path: str | Path, *, sandbox: str | Path | None = None, closed_forms: Sequence[ClosedForm] = ()
+) -> Problem:
     """The problem in a file (the only one, or choose with ``.named``).
 
     Args:
         path: an ``.mbm`` file; tables and ``use`` are relative to its folder.
         sandbox: a folder outside of which nothing is read.
+        closed_forms: methods that give starts, tried before mbm's own; each may be asked for as ``:method NAME``.
 
     Raises:
         MbmError: the text is wrong; ``.diagnostics`` says where.
@@ -44,14 +49,20 @@ def load(path: str | Path, *, sandbox: str | Path | None = None) -> Problem:
     """
     place = Path(path)
     confined = Path(sandbox) if sandbox is not None else None
-    registry = standard_registry()
+    registry = standard_registry(tuple(closed_forms))
     program = compiler.read(read_file(place, str(path)), place, registry, confined)
     return Problem(program=program, registry=registry, file=str(path), sandbox=confined)
 
 
-def loads(text: str, *, base: str | Path = ".", sandbox: str | Path | None = None) -> Problem:
-    """The problem in a text; tables and ``use`` are relative to ``base``."""
-    registry = standard_registry()
+def loads(
+    text: str,
+    *,
+    base: str | Path = ".",
+    sandbox: str | Path | None = None,
+    closed_forms: Sequence[ClosedForm] = (),
+) -> Problem:
+    """The problem in a text; tables and ``use`` are relative to ``base``, ``closed_forms`` as for ``load``."""
+    registry = standard_registry(tuple(closed_forms))
     confined = Path(sandbox) if sandbox is not None else None
     program = compiler.read(Source("<text>", text), Path(base) / "<text>", registry, confined)
     return Problem(program=program, registry=registry, file=None, sandbox=confined)
@@ -127,7 +138,7 @@ class Problem:
             data: see ``compile``.
             constants: see ``compile``.
             init: starts by name, in the unit that the unknown is reported in; or an earlier result document.
-            starts: how many random starts to try; not available yet.
+            starts: how many random starts to try.
             seed: every random choice follows from it.
             method: ``auto``, ``lm``, ``dogleg`` or ``gauss-newton``.
             backend: see ``compile``.
@@ -139,10 +150,8 @@ class Problem:
                 ``status``.
 
         """
-        if starts is not None:
-            raise MbmError(language_faults.not_available_yet(None, "`starts`", "multi-start"))
         made = self.compile(data=data, constants=constants, backend=backend, allow_external=allow_external)
-        return made.solve(init=init, seed=seed, method=method, covariance_full=covariance_full)
+        return made.solve(init=init, starts=starts, seed=seed, method=method, covariance_full=covariance_full)
 
     def simulate(
         self,
@@ -154,6 +163,7 @@ class Problem:
         noise: Mapping[str, object] | None = None,
         measured: Mapping[str, Sequence[str]] | None = None,
         outliers: tuple[float, float] | None = None,
+        draw_priors: bool = False,
     ) -> Simulated:
         """The measurements that the model predicts at known values, with noise: tables for ``solve(data=…)``.
 
@@ -167,6 +177,7 @@ class Problem:
                 the document, else 1.
             measured: columns that an observation measures, where its equation does not say so.
             outliers: the fraction of rows with a gross error, and its size in standard deviations.
+            draw_priors: draw what has a prior from it, about its mean.
 
         Raises:
             MbmError: the problem or the data are wrong, or an equation does not say what it measures.
@@ -175,13 +186,24 @@ class Problem:
         inputs = Inputs(tables=dict(data or {}), overrides=_overrides(constants or {}), sandbox=self.sandbox)
         asked = {name: tuple(columns) for name, columns in (measured or {}).items()}
         values = {name: as_json(value) for name, value in (at or {}).items()}
-        settings = SimulationSettings(at=values, seed=seed, noise=dict(noise or {}), measured=asked, outliers=outliers)
+        settings = SimulationSettings(
+            at=values,
+            seed=seed,
+            noise=dict(noise or {}),
+            measured=asked,
+            outliers=outliers,
+            draw_priors=draw_priors,
+        )
         return self.simulated(inputs, settings)
 
     def simulated(self, inputs: Inputs, settings: SimulationSettings) -> Simulated:
         """As ``simulate``, for everything that may come from outside."""
+        return self.simulator(inputs).measurements(settings)
+
+    def simulator(self, inputs: Inputs) -> Simulator:
+        """What simulates many data sets of one problem."""
         found = compiler.elaborated(self.program, self.name, inputs, self.registry)
-        return compiler.simulated(found, self.program, inputs, self.registry, settings, self.file)
+        return compiler.simulator(found, self.program, inputs, self.registry, self.file)
 
     def equations(self, *, data: Mapping[str, object] | None = None) -> Mapping[str, tuple[Any, ...]]:
         """The residuals of each observation and prior in SymPy, by name; of several groups of rows, the first."""

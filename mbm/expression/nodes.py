@@ -76,11 +76,12 @@ CONDITIONS = frozenset(
 
 
 class RowChoice(StrEnum):
-    """Which row of its table a column is read from."""
+    """Which row of its table a column is read from: the one at hand, or one that a key names."""
 
     EACH = "each"
     FIRST = "first"
     LAST = "last"
+    KEYED = "keyed"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,22 +105,6 @@ class Constant:
     angle: bool = False
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Column:
-    """A number from a table: from the row at hand, or from the first or last row of ``table``."""
-
-    table: str
-    name: str
-    row: RowChoice = RowChoice.EACH
-    span: Span | None = field(default=None, repr=False)
-    angle: bool = False
-
-    @property
-    def identity(self) -> tuple[str, str, RowChoice]:
-        """What makes two references the same number."""
-        return (self.table, self.name, self.row)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiteralMember:
     """The member of a family with a known key."""
@@ -137,6 +122,26 @@ class ColumnMember:
 
 
 Member: TypeAlias = LiteralMember | ColumnMember
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """A number from a table: from the row at hand, from the first or last row of ``table``, or from one by its key.
+
+    ``member`` names the key where ``row`` is KEYED, None elsewhere.
+    """
+
+    table: str
+    name: str
+    row: RowChoice = RowChoice.EACH
+    span: Span | None = field(default=None, repr=False)
+    angle: bool = False
+    member: Member | None = None
+
+    @property
+    def identity(self) -> tuple[str, str, RowChoice, Member | None]:
+        """What makes two references the same number."""
+        return (self.table, self.name, self.row, self.member)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

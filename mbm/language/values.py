@@ -82,14 +82,26 @@ class PoseValue:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ImageLineValue:
+    """A line in an image: direction ``alpha`` (an angle) and ``rho`` = −X sin α + Y cos α."""
+
+    alpha: Expression
+    rho: Expression
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class CameraValue:
-    """A pinhole camera: focal lengths and principal point in px, distortion k1 k2 p1 p2 k3 (or none), and its axes."""
+    """A camera: focal lengths and principal point in px, distortion (or none), its axes, and how it projects.
+
+    ``distortion`` is k1 k2 p1 p2 k3 of a pinhole camera, k1 k2 k3 k4 of a fisheye.
+    """
 
     name: str
     focal: tuple[Expression, Expression]
     center: tuple[Expression, Expression]
     distortion: tuple[Expression, ...]
     axes: str
+    model: str = "pinhole"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,6 +160,10 @@ class Placeable(ABC):
     @abstractmethod
     def as_point(self) -> Array | None:
         """Its coordinates, if it is a point."""
+
+    def ends(self) -> tuple[Array, ...] | None:
+        """The two points of a line, the three or more of a plane; None for anything else."""
+        return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -233,6 +249,7 @@ Value: TypeAlias = (
     | RotationValue
     | PoseValue
     | CameraValue
+    | ImageLineValue
     | TextColumn
     | FamilyValue
     | TableName
@@ -282,6 +299,8 @@ def describe(value: Value) -> str:
         return f"a list of {len(value.items)}"
     if isinstance(value, RotationValue):
         return "a rotation"
+    if isinstance(value, ImageLineValue):
+        return "an image line"
     if isinstance(value, CameraValue):
         return f"the camera `{value.name}`"
     if isinstance(value, PoseValue | Placeable):

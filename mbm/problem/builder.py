@@ -43,10 +43,11 @@ Loader = Callable[[Iterable[TableDeclaration]], Mapping[str, Table]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Front:
-    """What elaboration needs besides the text: the vocabulary, and the bounds of evaluation."""
+    """What elaboration needs besides the text: the vocabulary, the bounds of evaluation, the names of closed forms."""
 
     vocabulary: Vocabulary
     limits: Limits
+    routines: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,7 +76,7 @@ def elaborate(
     world = session.evaluator.world
     if not isinstance(world, ProblemScope):
         raise TypeError(world)
-    work = Workspace(session.evaluator, world, tables)
+    work = Workspace(session.evaluator, world, tables, front.routines)
     _functions(work, session, clauses)
     constants = [name for c in _all(clauses, "constants") for name in read_constants(work, c, overrides)]
     numbers = constant_values(work, constants, definition.span)
@@ -96,7 +97,7 @@ def elaborate(
     blocks = (*blocks, *model_constraints(work, log, taken))
     request = None
     with work.collecting():
-        request = read_request(work, _all(clauses, "solve"), _all(clauses, "for-each"))
+        request = read_request(work, _all(clauses, "solve"), _all(clauses, "for-each"), declarations)
         window = read_window(work, _all(clauses, "window"), request.for_each)
         request = replace(request, window=window)
     if not declarations:

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Leaf, RowChoice, leaves
 from mbm.problem import faults
-from mbm.problem.rows import MAXIMUM_REPORTED, Positions, column_numbers, decided, rows_of
+from mbm.problem.rows import MAXIMUM_REPORTED, Positions, column_numbers, decided, keyed_rows, rows_of
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Block, Problem
 from mbm.text.suggest import closest
@@ -121,6 +121,8 @@ def _rows(
     leaf: Leaf, row: RowChoice, table: Table | None, positions: Positions | None, tables: Mapping[str, Table]
 ) -> tuple[Table, Positions]:
     name = leaf.table if isinstance(leaf, Column) else ""
+    if isinstance(leaf, Column) and row is RowChoice.KEYED:
+        return tables[name], np.unique(keyed_rows(leaf, table, positions, tables))
     if row is RowChoice.EACH and table is not None and positions is not None:
         return table, positions
     owner = tables[name]

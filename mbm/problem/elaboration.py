@@ -31,11 +31,15 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class Workspace:
-    """The elaboration at work: local to one call, handed from clause to clause. ``diagnostics`` collects the errors."""
+    """The elaboration at work: local to one call, handed from clause to clause. ``diagnostics`` collects the errors.
+
+    ``routines`` names the registered closed forms, which may be asked for as methods.
+    """
 
     evaluator: Evaluator
     scope: ProblemScope
     tables: dict[str, Table]
+    routines: tuple[str, ...] = ()
     diagnostics: list[Diagnostic] = field(default_factory=list)
     undeclared: set[str] = field(default_factory=set)
 

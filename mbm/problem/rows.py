@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.expression.evaluate import Lookup, Values, evaluate
-from mbm.expression.nodes import Column, Constant, Leaf, RowChoice, leaves
+from mbm.expression.nodes import Column, ColumnMember, Constant, Leaf, LiteralMember, RowChoice, leaves
 from mbm.problem import faults
 from mbm.problem.scopes import ROW
-from mbm.problem.tables import Numbers, Table
+from mbm.problem.tables import CellKey, Numbers, Table
 from mbm.problem.types import RowValues, Static
-from mbm.text.types import Diagnostic, MbmError
+from mbm.text.types import Diagnostic, MbmError, Place
 
 Positions = NDArray[np.int64]
 
@@ -48,12 +48,56 @@ def lookup(table: Table | None, positions: Positions | None, tables: Mapping[str
             return leaf.value
         if not isinstance(leaf, Column):
             raise TypeError(leaf)
+        if leaf.row is RowChoice.KEYED:
+            return column_numbers(tables[leaf.table], leaf.name)[keyed_rows(leaf, table, positions, tables)]
         if leaf.row is RowChoice.EACH and table is not None and leaf.table == table.name:
             numbers = column_numbers(table, leaf.name)
             return numbers if positions is None else numbers[positions]
         return chosen_number(leaf, tables)
 
     return value
+
+
+def keyed_rows(
+    leaf: Column, table: Table | None, positions: Positions | None, tables: Mapping[str, Table]
+) -> Positions:
+    """Positions, in the column's own table, of the rows that the keys of a KEYED column name; one for each row at hand.
+
+    Raises:
+        MbmError: a key that no row has.
+
+    """
+    owner = tables[leaf.table]
+    place = {key: i for i, key in enumerate(owner.keys(owner.key))}
+    member = leaf.member
+    if isinstance(member, LiteralMember):
+        cells: list[CellKey] = [member.key]
+    else:
+        cells = _member_cells(member, table, positions, tables)
+    found = np.array([place.get(cell, -1) for cell in cells], dtype=np.int64)
+    if bool((found < 0).any()):
+        row = int(np.argmax(found < 0))
+        where: Place | None = leaf.span
+        if table is not None and isinstance(member, ColumnMember) and member.row is RowChoice.EACH:
+            where = table.place(int(positions[row]) if positions is not None else row, member.column)
+        raise MbmError(faults.dangling_key(where, cells[row], f"the table `{owner.name}`", None, leaf.span))
+    return found
+
+
+def _member_cells(
+    member: ColumnMember | None, table: Table | None, positions: Positions | None, tables: Mapping[str, Table]
+) -> list[CellKey]:
+    if member is None or (member.row is RowChoice.EACH and table is None):
+        message = "a key is wanted where there is no row"
+        raise TypeError(message)
+    if member.row is RowChoice.EACH and table is not None:
+        if member.column == ROW and ROW not in table.columns:
+            keys: list[CellKey] = [float(r) for r in table.rows]
+        else:
+            keys = list(table.keys(member.column))
+        return keys if positions is None else [keys[i] for i in positions]
+    other = tables[member.table].keys(member.column)
+    return [other[0 if member.row is RowChoice.FIRST else -1]]
 
 
 def chosen_number(leaf: Column, tables: Mapping[str, Table]) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from mbm.expression.nodes import Column, Number, RowChoice
+from mbm.expression.nodes import Column, Member, Number, RowChoice
 from mbm.language import faults
 from mbm.language.coerce import scalar
 from mbm.language.evaluator import Evaluator
@@ -199,6 +199,37 @@ class RowScope:
             place = self.table.place(position, column.name) if position is not None else None
             return TextColumn(self.table.name, column.name, self._row, sample, place)
         return Column(self.table.name, column.name, self._row, span)
+
+
+class MemberScope:
+    """The columns of the row that a key names in the table of a family, over the problem's names.
+
+    The key's own column is the key: a literal, or a column of the row at hand.
+    """
+
+    def __init__(
+        self, problem: ProblemScope, table: Table, member: Member, key: str | float | Column | TextColumn
+    ) -> None:
+        self._problem = problem
+        self._table = table
+        self._member = member
+        self._key = key
+
+    def lookup(self, name: str, span: Span) -> Value | None:
+        """A column of the member's row, or a name of the problem."""
+        column = self._table.columns.get(name)
+        if column is None:
+            return self._problem.lookup(name, span)
+        if name == self._table.key:
+            return Number(_exact(self._key), None, span) if isinstance(self._key, float) else self._key
+        if column.is_text:
+            raise MbmError(faults.wrong_kind(span, "a number", f"the text column `{name}`"))
+        return Column(self._table.name, name, RowChoice.KEYED, span, member=self._member)
+
+    def names(self) -> Iterator[str]:
+        """The columns, then the problem's names."""
+        yield from self._table.columns
+        yield from self._problem.names()
 
 
 def _exact(value: CellKey) -> int | float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from enum import Enum
 from pathlib import PurePath
 from typing import Any
@@ -14,6 +15,9 @@ from mbm.report.elements import plain_key, shown_sigma, unit_text
 from mbm.report.geometric import GEOMETRIC
 from mbm.report.geometric import written as written_geometry
 from mbm.report.types import (
+    Alternative,
+    ConstraintReport,
+    CorrectionReport,
     CovarianceMatrix,
     DerivedValue,
     Estimate,
@@ -67,8 +71,11 @@ def _solve(solve: SolveReport) -> dict[str, Any]:
         "seconds": _number(solve.seconds),
         **numbers,
     }
+    if solve.robust_cost is not None:
+        written["robust_cost"] = _number(solve.robust_cost)
     if reasons:
         written["reasons"] = reasons
+    corrections = {"corrections": _corrections(solve.corrections)} if solve.corrections else {}
     return written | {
         "estimates": {item.quantity.name: _estimate(item) for item in solve.estimates},
         "covariance": _covariance(solve.covariance),
@@ -77,12 +84,36 @@ def _solve(solve: SolveReport) -> dict[str, Any]:
         "observability": _observability(solve.observability, factors),
         "noise": {name: _number(factor) for name, factor in solve.noise.items()},
         "residuals": {name: _summary(summary) for name, summary in solve.residual_summaries.items()},
-        "constraints": [],
+        **corrections,
+        "constraints": [_constraint(constraint) for constraint in solve.constraints],
         "priors": [_prior(prior) for prior in solve.priors],
-        "alternatives": [],
-        "starts": None,
+        "alternatives": [_alternative(found) for found in solve.alternatives],
+        "starts": None if solve.starts is None else asdict(solve.starts),
         "diagnostics": [as_json(diagnostic) for diagnostic in solve.diagnostics],
     }
+
+
+def _corrections(columns: tuple[CorrectionReport, ...]) -> dict[str, Any]:
+    """Corrections by table and column, in SI."""
+    written: dict[str, Any] = {}
+    for each in columns:
+        keys = {} if each.keys is None else {"keys": [None if k is None else plain_key(k) for k in each.keys]}
+        written.setdefault(each.table, {})[each.column] = {
+            "rows": list(each.rows),
+            **keys,
+            "value": _numbers(each.value),
+            "sigma": _numbers(each.sigma),
+        }
+    return written
+
+
+def _alternative(found: Alternative) -> dict[str, Any]:
+    written: dict[str, Any] = {
+        "cost": _number(found.cost),
+        "starts": found.starts,
+        "estimates": {item.quantity.name: _estimate(item) for item in found.estimates},
+    }
+    return written if found.remark is None else written | {"remark": found.remark}
 
 
 def _why_missing(solve: SolveReport, name: str) -> str:
@@ -164,7 +195,10 @@ def _observability(found: Observability | None, factors: Mapping[str, float]) ->
         written["reason"] = "there is no estimable part whose condition could be given"
     return written | {
         "unobservable": [_direction(direction, factors) for direction in found.unobservable],
-        "gauge": [],
+        "gauge": [
+            {"sentence": g.sentence, "motion": g.motion, "dimensions": g.dimensions, "unknowns": list(g.unknowns)}
+            for g in found.gauge
+        ],
         "unused": list(found.unused),
     }
 
@@ -184,7 +218,8 @@ def _direction(direction: FreeDirection, factors: Mapping[str, float]) -> dict[s
 
 def _summary(summary: ResidualSummary) -> dict[str, Any]:
     rms = _number(summary.rms)
-    written: dict[str, Any] = {"rows": summary.rows, "used": summary.used, "rms": rms, "outliers": []}
+    written: dict[str, Any] = {"rows": summary.rows, "used": summary.used, "rms": rms}
+    written["outliers"] = list(summary.outliers)
     return written if rms is not None else written | {"reason": "no row was used"}
 
 
@@ -195,6 +230,26 @@ def _prior(prior: PriorReport) -> dict[str, Any]:
         "mean": _number(prior.mean),
         "sigma": _number(prior.sigma),
         "residual": _number(prior.residual),
+    }
+
+
+def _constraint(constraint: ConstraintReport) -> dict[str, Any]:
+    written: dict[str, Any] = {
+        "name": constraint.name,
+        "type": constraint.kind,
+        "value": _number(constraint.value),
+        "violation": _number(constraint.violation),
+        "active": constraint.active,
+    }
+    if not math.isfinite(constraint.value):
+        written["reason"] = "it has no finite value"
+    if constraint.over is None:
+        return written
+    return written | {
+        "over": constraint.over,
+        "rows": constraint.rows,
+        "violated_rows": list(constraint.violated_rows),
+        "active_rows": list(constraint.active_rows),
     }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mbm.text.types import Code, DataPlace, Diagnostic, Severity, Span
+from mbm.text.types import Code, DataPlace, Diagnostic, Label, Severity, Span
 
 PLOT_FORMAT = Code(
     "plot-format",
@@ -22,6 +22,23 @@ NEAR_BOUND = Code(
     "An estimate is held at a hard bound (`:in`), or was driven to the zero that a `positive` unknown stays above. It "
     "has no standard deviation, and those of the others hold for it staying where it is.",
     "If the bound is no fact of the matter, widen it with `:in`; else look for an equation that asks for the far side.",
+)
+ACTIVE_CONSTRAINT = Code(
+    "active-constraint",
+    "The estimates lie at the limit of an inequality, and the data push against it. The standard deviations hold for the "
+    "limit staying where it is: movements across it have none.",
+    "If the limit is no fact of the matter, widen it; else take the standard deviations as those at the limit.",
+)
+CONFLICTING_CONSTRAINTS = Code(
+    "conflicting-constraints",
+    "No values of the unknowns meet all constraints and bounds. Those named contradict one another: without any one of "
+    "them the others can be met (as far as a search from the start can tell).",
+    "Correct or widen one of those named.",
+)
+INTERRUPTED = Code(
+    "interrupted",
+    "The run was interrupted before all solves were made; those that were made are reported.",
+    "Run it again, and let it finish.",
 )
 
 MOST_NAMES = 8
@@ -63,6 +80,36 @@ def bad_initial_values(what: str, file: str | None = None) -> Diagnostic:
     )
 
 
+def active_constraint(span: Span, name: str) -> Diagnostic:
+    """The data push against an inequality."""
+    return Diagnostic(
+        code=ACTIVE_CONSTRAINT,
+        message=f"the estimates are held by the constraint `{name}`",
+        place=span,
+        hint=ACTIVE_CONSTRAINT.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def conflicting_constraints(
+    span: Span, members: Sequence[str], labels: tuple[Label, ...], *, smallest: bool
+) -> Diagnostic:
+    """Constraints and bounds, in words, that cannot all be met; the first stands at ``span``."""
+    shown = ", ".join(members[:MOST_NAMES]) + (f" and {len(members) - MOST_NAMES} more" if len(members) > MOST_NAMES else "")
+    if len(members) == 1:
+        message = f"no values of the unknowns meet {shown}"
+    else:
+        message = f"no values of the unknowns meet all of {shown}"
+    return Diagnostic(
+        code=CONFLICTING_CONSTRAINTS,
+        message=message if smallest else f"{message}; perhaps fewer of them contradict one another already",
+        place=span,
+        labels=labels,
+        hint=CONFLICTING_CONSTRAINTS.mend,
+        severity=Severity.WARNING,
+    )
+
+
 def near_bound(span: Span, names: Sequence[str], what: str) -> Diagnostic:
     """The scalars ``names`` of an unknown ended at ``what``: `its lower bound`, `its upper bound`, `zero`."""
     shown = ", ".join(f"`{name}`" for name in names[:MOST_NAMES])
@@ -74,5 +121,15 @@ def near_bound(span: Span, names: Sequence[str], what: str) -> Diagnostic:
         message=f"{shown}{more} {held}",
         place=span,
         hint=NEAR_BOUND.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def interrupted(done: int, left: int) -> Diagnostic:
+    """Ctrl-C between two solves, or during one of them."""
+    return Diagnostic(
+        code=INTERRUPTED,
+        message=f"the run was interrupted: {done} of {done + left} solves were made",
+        hint=INTERRUPTED.mend,
         severity=Severity.WARNING,
     )

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mbm.report.types import FreeDirection
+from mbm.report.types import CommonDirection, FreeDirection
 from mbm.solution.solution import Solution
-from mbm.solution.types import FreeCombination, Motion
+from mbm.solution.types import CommonMotion, FreeCombination, GaugeMotion, Motion
 
 MOST_NAMES = 8
 """Names in one sentence; the coefficients hold all of them."""
@@ -20,7 +20,51 @@ EQUAL = 1e-6
 def free_directions(solution: Solution, names: tuple[str, ...]) -> tuple[FreeDirection, ...]:
     """The free combinations, and the unknowns that nothing depends on; ``names`` (M,) are those of all coordinates."""
     found = [_direction(solution, names, combination) for combination in solution.observability.combinations]
-    return (*_unused(solution, names), *found)
+    return (*_unused(solution, names), *_whole(solution), *found)
+
+
+def _whole(solution: Solution) -> list[FreeDirection]:
+    """The common motions, where they are not among the combinations: coefficients of all unknowns would say nothing."""
+    if solution.observability.inverse is None or solution.observability.datum:
+        return []
+    return [
+        FreeDirection(sentence=common.sentence, unknowns=common.unknowns, coefficients={})
+        for common in common_directions(solution)
+    ]
+
+
+_MENDS: Mapping[CommonMotion, str] = {
+    CommonMotion.TRANSLATION: "fix one position",
+    CommonMotion.ROTATION: "fix one rotation or the directions to other points",
+    CommonMotion.SCALE: "give one distance",
+}
+_MOTIONS: Mapping[CommonMotion, str] = {
+    CommonMotion.TRANSLATION: "be shifted",
+    CommonMotion.ROTATION: "be turned",
+    CommonMotion.SCALE: "grow or shrink",
+}
+_AXES = "xyz"
+
+
+def common_directions(solution: Solution) -> tuple[CommonDirection, ...]:
+    """The motions of the whole scene that are free, each with what would fix it."""
+    found = solution.observability
+    return tuple(_common(motion, settled=found.datum > 0) for motion in found.gauge)
+
+
+def _common(motion: GaugeMotion, *, settled: bool) -> CommonDirection:
+    along = ""
+    if motion.axes:
+        which = " and ".join(_AXES[axis] for axis in motion.axes)
+        along = f" {'along' if motion.motion is CommonMotion.TRANSLATION else 'about'} {which}"
+    sentence = f"the whole scene ({listed(list(motion.unknowns))}) may {_MOTIONS[motion.motion]}{along}: "
+    if settled:
+        sentence += "it is held by the minimum-norm datum"
+    else:
+        sentence += f"{_MENDS[motion.motion]} (`:fixed` or a prior), or take the minimum-norm datum (`:gauge free`)"
+    return CommonDirection(
+        sentence=sentence, motion=motion.motion.value, dimensions=motion.dimensions, unknowns=motion.unknowns
+    )
 
 
 def _owner(solution: Solution, position: int) -> str:

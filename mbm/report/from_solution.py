@@ -3,33 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict, replace
 
 import numpy as np
 
 from mbm.problem.naming import member_name
 from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report import faults
+from mbm.report.constraints import (
+    conflict_sentence,
+    constraint_diagnostics,
+    constraint_reports,
+    violated_sentence,
+)
 from mbm.report.covariances import derived_covariance, estimates_covariance
-from mbm.report.freedom import free_directions
+from mbm.report.freedom import common_directions, free_directions
 from mbm.report.pictures import plot_data
 from mbm.report.quantities import coordinate_names, derived_quantity, quantity_of
-from mbm.report.residuals import prior_reports, residual_rows, residual_summaries
-from mbm.report.types import DerivedValue, Estimate, Floats, Mask, Observability, SolveReport, SolveStatus
+from mbm.report.residuals import correction_reports, prior_reports, residual_rows, residual_summaries
+from mbm.report.types import (
+    Alternative,
+    ConstraintReport,
+    DerivedValue,
+    Estimate,
+    Floats,
+    Mask,
+    Observability,
+    SolveReport,
+    SolveStatus,
+    StartsTally,
+)
 from mbm.solution.layout import Entry
-from mbm.solution.solution import DerivedSolution, Failure, Solution
-from mbm.solution.types import NoiseState
+from mbm.solution.search import Alternative as OtherMinimum
+from mbm.solution.solution import DerivedSolution, Failure, Skipped, Solution
+from mbm.solution.types import NoiseState, Reason
 from mbm.text.types import Diagnostic
 
 _NO_NOISE = "the noise is unknown, and without redundancy the residuals cannot tell it"
 _FREE = "the data do not determine it"
 _UNUSED = "no equation mentions it"
+_NOT_THE_BEST = "standard deviations are those of the best solution only"
+_MIRRORED = "the mirror image of a better or equal one: no equation tells the two apart"
 _NOT_FINITE = "the value is not finite"
 
 
 def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool) -> SolveReport:
     """One solve as a report."""
-    status, message = _status(solution)
     names = coordinate_names(problem, solution)
+    constraints = constraint_reports(problem, solution)
+    status, message = _status(problem, solution, constraints, names)
     unknown = _nothing_known(solution)
     derived = tuple(_derived(problem, solution, each, unknown) for each in solution.derived)
     reached = not _stuck(solution)
@@ -45,6 +67,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         dof=solution.fit.dof if reached else None,
         sigma0=solution.fit.sigma0 if reached else None,
         chi2_p=solution.fit.chi2_p if reached else None,
+        robust_cost=solution.robust_cost if reached else None,
         reasons=_reasons(solution),
         estimates=tuple(_estimate(problem, solution, entry, unknown) for entry in solution.layout.entries),
         covariance=estimates_covariance(problem, solution, names, unknown, full=covariance_full),
@@ -56,7 +79,15 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         residual_rows=lambda: residual_rows(problem, solution),
         plot_data=lambda: plot_data(problem, solution),
         priors=prior_reports(problem, solution),
-        diagnostics=(*solution.diagnostics, *_near_bounds(solution, names)),
+        corrections=correction_reports(solution),
+        constraints=constraints,
+        alternatives=tuple(_alternative(problem, solution, each) for each in solution.alternatives),
+        starts=None if solution.tally is None else StartsTally(**asdict(solution.tally)),
+        diagnostics=(
+            *solution.diagnostics,
+            *_near_bounds(solution, names),
+            *constraint_diagnostics(problem, solution, names),
+        ),
     )
 
 
@@ -72,6 +103,17 @@ def failure_report(failure: Failure) -> SolveReport:
     )
 
 
+def skipped_report(skipped: Skipped) -> SolveReport:
+    """A window with too few rows: no estimates, and no failure."""
+    rows = f"{skipped.rows} row{'' if skipped.rows == 1 else 's'}"
+    return SolveReport(
+        status=SolveStatus.SKIPPED,
+        message=f"the window has {rows}, and at least {skipped.wanted} are wanted",
+        key=dict(skipped.key),
+        reasons=dict.fromkeys(("cost", "dof", "sigma0", "chi2_p"), "the window was skipped"),
+    )
+
+
 def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
@@ -83,15 +125,22 @@ def _stuck(solution: Solution) -> bool:
 
 def _nothing_known(solution: Solution) -> str | None:
     """Why no standard deviation at all is known; None where some may be."""
-    if _stuck(solution):
+    if _stuck(solution) or solution.minimum.reason is Reason.INFEASIBLE:
         return solution.minimum.reason.sentence
     return None if solution.sigma_known else _NO_NOISE
 
 
-def _status(solution: Solution) -> tuple[SolveStatus, str]:
+def _status(
+    problem: Problem, solution: Solution, constraints: tuple[ConstraintReport, ...], names: tuple[str, ...]
+) -> tuple[SolveStatus, str]:
     reason = solution.minimum.reason
+    if reason is Reason.INFEASIBLE:
+        return SolveStatus.INFEASIBLE, conflict_sentence(problem, solution, names) or reason.sentence
+    broken = violated_sentence(constraints)
     if not reason.converged:
-        return SolveStatus.NOT_CONVERGED, reason.sentence
+        return SolveStatus.NOT_CONVERGED, reason.sentence if broken is None else f"{reason.sentence}; {broken}"
+    if broken is not None:
+        return SolveStatus.INFEASIBLE, broken
     if not solution.observability.observable:
         return SolveStatus.UNOBSERVABLE, SolveStatus.UNOBSERVABLE.sentence
     return SolveStatus.CONVERGED, reason.sentence
@@ -105,6 +154,8 @@ def _reasons(solution: Solution) -> Mapping[str, str]:
         reasons["sigma0"] = reasons["chi2_p"] = "there are no degrees of freedom"
     elif solution.noise:
         reasons["chi2_p"] = "the noise is estimated from the residuals"
+    elif solution.robust_cost is not None:
+        reasons["chi2_p"] = "with a robust loss the sum of squares does not follow the chi² law"
     if not np.isfinite(solution.fit.cost):
         reasons["cost"] = "an equation has no finite value"
     return reasons
@@ -135,6 +186,17 @@ def _estimate(problem: Problem, solution: Solution, entry: Entry, unknown: str |
         per=entry.unknown.family.rows if entry.unknown.family is not None else None,
         at_bound=bound[place].reshape(shape) if bool(bound[place].any()) else None,
         reason=_why_missing(solution, missing, unknown),
+    )
+
+
+def _alternative(problem: Problem, solution: Solution, other: OtherMinimum) -> Alternative:
+    """Another minimum: its estimates alone."""
+    there = replace(solution, numbers=other.minimum.point, minimum=other.minimum)
+    return Alternative(
+        cost=other.cost,
+        starts=other.starts,
+        estimates=tuple(_estimate(problem, there, entry, _NOT_THE_BEST) for entry in solution.layout.entries),
+        remark=_MIRRORED if other.mirrored else None,
     )
 
 
@@ -225,6 +287,7 @@ def _observability(solution: Solution, names: tuple[str, ...]) -> Observability:
         dimension=found.dimension,
         condition=float(found.condition),
         unobservable=free_directions(solution, names),
+        gauge=common_directions(solution),
         unused=_unused(solution),
     )
 

@@ -7,7 +7,10 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:
+    from mbm.solution.interruption import Interruption
 
 Progress: TypeAlias = Callable[[int, int], None]
 """Called with the number of solves done and their total, from the calling thread."""
@@ -29,13 +32,15 @@ class SolveOptions:
     ``set`` holds (name, text) pairs as typed (``("h", "70cm")``): constants or initial values, later ones win.
     ``data`` maps table names to paths, relative to the working directory. ``init`` is the parsed JSON document of
     ``--init``: name → value, or a whole result document (`mbm.report.initial.initial_values` reads it for one solve).
-    ``method`` is a name of LANGUAGE §7 as typed. ``sandbox`` confines reads and ``use`` to a folder.
+    ``method`` is a name of LANGUAGE §7 as typed. ``sandbox`` confines reads and ``use`` to a folder. ``interruption``
+    ends the solve with the best point so far when it is requested.
     """
 
     problem: str | None = None
     set: tuple[tuple[str, str], ...] = ()
     data: Mapping[str, Path] = field(default_factory=lambda: MappingProxyType({}))
     init: Mapping[str, object] | None = None
+    starts: int | None = None
     seed: int | None = None
     method: str | None = None
     backend: Backend = Backend.AUTO
@@ -43,3 +48,21 @@ class SolveOptions:
     sandbox: Path | None = None
     covariance_full: bool = False
     progress: Progress | None = None
+    interruption: Interruption | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulationSettings:
+    """How measurements are simulated.
+
+    ``at`` are the true values: name → value in the unit of the report, or a result document. ``noise`` gives factors of
+    unknown noise, ``measured`` the measured columns, both by observation. ``outliers`` are the fraction of rows with a
+    gross error and its size in standard deviations. ``draw_priors``: what has a prior is drawn from it, about its mean.
+    """
+
+    at: Mapping[str, object] = field(default_factory=lambda: MappingProxyType({}))
+    seed: int = 1
+    noise: Mapping[str, object] = field(default_factory=lambda: MappingProxyType({}))
+    measured: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
+    outliers: tuple[float, float] | None = None
+    draw_priors: bool = False

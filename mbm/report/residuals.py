@@ -9,7 +9,7 @@ import numpy as np
 from mbm.expression.evaluate import Values, evaluate
 from mbm.problem.rows import lookup
 from mbm.problem.types import BlockRole, Problem
-from mbm.report.types import Floats, PriorReport, ResidualRow, ResidualSummary
+from mbm.report.types import CorrectionReport, Floats, Mask, PriorReport, ResidualRow, ResidualSummary
 from mbm.solution.assembly import block_rows
 from mbm.solution.binding import Group
 from mbm.solution.solution import Solution
@@ -31,23 +31,53 @@ def normalised(solution: Solution) -> Floats:
 
 @np.errstate(all="ignore")
 def residual_summaries(problem: Problem, solution: Solution) -> Mapping[str, ResidualSummary]:
-    """Rows, rows used, and the normalised root mean square of each observation."""
+    """Rows, rows used and their normalised root mean square, and outliers, of each observation."""
     values = normalised(solution)
     found = {}
     for i, block in enumerate(problem.blocks):
         if block.role is not BlockRole.OBSERVATION:
             continue
         rows = block_rows(solution.groups, i)
-        used = sum(g.rows for g in solution.groups if g.kernel.owner == i)
-        squares = values[rows] ** 2
+        counted = _counted(solution)[rows]
+        squares = values[rows][counted] ** 2
         table = solution.tables[block.table] if block.table is not None else None
-        rms = float(np.sqrt(squares.mean())) if len(rows) and np.isfinite(squares).all() else None
+        rms = float(np.sqrt(squares.mean())) if len(squares) and np.isfinite(squares).all() else None
+        bad = _outlier_positions(solution, i)
         found[block.name] = ResidualSummary(
             rows=len(table) if table is not None else 1,
-            used=used,
+            used=sum(_used_rows(solution, g) for g in solution.groups if g.kernel.owner == i),
             rms=rms,
+            outliers=tuple(sorted(int(table.rows[p]) for p in bad)) if table is not None else (1,) * len(bad),
+            outlier_places=tuple(sorted(table.place(p).row or 0 for p in bad)) if table is not None else (),
             file=table.provenance.path if table is not None else None,
         )
+    return found
+
+
+def _counted(solution: Solution) -> Mask:
+    """Which residuals (m,) counted at all."""
+    if solution.weights is None:
+        return np.ones(len(solution.residuals), dtype=bool)
+    return np.asarray(solution.weights > 0.0, dtype=bool)
+
+
+def _used_rows(solution: Solution, group: Group) -> int:
+    """Rows of a group of which at least one equation counted."""
+    if solution.weights is None:
+        return group.rows
+    lines = solution.weights[group.first : group.first + group.count]
+    return int((lines.reshape(group.rows, -1) > 0.0).any(axis=1).sum())
+
+
+def _outlier_positions(solution: Solution, owner: int) -> list[int]:
+    """Positions in the table (0 without one) of the rows of a block that hold an outlier."""
+    found: list[int] = []
+    for group in solution.groups:
+        if solution.outliers is None or group.kernel.owner != owner:
+            continue
+        lines = solution.outliers[group.first : group.first + group.count]
+        bad = np.flatnonzero(lines.reshape(group.rows, -1).any(axis=1))
+        found.extend([0] * len(bad) if group.positions is None else group.positions[bad].tolist())
     return found
 
 
@@ -64,16 +94,17 @@ def residual_rows(problem: Problem, solution: Solution) -> tuple[ResidualRow, ..
             row = int(table.rows[position]) if table is not None and position is not None else None
             file_row = table.place(position).row if table is not None and position is not None else None
             for j in range(group.kernel.outputs):
-                residual = whitened[group.first + i * group.kernel.outputs + j]
+                place = group.first + i * group.kernel.outputs + j
+                weight = 1.0 if solution.weights is None else float(solution.weights[place])
                 scalar = ResidualRow(
                     clause=block.name,
                     row=row,
                     file_row=file_row,
                     component=j + 1,
                     value=float(values[i, j]),
-                    residual=float(residual),
-                    weight=1.0,
-                    used=True,
+                    residual=float(whitened[place]),
+                    weight=weight,
+                    used=weight > 0.0,
                 )
                 rows.append((group.kernel.owner, row or 0, j, scalar))
     rows.sort(key=lambda r: r[:3])
@@ -119,6 +150,21 @@ def prior_reports(problem: Problem, solution: Solution) -> tuple[PriorReport, ..
                 )
             )
     return tuple(found)
+
+
+def correction_reports(solution: Solution) -> tuple[CorrectionReport, ...]:
+    """The corrections of each uncertain column."""
+    return tuple(
+        CorrectionReport(
+            table=each.table,
+            column=each.column,
+            rows=each.rows,
+            keys=each.keys,
+            value=each.corrections,
+            sigma=each.sigma,
+        )
+        for each in solution.corrections
+    )
 
 
 def _sigmas(weights: Floats) -> Floats:

@@ -7,13 +7,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from mbm.problem.tables import Table
-from mbm.problem.types import Overrides, Problem
-from mbm.report.from_solution import failure_report, solve_report
+from mbm.problem.types import GivenStarts, Overrides, Problem, RandomStarts
+from mbm.report import faults
+from mbm.report.from_solution import failure_report, skipped_report, solve_report
 from mbm.report.initial import initial_option
 from mbm.report.options import Progress
 from mbm.report.types import InputFile, Result
 from mbm.solution.run import Solutions
-from mbm.solution.solution import Failure
+from mbm.solution.solution import Failure, Skipped
 from mbm.version import __version__
 
 
@@ -33,11 +34,14 @@ def result_of(
     for solution in solutions.each:
         if isinstance(solution, Failure):
             reports.append(failure_report(solution))
+        elif isinstance(solution, Skipped):
+            reports.append(skipped_report(solution))
         else:
             reports.append(solve_report(problem, solution, covariance_full=covariance_full))
         if progress is not None:
             progress(len(reports), solutions.count)
     request = problem.request
+    left = solutions.count - len(reports)
     return Result(
         version=__version__,
         file=file,
@@ -48,13 +52,23 @@ def result_of(
             "method": request.method.value,
             "max-iterations": request.max_iterations,
             "tolerance": request.tolerance,
+            **_starts_option(request.starts),
             **asked,
         },
         inputs=tuple(
             InputFile(path=t.provenance.path, sha256=t.provenance.sha256, rows=t.provenance.rows) for t in raw.values()
         ),
-        diagnostics=problem.warnings,
+        diagnostics=(*problem.warnings, *((faults.interrupted(len(reports), left),) if left else ())),
+        complete=not left,
     )
+
+
+def _starts_option(starts: RandomStarts | GivenStarts | None) -> Mapping[str, object]:
+    if starts is None:
+        return {}
+    if isinstance(starts, RandomStarts):
+        return {"starts": {"random": starts.count, **({} if starts.seed is None else {"seed": starts.seed})}}
+    return {"starts": {"given": len(starts.starts)}}
 
 
 def asked_options(

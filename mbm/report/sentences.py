@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mbm.report.digits import plain
-from mbm.report.types import Observability, SolveReport
+from mbm.report.types import Observability, ResidualSummary, SolveReport
 from mbm.text.types import Diagnostic
 
 MOST_NAMES = 12
@@ -13,6 +13,9 @@ MOST_NAMES = 12
 
 UNLIKELY = 1e-3
 """A chi² test beyond this probability, on either side, is spoken of."""
+
+MOST_OUTLIERS = 20
+"""Outliers that are listed one by one."""
 
 LARGE_PRIOR = 3.0
 """A prior that the estimates miss by more standard deviations than this is spoken of."""
@@ -31,6 +34,8 @@ def fit_sentence(solve: SolveReport) -> str | None:
             return f"{text}: the residuals are smaller than the stated noise would make them"
         return text
     text = f"sum of squares {plain(solve.cost, 5)} with {freedom}"
+    if solve.robust_cost is not None:
+        return f"sum of the losses {plain(solve.robust_cost, 5)}, {text}"
     return text if solve.sigma0 is None else f"{text}, sigma0 = {plain(solve.sigma0, 4)}"
 
 
@@ -47,6 +52,10 @@ def observability_sentences(found: Observability | None) -> Iterator[str]:
         return
     for direction in found.unobservable:
         yield f"not determined by the data: {direction.sentence}"
+    told = {direction.sentence for direction in found.unobservable}
+    for motion in found.gauge:
+        if motion.sentence not in told:
+            yield f"not determined by the data: {motion.sentence}"
     said = {name for direction in found.unobservable for name in direction.unknowns}
     unused = [name for name in found.unused if name not in said]
     if unused:
@@ -60,7 +69,19 @@ def residual_sentences(solve: SolveReport) -> Iterator[str]:
     for clause, summary in solve.residual_summaries.items():
         used = f"{summary.used} of {summary.rows} rows" if summary.used != summary.rows else _rows(summary.rows)
         rms = "" if summary.rms is None else f", rms {plain(summary.rms, 3)}"
-        yield f"`{clause}`: {used}{rms}"
+        yield f"`{clause}`: {used}{rms}{_outliers(summary)}"
+
+
+def _outliers(summary: ResidualSummary) -> str:
+    """The rows taken for outliers, by file and row where there is one."""
+    if not summary.outliers:
+        return ""
+    in_file = summary.file is not None and all(summary.outlier_places)
+    rows = summary.outlier_places if in_file else summary.outliers
+    shown = ", ".join(str(row) for row in rows[:MOST_OUTLIERS])
+    more = f" and {len(rows) - MOST_OUTLIERS} more" if len(rows) > MOST_OUTLIERS else ""
+    where = f" of {summary.file}" if in_file else ""
+    return f"; outliers: {'row' if len(rows) == 1 else 'rows'} {shown}{more}{where}"
 
 
 def prior_sentences(solve: SolveReport) -> Iterator[str]:
@@ -71,6 +92,14 @@ def prior_sentences(solve: SolveReport) -> Iterator[str]:
                 f"`{prior.name}` lies {plain(abs(prior.residual), 2)} standard deviations from "
                 f"its prior {plain(prior.mean, 6)} ± {plain(prior.sigma, 2)}"
             )
+
+
+def constraint_sentences(solve: SolveReport) -> Iterator[str]:
+    """Constraints that do not hold; those that the data push against have a warning."""
+    for each in solve.constraints:
+        rows = f" in {_rows(len(each.violated_rows))} of `{each.over}`" if each.violated_rows else ""
+        if each.violated:
+            yield f"constraint `{each.name}` does not hold{rows}: violated by {plain(each.violation, 4)}"
 
 
 def diagnostic_sentence(diagnostic: Diagnostic) -> str:

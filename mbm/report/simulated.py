@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from mbm.expression.units import parse_unit
+from mbm.kernels.types import KernelSet
 from mbm.problem.builder import Elaborated
 from mbm.problem.tables import CellKey, Column, Table
 from mbm.problem.types import BlockRole, Problem
@@ -18,12 +19,16 @@ from mbm.report import faults
 from mbm.report.document import solve_key
 from mbm.report.elements import plain_key, unit_text
 from mbm.report.geometric import GEOMETRIC, written
+from mbm.report.given_starts import given_starts
 from mbm.report.initial import is_document
+from mbm.report.options import SimulationSettings
 from mbm.report.quantities import quantity_of
 from mbm.report.types import Quantity
+from mbm.solution.binding import EvaluationCache
 from mbm.solution.layout import Entry
 from mbm.solution.simulation import faults as simulation_faults
-from mbm.solution.simulation.types import FactorsFinder, Simulation, Truth
+from mbm.solution.simulation.simulate import simulate
+from mbm.solution.simulation.types import FactorsFinder, Outliers, Simulating, Simulation, Truth
 from mbm.text.types import Diagnostic, MbmError
 from mbm.version import __version__
 
@@ -47,11 +52,12 @@ class SimulatedTable:
 class Simulated(Mapping[str, dict[str, Any]]):
     """Simulated measurements: a mapping from the name of each table to its columns, as ``solve(data=…)`` takes it.
 
-    ``truth`` has the form of a result document: the true values of each solve, and the rows with outliers by
-    observation. ``notes`` are warnings about what had to be assumed.
+    ``truths`` are the true values of each solve; ``truth`` says them in the form of a result document, with the rows
+    that have outliers by observation. ``notes`` are warnings about what had to be assumed.
     """
 
     tables: tuple[SimulatedTable, ...]
+    truths: tuple[Truth, ...]
     truth: dict[str, Any]
     notes: tuple[Diagnostic, ...]
 
@@ -68,33 +74,61 @@ class Simulated(Mapping[str, dict[str, Any]]):
         return len(self.tables)
 
 
-def simulated(
-    found: Elaborated, origins: Mapping[str, Table], simulation: Simulation, *, file: str | None, seed: int
-) -> Simulated:
-    """The simulated numbers put into the tables as they were read (``origins``: no unit applied, no row left out)."""
-    declarations = {plan.name: plan.declaration for plan in found.problem.plans}
-    tables = []
-    for name, origin in origins.items():
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Simulator:
+    """Makes measurements from true values, for many seeds.
+
+    ``origins`` are the tables as read: no unit applied, no row left out. ``kernels`` derives the equations, which only
+    draws from priors need.
+    """
+
+    found: Elaborated
+    origins: Mapping[str, Table]
+    kernels: Callable[[], tuple[KernelSet, EvaluationCache]]
+    file: str | None
+
+    def measurements(self, settings: SimulationSettings) -> Simulated:
+        """One data set.
+
+        Raises:
+            MbmError: a name that is none, an unknown without a value, an equation that does not say what it measures.
+
+        """
+        found, problem = self.found, self.found.problem
+        gross = settings.outliers
+        asked = Simulating(
+            seed=settings.seed,
+            outliers=None if gross is None else Outliers(fraction=gross[0], size=gross[1]),
+            measured=settings.measured,
+            kernels=self.kernels() if settings.draw_priors else None,
+        )
+        values = given_starts(problem, found.tables, settings.at)
+        made = simulate(found, values, noise_factors(problem, settings.at, settings.noise), asked)
+        truth = {
+            "mbm": __version__,
+            "file": self.file,
+            "problem": problem.name,
+            "seed": settings.seed,
+            "solves": [_solve(problem, each) for each in made.truths],
+        }
+        tables = tuple(self._table(name, origin, made) for name, origin in self.origins.items())
+        return Simulated(tables=tables, truths=made.truths, truth=truth, notes=made.notes)
+
+    def _table(self, name: str, origin: Table, made: Simulation) -> SimulatedTable:
+        """A table as it was read, with the simulated numbers in their units."""
+        declaration = next(p.declaration for p in self.found.problem.plans if p.name == name)
         columns = dict(origin.columns)
         changed = []
-        for cells in simulation.cells:
+        for cells in made.cells:
             if cells.table != name:
                 continue
-            declared = next((c for c in declarations[name].columns if c.name == cells.column), None)
+            declared = next((c for c in declaration.columns if c.name == cells.column), None)
             source, factor = (declared.source, declared.factor) if declared is not None else (cells.column, 1.0)
             numbers = origin.numbers(source).copy()
             numbers[cells.rows - 1] = cells.numbers / factor
             columns[source] = replace(columns[source], numbers=numbers)
             changed.append(source)
-        tables.append(SimulatedTable(name=name, columns=tuple(columns.values()), changed=tuple(changed)))
-    truth = {
-        "mbm": __version__,
-        "file": file,
-        "problem": found.problem.name,
-        "seed": seed,
-        "solves": [_solve(found.problem, each) for each in simulation.truths],
-    }
-    return Simulated(tables=tuple(tables), truth=truth, notes=simulation.notes)
+        return SimulatedTable(name=name, columns=tuple(columns.values()), changed=tuple(changed))
 
 
 def _solve(problem: Problem, truth: Truth) -> dict[str, Any]:
@@ -135,14 +169,12 @@ def noise_factors(problem: Problem, at: Mapping[str, object], given: Mapping[str
 
     def factors(key: Mapping[str, CellKey]) -> Mapping[str, float]:
         found: dict[str, float] = {}
-        solves = at.get("solves") if is_document(at) else None
-        for solve in solves if isinstance(solves, list) else ():
-            if not isinstance(solve, Mapping) or (solve.get("key") != solve_key(key) and len(solves or ()) > 1):
-                continue
+        entries = at["solves"] if is_document(at) else ()
+        solves = [each for each in entries if isinstance(each, Mapping)] if isinstance(entries, Sequence) else []
+        for solve in solves:
             noise = solve.get("noise")
-            for name, value in noise.items() if isinstance(noise, Mapping) else ():
-                if isinstance(value, int | float) and name in known:
-                    found[str(name)] = float(value)
+            if isinstance(noise, Mapping) and (len(solves) == 1 or solve.get("key") == solve_key(key)):
+                found.update((n, float(v)) for n, v in noise.items() if isinstance(v, int | float) and n in known)
         return {**found, **stated}
 
     return factors

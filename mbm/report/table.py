@@ -10,7 +10,9 @@ from mbm.report.columns import Paint, Style, aligned, left, wrapped
 from mbm.report.digits import Measured, measured, plain
 from mbm.report.elements import Scalar, scalars, unit_text
 from mbm.report.many import many_solves
+from mbm.report.others import search_sentences
 from mbm.report.sentences import (
+    constraint_sentences,
     diagnostic_sentence,
     fit_sentence,
     noise_sentences,
@@ -60,8 +62,11 @@ def _one_solve(result: Result, solve: SolveReport, width: int, paint: Paint, ful
         yield from wrapped(fit, width)
     for sentence in chain(noise_sentences(solve), residual_sentences(solve)):
         yield from wrapped(sentence, width)
-    for sentence in chain(observability_sentences(solve.observability), prior_sentences(solve)):
+    remarks = chain(observability_sentences(solve.observability), constraint_sentences(solve), prior_sentences(solve))
+    for sentence in remarks:
         yield from (paint(line, Style.WARNING) for line in wrapped(sentence, width))
+    for sentence in search_sentences(solve):
+        yield from wrapped(sentence, width)
     for diagnostic in solve.diagnostics:
         yield from (paint(line, Style.WARNING) for line in wrapped(diagnostic_sentence(diagnostic), width))
     if full:

@@ -40,6 +40,8 @@ class SolveStatus(Enum):
 
     CONVERGED = ("converged", "the estimates are a minimum and the data determine all of them")
     NOT_CONVERGED = ("not-converged", "the iteration stopped before it reached a minimum")
+    SKIPPED = ("skipped", "the window has too few rows")
+    INFEASIBLE = ("infeasible", "no point meets all constraints")
     UNOBSERVABLE = ("unobservable", "the data leave some of the unknowns, or a combination of them, free")
 
     def __init__(self, label: str, sentence: str) -> None:
@@ -49,7 +51,7 @@ class SolveStatus(Enum):
     @property
     def trusted(self) -> bool:
         """The solve needs no attention."""
-        return self is SolveStatus.CONVERGED
+        return self in (SolveStatus.CONVERGED, SolveStatus.SKIPPED)
 
 
 class ResultStatus(StrEnum):
@@ -141,16 +143,27 @@ class FreeDirection:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CommonDirection:
+    """A motion of the whole scene that no equation notices: what it is, in how many directions, what takes part."""
+
+    sentence: str
+    motion: str
+    dimensions: int
+    unknowns: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Observability:
     """The rank decision. ``unused`` names unknowns (or members, ``cam["left"]``) that no equation mentions.
 
-    ``condition`` is that of the scaled Jacobian on its estimable part.
+    ``condition`` is that of the scaled Jacobian on its estimable part. ``gauge`` names the common motions that are free.
     """
 
     rank: int
     dimension: int
     condition: float
     unobservable: tuple[FreeDirection, ...] = ()
+    gauge: tuple[CommonDirection, ...] = ()
     unused: tuple[str, ...] = ()
 
 
@@ -178,13 +191,31 @@ class ResidualRow:
 class ResidualSummary:
     """Residuals of one clause: rows there are, rows used, normalised root mean square (None without a used row).
 
-    ``file`` is where the rows were read, if they were.
+    ``file`` is where the rows were read, if they were. ``outliers`` are 1-based rows of the unfiltered table,
+    ``outlier_places`` the same as rows of the file (header = 1), 0 where there is no file.
     """
 
     rows: int
     used: int
     rms: float | None
     file: str | None = None
+    outliers: tuple[int, ...] = ()
+    outlier_places: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CorrectionReport:
+    """Corrections of the uncertain values of one column, to be added to them, and their stated sigma, both in SI.
+
+    ``rows`` are 1-based rows of the unfiltered table (None: left out by a filter), ``keys`` those of a table with keys.
+    """
+
+    table: str
+    column: str
+    rows: tuple[int | None, ...]
+    keys: tuple[Key | None, ...] | None
+    value: Floats
+    sigma: Floats
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -196,6 +227,47 @@ class PriorReport:
     mean: float
     sigma: float
     residual: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConstraintReport:
+    """A constraint at the estimates.
+
+    ``kind`` is how it is written (``=``, ``<=`` …). ``value`` in SI is what is left to its limit, negative beyond it; of
+    an equation the difference of its sides, of several elements or rows the worst. ``violation`` is 0 where it holds as
+    far as the arithmetic can tell; ``active``: it is at its limit (equations always are). With a table ``over``, ``rows``
+    of it are constrained, and the lists hold rows from 1 of the unfiltered table.
+    """
+
+    name: str
+    kind: str
+    value: float
+    violation: float
+    active: bool
+    violated: bool
+    over: str | None = None
+    rows: int = 1
+    violated_rows: tuple[int, ...] = ()
+    active_rows: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Alternative:
+    """Another minimum: its ``cost`` as `SolveReport` has it, how many ``starts`` led to it, a ``remark`` in words."""
+
+    cost: float
+    starts: int
+    estimates: tuple[Estimate, ...]
+    remark: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StartsTally:
+    """Starts that were tried, that converged, and that led to the best cost (by whichever minimum has it)."""
+
+    tried: int
+    converged: int
+    best_found: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -219,7 +291,8 @@ class SolveReport:
     """One solve.
 
     ``key`` holds the key values of ``for-each``, empty with one solve. ``cost``, ``dof``,
-    ``sigma0``, ``chi2_p`` are as CONTRACT §2 defines them and None where there is no such number; ``reasons`` says why
+    ``sigma0``, ``chi2_p`` are as CONTRACT §2 defines them and None where there is no such number; ``robust_cost`` is
+    the sum of the losses, None without one; ``reasons`` says why
     by the field's name. ``noise`` has one entry per observation clause: the estimated factor, None for stated noise.
     ``residual_rows`` and ``plot_data`` are values, or functions that make them when they are asked for.
     """
@@ -235,6 +308,7 @@ class SolveReport:
     dof: int | None = None
     sigma0: float | None = None
     chi2_p: float | None = None
+    robust_cost: float | None = None
     reasons: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     estimates: tuple[Estimate, ...] = ()
     covariance: CovarianceMatrix | None = None
@@ -246,6 +320,10 @@ class SolveReport:
     residual_rows: tuple[ResidualRow, ...] | Callable[[], tuple[ResidualRow, ...]] = ()
     plot_data: tuple[PlotData, ...] | Callable[[], tuple[PlotData, ...]] = ()
     priors: tuple[PriorReport, ...] = ()
+    corrections: tuple[CorrectionReport, ...] = ()
+    constraints: tuple[ConstraintReport, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
+    starts: StartsTally | None = None
     diagnostics: tuple[Diagnostic, ...] = ()
 
     def rows(self) -> tuple[ResidualRow, ...]:
@@ -268,7 +346,10 @@ class InputFile:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
-    """Everything that a run of one problem answers. ``file`` is None for problems that were built without one."""
+    """Everything that a run of one problem answers. ``file`` is None for problems that were built without one.
+
+    ``complete`` is False where the run was interrupted before all solves were made.
+    """
 
     version: str
     file: str | None
@@ -278,10 +359,11 @@ class Result:
     options: Mapping[str, object] = field(default_factory=lambda: MappingProxyType({}))
     inputs: tuple[InputFile, ...] = ()
     diagnostics: tuple[Diagnostic, ...] = ()
+    complete: bool = True
 
     @property
     def status(self) -> ResultStatus:
-        """``ok`` if there is a solve and every solve can be trusted, else ``attention``."""
-        if self.solves and all(solve.status.trusted for solve in self.solves):
+        """``ok`` if every solve was made, there is one, and each can be trusted, else ``attention``."""
+        if self.complete and self.solves and all(solve.status.trusted for solve in self.solves):
             return ResultStatus.OK
         return ResultStatus.ATTENTION

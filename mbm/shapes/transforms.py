@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from mbm.expression.algebra import multiply
 from mbm.language.coerce import vector
-from mbm.language.values import Array, Builtin, Call, PoseValue, Transform
-from mbm.language.vocabulary import cameras
+from mbm.language.values import Array, Call, PoseValue, Transform
+from mbm.language.vocabulary.cameras import project_point
 from mbm.language.vocabulary.frames import move_point
 from mbm.shapes.types import Step
 from mbm.text.types import Span
-
-_PERSE: Builtin = next(f for f in cameras.FUNCTIONS if f.name == "perse")
 
 
 def pose_transform(p: PoseValue, span: Span) -> Transform:
@@ -28,5 +26,5 @@ def carried(point: Array, steps: tuple[Step, ...], call: Call) -> Array:
             point = move_point(step, point, call.span)
         else:
             projection = Call(call.evaluator, step.form, call.scope, (point,), (step.form,))
-            point = vector(_PERSE.call(projection), step.form.span, 2)
+            point = project_point(projection, None, vector(point, step.form.span, 3).elements)
     return point

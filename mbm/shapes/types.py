@@ -142,6 +142,10 @@ class Line(Placeable):
         """A line is no point."""
         return None
 
+    def ends(self) -> tuple[Array, ...] | None:
+        """From where to where it runs."""
+        return (self.start, self.end)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Plane(Placeable):
@@ -162,6 +166,10 @@ class Plane(Placeable):
     def as_point(self) -> Array | None:
         """A plane is no point."""
         return None
+
+    def ends(self) -> tuple[Array, ...] | None:
+        """Its points."""
+        return self.points
 
 
 class ModelFunction(Callable_):

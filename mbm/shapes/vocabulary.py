@@ -13,10 +13,10 @@ from mbm.language.special import SPECIAL_FORMS
 from mbm.language.values import Builtin, Call, Callable_, Macro, Value, describe
 from mbm.language.vocabulary import (
     arithmetic,
-    cameras,
     comparison,
     directions,
     frames,
+    lines,
     lists,
     rotations,
     vectors,
@@ -35,8 +35,6 @@ _OBSERVABLES_NOT_YET = {
         ("silhouette", "area", "centroid", "perimeter", "extent", "extreme", "contour-distance"), "silhouettes"
     ),
     **dict.fromkeys(("curve-distance", "extrema"), "image curves"),
-    **dict.fromkeys(("line-on-image", "vertex-on-line", "line-through", "image-line"), "image lines"),
-    **dict.fromkeys(("point-line-distance", "point-plane-distance", "vertex-on-image"), "observables of features"),
 }
 
 NOT_YET = MappingProxyType({**FORMS_NOT_YET, **LIBRARY_NOT_YET, **_OBSERVABLES_NOT_YET})
@@ -163,7 +161,7 @@ FEATURE_FUNCTIONS: tuple[FeatureFunction | Builtin, ...] = (
 
 def vocabulary() -> Vocabulary:
     """Special forms, functions, the library's models, and the names that come later."""
-    rooms = (arithmetic, cameras, comparison, directions, frames, lists, rotations, vectors)
+    rooms = (arithmetic, comparison, directions, frames, lines, lists, rotations, vectors)
     functions: dict[str, Callable_] = {f.name: f for room in rooms for f in room.FUNCTIONS}
     functions.update((f.name, f) for f in FEATURE_FUNCTIONS)
     words = Vocabulary(

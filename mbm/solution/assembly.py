@@ -10,6 +10,7 @@ import numpy as np
 from mbm.kernels.types import KernelSet
 from mbm.problem.types import Problem, Relation
 from mbm.solution.binding import Binder, Group, affine, mentioned
+from mbm.solution.implicit.elimination import Elimination, elimination
 from mbm.solution.layout import Layout, free_positions
 from mbm.solution.manifolds import chart_slopes
 from mbm.solution.robust.losses import LossFunction, rooted, rooted_jacobian
@@ -23,7 +24,8 @@ class Assembled:
 
     A point is the vector of all numbers (N,); ``numbers`` is the start. ``free`` are the positions of the estimated
     coordinates. ``factors`` (all residuals,) multiplies σ row by row: the noise factors of unknown groups. ``rows``
-    picks residuals (None: all of them); m counts those picked.
+    picks residuals (None: all of them); m counts those picked. ``implicit`` has the equations with errors in measured
+    columns, whose corrections are eliminated (None: there are none, or the columns are taken as exact).
     """
 
     layout: Layout
@@ -34,6 +36,7 @@ class Assembled:
     free: Indices
     factors: Floats | None = None
     rows: Indices | None = None
+    implicit: Elimination | None = None
     linear: bool = False
     _scatters: tuple[Scatter, ...] = ()
 
@@ -68,6 +71,11 @@ class Assembled:
         return self.layout.positive[self.free]
 
     @property
+    def profiled(self) -> bool:
+        """The Jacobian is not the derivative of the residuals, though it gives the exact gradient."""
+        return self.implicit is not None
+
+    @property
     def lossy(self) -> bool:
         """Some group has a robust loss."""
         return any(group.losses for group in self.groups)
@@ -78,6 +86,17 @@ class Assembled:
         parts = [group.units.ravel() for group in self.groups]
         found = np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
         return found if self.rows is None else found[self.rows]
+
+    def moving(self) -> Mask:
+        """Which numbers (N,) the estimated coordinates move."""
+        layout = self.layout
+        free = np.zeros(len(layout.number), dtype=bool)
+        free[self.free] = True
+        found = np.zeros(len(layout.start), dtype=bool)
+        found[layout.number[free & (layout.number >= 0)]] = True
+        for curved in layout.curved:
+            found[curved.numbers[free[curved.coordinates].any(axis=1)]] = True
+        return found
 
     def retract(self, x: Floats, step: Floats) -> Floats:
         """The point after a step (n,) of the free coordinates."""
@@ -116,9 +135,13 @@ class Assembled:
 
     def plain_residuals(self, x: Floats) -> Floats:
         """Whitened residuals without losses (m,)."""
-        result = np.empty(self.whole)
+        result = np.zeros(self.whole)
         for group in self.groups:
+            if self._eliminated(group):
+                continue
             result[group.first : group.first + group.count] = group.whitened(group.values(x)).ravel()
+        if self.implicit is not None:
+            self.implicit.add_residuals(x, result)
         if self.factors is not None:
             result /= self.factors
         return result if self.rows is None else result[self.rows]
@@ -128,6 +151,8 @@ class Assembled:
         width = self.dimension
         result = np.zeros((self.whole, width))
         for group, places in zip(self.groups, self._scatters, strict=True):
+            if self._eliminated(group):
+                continue
             lines = result[group.first : group.first + group.count]
             part = lines.reshape(group.rows, group.kernel.outputs, width)
             group.add_jacobian(x, places, part)
@@ -137,9 +162,14 @@ class Assembled:
                     rows *= whitener_.weights[:, :, None]
                 else:
                     rows[...] = np.einsum("rij,rjn->rin", whitener_.weights, rows)
+        if self.implicit is not None:
+            self.implicit.add_jacobian(x, result)
         if self.factors is not None:
             result /= self.factors[:, None]
         return result if self.rows is None else result[self.rows]
+
+    def _eliminated(self, group: Group) -> bool:
+        return self.implicit is not None and group.kernel.corrections is not None
 
     def residuals(self, x: Floats) -> Floats:
         """Whitened residuals with losses in square-root form (m,): the sum of their squares is the robust cost."""
@@ -169,12 +199,30 @@ class Assembled:
 
     def everything(self) -> Assembled:
         """The same equations with no residual left out."""
-        return self if self.rows is None else replace(self, rows=None)
+        if self.rows is None:
+            return self
+        implicit = self.implicit.everything(self._columns()) if self.implicit is not None else None
+        return replace(self, rows=None, implicit=implicit)
 
     def kept(self, units: Mask) -> Assembled:
         """The equations of those units alone that the mask (all units,) picks."""
-        every = self.everything().units
-        return replace(self, rows=np.flatnonzero(units[every]))
+        chosen = units[self.everything().units]
+        implicit = self.implicit.kept(chosen, self._columns()) if self.implicit is not None else None
+        return replace(self, rows=np.flatnonzero(chosen), implicit=implicit)
+
+    def uncorrected(self) -> Assembled:
+        """The same equations with all measured values taken as exact, to find starts with."""
+        return self if self.implicit is None else replace(self, implicit=None).freed(self.free, self.numbers)
+
+    def _columns(self) -> Indices:
+        """The column of each coordinate (M,) in Jacobians, -1 where it is not free."""
+        columns = np.full(len(self.layout.number), -1, dtype=np.int64)
+        columns[self.free] = np.arange(self.dimension)
+        return columns
+
+    def picked(self, whole: Floats) -> Floats:
+        """Of one value for each of all residuals those of the residuals picked (m,)."""
+        return whole if self.rows is None else whole[self.rows]
 
     def block_rows(self, number: int) -> Indices:
         """Positions (in m) of the residuals of block ``number``."""
@@ -187,9 +235,10 @@ class Assembled:
         """The same equations over another set of free coordinates, starting at ``numbers`` (N,)."""
         columns = np.full(len(self.layout.number), -1, dtype=np.int64)
         columns[free] = np.arange(len(free))
-        linear = not self.lossy and all(affine(group, columns >= 0) for group in self.groups)
+        linear = not self.lossy and self.implicit is None and all(affine(g, columns >= 0) for g in self.groups)
         scatters = tuple(group.scatter(columns) for group in self.groups)
-        return replace(self, free=free, numbers=numbers, linear=linear, _scatters=scatters)
+        implicit = self.implicit.over(columns) if self.implicit is not None else None
+        return replace(self, free=free, numbers=numbers, linear=linear, implicit=implicit, _scatters=scatters)
 
 
 def blank(binder: Binder, kernels: KernelSet) -> Assembled:
@@ -209,6 +258,7 @@ def blank(binder: Binder, kernels: KernelSet) -> Assembled:
         equality=equality_mask(binder.problem, constraints),
         numbers=places.start,
         free=free,
+        implicit=elimination(binder.problem, binder.tables, groups, binder.cache),
     )
     return found.freed(free, places.start)
 

@@ -12,7 +12,7 @@ from mbm.expression.nodes import ColumnMember, LiteralMember, Member, RowChoice
 from mbm.kernels.types import Backend, Evaluation, Kernel, KernelSet
 from mbm.problem import faults as problem_faults
 from mbm.problem.checks import used_rows
-from mbm.problem.rows import Positions, chosen_number, column_numbers, rows_of
+from mbm.problem.rows import Positions, chosen_number, column_numbers, keyed_rows, rows_of
 from mbm.problem.scopes import ROW
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import BlockRole, Problem, Static
@@ -51,7 +51,8 @@ class Group:
     ``positions`` (from 0) in the block's table, None without one; ``index`` (rows, variables) gives for each input of
     unknowns its place in the vector of all numbers, ``columns`` (rows, tangents) for each tangent its place in that of
     all coordinates; ``shared[j]`` and ``shared_columns[j]`` say that variable or tangent j is the same in all rows.
-    Residuals stand at ``first …`` in the vector of all, units (one equation in one row) at ``first_unit …``.
+    Residuals stand at ``first …`` in the vector of all, units (one equation in one row) at ``first_unit …``. ``number``
+    is the kernel's in the set of all.
     """
 
     kernel: Kernel
@@ -62,10 +63,12 @@ class Group:
     shared: tuple[bool, ...]
     shared_columns: tuple[bool, ...]
     parameters: Floats
+    role: BlockRole = BlockRole.OBSERVATION
     whiteners: tuple[Whitener, ...] = ()
     losses: tuple[LossFunction, ...] = ()
     first: int = 0
     first_unit: int = 0
+    number: int = 0
 
     @property
     def places(self) -> Indices:
@@ -160,12 +163,19 @@ class Binder:
             case = block.cases[kernel.case]
             table, positions = self._rows(block.table, case.static, masks[kernel.owner])
             group = self.bind(number, kernel, table, positions)
-            whiteners, offset = [], 0
+            whiteners, offset, exact = [], 0, kernel.corrections is not None
             for equation in () if constraints else case.equations:
-                whiteners.append(whitener(equation, offset, table, positions, self.tables))
+                whiteners.append(whitener(equation, offset, table, positions, self.tables, may_be_exact=exact))
                 offset += len(equation.components)
             losses = () if block.loss is None else tuple(loss_function(block.loss, w.last - w.first) for w in whiteners)
-            bound = replace(group, whiteners=tuple(whiteners), losses=losses, first=first, first_unit=first_unit)
+            bound = replace(
+                group,
+                role=block.role,
+                whiteners=tuple(whiteners),
+                losses=losses,
+                first=first,
+                first_unit=first_unit,
+            )
             groups.append(bound)
             first += group.count
             first_unit += group.rows * len(whiteners)
@@ -215,14 +225,19 @@ class Binder:
             shared=tuple(not _differs(slot) for slot in kernel.variables),
             shared_columns=tuple(not _differs(slot) for slot in kernel.tangents),
             parameters=parameters,
+            number=number,
         )
 
     def _parameter(self, parameter: Parameter, table: Table | None, positions: Positions | None) -> Floats | float:
         if isinstance(parameter, ConstantInput):
             return self._constants()[parameter.name]
+        node = ColumnNode(parameter.table, parameter.name, parameter.row, member=parameter.member)
+        if parameter.row is RowChoice.KEYED:
+            rows = keyed_rows(node, table, positions, self.tables)
+            return column_numbers(self.tables[parameter.table], parameter.name)[rows]
         if parameter.row is RowChoice.EACH and table is not None and parameter.table == table.name:
             return column_numbers(table, parameter.name)[positions]
-        return chosen_number(ColumnNode(parameter.table, parameter.name, parameter.row), self.tables)
+        return chosen_number(node, self.tables)
 
     def _constants(self) -> Mapping[str, float]:
         values: dict[str, float] = {}

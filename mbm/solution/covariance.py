@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbm.solution.sparse.observability import sparse_covariance, sparse_propagate
 from mbm.solution.types import Covariance, Floats, Observability, Propagated
 
 ORTHOGONAL = 1e-6
@@ -18,16 +19,18 @@ def covariance(observed: Observability, variance: float = 1.0) -> Covariance:
     """Covariance of the n coordinates, times ``variance`` (the estimated s² of `:sigma unknown`, else 1).
 
     Coordinates held at a bound count as known: variance 0, and the others as if they were constants (the covariance on
-    the active constraint surface); so do movements away from constraints that hold. Coordinates that a free combination touches have no variance: NaN. All others keep
-    theirs, whatever else is free.
+    the active constraint surface); so do movements away from constraints that hold. Coordinates that a free combination
+    touches have no variance: NaN. All others keep theirs, whatever else is free.
     """
+    if observed.inverse is not None:
+        return sparse_covariance(observed, variance)
     rank = observed.row_space.shape[1]
     factor = observed.row_space / observed.singular_values[:rank] / observed.scale[:, None] * np.sqrt(variance)
     matrix = factor @ factor.T
     undetermined = ~observed.estimable & ~observed.fixed
     matrix[undetermined, :] = np.nan
     matrix[:, undetermined] = np.nan
-    return Covariance(matrix=matrix, sigma=np.sqrt(np.diag(matrix)), factor=factor)
+    return Covariance(matrix=matrix, sigma=np.sqrt(np.diag(matrix)), factor=factor, variance=variance)
 
 
 @np.errstate(all="ignore")
@@ -37,6 +40,8 @@ def propagate(gradient: Floats, observed: Observability, estimated: Covariance) 
     A quantity that the free combinations leave unchanged to first order has a sigma, even where the coordinates that it
     is made of have none; any other has NaN.
     """
+    if observed.inverse is not None:
+        return sparse_propagate(gradient, observed, estimated)
     image = gradient @ estimated.factor
     matrix = image @ image.T
     weighted = gradient / observed.scale

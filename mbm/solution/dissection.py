@@ -30,7 +30,8 @@ class Dissection:
     """Parts in the order in which to solve them: first the ``trunk``, then each of the ``branches`` on its own.
 
     The equations of the trunk check it: there are more of them than unknowns. Those of a branch are just as many as its
-    unknowns, given the trunk, so that its residuals are zero wherever it has a solution; it may have several.
+    unknowns, given the trunk, so that its residuals are zero wherever it has a solution (but for its priors); it may
+    have several.
     """
 
     trunk: tuple[Part, ...]
@@ -39,10 +40,14 @@ class Dissection:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mention:
-    """An equation: the columns of the unknowns that it mentions, and how many scalars it says about them."""
+    """An equation: the columns of the unknowns that it mentions, and how many scalars it says about them.
+
+    One that does not decide (a prior) is taken along where its unknowns are solved for, but determines no order.
+    """
 
     columns: frozenset[int]
     size: int
+    decides: bool = True
 
 
 def dissected(equations: Sequence[Mention], count: int) -> Dissection | None:
@@ -69,7 +74,8 @@ def dissected(equations: Sequence[Mention], count: int) -> Dissection | None:
 
 def _scalar_rows(equations: Sequence[Mention]) -> list[int]:
     """Each equation as often as it may determine an unknown; those with few unknowns first."""
-    order = sorted(range(len(equations)), key=lambda i: (len(equations[i].columns), i))
+    deciding = [i for i, e in enumerate(equations) if e.decides]
+    order = sorted(deciding, key=lambda i: (len(equations[i].columns), i))
     return [i for i in order for _ in range(min(equations[i].size, len(equations[i].columns)))]
 
 
@@ -167,7 +173,7 @@ def _checked(parts: Sequence[Part], equations: Sequence[Mention], needs: Sequenc
     queue = [
         column
         for part in parts
-        if sum(equations[i].size for i in part.equations) > len(part.columns)
+        if sum(equations[i].size for i in part.equations if equations[i].decides) > len(part.columns)
         for i in part.equations
         for column in equations[i].columns
     ]

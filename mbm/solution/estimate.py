@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,25 +12,28 @@ from mbm.kernels.types import KernelSet
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 from mbm.solution import faults
-from mbm.solution.assembly import Assembled, blank
+from mbm.solution.assembly import Assembled, blank, block_rows
 from mbm.solution.binding import Binder, EvaluationCache, Group, mentioned
 from mbm.solution.derived import Propagation
+from mbm.solution.gauge import with_gauge
 from mbm.solution.layout import layout
-from mbm.solution.minimise import minimise, solver_for
+from mbm.solution.minimise import minimise, solver_name
 from mbm.solution.motion import with_motions
+from mbm.solution.multistart import starting_points
 from mbm.solution.observability import observed_at
-from mbm.solution.search import Found, search
+from mbm.solution.plausibility import doubts
+from mbm.solution.rivals import rivals
+from mbm.solution.robust.preparation import Prepared, outliers, prepared, robust_cost, unit_weights
+from mbm.solution.search import Found, reweighted, search
 from mbm.solution.settings import Settings
 from mbm.solution.solution import Solution
-from mbm.solution.starting import beginnings
 from mbm.solution.statistics import statistics
 from mbm.solution.types import (
-    Components,
     Floats,
-    Indices,
     Minimum,
     Noise,
     Observability,
+    Reason,
 )
 from mbm.solution.variance import common_factor, redundancy_numbers, variance_components
 from mbm.text.types import Diagnostic
@@ -66,8 +69,9 @@ def estimate(
     starts: Mapping[str, Floats],
     settings: Settings,
     cache: EvaluationCache,
+    last: Solution | None = None,
 ) -> Solution:
-    """Solve one data set.
+    """Solve one data set; ``last`` is the solution of the window before, whose estimates may be the better start.
 
     Raises:
         MbmError: it cannot be set up, or no start is known and none can be found.
@@ -75,11 +79,17 @@ def estimate(
     """
     began = time.perf_counter()
     equations, binder = assemble(problem, kernels, tables, starts, cache)
-    found = search(equations, beginnings(equations, settings), settings, problem.span)
-    run = _Run(problem, equations, settings, found)
+    robust = prepared(problem, equations, settings, starting_points(equations, settings, last))
+    equations = robust.equations.with_factors(robust.factors)
+    found = search(equations, robust.starts, settings, problem)
+    run = _Run(problem, robust, settings, found)
     minimum, noise, factors = run.weighted()
     weighted = equations.with_factors(factors)
-    observed = observed_at(minimum, weighted.coordinates(minimum.point))
+    alternatives = found.alternatives
+    if factors is not robust.factors and alternatives:
+        alternatives = reweighted(weighted, alternatives, settings, problem)
+    observed = observed_at(minimum, weighted.coordinates(minimum.point), robust.informing(minimum.jacobian))
+    observed = with_gauge(observed, equations.layout, equations.free, minimum.point, settings.gauge)
     observed = with_motions(weighted, minimum, observed)
     outcome = statistics(problem, equations, minimum, observed, noise, factors)
     propagation = Propagation(
@@ -88,18 +98,28 @@ def estimate(
     derived, derived_covariance = propagation.all_derived()
     places = equations.layout
     used = mentioned((*equations.groups, *equations.constraints), len(places.number))
-    diagnostics = (*_at_start(problem, tables, minimum, equations.groups), *outcome.diagnostics)
+    whole = weighted.everything().plain_residuals(minimum.point)
+    diagnostics = (
+        *robust.diagnostics,
+        *_at_start(problem, tables, minimum, equations.groups),
+        *outcome.diagnostics,
+        *rivals(problem, minimum, alternatives, outcome.fit, noise),
+        *doubts(problem, weighted, minimum, outcome.covariance, outcome.fit),
+    )
     return Solution(
         key=key,
         tables=tables,
         layout=places,
         groups=equations.groups,
+        constraints=equations.constraints,
         numbers=minimum.point,
         free=equations.free,
-        minimum=minimum,
-        residuals=weighted.everything().plain_residuals(minimum.point),
-        weights=None,
-        alternatives=found.alternatives,
+        minimum=minimum if robust.agreed else replace(minimum, reason=Reason.NO_AGREEMENT),
+        residuals=whole,
+        weights=unit_weights(weighted, whole),
+        outliers=outliers(weighted, whole),
+        robust_cost=robust_cost(weighted, minimum),
+        alternatives=alternatives,
         tally=found.tally,
         origin=found.origin,
         observability=observed,
@@ -111,7 +131,8 @@ def estimate(
         factors=factors,
         sigma_known=outcome.sigma_known,
         unused=np.flatnonzero(~used & ~places.fixed),
-        method=solver_for(equations, settings).name,
+        corrections=() if weighted.implicit is None else weighted.implicit.corrected(minimum.point),
+        method=solver_name(equations, settings),
         iterations=run.iterations,
         evaluations=run.evaluations,
         seconds=time.perf_counter() - began,
@@ -125,53 +146,57 @@ class _Run:
     ``found`` is the minimum with the noise as stated.
     """
 
-    def __init__(self, problem: Problem, equations: Assembled, settings: Settings, found: Found) -> None:
-        self.equations = equations
+    def __init__(self, problem: Problem, robust: Prepared, settings: Settings, found: Found) -> None:
+        self.equations = robust.equations
+        self._robust = robust
         self.settings = settings
         self._place = problem.span
         self.iterations = found.iterations
         self.evaluations = found.evaluations
         self._first: Minimum | None = found.minimum
         self.unknown = [
-            i for i, block in enumerate(problem.blocks) if block.unknown_factor and len(equations.block_rows(i)) > 0
+            i
+            for i, block in enumerate(problem.blocks)
+            if block.unknown_factor and i not in robust.noise and len(self.equations.block_rows(i)) > 0
         ]
-        self._point = found.minimum.point if np.isfinite(found.minimum.cost) else equations.numbers
+        self._point = found.minimum.point if np.isfinite(found.minimum.cost) else self.equations.numbers
 
     def weighted(self) -> tuple[Minimum, Mapping[int, Noise], Floats | None]:
         """The minimum with the final weights, and the noise of each block whose factor is unknown."""
+        robust = self._robust
         rows = {i: self.equations.block_rows(i) for i in self.unknown}
         stated = sum(len(r) for r in rows.values()) < self.equations.count
-        if not self.unknown or (len(self.unknown) == 1 and not stated):
+        if not self.unknown:
+            return self._minimise(robust.factors), robust.noise, robust.factors
+        if len(self.unknown) == 1 and not stated:
             minimum = self._minimise(None)
-            if not self.unknown:
-                return minimum, {}, None
             observed = self._observed(minimum)
-            noise = common_factor(minimum.cost, self.equations.count + observed.equalities - observed.rank)
+            cost = float(np.square(robust.scattering(minimum.residuals)).sum())
+            noise = common_factor(cost, self.equations.count + observed.equalities - observed.rank)
             return minimum, {self.unknown[0]: noise}, None
         groups = [rows[i] for i in self.unknown]
-        components = variance_components(lambda factors: self._reweighted(factors, groups), groups)
-        factors = self._row_factors(components, groups)
-        return self._minimise(factors), dict(zip(self.unknown, components.noises, strict=True)), factors
+        components = variance_components(self._reweighted, groups)
+        factors = self._row_factors([noise.factor for noise in components.noises])
+        noises = {**robust.noise, **dict(zip(self.unknown, components.noises, strict=True))}
+        return self._minimise(factors), noises, factors
 
-    def _row_factors(self, components: Components, groups: list[Indices]) -> Floats:
-        factors = np.ones(self.equations.count)
-        for noise, rows in zip(components.noises, groups, strict=True):
-            factors[rows] = noise.factor
-        return factors
+    def _row_factors(self, values: Sequence[float] | Floats) -> Floats:
+        """Factors by residual (all of them) from those of the unknown blocks."""
+        by_row = np.ones(self.equations.whole) if self._robust.factors is None else self._robust.factors.copy()
+        for number, value in zip(self.unknown, values, strict=True):
+            by_row[block_rows(self.equations.groups, number)] = value
+        return by_row
 
-    def _reweighted(self, factors: Floats, groups: list[Indices]) -> tuple[Floats, Floats]:
-        by_row = np.ones(self.equations.count)
-        for factor, rows in zip(factors, groups, strict=True):
-            by_row[rows] = factor
-        minimum = self._minimise(by_row)
+    def _reweighted(self, factors: Floats) -> tuple[Floats, Floats]:
+        minimum = self._minimise(self._row_factors(factors))
         observed = self._observed(minimum)
-        return minimum.residuals, redundancy_numbers(minimum.jacobian, observed)
+        return self._robust.scattering(minimum.residuals), redundancy_numbers(minimum.jacobian, observed)
 
     def _observed(self, minimum: Minimum) -> Observability:
         return observed_at(minimum, self.equations.coordinates(minimum.point))
 
     def _minimise(self, factors: Floats | None) -> Minimum:
-        if self._first is not None and (factors is None or bool((factors == 1.0).all())):
+        if self._first is not None and _same(factors, self._robust.factors):
             first, self._first = self._first, None
             return first
         limit = self.settings.max_iterations
@@ -184,6 +209,14 @@ class _Run:
         if np.isfinite(minimum.cost):
             self._point = minimum.point
         return minimum
+
+
+def _same(first: Floats | None, second: Floats | None) -> bool:
+    """Whether two sets of noise factors are equal; None: all 1."""
+    if first is None or second is None:
+        other = second if first is None else first
+        return other is None or bool((other == 1.0).all())
+    return bool((first == second).all())
 
 
 def _at_start(

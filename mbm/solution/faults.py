@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from mbm.problem.naming import key_text
 from mbm.text.types import Code, Diagnostic, Label, Place, Severity, Span
 
@@ -19,6 +21,12 @@ TOO_MANY_UNKNOWNS = Code(
     "too-many-unknowns",
     "The Jacobian is held as a dense matrix here, and this one would not fit in the memory it may take.",
     "Solve in parts (`for-each`, `window`), or fix or drop unknowns.",
+)
+NO_CLOSED_FORM = Code(
+    "no-closed-form",
+    "`:method closed-form`, or the name of one, asks for an answer without iteration; the equations are of no kind for "
+    "which one is known, or the rows are too few or in a degenerate position for it.",
+    "Leave `:method` out: closed forms are tried first anyway, and what they do not give is searched for.",
 )
 OPTION_NOT_FINITE = Code(
     "option-not-finite",
@@ -38,9 +46,41 @@ NOISE_NOT_ESTIMATED = Code(
 
 TOO_MANY_SOLVES = Code(
     "too-many-solves",
-    "The columns of `for-each` stand in different tables, and all combinations of their values are too many.",
-    "Put the columns into one table: then only the combinations that occur are solved.",
+    "The columns of `for-each` stand in different tables, and all combinations of their values are too many; or the "
+    "steps of `window` are so short that there are too many windows.",
+    "Put the columns into one table: then only the combinations that occur are solved. Lengthen the step of `window`.",
 )
+
+TOO_NONLINEAR = Code(
+    "too-nonlinear",
+    "The model bends so much within the uncertainty of an estimate that its standard deviation misleads: an end of the "
+    "true 95 % interval lies more than a quarter nearer or farther than the ±1.96 standard deviations stated (a "
+    "warning).",
+    "Read the interval as asymmetric, as the message says; add data, or estimate another function of the unknown (its "
+    "logarithm, its reciprocal) in which the model is closer to linear.",
+)
+NOISE_AGAINST_DATA = Code(
+    "noise-against-data",
+    "The residuals are far larger than the stated noise allows, so either the noise or the model is wrong, or rows are "
+    "outliers; the standard deviations follow the stated noise and are then too small (a warning).",
+    "Look at the residuals; correct `:sigma`, use `:sigma (unknown FORM)`, add what the model lacks, or use `:robust`.",
+)
+PRIOR_AGAINST_DATA = Code(
+    "prior-against-data",
+    "A prior lies more than four standard deviations from what the data say without it: one of the two is wrong (a "
+    "warning).",
+    "Check the prior's mean and sigma, and the data; widen the prior.",
+)
+ANOTHER_SOLUTION = Code(
+    "another-solution",
+    "Several starts were tried, and another minimum fits the data as well as the one that is reported, or so nearly that "
+    "the noise may have decided between them (a warning). It stands among the `alternatives`.",
+    "Measure something that tells the two apart, or exclude one with `:in` or a constraint.",
+)
+FARTHEST = 10.0
+"""Multiples of a stated interval that are told apart."""
+MOST_NAMED = 6
+"""Numbers of one unknown that a message lists."""
 
 
 def no_equations(unknowns: int, place: Place | None = None) -> Diagnostic:
@@ -103,10 +143,83 @@ def noise_not_estimated(span: Span, name: str, why: str) -> Diagnostic:
     )
 
 
+def no_closed_form(place: Place | None, routine: str | None) -> Diagnostic:
+    """An answer without iteration that nobody knows."""
+    what = "no closed form" if routine is None else f"the closed form `{routine}` does not"
+    verb = "gives" if routine is None else "give"
+    return Diagnostic(
+        code=NO_CLOSED_FORM,
+        message=f"{what} {verb} the unknowns of these equations",
+        place=place,
+        hint=NO_CLOSED_FORM.mend,
+    )
+
+
 def too_many_solves(columns: tuple[str, ...], count: int, limit: int) -> Diagnostic:
     """Keys of different tables that combine to more problems than can be meant."""
     return Diagnostic(
         code=TOO_MANY_SOLVES,
         message=f"`for-each {' '.join(columns)}` combines to {count} problems; at most {limit} are tried",
-        hint=TOO_MANY_SOLVES.mend,
+        hint="put the columns into one table: then only the combinations that occur are solved",
+    )
+
+
+def too_many_windows(place: Place, count: int, limit: int) -> Diagnostic:
+    """Steps so short beside the span of the data that nobody can mean it."""
+    return Diagnostic(
+        code=TOO_MANY_SOLVES,
+        message=f"`window` makes {count} problems; at most {limit} are tried",
+        place=place,
+        hint="lengthen the step: it is counted in the unit of the column, in SI without one",
+    )
+
+
+def too_nonlinear(span: Span, ends: Sequence[str]) -> Diagnostic:
+    """``ends`` says of each number of an unknown how far its interval really reaches on both sides."""
+    more = f", and {len(ends) - MOST_NAMED} more" if len(ends) > MOST_NAMED else ""
+    return Diagnostic(
+        code=TOO_NONLINEAR,
+        message=f"too nonlinear for its standard deviation; the 95 % interval reaches, against the stated one: "
+        f"{'; '.join(ends[:MOST_NAMED])}{more}",
+        place=span,
+        hint=TOO_NONLINEAR.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def noise_against_data(span: Span, sigma0: float, probability: float) -> Diagnostic:
+    """The χ² test fails beyond doubt."""
+    chance = f"{probability:.1g}" if probability > 0.0 else "0"
+    return Diagnostic(
+        code=NOISE_AGAINST_DATA,
+        message=f"the residuals are {sigma0:.3g} times as large as the stated noise lets expect (p = {chance})",
+        place=span,
+        hint=NOISE_AGAINST_DATA.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def prior_against_data(span: Span, name: str, innovation: float) -> Diagnostic:
+    """``innovation``: the distance in standard deviations."""
+    return Diagnostic(
+        code=PRIOR_AGAINST_DATA,
+        message=f"the prior `{name}` lies {innovation:.2g} standard deviations from what the data say without it",
+        place=span,
+        hint=PRIOR_AGAINST_DATA.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def another_solution(place: Place | None, count: int, cost: float, best: float, *, mirrored: bool) -> Diagnostic:
+    """Of ``count`` other minima that fit about as well as the best, the first costs ``cost``."""
+    others = "another solution fits" if count == 1 else f"{count} other solutions fit"
+    what = " (the mirror image)" if mirrored and count == 1 else ""
+    return Diagnostic(
+        code=ANOTHER_SOLUTION,
+        message=f"{others} as well{what}: its cost is {cost:.6g}, that of the solution reported {best:.6g}"
+        if count == 1
+        else f"{others} as well: the first costs {cost:.6g}, the solution reported {best:.6g}",
+        place=place,
+        hint=ANOTHER_SOLUTION.mend,
+        severity=Severity.WARNING,
     )

@@ -58,13 +58,15 @@ class Entry:
 class Layout:
     """The vector of all numbers (N,) and that of all coordinates (M,), in SI.
 
-    ``start`` (N,) holds NaN where none is known. Per coordinate: bounds, masks, and ``number``, the place of the number
+    ``start`` (N,) holds NaN where none is known; ``guessed`` (N,) marks those that are but the middle of a range. Per
+    coordinate: bounds, masks, and ``number``, the place of the number
     that a step adds to, -1 where it turns or scales something (``curved``).
     """
 
     entries: tuple[Entry, ...]
     by_name: Mapping[str, Entry] = field(repr=False)
     start: Floats
+    guessed: Mask
     lower: Floats
     upper: Floats
     start_lower: Floats
@@ -157,7 +159,9 @@ def layout(problem: Problem, tables: Mapping[str, Table], starts: Mapping[str, F
         angle[place] = np.tile(angles, entry.members)
         if entry.unknown.fixed is not None:
             fixed[place] = decided(entry.unknown.fixed, tables).reshape(-1)
+    guessed = np.isnan(start)
     _middles(start, number, (lower, upper), (start_lower, start_upper))
+    guessed &= ~np.isnan(start)
     for entry in entries:
         if entry.unknown.kind is UnknownKind.POSITIVE and bool((start[entry.range] <= 0).any()):
             raise MbmError(problem_faults.start_not_positive(entry.unknown.span, entry.unknown.name))
@@ -169,6 +173,7 @@ def layout(problem: Problem, tables: Mapping[str, Table], starts: Mapping[str, F
         entries=tuple(entries),
         by_name={e.unknown.name: e for e in entries},
         start=start,
+        guessed=guessed,
         lower=lower,
         upper=upper,
         start_lower=start_lower,
@@ -237,7 +242,7 @@ def _checked(entry: Entry, found: Floats, values: RowValues) -> Floats:
 
 def _start(entry: Entry, tables: Mapping[str, Table], starts: Mapping[str, Floats]) -> Floats:
     """The starts of an unknown: those given from outside (NaN: not given), else what the problem says."""
-    given = _given_start(entry, starts.get(entry.unknown.name))
+    given = given_numbers(entry, starts.get(entry.unknown.name))
     if not bool(np.isnan(given).any()) or entry.unknown.start is None:
         return given
     values = entry.unknown.start
@@ -247,7 +252,15 @@ def _start(entry: Entry, tables: Mapping[str, Table], starts: Mapping[str, Float
     return np.where(np.isnan(given), numbers, given)
 
 
-def _given_start(entry: Entry, given: Floats | None) -> Floats:
+def given_numbers(entry: Entry, given: Floats | None) -> Floats:
+    """The numbers of an unknown (of all its members) that are given from outside, NaN where none is.
+
+    One number stands for all components of plain numbers, one member for all members.
+
+    Raises:
+        MbmError: there are too many or too few, or one is not finite.
+
+    """
     unknown = entry.unknown
     if given is None:
         return np.full(entry.count, np.nan)

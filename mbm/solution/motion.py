@@ -44,7 +44,7 @@ def _classified(equations: Equations, minimum: Minimum, combination: FreeCombina
 
 
 def _invisible(equations: Equations, minimum: Minimum, indices: np.ndarray, step: Floats) -> bool:
-    expected = float(np.abs(minimum.jacobian[:, indices] * step[indices]).sum(axis=1).max(initial=0.0))
+    expected = float(abs(minimum.jacobian[:, indices] * step[indices]).sum(axis=1).max(initial=0.0))
     with np.errstate(all="ignore"):
         change = equations.residuals(equations.retract(minimum.point, step)) - minimum.residuals
     largest = float(np.abs(change).max(initial=0.0))

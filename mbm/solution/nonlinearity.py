@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbm.solution.types import Covariance, Equations, Floats, Minimum
+from mbm.solution.types import Covariance, Equations, Floats, Indices, Minimum
 
 NORMAL_95 = 1.959963984540054
 """The 97.5 % quantile of the normal distribution."""
@@ -23,6 +23,12 @@ TOLERATED = 0.25
 """Share by which an end of a 95 % interval may miss the one stated. At it, a tail of 2.5 % is in truth one of 0.5 % or
 7 %, and the interval as a whole covers 93 to 95 %: about what people still call the same. Of the 27 sets of StRD, those
 that textbooks call badly behaved are above it, and no common geometry (ranges, corners of a desk) is near."""
+
+ORTHONORMAL = 1e-6
+"""How far Jᵀ J may be from the inverse covariance for the check to make sense; ill-conditioned sets stay below 1e-8."""
+
+SAME = 1e-6
+"""Relative difference of the cost at the minimum beyond which it is one of other equations (errors in the variables)."""
 
 MOST_COORDINATES = 100
 MOST_RESIDUALS = 200_000
@@ -41,30 +47,37 @@ class IntervalEnds:
     upper: Floats
 
     @property
-    def doubtful(self) -> Floats:
+    def doubtful(self) -> Indices:
         """Positions (from 0) of the coordinates whose stated interval misses an end by more than TOLERATED."""
         off = np.maximum(np.abs(self.lower - 1.0), np.abs(self.upper - 1.0))
         return np.flatnonzero(off > TOLERATED)
 
 
 @np.errstate(all="ignore")
-def interval_ends(
-    equations: Equations, minimum: Minimum, estimated: Covariance, variance: float
-) -> IntervalEnds | None:
-    """The ends of the 95 % intervals against the stated ones; None where there is nothing to find out, or too much.
+def interval_ends(equations: Equations, minimum: Minimum, estimated: Covariance) -> IntervalEnds | None:
+    """The ends of the 95 % intervals against the stated ones.
 
-    ``variance`` is the s² that ``estimated`` was multiplied with: 1 for stated noise.
+    None where there is nothing to find out or too much to do, and where the covariance is not the inverse of the normal
+    equations at hand (robust losses) or the cost not theirs (errors in the variables): they then say nothing about it.
     """
     known = np.flatnonzero(np.isfinite(estimated.sigma) & (estimated.sigma > 0.0))
     m = len(minimum.residuals)
-    if equations.linear or not known.size or not np.isfinite(variance) or variance <= 0.0:
+    if equations.linear or not known.size or equations.count != m or not minimum.reason.converged:
         return None
     if known.size > MOST_COORDINATES or 2 * known.size * m > MOST_RESIDUALS:
         return None
     factor = estimated.factor
-    tangent = minimum.jacobian @ (factor / np.sqrt(variance))
+    image = minimum.jacobian @ factor
+    gram = image.T @ image
+    variance = float(np.trace(gram)) / len(gram)
+    if not np.isfinite(variance) or np.abs(gram / variance - np.eye(len(gram))).max() > ORTHONORMAL:
+        return None
+    tangent = image / np.sqrt(variance)
     along = factor[known] / estimated.sigma[known, None]
     steps = NORMAL_95 * (along @ factor.T)
+    centre = equations.residuals(minimum.point)
+    if not abs(float(centre @ centre) - minimum.cost) <= SAME * max(minimum.cost, 1.0):
+        return None
     points = [equations.retract(minimum.point, sign * step) for sign in (-1.0, 1.0) for step in steps]
     residuals = np.stack([equations.residuals(point) for point in points])
     seen = residuals @ tangent

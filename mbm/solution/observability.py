@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbm.solution.freedom import TOUCHED, free_combinations
 from mbm.solution.metric import metric
+from mbm.solution.sparse.observability import sparse_observability
 from mbm.solution.triangle import triangle
-from mbm.solution.types import Floats, FreeCombination, Indices, Mask, Minimum, Observability
+from mbm.solution.types import Floats, Indices, Mask, Minimum, Observability
 
 CERTAIN = 1e-12
 """Singular values of the column-scaled Jacobian below this share of the largest are zero: derivatives carry roundings
@@ -20,9 +22,6 @@ GAP = 1e4
 """Between CERTAIN and SUSPECT they are zero where a gap this wide parts them from the larger ones: differences of large
 coordinates (grid coordinates of millions of metres) leave dependences with errors of 1e-10. An ill-conditioned but
 determined problem (a polynomial of high degree) has singular values that fall step by step, without such a gap."""
-
-TOUCHED = 1e-6
-"""A coordinate whose share in an orthonormal free direction is below this is not touched by it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -103,6 +102,8 @@ def observed_at(minimum: Minimum, point: Floats, jacobian: Floats | None = None)
 
     ``jacobian`` (m, n) stands in for the minimum's own.
     """
+    if minimum.blocks is not None:
+        return sparse_observability(minimum, minimum.blocks, point)
     surface, held = None, minimum.constraints
     if held is not None and bool(held.forcing.any()):
         surface = Surface(slopes=held.slopes[held.forcing], equality=held.equality[held.forcing])
@@ -136,45 +137,3 @@ def decided_rank(singular: Floats) -> int:
         if following <= CERTAIN or (following <= SUSPECT and following * GAP <= float(shares[rank - 1])):
             return rank
     return int(singular.size)
-
-
-def free_combinations(null_space: Floats, scale: Floats, point: Floats) -> tuple[FreeCombination, ...]:
-    """A readable basis of the free directions: few coordinates in each, separate groups apart.
-
-    ``null_space`` (n, k) in scaled coordinates. Gauss-Jordan elimination with complete pivoting: each direction has a
-    coordinate of its own that no other moves, and what falls apart into groups comes out in groups.
-    """
-    rows = np.array(null_space.T)
-    pivots: list[int] = []
-    for done in range(rows.shape[0]):
-        best, column = divmod(int(np.argmax(np.abs(rows[done:]))), rows.shape[1])
-        rows[[done, done + best]] = rows[[done + best, done]]
-        rows[done] /= rows[done, column]
-        others = np.flatnonzero(np.arange(rows.shape[0]) != done)
-        rows[others] -= np.outer(rows[others, column], rows[done])
-        pivots.append(column)
-    order = np.argsort(np.array(pivots, dtype=np.int64), kind="stable")
-    return tuple(_combination(rows[i], scale, point) for i in order)
-
-
-def _combination(direction: Floats, scale: Floats, point: Floats) -> FreeCombination:
-    indices = np.flatnonzero(np.abs(direction) > TOUCHED * np.abs(direction).max())
-    movement = direction[indices] / scale[indices]
-    values = point[indices]
-    significant = bool((values != 0.0).all())
-    if significant:
-        relative = movement / values
-        largest = relative[int(np.argmax(np.abs(relative)))]
-        significant = bool(np.isfinite(relative / largest).all())
-    if not significant:
-        largest = movement[int(np.argmax(np.abs(movement)))]
-        return FreeCombination(
-            indices=tuple(int(i) for i in indices),
-            coefficients=tuple(float(v) for v in movement / largest),
-            relative=None,
-        )
-    return FreeCombination(
-        indices=tuple(int(i) for i in indices),
-        coefficients=tuple(float(v) for v in movement / largest),
-        relative=tuple(float(v) for v in relative / largest),
-    )

@@ -9,6 +9,7 @@ from mbm.problem.rows import rows_of
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Problem
 from mbm.solution.layout import layout
+from mbm.solution.selection import selections
 from mbm.solution.whitening import whitener
 from mbm.text.types import Diagnostic, MbmError
 
@@ -18,6 +19,10 @@ def refusals(problem: Problem, tables: Mapping[str, Table]) -> list[Diagnostic]:
     found: list[Diagnostic] = []
     try:
         layout(problem, tables, {})
+    except MbmError as error:
+        found.extend(error.diagnostics)
+    try:
+        selections(problem, tables)
     except MbmError as error:
         found.extend(error.diagnostics)
     for block in problem.blocks:

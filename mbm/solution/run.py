@@ -11,10 +11,13 @@ from mbm.kernels.types import KernelSet
 from mbm.problem.builder import Elaborated
 from mbm.problem.tables import CellKey
 from mbm.solution.binding import EvaluationCache
+from mbm.solution.closed_forms.standard import STANDARD
+from mbm.solution.closed_forms.types import ClosedForm
 from mbm.solution.estimate import estimate
 from mbm.solution.selection import Selection, selections
+from mbm.solution.interruption import Interruption
 from mbm.solution.settings import settings_of
-from mbm.solution.solution import Failure, Solution
+from mbm.solution.solution import Failure, Skipped, Solution
 from mbm.solution.types import Floats
 from mbm.text.types import MbmError
 
@@ -27,24 +30,35 @@ class Solutions:
     """The number of solves, and the solves as they are made."""
 
     count: int
-    each: Iterator[Solution | Failure]
+    each: Iterator[Solution | Failure | Skipped]
 
 
-def solutions(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, starts: StartsFinder) -> Solutions:
-    """The solves that the problem's ``for-each`` asks for; one without it.
+def solutions(
+    found: Elaborated,
+    kernels: KernelSet,
+    cache: EvaluationCache,
+    starts: StartsFinder,
+    interruption: Interruption | None = None,
+    closed_forms: tuple[ClosedForm, ...] = STANDARD,
+) -> Solutions:
+    """The solves that the problem's ``for-each`` and ``window`` ask for; one without them.
 
-    One of several solves that cannot be set up is a ``Failure``, and the others go on.
+    One of several solves that cannot be set up is a ``Failure``, and the others go on. A window starts from the last
+    one where that is better; one with too few rows is ``Skipped``. An ``interruption`` ends the solve at work, and makes no further ones.
 
     Raises:
         MbmError: the only solve cannot be set up.
     """
     problem = found.problem
     request = problem.request
-    settings = settings_of(request)
+    settings = settings_of(request, interruption, closed_forms)
     given = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
     count, picked = selections(problem, found.tables)
+    window = request.window
 
-    def solve(selection: Selection) -> Solution | Failure:
+    def solve(selection: Selection, last: Solution | None) -> Solution | Failure | Skipped:
+        if window is not None and selection.rows is not None and selection.rows < window.min_rows:
+            return Skipped(key=selection.key, rows=selection.rows, wanted=window.min_rows)
         try:
             return estimate(
                 problem,
@@ -54,10 +68,23 @@ def solutions(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, sta
                 starts={**starts(selection.key), **given},
                 settings=settings,
                 cache=cache,
+                last=last,
             )
         except MbmError as error:
             if not selection.key:
                 raise
             return Failure(key=selection.key, diagnostics=error.diagnostics)
 
-    return Solutions(count, map(solve, picked))
+    def each() -> Iterator[Solution | Failure | Skipped]:
+        last: Solution | None = None
+        if interruption is not None:
+            interruption.listen()
+        for selection in picked:
+            if settings.stopped():
+                return
+            solved = solve(selection, last)
+            if window is not None and isinstance(solved, Solution):
+                last = solved if np.isfinite(solved.minimum.cost) else last
+            yield solved
+
+    return Solutions(count, each())

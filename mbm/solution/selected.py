@@ -1,4 +1,4 @@
-"""The tables of one solve among many: rows are taken when a table is asked for, for many solves use few of the tables."""
+"""The tables of one solve among many: rows are taken when a table is asked for, because most are never asked for."""
 
 from __future__ import annotations
 

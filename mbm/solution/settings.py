@@ -5,11 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mbm.problem.types import Consensus, ConstraintMethod, Gauge, GivenStarts, Method, RandomStarts, Request
+from mbm.solution.closed_forms.standard import STANDARD
+from mbm.solution.closed_forms.types import ClosedForm
+from mbm.solution.interruption import Interruption
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """``tolerance`` bounds the relative offset: the next step in standard deviations of the estimates."""
+    """``tolerance`` bounds the relative offset: the next step in standard deviations of the estimates.
+
+    ``closed_forms`` are those that may give starts, in the order in which they are tried. ``interruption`` is asked
+    between iterations, through ``stopped()``.
+    """
 
     method: Method = Method.AUTO
     routine: str | None = None
@@ -20,10 +27,18 @@ class Settings:
     seed: int = 1
     max_iterations: int = 100
     tolerance: float = 1e-10
+    interruption: Interruption | None = None
+    closed_forms: tuple[ClosedForm, ...] = STANDARD
+
+    def stopped(self) -> bool:
+        """The solve is to end with the best point so far."""
+        return self.interruption is not None and self.interruption.requested
 
 
-def settings_of(request: Request) -> Settings:
-    """What a problem asks of the solver."""
+def settings_of(
+    request: Request, interruption: Interruption | None = None, closed_forms: tuple[ClosedForm, ...] = STANDARD
+) -> Settings:
+    """What a problem asks of the solver, with the closed forms that are plugged in."""
     return Settings(
         method=request.method,
         routine=request.routine,
@@ -34,4 +49,6 @@ def settings_of(request: Request) -> Settings:
         seed=request.seed,
         max_iterations=request.max_iterations,
         tolerance=request.tolerance,
+        interruption=interruption,
+        closed_forms=closed_forms,
     )

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from mbm.problem.tables import CellKey, Table
 from mbm.solution.binding import Group
+from mbm.solution.implicit.types import CorrectedColumn
 from mbm.solution.layout import Layout
 from mbm.solution.search import Alternative, Tally
-from mbm.solution.types import Covariance, Fit, Floats, Indices, Minimum, Noise, Observability
+from mbm.solution.types import Covariance, Fit, Floats, Indices, Mask, Minimum, Noise, Observability
 from mbm.text.types import Diagnostic
 
 
@@ -37,6 +38,15 @@ class Failure:
     diagnostics: tuple[Diagnostic, ...]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Skipped:
+    """A window with fewer rows than it should have: nothing was solved, and nothing is wrong."""
+
+    key: Mapping[str, CellKey]
+    rows: int
+    wanted: int
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solution:
     """One solve.
@@ -44,19 +54,24 @@ class Solution:
     ``numbers`` (N,) are all unknowns in SI, ``free`` the positions of the estimated coordinates; ``noise`` has an entry
     for each block with an unknown factor; ``factors`` are the noise factors per residual that the estimates hold with
     (None: all 1); ``residuals`` are all whitened ones without losses, those of rows left out included, ``weights``
-    (same shape, None: all 1) what they counted; ``unused`` are coordinates of members that no equation mentions.
-    ``origin`` says where the start came from.
+    (same shape, None: all 1) what they counted, ``outliers`` which of them are taken for such (None: none);
+    ``robust_cost`` is the sum of the losses, None without one; ``unused`` are coordinates of members that no equation
+    mentions. ``origin`` says where the start came from.
+    ``corrections`` has those of measured columns with errors.
     """
 
     key: Mapping[str, CellKey]
     tables: Mapping[str, Table]
     layout: Layout
     groups: tuple[Group, ...]
+    constraints: tuple[Group, ...]
     numbers: Floats
     free: Indices
     minimum: Minimum
     residuals: Floats
     weights: Floats | None
+    outliers: Mask | None
+    robust_cost: float | None
     alternatives: tuple[Alternative, ...]
     tally: Tally | None
     origin: str
@@ -69,6 +84,7 @@ class Solution:
     factors: Floats | None
     sigma_known: bool
     unused: Indices
+    corrections: tuple[CorrectedColumn, ...] = ()
     method: str
     iterations: int
     evaluations: int

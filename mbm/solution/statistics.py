@@ -9,9 +9,10 @@ import numpy as np
 
 from mbm.problem.types import Problem
 from mbm.solution import faults
-from mbm.solution.assembly import Assembled
+from mbm.solution.assembly import Assembled, loss_lines
 from mbm.solution.covariance import covariance
 from mbm.solution.observability import observed_at
+from mbm.solution.robust.covariance import sandwich
 from mbm.solution.types import Covariance, Fit, Floats, Mask, Minimum, Noise, NoiseState, Observability
 from mbm.solution.variance import fit_statistics
 from mbm.text.types import Diagnostic
@@ -44,17 +45,21 @@ def statistics(
     factors: Floats | None,
 ) -> Statistics:
     """Cost, degrees of freedom and covariance; a single unknown factor counts as σ = 1 in the cost (CONTRACT §2)."""
-    cost, variance, known = minimum.cost, 1.0, True
+    plain = equations.plain_residuals(minimum.point) if equations.lossy else minimum.residuals
+    cost, variance, known = float(plain @ plain) if equations.lossy else minimum.cost, 1.0, True
     if len(noise) == 1 and factors is not None:
-        residuals = minimum.residuals.copy()
         rows = equations.block_rows(next(iter(noise)))
-        residuals[rows] *= factors[rows]
+        residuals = plain.copy()
+        residuals[rows] *= equations.picked(factors)[rows]
         cost = float(residuals @ residuals)
     elif len(noise) == 1:
         only = next(iter(noise.values()))
         variance = only.factor**2 if only.state is NoiseState.ESTIMATED else 0.0
         known = only.state is not NoiseState.NO_REDUNDANCY
-    estimated = covariance(observed, variance)
+    if equations.lossy:
+        estimated = sandwich(loss_lines(equations), plain, equations.plain_jacobian(minimum.point), observed)
+    else:
+        estimated = covariance(observed, variance)
     alternative = _alternative(equations, minimum, noise) if factors is not None else None
     if alternative is not None:
         estimated = _masked(estimated, changed(estimated.matrix, alternative[1].matrix))
@@ -68,7 +73,11 @@ def statistics(
         covariance=estimated,
         alternative=alternative,
         fit=fit_statistics(
-            cost, equations.count, observed.rank, noise_stated=not noise, equalities=observed.equalities
+            cost,
+            equations.count,
+            observed.rank,
+            noise_stated=not noise and not equations.lossy,
+            equalities=observed.equalities,
         ),
         sigma_known=known,
         diagnostics=diagnostics,
@@ -78,9 +87,9 @@ def statistics(
 def _alternative(
     equations: Assembled, minimum: Minimum, noise: Mapping[int, Noise]
 ) -> tuple[Observability, Covariance] | None:
-    """The covariance if the noise that the residuals cannot tell were twice as large."""
+    """The covariance if the noise that the residuals cannot tell were twice as large; not of sparse problems."""
     untold = [i for i, n in noise.items() if n.state is NoiseState.NO_REDUNDANCY]
-    if not untold:
+    if not untold or minimum.blocks is not None:
         return None
     jacobian = minimum.jacobian.copy()
     for number in untold:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from mbm.solution.sparse.inverse import SparseInverse
+    from mbm.solution.sparse.structure import BlockJacobian
 
 Floats: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
@@ -74,17 +78,42 @@ class Equations(Protocol):
         ...
 
 
+@runtime_checkable
+class Profiled(Protocol):
+    """What equations have besides where corrections of measured values may have been eliminated from them.
+
+    ``profiled``: ``residuals`` and ``jacobian`` give the exact cost and, by their product, its exact gradient, but the
+    Jacobian is not the derivative of the residuals.
+    """
+
+    @property
+    def profiled(self) -> bool:
+        """Something was eliminated."""
+        ...
+
+
+@runtime_checkable
+class Correctable(Profiled, Protocol):
+    """Equations that can also be had without the corrections."""
+
+    def uncorrected(self) -> Equations:
+        """The same equations with all measured values taken as exact."""
+        ...
+
+
 class Reason(Enum):
     """Why a solver stopped. ``name`` is for programs, ``sentence`` for people."""
 
     SMALL_OFFSET = ("converged", "the next step is negligible beside the uncertainty of the estimates")
     ROUNDING = ("converged", "no step improves the fit beyond rounding")
     EXACT_FIT = ("converged", "the residuals are zero to rounding")
+    CLOSED_FORM = ("converged", "this is the answer of the closed form, as was asked")
     ONE_STEP = ("converged", "the equations are linear and were solved in one step")
     FLAT = ("not-converged", "the fit no longer improves, but the next step is not small: the minimum may lie far off")
     MAX_ITERATIONS = ("not-converged", "the limit of iterations was reached before the estimates settled")
     NOT_FINITE_AT_START = ("not-converged", "an equation has no finite value at the initial values")
     INTERRUPTED = ("not-converged", "the solve was interrupted; this is the best point so far")
+    NO_AGREEMENT = ("not-converged", "fewer than half of the measurements agree with any one solution")
     INFEASIBLE = ("infeasible", "no point meets all constraints")
     JACOBIAN_NOT_FINITE_AT_START = ("not-converged", "a derivative of an equation is not finite at the initial values")
     NO_FINITE_STEP = ("not-converged", "every step, however short, leads to an equation without a finite value")
@@ -151,6 +180,7 @@ class Minimum:
     ``at_bound`` (n,) holds -1 and +1 for coordinates held at their lower and upper bound, 0 elsewhere; ``offset`` is
     the relative offset (Bates and Watts 1981) of the free coordinates, 0 at a perfect minimum; ``bad_row`` is the first
     residual (0-based) that is not finite where the reason speaks of one; constraints count on after the residuals.
+    With ``blocks`` the problem is sparse: ``jacobian`` is a SciPy CSR array.
     """
 
     point: Floats
@@ -164,6 +194,7 @@ class Minimum:
     at_bound: NDArray[np.int8]
     bad_row: int | None = None
     constraints: ConstraintState | None = None
+    blocks: BlockJacobian | None = field(default=None, repr=False)
     trace: tuple[TraceEntry, ...] = field(default=(), repr=False)
 
 
@@ -220,6 +251,28 @@ class FreeCombination:
     motion: Motion = Motion.TANGENT
 
 
+class CommonMotion(Enum):
+    """A motion of everything at once; the value names it."""
+
+    TRANSLATION = "translation"
+    ROTATION = "rotation"
+    SCALE = "scale"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GaugeMotion:
+    """A motion of the whole scene that no equation notices, in ``dimensions`` directions; ``unknowns`` take part.
+
+    ``axes`` are the directions where not all of them are free: the coordinate axes (from 0) of a translation, or the
+    axis of a rotation.
+    """
+
+    motion: CommonMotion
+    dimensions: int
+    unknowns: tuple[str, ...]
+    axes: tuple[int, ...] = ()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Observability:
     """The rank decision at a point.
@@ -229,8 +282,10 @@ class Observability:
     ``condition`` of the column-scaled Jacobian on its estimable part; ``singular_values`` of the scaled Jacobian,
     descending; ``unused`` coordinates whose column is exactly zero; ``combinations`` that are free beside those;
     ``scale`` (n,) the column norms (1 for empty columns); ``row_space`` (n, rank − equalities) and ``null_space``
-    (n, k) orthonormal bases in scaled coordinates ``scale · step``; ``estimable`` (n,) False where a free combination or an unused
-    coordinate touches; ``fixed`` (n,) the coordinates held at a bound.
+    (n, k) orthonormal bases in scaled coordinates ``scale · step``; ``estimable`` (n,) False where a free
+    combination or an unused coordinate touches; ``fixed`` (n,) the coordinates held at a bound. ``gauge`` names the common motions among what is
+    free; ``datum`` of their dimensions were settled by the minimum-norm datum, and are in no ``null_space`` any more.
+    ``inverse`` stands in for ``row_space`` (then empty) where there are very many coordinates.
     """
 
     dimension: int
@@ -245,11 +300,14 @@ class Observability:
     estimable: Mask
     fixed: Mask
     equalities: int = 0
+    gauge: tuple[GaugeMotion, ...] = ()
+    datum: int = 0
+    inverse: SparseInverse | None = field(default=None, repr=False)
 
     @property
     def observable(self) -> bool:
-        """Every free coordinate is determined by the equations."""
-        return self.rank == self.dimension
+        """Every free coordinate is determined by the equations, or by the datum that was asked for."""
+        return self.rank + self.datum == self.dimension
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -259,11 +317,13 @@ class Covariance:
     ``matrix`` (n, n) holds NaN in the rows and columns of coordinates that a free combination touches and 0 for those
     fixed at a bound; ``sigma`` (n,) its root diagonal; ``factor`` (n, rank) with ``factor @ factor.T`` the covariance
     on the estimable subspace (minimum norm in the scaled metric), from which derived quantities are propagated.
+    ``variance`` is the estimated s² in it. Of sparse problems ``factor`` is empty, and ``matrix`` where it is large.
     """
 
     matrix: Floats
     sigma: Floats
     factor: Floats
+    variance: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -8,6 +8,7 @@ from math import sqrt
 import numpy as np
 
 from mbm.solution.gamma import chi_square_tail
+from mbm.solution.sparse.structure import BlockJacobian
 from mbm.solution.types import Components, Fit, Floats, Indices, Noise, NoiseState, Observability
 
 Reweighted = Callable[[Floats], tuple[Floats, Floats]]
@@ -39,11 +40,14 @@ def fit_statistics(cost: float, rows: int, rank: int, noise_stated: bool, equali
 
 
 @np.errstate(all="ignore")
-def redundancy_numbers(jacobian: Floats, observed: Observability) -> Floats:
+def redundancy_numbers(jacobian: Floats, observed: Observability, blocks: BlockJacobian | None = None) -> Floats:
     """Share of each row (m,) that shows in its residual: 1 - the diagonal of the hat matrix; their sum is m - rank.
 
-    Förstner (1979). 0: the row determines something that nothing else does; 1: it determines nothing.
+    Förstner (1979). 0: the row determines something that nothing else does; 1: it determines nothing. ``blocks`` is
+    the Jacobian of a sparse problem.
     """
+    if observed.inverse is not None and blocks is not None:
+        return np.clip(1.0 - observed.inverse.leverages(blocks.values, observed.fixed), 0.0, 1.0)
     rank = observed.row_space.shape[1]
     left = (jacobian / observed.scale) @ (observed.row_space / observed.singular_values[:rank])
     numbers: Floats = np.clip(1.0 - np.square(left).sum(axis=1), 0.0, 1.0)

@@ -13,7 +13,7 @@ from mbm.problem import faults
 from mbm.problem.rows import Positions, lookup
 from mbm.problem.tables import Table
 from mbm.problem.types import Equation, NoiseKind
-from mbm.solution.types import Floats
+from mbm.solution.types import Floats, Indices, Mask
 from mbm.text.types import MbmError
 
 
@@ -21,12 +21,26 @@ from mbm.text.types import MbmError
 class Whitener:
     """What makes the components ``first … last`` of a row's outputs independent with variance 1.
 
-    ``weights`` has shape (rows, k) (factors), or (rows, k, k) (matrices).
+    ``weights`` has shape (rows, k) (factors), or (rows, k, k) (matrices). ``exact`` (rows, k) are components without
+    noise of their own (None: there are none); their factor is 1.
     """
 
     first: int
     last: int
     weights: Floats
+    exact: Mask | None = None
+
+    @property
+    def noisy(self) -> Mask:
+        """Which components have noise of their own (rows, k)."""
+        if self.exact is None:
+            return np.ones(self.weights.shape[:2], dtype=bool)
+        return ~self.exact
+
+    def some(self, rows: Indices) -> Whitener:
+        """The whitener of some rows."""
+        exact = None if self.exact is None else self.exact[rows]
+        return Whitener(self.first, self.last, self.weights[rows], exact)
 
     def apply(self, values: Floats) -> Floats:
         """Whitened values, shape (rows, k), from outputs of shape (rows, outputs)."""
@@ -37,9 +51,15 @@ class Whitener:
 
 
 def whitener(
-    equation: Equation, first: int, table: Table | None, positions: Positions | None, tables: Mapping[str, Table]
+    equation: Equation,
+    first: int,
+    table: Table | None,
+    positions: Positions | None,
+    tables: Mapping[str, Table],
+    *,
+    may_be_exact: bool = False,
 ) -> Whitener:
-    """The whitener of one equation for the rows at ``positions``.
+    """The whitener of one equation for the rows at ``positions``; with ``may_be_exact`` sigmas may be zero.
 
     Raises:
         MbmError: a sigma that is not above zero, or a matrix that is not symmetric and positive definite.
@@ -51,10 +71,13 @@ def whitener(
     for j, column in enumerate(evaluate(equation.noise, lookup(table, positions, tables))):
         noise[:, j] = column
     if equation.noise_kind is NoiseKind.SIGMA:
-        wrong = ~(noise > 0) | ~np.isfinite(noise)
+        exact = (noise == 0) & may_be_exact
+        wrong = (~(noise > 0) & ~exact) | ~np.isfinite(noise)
         if bool(wrong.any()):
             row, j = np.argwhere(wrong)[0]
             raise _bad(equation, f"a sigma is {noise[row, j]:g}", table, positions, int(row))
+        if bool(exact.any()):
+            return Whitener(first, first + size, 1.0 / np.where(exact, 1.0, noise), exact)
         return Whitener(first, first + size, 1.0 / noise)
     matrices = noise.reshape(rows, size, size)
     return Whitener(first, first + size, _roots(equation, matrices, table, positions))

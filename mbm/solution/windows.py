@@ -18,6 +18,9 @@ from mbm.text.types import MbmError
 ROUNDING = 1e-9
 """Part of a step by which times may miss the end of a window: steps such as 0.1 are not exact in binary."""
 
+BEYOND = 1e18
+"""More windows than anybody can mean; their number has to be finite to be reported."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Timed:
@@ -66,9 +69,7 @@ class Windows:
         return end
 
 
-def windows(
-    problem: Problem, window: Window, tables: Mapping[str, Table], chosen: Mapping[str, Positions]
-) -> Windows:
+def windows(problem: Problem, window: Window, tables: Mapping[str, Table], chosen: Mapping[str, Positions]) -> Windows:
     """The windows over the rows at the ``chosen`` positions (all rows of tables not named).
 
     Ends go from the first row to the last of the tables that observations use, or of all that have the column if none
@@ -80,16 +81,14 @@ def windows(
     """
     having = {name: table for name, table in tables.items() if window.column in table.columns}
     observed = _observed(problem, having)
-    timed = {
-        name: _timed(table, window, chosen.get(name), observed.get(name)) for name, table in having.items()
-    }
+    timed = {name: _timed(table, window, chosen.get(name), observed.get(name)) for name, table in having.items()}
     spans = [timed[name].times for name in (observed or timed) if len(timed[name].times)]
     count, first, slack = 0, 0.0, 0.0
     if spans:
         first, last = min(t[0] for t in spans), max(t[-1] for t in spans)
         eps = float(np.finfo(np.float64).eps)
         slack = ROUNDING * window.step + 4 * eps * max(abs(float(first)), abs(float(last)))
-        count = int(np.floor((last - first + slack) / window.step)) + 1
+        count = int(min(np.floor((last - first + slack) / window.step), BEYOND)) + 1
     others = {name: positions for name, positions in chosen.items() if name not in having}
     return Windows(
         column=window.column,
@@ -107,7 +106,7 @@ def _observed(problem: Problem, tables: Mapping[str, Table]) -> dict[str, Mask]:
     """The tables that observations use, with a mask of the rows that one of them uses."""
     found: dict[str, Mask] = {}
     for block in problem.blocks:
-        if block.role is BlockRole.OBSERVATION and block.table in tables:
+        if block.role is BlockRole.OBSERVATION and block.table is not None and block.table in tables:
             mask = used_rows(block, tables)
             if mask is not None:
                 found[block.table] = mask | found.get(block.table, np.zeros(len(mask), dtype=bool))

@@ -28,11 +28,12 @@ class Slot:
 
 @dataclass(frozen=True, slots=True)
 class ColumnInput:
-    """An input that is a number from a table."""
+    """An input that is a number from a table; ``member`` names the row where a key does."""
 
     table: str
     name: str
     row: RowChoice
+    member: Member | None = None
 
 
 @dataclass(frozen=True, slots=True)

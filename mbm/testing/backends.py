@@ -6,6 +6,8 @@ import numpy as np
 
 from mbm.api import loads
 from mbm.kernels.types import Backend, Floats, Kernel, KernelSet
+from mbm.problem.manifold import Piece
+from mbm.solution.manifolds import moved
 from mbm.testing.requirement import require, require_close
 
 ROWS = (0, 1, 2, 7, 1025)
@@ -17,16 +19,24 @@ ROUNDING = 1e-11
 DIFFERENCE = 1e-6
 """Central differences with a step of 1e-6 are good to about 1e-9 of a value, and to 1e-6 beside strong curvature."""
 
+STEP = 1e-6
+
 SAMPLE = """
 (problem sample
   (data rows (table (x y k) (1 2 1) (2 3 2) (3 5 1)))
   (constants (c 2))
-  (unknowns (a :init 1) (b :init 2) (v (vector 3) :init [1 2 3]) (t angle :init 0.5) (f :per rows.k :init 1))
+  (unknowns (a :init 1) (b :init 2) (v (vector 3) :init [1 2 3]) (t angle :init 0.5) (f :per rows.k :init 1)
+    (T (pose 3) :init (pose3 (rot-z 1) [1 2 3])) (S (similarity 2) :init (pose2 1 2 3)) (n direction :init [1 2 3])
+    (P (pose 3) :per rows.k :init (pose3 (rot-x 1) [1 2 3])))
   (camera cam :focal (800 600) :center (320 240) :distortion (0.1 0.01 0.001 0.002 0.003))
   (observe rows
     (= y (+ (* a x) (/ b c) (f k)))
     (= y (if (< x a) (sqrt x) (exp (- (/ x b)))))
     (= [x y] (project cam (trans v (rotate [t 0.1 a] [x y 9]))))
+    (= (pose3 (euler 0.1 0.2 x) [x y k]) (between T (P k)))
+    (= [x y] (transform S [k a]))
+    (= (pose3 (euler a 0.2 x) [x y k]) T)
+    (= [x y k] n)
     (= t (atan2 (sin a) (+ 2 (cos b))))
     (= y (- (hypot a x) (^ b 2) (log (+ 2 (^ x 2))) (tan (/ a 9)) (sinh (/ a 3)) (cosh b) (tanh a)))
     (= y (+ (max a b x) (min a b x) (abs (- a 5)) (sign b) (mod x 3) (floor x)))
@@ -92,22 +102,29 @@ def _check_rows(backend: Backend, kernel: Kernel, inputs: Floats, subject: str) 
 
 
 def _check_jacobian(backend: Backend, kernel: Kernel, inputs: Floats, subject: str) -> None:
-    """Nonzero k is the derivative of output ``jacobian_rows[k]`` by variable ``jacobian_columns[k]``; others are 0."""
+    """Nonzero k is the derivative of output ``jacobian_rows[k]`` by tangent ``jacobian_columns[k]``; others are 0."""
+    for chart in kernel.charts:
+        if chart.piece in (Piece.QUATERNION, Piece.SPHERE):
+            held = list(chart.variables)
+            inputs[:, held] /= np.linalg.norm(inputs[:, held], axis=1, keepdims=True)
     evaluation = backend.prepare(kernel, len(inputs))
     evaluation.inputs[:] = inputs
     nonzeros = np.array(evaluation.values_and_jacobian()[1])
-    dense = np.zeros((len(inputs), kernel.outputs, len(kernel.variables)))
+    dense = np.zeros((len(inputs), kernel.outputs, len(kernel.tangents)))
     dense[:, kernel.jacobian_rows, kernel.jacobian_columns] = nonzeros
-    step = 1e-6
-    for column in range(len(kernel.variables)):
-        sides = []
-        for sign in (1.0, -1.0):
-            evaluation.inputs[:] = inputs
-            evaluation.inputs[:, column] += sign * step
-            sides.append(np.array(evaluation.values()))
-        slope = (sides[0] - sides[1]) / (2 * step)
-        promise = f"the derivatives by variable {column} are those that differences show"
-        require_close(dense[:, :, column], slope, DIFFERENCE, subject, promise)
+    for chart in kernel.charts:
+        held = list(chart.variables)
+        for place, column in enumerate(chart.tangents):
+            sides = []
+            for sign in (1.0, -1.0):
+                step = np.zeros((len(inputs), chart.piece.tangent))
+                step[:, place] = sign * STEP
+                evaluation.inputs[:] = inputs
+                evaluation.inputs[:, held] = moved(chart.piece, inputs[:, held], step)
+                sides.append(np.array(evaluation.values()))
+            slope = (sides[0] - sides[1]) / (2 * STEP)
+            promise = f"the derivatives by tangent {column} are those that differences show"
+            require_close(dense[:, :, column], slope, DIFFERENCE, subject, promise)
 
 
 def _check_independence(backend: Backend, kernel: Kernel, inputs: Floats, subject: str) -> None:

@@ -30,7 +30,6 @@ ELSEWHERE = {
     "bad-call": "cli/test_main.py",
     "bad-initial-values": "report/test_initial.py",
     "bad-json": "cli/test_solve.py",
-    "too-many-solves": "evidence/test_honest_answers.py",
     "exists-already": "cli/test_commands.py",
     "file-too-large": "data/test_path_diagnostics.py",
     "internal-fault": "cli/test_main.py",

@@ -28,9 +28,12 @@ def outcome(reader, path, content):
     assert {column_length(column) for column in raw.columns} == {len(raw.file_rows)}
 
 
-@pytest.fixture(params=["csv", "tsv", "json", "npz"])
+@pytest.fixture(
+    params=["csv", "tsv", "json", "npz", "parquet", "tum", "kitti", "euroc", "bal:cameras", "g2o:vertices", "g2o:edges"]
+)
 def reader(request):
-    return READERS[request.param]
+    name, _, part = request.param.partition(":")
+    return READERS[name].part(part) if part else READERS[name]
 
 
 SHARED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=200)
@@ -46,6 +49,17 @@ def test_any_bytes(reader, tmp_path, content):
 @given(content=st.text('abx019.-+eE,;\t\n\r"# \ufeffnN{}[]:', max_size=80))
 def test_any_text_of_the_characters_that_matter(reader, tmp_path, content):
     outcome(reader, tmp_path / "fuzz", content.encode())
+
+
+TAGS = st.sampled_from(
+    ["VERTEX_SE2", "EDGE_SE2", "VERTEX3", "EDGE_SE3:QUAT", "FIX", "EDGE2", "1", "0.5", "nan", "1e999"]
+)
+
+
+@SHARED
+@given(words=st.lists(TAGS | st.sampled_from(["\n", "0", "1", "2", "3"]), max_size=40))
+def test_any_line_of_records(reader, tmp_path, words):
+    outcome(reader, tmp_path / "fuzz", " ".join(words).encode())
 
 
 VALUES = st.recursive(

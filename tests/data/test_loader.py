@@ -60,8 +60,8 @@ def test_the_ending_tells_the_format_or_else_the_clause_does(tmp_path, declare, 
 
 
 def test_a_reader_that_is_not_there_is_an_internal_error(tmp_path, declare):
-    with pytest.raises(ValueError, match="no reader `parquet`"):
-        loaded(declare("parquet"), tmp_path)
+    with pytest.raises(ValueError, match="no reader `sqlite`"):
+        loaded(declare("sqlite"), tmp_path)
 
 
 def test_columns_are_renamed_and_read_in_their_units(load_text, column):

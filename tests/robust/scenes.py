@@ -79,6 +79,7 @@ def scalar_units(count, *, unknown=False):
         components=np.ones(count, dtype=np.int64),
         group=np.full(count, 0 if unknown else STATED),
         number=np.arange(count),
+        rounding=np.full(count, 1e-28),
     )
 
 

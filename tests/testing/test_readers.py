@@ -10,14 +10,29 @@ import numpy as np
 import pytest
 
 from mbm.data.readers import READERS
-from mbm.data.types import RawTable, Reader
+from mbm.data.types import ManyReader, RawTable, Reader
 from mbm.problem.tables import Column
 from mbm.testing.readers import check_reader
 from mbm.testing.requirement import NotConformingError
 
 NUMBERS = [1.5, -2e-3, 1e300]
 TEXTS = ["p", "q", "é"]
+TABLES = ("csv", "tsv", "json", "npz", "parquet")
 EXPECTED = {"x": NUMBERS, "name": TEXTS}
+
+
+POSE = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
+RECORDS = {
+    "tum": (
+        "# t x y z q\n1.5 1 2 3 0 0 0.6 0.8\n",
+        dict(zip(POSE, [[1.5], [1], [2], [3], [0], [0], [0.6], [0.8]], strict=True)),
+    ),
+    "kitti": ("1 0 0 4 0 1 0 5 0 0 1 6\n", dict(zip(POSE, [[0], [4], [5], [6], [0], [0], [0], [1]], strict=True))),
+    "euroc": ("#t\n2000000000,1,2,3,1,0,0,0\n", dict(zip(POSE, [[2], [1], [2], [3], [0], [0], [0], [1]], strict=True))),
+    "bal:points": ("0 2 0\n1 2 3\n4 5 6\n", {"point": [0, 1], "x": [1, 4], "y": [2, 5], "z": [3, 6]}),
+    "g2o:vertices": ("VERTEX_SE2 3 1 2 0.5\n", {"id": [3], "x": [1], "y": [2], "theta": [0.5], "fixed": [0]}),
+}
+"""Formats with columns of their own: a sound file and what is in it."""
 
 
 def _sound(name: str, folder: Path) -> Path:
@@ -28,12 +43,30 @@ def _sound(name: str, folder: Path) -> Path:
         path.write_text("\n".join([f"x{separator}name", *rows, ""]), encoding="utf-8")
     elif name == "json":
         path.write_text(json.dumps(EXPECTED), encoding="utf-8")
+    elif name == "parquet":
+        parquet = pytest.importorskip("pyarrow.parquet")
+        parquet.write_table(pytest.importorskip("pyarrow").table(EXPECTED), path)
     else:
         np.savez(path, x=np.array(NUMBERS), name=np.array(TEXTS))
     return path
 
 
-@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("name", RECORDS)
+def test_our_readers_of_records_conform(name: str, tmp_path: Path) -> None:
+    text, expected = RECORDS[name]
+    path, faulty = tmp_path / "sound", tmp_path / "faulty"
+    path.write_text(text)
+    faulty.write_bytes(b"x\x00,,\nq")
+    kind, _, part = name.partition(":")
+    reader = READERS[kind]
+    check_reader(reader.part(part) if isinstance(reader, ManyReader) else reader, path, expected, faulty=[faulty])
+
+
+def test_every_reader_is_shown_to_conform() -> None:
+    assert {*TABLES, *(name.partition(":")[0] for name in RECORDS)} == set(READERS)
+
+
+@pytest.mark.parametrize("name", TABLES)
 def test_our_readers_conform(name: str, tmp_path: Path) -> None:
     faulty = tmp_path / f"faulty.{name}"
     faulty.write_bytes(b"x\x00,,\nq")

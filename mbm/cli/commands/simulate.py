@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 @click.option(
     "--outliers", nargs=2, type=float, metavar="FRACTION SIZE", help="Gross errors of SIZE standard deviations."
 )
+@click.option("--draw-priors", is_flag=True, help="Draw what has a prior from it, about its mean.")
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
 @verbosity_options
 def command(**given: Any) -> int:
@@ -52,8 +53,7 @@ def command(**given: Any) -> int:
 
 def _simulated(given: dict[str, Any]) -> tuple[Simulated, tuple[OutputFile, ...]]:
     from mbm.api import simulate_file
-    from mbm.compiler import SimulationSettings
-    from mbm.report.options import SolveOptions
+    from mbm.report.options import SimulationSettings, SolveOptions
 
     outliers = given["outliers"]
     if outliers is not None and not (0.0 <= outliers[0] <= 1.0 and abs(outliers[1]) < float("inf")):
@@ -74,6 +74,7 @@ def _simulated(given: dict[str, Any]) -> tuple[Simulated, tuple[OutputFile, ...]
         noise=dict(named_texts("--noise", given["noise"])),
         measured=measured,
         outliers=outliers,
+        draw_priors=given["draw_priors"],
     )
     return simulate_file(given["file"], options, settings)
 

@@ -11,6 +11,7 @@ import click
 from mbm.cli import faults
 from mbm.cli.failure import print_diagnostics, write_bytes
 from mbm.cli.inputs import json_object, named_paths, named_texts
+from mbm.cli.interrupts import interruptible
 from mbm.cli.options import Terminal, terminal, verbosity_options
 from mbm.cli.progress import ProgressBar
 from mbm.text.types import MbmError
@@ -18,7 +19,7 @@ from mbm.text.types import MbmError
 if TYPE_CHECKING:
     from mbm.report.types import Result
 
-NOT_YET = ("overlay", "starts", "scheduler", "allow_external")
+NOT_YET = ("overlay", "scheduler", "allow_external")
 BACKENDS = ("auto", "native", "casadi", "numpy")
 OK, ATTENTION = 0, 1
 
@@ -33,6 +34,7 @@ OK, ATTENTION = 0, 1
 @click.option("--residuals", "residuals_path", metavar="PATH", help="Write the residuals, one row each, as CSV.")
 @click.option("--plot", "plot_path", metavar="PATH", help="Draw residuals, ellipses, data and model (.png .svg .pdf).")
 @click.option("--init", metavar="VALUES.json", help="Initial values: name → value, or a result document.")
+@click.option("--starts", type=click.IntRange(min=1), metavar="N", help="Random starts; the best minimum is reported.")
 @click.option("--seed", type=int, metavar="N", help="Every random choice follows from it.")
 @click.option("--method", metavar="M", help="auto, lm, dogleg, gauss-newton, …")
 @click.option("--backend", type=click.Choice(BACKENDS), default="auto", help="What evaluates the equations.")
@@ -40,7 +42,6 @@ OK, ATTENTION = 0, 1
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
 @click.option("--covariance", type=click.Choice(("full",)), help="Write covariance matrices however large.")
 @click.option("--overlay", metavar="PATH", hidden=True)
-@click.option("--starts", metavar="N", hidden=True)
 @click.option("--scheduler", metavar="ADDRESS", hidden=True)
 @click.option("--allow-external", is_flag=True, hidden=True)
 @verbosity_options
@@ -66,13 +67,16 @@ def command(**given: Any) -> int:
 def _solve(given: dict[str, Any], screen: Terminal) -> Result:
     from mbm.api import solve_file
     from mbm.report.options import Backend, SolveOptions
+    from mbm.solution.interruption import Interruption
 
-    with ProgressBar(shown=screen.shows_progress) as progress:
+    interruption = Interruption()
+    with ProgressBar(shown=screen.shows_progress) as progress, interruptible(interruption):
         options = SolveOptions(
             problem=given["problem"],
             set=named_texts("--set", given["settings"]),
             data=named_paths("--data", given["data"]),
             init=None if given["init"] is None else json_object(Path(given["init"])),
+            starts=given["starts"],
             seed=given["seed"],
             method=given["method"],
             backend=Backend(given["backend"]),
@@ -80,6 +84,7 @@ def _solve(given: dict[str, Any], screen: Terminal) -> Result:
             sandbox=None if given["sandbox"] is None else Path(given["sandbox"]),
             covariance_full=given["covariance"] == "full",
             progress=progress.advance,
+            interruption=interruption,
         )
         return solve_file(given["file"], options)
 

@@ -1,36 +1,40 @@
 """Projections: the paper's ``perse`` and cameras with distortion.
 
 Axes ``opencv``: z forward, x right, y down, pixel centres at whole numbers. Axes ``paper``: x forward, y left, z up,
-X = k0 y/x, Y = k1 z/x (Oyama & Tachi 1989, sect. 3 (2)). Distortion is Brown's model in OpenCV's order k1 k2 p1 p2 k3.
+X = k0 y/x, Y = k1 z/x (Oyama & Tachi 1989, sect. 3 (2)). Distortion is Brown's model in OpenCV's order k1 k2 p1 p2 k3;
+of a fisheye the radius is f (θ + k1 θ³ + k2 θ⁵ + k3 θ⁷ + k4 θ⁹) with θ the angle from the optical axis (Kannala and Brandt
+2006). Weak-perspective and orthographic cameras do not divide by the depth: u = f x + c, with f the scale in px per length.
 """
 
 from __future__ import annotations
 
-from mbm.expression.algebra import add, divide, multiply
+from fractions import Fraction
+
+from mbm.expression.algebra import add, apply, divide, multiply, subtract
 from mbm.expression.dimension import NONE
-from mbm.expression.nodes import Expression, Number
+from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
-from mbm.language.coerce import scalar, vector
-from mbm.language.values import Array, Builtin, Call, CameraValue, Placeable, Value, describe
+from mbm.language.coerce import scalar
+from mbm.language.values import Array, Call, CameraValue, Value, describe
 from mbm.text.types import MbmError, Span
 
 _ONE = Number(1, NONE)
 _TWO = Number(2, NONE)
+_ZERO = Number(0, NONE)
+_NEAR = Number(1e-8, NONE)
+"""Squared tangent of the angle from the axis below which two terms of its series do (the third is below 1e-16)."""
 
 
-def point_in_space(call: Call, position: int) -> tuple[Expression, ...]:
-    """The argument at ``position`` as a point of space."""
-    value, span = call.arguments[position], call.forms[position].span
-    if isinstance(value, Placeable) and value.as_point() is None:
-        raise MbmError(faults.not_available_yet(span, f"the projection of {value.kind}", "images of lines and curves"))
-    return vector(value, span, 3).elements
-
-
-def _perse(call: Call) -> Value:
-    x, y, z = point_in_space(call, 0)
-    k0, k1 = (_focal(call, name) for name in ("k0", "k1"))
-    span = call.span
-    return Array((2,), (multiply(k0, divide(y, x, span), span), multiply(k1, divide(z, x, span), span)))
+def project_point(call: Call, camera: Value | None, point: tuple[Expression, ...]) -> Array:
+    """The image [u v] of a point in the camera's frame; without a camera the paper's ``perse``."""
+    if camera is None:
+        x, y, z = point
+        k0, k1 = (_focal(call, name) for name in ("k0", "k1"))
+        span = call.span
+        return Array((2,), (multiply(k0, divide(y, x, span), span), multiply(k1, divide(z, x, span), span)))
+    if not isinstance(camera, CameraValue):
+        raise MbmError(faults.wrong_kind(call.forms[0].span, "a camera", describe(camera)))
+    return _project(camera, point, call.span)
 
 
 def _focal(call: Call, name: str) -> Expression:
@@ -41,20 +45,41 @@ def _focal(call: Call, name: str) -> Expression:
     return scalar(value, call.span)
 
 
-def _project(call: Call) -> Value:
-    camera = call.arguments[0]
-    if not isinstance(camera, CameraValue):
-        raise MbmError(faults.wrong_kind(call.forms[0].span, "a camera", describe(camera)))
-    a, b, c = point_in_space(call, 1)
-    span = call.span
-    x, y = (
-        (divide(a, c, span), divide(b, c, span))
-        if camera.axes == "opencv"
-        else (divide(b, a, span), divide(c, a, span))
-    )
-    x, y = _distort(camera, x, y, span)
+def _project(camera: CameraValue, point: tuple[Expression, ...], span: Span) -> Array:
+    a, b, c = point
+    across, up, depth = (a, b, c) if camera.axes == "opencv" else (b, c, a)
+    if camera.model == "pinhole":
+        x, y = _distort(camera, divide(across, depth, span), divide(up, depth, span), span)
+    elif camera.model == "fisheye":
+        x, y = _fisheye(camera, across, up, depth, span)
+    else:
+        x, y = across, up
     pixels = zip(camera.focal, (x, y), camera.center, strict=True)
     return Array((2,), tuple(add(multiply(f, e, span), c0, span) for f, e, c0 in pixels))
+
+
+def _fisheye(
+    camera: CameraValue, across: Expression, up: Expression, depth: Expression, span: Span
+) -> tuple[Expression, Expression]:
+    """The angle from the axis in place of its tangent; behind the camera's plane too. Near the axis by two terms."""
+    squared = add(multiply(across, across, span), multiply(up, up, span), span)
+    share = divide(squared, multiply(depth, depth, span), span)
+    ahead = Apply(Operation.LESS, (_ZERO, divide(depth, apply(Operation.ABS, depth, span=span), span)), span=span)
+    near = Apply(Operation.AND, (Apply(Operation.LESS, (share, _NEAR), span=span), ahead), span=span)
+    unit = divide(multiply(depth, depth, span), Number(Fraction(10**9), NONE), span)
+    radius = apply(Operation.SQRT, apply(Operation.IF, near, unit, squared, span=span), span=span)
+    far = divide(apply(Operation.ATAN2, radius, depth, span=span), radius, span)
+    series = subtract(_ONE, divide(share, Number(3, NONE), span), span)
+    ratio = apply(Operation.IF, near, divide(series, depth, span), far, span=span)
+    theta2 = multiply(multiply(ratio, ratio, span), squared, span)
+    factor: Expression = _ONE
+    if camera.distortion:
+        radial: Expression = _ZERO
+        for k in reversed(camera.distortion):
+            radial = multiply(theta2, add(k, radial, span), span)
+        factor = add(_ONE, radial, span)
+    scale = multiply(ratio, factor, span)
+    return multiply(across, scale, span), multiply(up, scale, span)
 
 
 def _distort(camera: CameraValue, x: Expression, y: Expression, span: Span) -> tuple[Expression, Expression]:
@@ -74,9 +99,3 @@ def _distort(camera: CameraValue, x: Expression, y: Expression, span: Span) -> t
         add(multiply(x, radial, span), tangential(p1, p2, xx), span),
         add(multiply(y, radial, span), tangential(p2, p1, yy), span),
     )
-
-
-FUNCTIONS: tuple[Builtin, ...] = (
-    Builtin("perse", "(perse v)", "The paper's projection (k0 y/x, k1 z/x); k0, k1 are the problem's, else 1.", 1, 1, _perse),
-    Builtin("project", "(project camera X)", "The image [u v] of a point in the camera's frame.", 2, 2, _project),
-)  # fmt: skip

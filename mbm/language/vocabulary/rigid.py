@@ -5,6 +5,8 @@ Differences are ``(Log(R_mᵀ R), R_mᵀ (t − t_m), log(c / c_m))`` with m the
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 from mbm.expression.algebra import add, apply, divide, dot, multiply, negate, number, subtract, wrap
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation
@@ -187,7 +189,9 @@ def _quaternion_of(m: tuple[Expression, ...], span: Span) -> tuple[Expression, .
         signed = trace
         if k:
             signed = subtract(multiply(_TWO, diagonal[k - 1], span), trace, span)
-        root = apply(Operation.SQRT, add(_ONE, signed, span), span=span)
+        # 1 at least where this candidate is the one chosen; elsewhere it only has to be a number.
+        fourfold = apply(Operation.MAXIMUM, add(_ONE, signed, span), Number(Fraction(1, 2), NONE), span=span)
+        root = apply(Operation.SQRT, fourfold, span=span)
         divisor = multiply(_TWO, root, span)
         found: list[Expression] = []
         for j in range(4):

@@ -142,12 +142,12 @@ def unknown_method(span: Span | None, name: str, near: str | None, known: tuple[
     return Diagnostic(code=UNKNOWN_METHOD, message=f"`{name}` is no solver", place=span, hint=hint)
 
 
-def unknown_override(name: str, known: tuple[str, ...]) -> Diagnostic:
+def unknown_override(name: str, known: tuple[str, ...], span: Span | None = None) -> Diagnostic:
     """A value for a name that takes none."""
     near = closest(name, known)
     hint = f"did you mean `{near}`?" if near else f"values can be given for {_listed(known)}" if known else None
     return Diagnostic(
-        code=UNKNOWN_OVERRIDE, message=f"the problem has no constant or unknown `{name}` to set", hint=hint
+        code=UNKNOWN_OVERRIDE, message=f"the problem has no constant or unknown `{name}` to set", place=span, hint=hint
     )
 
 

@@ -136,7 +136,7 @@ def missing_unit(span: Span | None, what: str) -> Diagnostic:
     return Diagnostic(code=MISSING_UNIT, message=f"{what} states no unit", place=span, hint="add `:unit`")
 
 
-def dangling_key(place: Place, cell: str | float, where: str, near: str | None, used: Span | None) -> Diagnostic:
+def dangling_key(place: Place | None, cell: str | float, where: str, near: str | None, used: Span | None) -> Diagnostic:
     """A key without a row."""
     shown = f"`{cell}`" if isinstance(cell, str) else f"{plain_number(cell)}"
     return Diagnostic(

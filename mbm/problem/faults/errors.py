@@ -30,6 +30,11 @@ TOO_FEW_ERRORS = Code(
     "measured values cannot meet them all.",
     "Add `:sigma`, the noise of the equations themselves, or name more columns in `:errors`.",
 )
+TOO_MANY_SHARED_ERRORS = Code(
+    "too-many-shared-errors",
+    "More equations and uncertain values hang together, because they share measured values, than are solved at once.",
+    "Make the shared values unknowns with priors: such problems may be much larger.",
+)
 ERRORS_WITH_LOSS = Code(
     "errors-with-loss",
     "A loss acts on each equation by itself, but the corrections that several equations share belong to none of them.",
@@ -53,7 +58,7 @@ def errors_unused(span: Span, name: str, observation: str) -> Diagnostic:
 
 
 def errors_with_unknown_noise(span: Span, observation: str, column: str, declared: Span | None) -> Diagnostic:
-    """Noise of unknown size beside errors of known size; ``declared`` is where another observation states the errors."""
+    """Noise of unknown size beside errors of known size; ``declared`` is where another observation states them."""
     labels = (Label(declared, "its errors are stated here, and it is corrected wherever it is used"),)
     return Diagnostic(
         code=ERRORS_WITH_UNKNOWN_NOISE, place=span, labels=labels if declared is not None else (),
@@ -78,6 +83,15 @@ def too_few_errors(span: Span, observation: str, equations: int, errors: int, pl
         message=f"`{observation}` has {equations} exact equation{'s' * (equations != 1)} in {errors} uncertain "
         f"value{'s' * (errors != 1)}, which cannot all be met",
         hint="add `:sigma`, the noise of the equations themselves",
+    )  # fmt: skip
+
+
+def too_many_shared_errors(span: Span, equations: int, errors: int) -> Diagnostic:
+    """A component of equations that is too large."""
+    return Diagnostic(
+        code=TOO_MANY_SHARED_ERRORS, place=span,
+        message=f"{equations} equations hang together by {errors} uncertain values, which is too many at once",
+        hint="make the shared values unknowns with priors",
     )  # fmt: skip
 
 

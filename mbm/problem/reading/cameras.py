@@ -1,28 +1,34 @@
-"""``(camera NAME :model … :focal (fx fy) :center (cx cy) :distortion (k1 k2 p1 p2 k3) :axes …)``."""
+"""``(camera NAME :model … :focal (fx fy) :center (cx cy) :distortion (…) :axes … :per TABLE)``."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from mbm.expression.dimension import NONE
-from mbm.expression.nodes import Expression, Number
+from mbm.expression.nodes import Column, ColumnMember, Expression, LiteralMember, Member, Number
 from mbm.language import faults as language_faults
 from mbm.language.coerce import scalar, vector
-from mbm.language.values import SCALARS, CameraValue, Value
+from mbm.language.scope import Scope
+from mbm.language.values import SCALARS, CameraValue, FamilyValue, TextColumn, Value
 from mbm.problem.elaboration import Workspace
 from mbm.problem.options import Options, split_options
-from mbm.problem.scopes import Entry
+from mbm.problem.reading.unknowns import family_of, keys_of
+from mbm.problem.scopes import Entry, MemberScope
+from mbm.problem.types import Family
 from mbm.text.suggest import closest
 from mbm.text.types import Form, MbmError, Sequence, Symbol
 
 USAGE = (
     "(camera name [:model pinhole] [:focal (fx fy)] [:center (cx cy)] "
-    "[:distortion (k1 k2 p1 p2 k3)] [:axes opencv|paper])"
+    "[:distortion (k1 k2 p1 p2 k3)] [:axes opencv|paper] [:per TABLE])"
 )
-_MODELS_LATER = ("fisheye", "weak-perspective", "orthographic")
+_MODELS = ("pinhole", "fisheye", "weak-perspective", "orthographic")
+_COEFFICIENTS = {"pinhole": (5, "k1 k2 p1 p2 k3"), "fisheye": (4, "k1 k2 k3 k4")}
 _AXES = ("opencv", "paper")
 
 
 def read_camera(work: Workspace, clause: Sequence) -> None:
-    """Declare a camera; its numbers are evaluated when it is first used."""
+    """Declare a camera, or a family of them; its numbers are evaluated when it is first used."""
     items = clause.items[1:]
     if not items or not isinstance(items[0], Symbol):
         raise MbmError(language_faults.bad_form(clause.span, "a camera begins with its name", USAGE))
@@ -31,32 +37,61 @@ def read_camera(work: Workspace, clause: Sequence) -> None:
         items[1:],
         clause.span,
         owner="a camera",
-        known=("model", "focal", "center", "distortion", "axes"),
-        not_yet={"per": "families of cameras", "near": "images of curves", "size": "images"},
+        known=("model", "focal", "center", "distortion", "axes", "per"),
+        not_yet={"near": "images of curves", "size": "images"},
     )
     if options.positional:
         raise MbmError(language_faults.bad_form(options.positional[0].span, "a camera takes options only", USAGE))
-    _choice(options.get("model"), ("pinhole",), "model", later=_MODELS_LATER)
+    model = _choice(options.get("model"), _MODELS, "model") or "pinhole"
     axes = _choice(options.get("axes"), _AXES, "axes") or "opencv"
+    distortion = options.get("distortion")
+    if distortion is not None and model not in _COEFFICIENTS:
+        message = f"a {model} camera has no distortion"
+        raise MbmError(language_faults.bad_form(distortion.span, message, "leave `:distortion` out"))
+    family = family_of(work, options.get("per"))
+    keys = keys_of(work, family)
 
-    def make() -> Value:
+    def camera(scope: Scope) -> CameraValue:
         return CameraValue(
             name.name,
-            _pair(work, options, "focal", Number(1, NONE)),
-            _pair(work, options, "center", Number(0, NONE)),
-            _distortion(work, options.get("distortion")),
+            _pair(work, options, "focal", Number(1, NONE if model in _COEFFICIENTS else None), scope),
+            _pair(work, options, "center", Number(0, NONE), scope),
+            _distortion(work, distortion, model, scope),
             axes,
+            model,
         )
+
+    def make() -> Value:
+        if family is None or keys is None:
+            return camera(work.scope)
+        return _family(work, name.name, family, keys, camera)
 
     work.scope.add(name.name, Entry("camera", name.span, make))
 
 
-def _choice(form: Form | None, known: tuple[str, ...], option: str, later: tuple[str, ...] = ()) -> str | None:
+def _family(
+    work: Workspace, name: str, family: Family, keys: frozenset[str | float], camera: Callable[[Scope], CameraValue]
+) -> FamilyValue:
+    """The cameras of all members; each is evaluated in the scope of its row."""
+    made: dict[Member, Value] = {}
+
+    def member(key: str | float | Column | TextColumn) -> Value:
+        picked: Member
+        if isinstance(key, Column | TextColumn):
+            picked = ColumnMember(table=key.table, column=key.name, row=key.row)
+        else:
+            picked = LiteralMember(key=key)
+        if picked not in made:
+            made[picked] = camera(MemberScope(work.scope, work.tables[family.rows], picked, key))
+        return made[picked]
+
+    return FamilyValue(name, keys, member)
+
+
+def _choice(form: Form | None, known: tuple[str, ...], option: str) -> str | None:
     if form is None:
         return None
     name = form.name if isinstance(form, Symbol) else form.span.text
-    if name in later:
-        raise MbmError(language_faults.not_available_yet(form.span, f"`:{option} {name}`", "other camera models"))
     if name not in known:
         near = closest(name, known)
         hint = f":{option} {near}" if near else " or ".join(f":{option} {k}" for k in known)
@@ -64,11 +99,11 @@ def _choice(form: Form | None, known: tuple[str, ...], option: str, later: tuple
     return name
 
 
-def _pair(work: Workspace, options: Options, name: str, default: Number) -> tuple[Expression, Expression]:
+def _pair(work: Workspace, options: Options, name: str, default: Number, scope: Scope) -> tuple[Expression, Expression]:
     form = options.get(name)
     if form is None:
         return default, default
-    value = work.evaluator.wanted(form, work.scope)
+    value = work.evaluator.wanted(form, scope)
     if isinstance(value, SCALARS):
         single = scalar(value, form.span)
         return single, single
@@ -76,12 +111,12 @@ def _pair(work: Workspace, options: Options, name: str, default: Number) -> tupl
     return first, second
 
 
-def _distortion(work: Workspace, form: Form | None) -> tuple[Expression, ...]:
+def _distortion(work: Workspace, form: Form | None, model: str, scope: Scope) -> tuple[Expression, ...]:
     if form is None:
         return ()
-    elements = vector(work.evaluator.wanted(form, work.scope), form.span).elements
-    if len(elements) > 5:
-        raise MbmError(
-            language_faults.length_clash(form.span, f"{len(elements)} coefficients", "k1 k2 p1 p2 k3 (at most 5)")
-        )
-    return elements + (Number(0, NONE),) * (5 - len(elements))
+    most, names = _COEFFICIENTS[model]
+    elements = vector(work.evaluator.wanted(form, scope), form.span).elements
+    if len(elements) > most:
+        message = f"{len(elements)} coefficients"
+        raise MbmError(language_faults.length_clash(form.span, message, f"{names} (at most {most})"))
+    return elements + (Number(0, NONE),) * (most - len(elements))

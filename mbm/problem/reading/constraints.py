@@ -9,7 +9,8 @@ from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Ro
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, integer
 from mbm.language.scope import LocalScope, Scope
-from mbm.language.values import Array
+from mbm.language.values import Array, PoseValue, RotationValue
+from mbm.language.vocabulary.rigid import geometric_difference
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.options import split_options
@@ -175,6 +176,8 @@ def normal_equation(work: Workspace, forms: tuple[Form, ...], scope: Scope, span
     if len(forms) != 3:
         raise MbmError(language_faults.bad_form(span, "`normal` takes a form, a mean and a sigma", USAGE))
     value = work.evaluator.wanted(forms[0], scope)
+    if isinstance(value, RotationValue | PoseValue):
+        return _normal_of_pose(work, value, forms, scope, span)
     shape = value.shape if isinstance(value, Array) else ()
     elements, mean, sigma = (
         shaped(given, shape, form.span)
@@ -188,6 +191,16 @@ def normal_equation(work: Workspace, forms: tuple[Form, ...], scope: Scope, span
         measured=data_only(mean),
         span=span,
     )
+
+
+def _normal_of_pose(
+    work: Workspace, value: RotationValue | PoseValue, forms: tuple[Form, ...], scope: Scope, span: Span
+) -> Equation:
+    """``normal`` of a rotation, pose or similarity: sigma is a number, or one for each tangent coordinate."""
+    found = geometric_difference(work.evaluator.wanted(forms[1], scope), value, span) or ()
+    sigma = shaped(work.evaluator.wanted(forms[2], scope), (len(found),), forms[2].span)
+    work.refuse_unknowns(sigma, forms[2].span, "the sigma of `normal`")
+    return Equation(components=found, noise_kind=NoiseKind.SIGMA, noise=sigma, measured=None, span=span)
 
 
 def _name(form: Form | None, bound: _Bound, taken: dict[str, Span]) -> str:

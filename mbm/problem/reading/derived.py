@@ -13,7 +13,6 @@ from mbm.language.values import (
     PoseValue,
     RotationValue,
     Value,
-    describe,
 )
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace

@@ -16,6 +16,7 @@ from mbm.language.values import (
     SCALARS,
     Array,
     Call,
+    ImageLineValue,
     ListValue,
     Placeable,
     PoseValue,
@@ -24,6 +25,7 @@ from mbm.language.values import (
     Value,
     describe,
 )
+from mbm.language.vocabulary.lines import line_difference
 from mbm.language.vocabulary.rigid import geometric_difference, logarithms
 from mbm.problem import faults
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span
@@ -138,6 +140,8 @@ def _equation(evaluator: Evaluator, form: Sequence, scope: Scope) -> Residual:
     measured = evaluator.wanted(measured_form, scope)
     model = evaluator.wanted(model_form, scope)
     geometric = geometric_difference(measured, model, form.span)
+    if geometric is None:
+        geometric = line_difference(measured, model, form.span)
     if geometric is not None:
         return Residual(geometric, None, form.span, _columns(_elements(measured, measured_form.span)))
     left, right = _elements(measured, measured_form.span), _elements(model, model_form.span)
@@ -163,6 +167,8 @@ def _elements(value: Value, span: Span) -> tuple[Expression, ...]:
         raise MbmError(faults.condition_as_equation(span))
     if isinstance(value, RotationValue | PoseValue):
         return logarithms(value, span)
+    if isinstance(value, ImageLineValue):
+        return value.alpha, value.rho
     if isinstance(value, Array) and value.is_matrix:
         return value.elements
     if isinstance(value, ListValue | Array):

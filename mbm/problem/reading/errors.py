@@ -29,7 +29,8 @@ def read_errors(work: Workspace, form: Form | None, table: Table | None) -> tupl
     if table is None:
         raise MbmError(language_faults.bad_form(form.span, "`:errors` wants an observation over a table", USAGE))
     if not isinstance(form, Sequence) or not form.items:
-        raise MbmError(language_faults.bad_form(form.span, "`:errors` wants a list of columns with their sigmas", USAGE))
+        message = "`:errors` wants a list of columns with their sigmas"
+        raise MbmError(language_faults.bad_form(form.span, message, USAGE))
     found: dict[str, UncertainColumn] = {}
     for pair in form.items:
         column = _uncertain(work, pair, table)
@@ -40,11 +41,12 @@ def read_errors(work: Workspace, form: Form | None, table: Table | None) -> tupl
 
 
 def _uncertain(work: Workspace, pair: Form, table: Table) -> UncertainColumn:
-    if not isinstance(pair, Sequence) or len(pair.items) != 2 or not isinstance(pair.items[0], Symbol):
+    symbol = pair.items[0] if isinstance(pair, Sequence) and len(pair.items) == 2 else None
+    if not isinstance(pair, Sequence) or not isinstance(symbol, Symbol):
         raise MbmError(language_faults.bad_form(pair.span, "an uncertain column is (column sigma)", USAGE))
-    symbol, sigma = pair.items
-    name = _column_name(symbol, table)
-    if isinstance(sigma, Symbol) and sigma.name == "unknown" or isinstance(sigma, Sequence) and sigma.head == "unknown":
+    name, sigma = _column_name(symbol, table), pair.items[1]
+    head = sigma.head if isinstance(sigma, Sequence) else sigma.name if isinstance(sigma, Symbol) else None
+    if head == "unknown":
         message = "the standard deviation of a column's errors must be stated"
         raise MbmError(language_faults.bad_form(sigma.span, message, USAGE))
     values = work.values(sigma, table, (), wanted="the sigma of `:errors`")

@@ -12,6 +12,7 @@ from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.options import Options, split_options
 from mbm.problem.reading.equations import Residual, residuals
 from mbm.problem.reading.errors import read_errors
+from mbm.problem.reading.robust import read_loss
 from mbm.problem.rows import decided
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKind
@@ -32,7 +33,7 @@ def read_observation(work: Workspace, clause: Sequence, taken: dict[str, Span]) 
         known=("sigma", "covariance", "information", "errors", "loss", "when"),
         not_yet=LATER,
     )
-    _check_loss(options.get("loss"))
+    loss = read_loss(work, options.get("loss"))
     symbols, equations = _split(options.positional)
     name, table = _name_and_table(work, symbols)
     if not equations:
@@ -59,14 +60,10 @@ def read_observation(work: Workspace, clause: Sequence, taken: dict[str, Span]) 
         cases=tuple(EquationCase(static=s, equations=e) for s, e in cases),
         when=when,
         unknown_factor=factor and not exact,
+        loss=loss,
         errors=errors,
         span=clause.items[0].span,
     )
-
-
-def _check_loss(form: Form | None) -> None:
-    if form is not None and not (isinstance(form, Symbol) and form.name == "none"):
-        raise MbmError(language_faults.not_available_yet(form.span, f"`:loss {form.span.text}`", "robust estimation"))
 
 
 def _split(positional: tuple[Form, ...]) -> tuple[list[Symbol], list[Form]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence as Many
 from dataclasses import replace
 
 from mbm.language import faults as language_faults
@@ -9,15 +10,16 @@ from mbm.language.coerce import integer, static_number
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
 from mbm.problem.options import split_options
-from mbm.problem.types import Method, Problem, Request
+from mbm.problem.reading.robust import read_consensus
+from mbm.problem.reading.starts import LARGEST_SEED, MAXIMUM_STARTS, read_starts
+from mbm.problem.reading.unknowns import Declaration
+from mbm.problem.types import ConstraintMethod, Gauge, Method, Problem, RandomStarts, Request
 from mbm.text.suggest import closest
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 
 USAGE = "(solve [:method lm] [:max-iterations 100] [:tolerance 1e-10] [:seed 1])"
 _METHODS_LATER = (
     "ipopt",
-    "closed-form",
-    "direct-search",
     "interval",
     "ekf",
     "iterated-ekf",
@@ -25,13 +27,12 @@ _METHODS_LATER = (
     "smoother",
     "batch",
 )
-_DEFAULTS = {"robust": "none", "constraints": "penalty", "gauge": "report"}
-_TOPICS = {"robust": "robust estimation", "constraints": "exact constraints", "gauge": "gauge freedom"}
 MAXIMUM_ITERATIONS = 1_000_000
-LARGEST_SEED = 2**63 - 1
 
 
-def read_request(work: Workspace, solves: list[Sequence], for_each: list[Sequence]) -> Request:
+def read_request(
+    work: Workspace, solves: list[Sequence], for_each: list[Sequence], declarations: Many[Declaration]
+) -> Request:
     """The request that the clauses make: at most one ``solve``, and the columns of all ``for-each``."""
     columns = tuple(_columns(work, for_each))
     if not solves:
@@ -43,17 +44,19 @@ def read_request(work: Workspace, solves: list[Sequence], for_each: list[Sequenc
         solve.items[1:],
         solve.span,
         owner="`solve`",
-        known=("method", "robust", "constraints", "gauge", "seed", "max-iterations", "tolerance"),
-        not_yet={"starts": "multi-start", "hypotheses": "sequences"},
+        known=("method", "robust", "starts", "constraints", "gauge", "seed", "max-iterations", "tolerance"),
+        not_yet={"hypotheses": "sequences"},
     )
     if options.positional:
         raise MbmError(language_faults.bad_form(options.positional[0].span, "`solve` takes options only", USAGE))
-    for name, default in _DEFAULTS.items():
-        form = options.get(name)
-        if form is not None and not (isinstance(form, Symbol) and form.name == default):
-            raise MbmError(language_faults.not_available_yet(form.span, f"`:{name} {form.span.text}`", _TOPICS[name]))
+    method, routine = _method(options.get("method"), work.routines)
     return Request(
-        method=_method(options.get("method")),
+        method=method,
+        routine=routine,
+        constraints=_constraint_method(options.get("constraints")),
+        gauge=_gauge(options.get("gauge")),
+        robust=read_consensus(work, options.get("robust")),
+        starts=read_starts(work, options.get("starts"), declarations),
         seed=_integer(work, options.get("seed"), 1, 0, LARGEST_SEED, "seed"),
         max_iterations=_integer(work, options.get("max-iterations"), 100, 1, MAXIMUM_ITERATIONS, "max-iterations"),
         tolerance=_tolerance(work, options.get("tolerance")),
@@ -81,33 +84,80 @@ def _columns(work: Workspace, clauses: list[Sequence]) -> dict[str, Span]:
     return found
 
 
-def requested(problem: Problem, *, seed: int | None, method: str | None) -> Problem:
-    """``problem`` with the seed and the method that the caller asks for; None leaves them to the file."""
+def requested(
+    problem: Problem,
+    *,
+    seed: int | None,
+    method: str | None,
+    starts: int | None = None,
+    routines: tuple[str, ...] = (),
+) -> Problem:
+    """``problem`` with the seed, method and number of random starts that the caller asks for; None: as in the file.
+
+    ``routines`` are the registered closed forms, which may be methods too. A seed from outside takes the place of all seeds in the file.
+    """
     request = problem.request
     if seed is not None:
         if not (isinstance(seed, int) and 0 <= seed <= LARGEST_SEED):
             raise MbmError(faults.bad_override("seed", f"should be a whole number in 0 … {LARGEST_SEED}"))
+        if isinstance(request.starts, RandomStarts):
+            request = replace(request, starts=replace(request.starts, seed=None))
         request = replace(request, seed=seed)
+    if starts is not None:
+        if not (isinstance(starts, int) and 1 <= starts <= MAXIMUM_STARTS):
+            raise MbmError(faults.bad_override("starts", f"should be a whole number in 1 … {MAXIMUM_STARTS}"))
+        kept = request.starts.seed if isinstance(request.starts, RandomStarts) else None
+        request = replace(request, starts=RandomStarts(count=starts, seed=kept))
     if method is not None:
-        request = replace(request, method=_named_method(method, None))
+        chosen, routine = _named_method(method, None, routines)
+        request = replace(request, method=chosen, routine=routine)
     return replace(problem, request=request)
 
 
-def _method(form: Form | None) -> Method:
+def _method(form: Form | None, routines: tuple[str, ...]) -> tuple[Method, str | None]:
+    """The method, and the registered closed form that it is, if it is one."""
     if form is None:
-        return Method.AUTO
+        return Method.AUTO, None
     name = form.name if isinstance(form, Symbol) else form.head if isinstance(form, Sequence) else None
-    return _named_method(name or form.span.text, form.span)
+    return _named_method(name or form.span.text, form.span, routines)
 
 
-def _named_method(name: str, span: Span | None) -> Method:
-    method = next((m for m in Method if m.value == name), None)
-    if method is not None:
-        return method
+def _named_method(name: str, span: Span | None, routines: tuple[str, ...]) -> tuple[Method, str | None]:
     if name in _METHODS_LATER:
         raise MbmError(language_faults.not_available_yet(span, f"`:method {name}`", "other solvers"))
-    known = tuple(m.value for m in Method)
+    method = next((m for m in Method if m.value == name), None)
+    if method is not None:
+        return method, None
+    if name in routines:
+        return Method.CLOSED_FORM, name
+    known = (*(m.value for m in Method if m.value not in _METHODS_LATER), *routines)
     raise MbmError(faults.unknown_method(span, name, closest(name, known), known))
+
+
+def _constraint_method(form: Form | None) -> ConstraintMethod:
+    """How constraints are met."""
+    if form is None:
+        return ConstraintMethod.PENALTY
+    name = form.name if isinstance(form, Symbol) else form.span.text
+    if name == "truncate":
+        raise MbmError(language_faults.not_available_yet(form.span, "`:constraints truncate`", "sequences"))
+    found = next((m for m in ConstraintMethod if m.value == name), None)
+    if found is None:
+        message = f"constraints are met by `penalty` or `exact`, not by `{name}`"
+        raise MbmError(language_faults.bad_form(form.span, message, "(solve :constraints exact)"))
+    return found
+
+
+def _gauge(form: Form | None) -> Gauge:
+    """What becomes of common motions."""
+    if form is None:
+        return Gauge.REPORT
+    name = form.name if isinstance(form, Symbol) else form.span.text
+    found = next((g for g in Gauge if g.value == name), None)
+    if found is None:
+        message = f"common motions are to be reported (`report`) or left to a datum (`free`), not `{name}`"
+        raise MbmError(language_faults.bad_form(form.span, message, "(solve :gauge free)"))
+    return found
 
 
 def _integer(work: Workspace, form: Form | None, default: int, low: int, high: int, name: str) -> int:

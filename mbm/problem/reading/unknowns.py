@@ -71,7 +71,7 @@ def declare_unknowns(work: Workspace, clause: Sequence) -> list[Declaration]:
     for item in clause.items[1:]:
         with work.collecting(item):
             declaration = _declaration(work, item)
-            keys = _family_keys(work, declaration.family)
+            keys = keys_of(work, declaration.family)
             _enter(work, declaration, keys)
             found.append(declaration)
     return found
@@ -85,7 +85,7 @@ def _declaration(work: Workspace, item: Form) -> Declaration:
     if len(options.positional) > 1:
         raise MbmError(language_faults.bad_form(options.positional[1].span, "only one type may be given", USAGE))
     kind, shape, dimension = _type(work, options.positional[0] if options.positional else None)
-    family = _family(work, options.get("per"))
+    family = family_of(work, options.get("per"))
     return Declaration(name=name, kind=kind, shape=shape, dimension=dimension, family=family, options=options)
 
 
@@ -126,7 +126,8 @@ def _spatial(work: Workspace, form: Form, head: str) -> tuple[UnknownKind, tuple
     return UnknownKind(head), (manifold_of(head, dimension, 0).size,), dimension
 
 
-def _family(work: Workspace, form: Form | None) -> Family | None:
+def family_of(work: Workspace, form: Form | None) -> Family | None:
+    """The family that ``:per`` states; None without one."""
     if form is None:
         return None
     if isinstance(form, Symbol) and form.name not in work.tables and "." in form.name:
@@ -142,7 +143,8 @@ def _family(work: Workspace, form: Form | None) -> Family | None:
     return Family(table=table.name, column=None, rows=table.name, key=table.key)
 
 
-def _family_keys(work: Workspace, family: Family | None) -> frozenset[str | float] | None:
+def keys_of(work: Workspace, family: Family | None) -> frozenset[str | float] | None:
+    """The keys of a family's members, whose table is entered where it is made of a column; None without a family."""
     if family is None:
         return None
     work.tables.update(with_families(work.tables, (family,)))
@@ -353,7 +355,11 @@ def given_start(work: Workspace, declaration: Declaration, override: Override) -
     if override.values is not None:
         return tuple(Number(v) for v in override.values)
     value = given_value(work, override.name, override.text or "")
-    span = declaration.name.span
+    return stated_numbers(declaration, value, declaration.name.span)
+
+
+def stated_numbers(declaration: Declaration, value: Value, span: Span) -> tuple[Number, ...]:
+    """A start known while compiling, in SI: one number for each that ``:init`` states."""
     found = []
     elements = _stated(declaration, value, span) if declaration.dimension else shaped(value, declaration.shape, span)
     for element in elements:

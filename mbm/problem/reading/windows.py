@@ -34,17 +34,18 @@ def read_window(work: Workspace, clauses: list[Sequence], for_each: tuple[str, .
         every = tuple(dict.fromkeys(c for table in work.tables.values() for c in table.columns))
         raise MbmError(faults.unknown_column(column.span, column.name, "any table", every))
     for table in tables:
-        if table.columns[column.name].is_text:
-            place = table.place(table.columns[column.name].first_text() or 0, column.name)
-            cell = str(table.columns[column.name].cell(table.columns[column.name].first_text() or 0))
-            raise MbmError(faults.bad_time(place, column.name, cell, column.span))
+        cells = table.columns[column.name]
+        if cells.is_text:
+            position = cells.first_text() or 0
+            place = table.place(position, column.name)
+            raise MbmError(faults.bad_time(place, column.name, str(cells.cell(position)), column.span))
     if column.name in for_each:
         raise MbmError(language_faults.duplicate_definition(column.span, column.name, clause.span))
     rows = options.get("min-rows")
     count = 1 if rows is None else integer(work.evaluator.wanted(rows, work.scope), rows.span, "`:min-rows`")
     if not 1 <= count <= MOST_ROWS_WANTED:
-        place = rows.span if rows is not None else clause.span
-        raise MbmError(language_faults.bad_form(place, "`:min-rows` is a whole number from 1 on", USAGE))
+        where = rows.span if rows is not None else clause.span
+        raise MbmError(language_faults.bad_form(where, "`:min-rows` is a whole number from 1 on", USAGE))
     return Window(
         column=column.name,
         length=stretch(work, length, tables, column.name, ":length"),

@@ -12,6 +12,9 @@ ITERATIONS = 30
 SMALL = 1e-9
 """Length of the last step, in rad, with which a direction counts as found."""
 
+SOLVED = 1e-6
+"""What may be left of the values, beside their size in other directions."""
+
 Function = Callable[[Floats], Floats]
 """From one place for each row (n, d) to values (n, width) or slopes (n, width, d)."""
 
@@ -26,6 +29,7 @@ def directions(values: Function, slopes: Function, count: int, starts: Iterable[
     found: Floats | None = None
     for start in starts:
         each = _from(values, slopes, count, start)
+        each[~(np.abs(values(each)).max(axis=1) <= SOLVED * _size(values, len(start)))] = np.nan
         found = each if found is None else np.where(np.isfinite(found), found, each)
         if bool(np.isfinite(found).all()):
             break
@@ -33,6 +37,13 @@ def directions(values: Function, slopes: Function, count: int, starts: Iterable[
         message = "a search for directions needs a start"
         raise ValueError(message)
     return found
+
+
+def _size(values: Function, dimension: int) -> Floats:
+    """The size of the values (n,) in directions that have nothing to do with the axes."""
+    some = np.array([0.83, 0.71, 0.94])[:dimension]
+    sizes = [np.nan_to_num(np.abs(values(sign * some)).max(axis=1)) for sign in (1.0, -1.0)]
+    return np.maximum(*sizes)
 
 
 def _from(values: Function, slopes: Function, count: int, start: Floats) -> Floats:

@@ -19,7 +19,8 @@ AGREEMENT = 1e-6
 class Spheres:
     """Rows that say ``√(|p − station|² + extra) = length + slope · offset``, arrays over n rows.
 
-    ``point`` are the columns of p among the candidate's numbers, ``offset`` that of the offset, None without one.
+    ``point`` are the columns of p among the candidate's numbers, ``offset`` that of the offset, None without one. The
+    offset's sign is open where the rows hold its square only (``even``); it is taken positive.
     """
 
     point: tuple[int, ...]
@@ -29,6 +30,7 @@ class Spheres:
     length: Floats
     slope: Floats
     weight: Floats
+    even: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +70,7 @@ class Multilateration:
         else:
             point, offset = positions_and_offset(stations, length, found.slope[subsets], extra, weight)
             result = np.full((*point.shape[:2], len(found.point) + 1), np.nan)
-            result[..., found.offset] = offset
+            result[..., found.offset] = np.abs(offset) if found.even else offset
         result[..., list(found.point)] = point
         return result
 
@@ -89,6 +91,54 @@ def _spheres(rows: Rows, point: tuple[int, ...], offset: int | None) -> Spheres 
 
 
 def _fitted(rows: Rows, point: tuple[int, ...], offset: int | None, probes: Floats) -> Spheres | None:
+    """Distances, or their squares."""
+    found = _distances(rows, point, offset, probes)
+    return found if found is not None else _squares(rows, point, offset, probes)
+
+
+def _squares(rows: Rows, point: tuple[int, ...], offset: int | None, probes: Floats) -> Spheres | None:
+    """Rows ``k (|p − s|² − l²)``, or ``k (|p − s|² − b²)`` with the offset b: the slopes are ``2 k (p − s)``."""
+    count, d = probes.shape
+    numbers = np.zeros((count, d + (offset is not None)))
+    numbers[:, list(point)] = probes
+    values = np.stack([rows.values(x)[:, 0] for x in numbers], axis=1)
+    slopes = np.stack([rows.slopes(x)[:, 0] for x in numbers], axis=1)[..., list(point)]
+    if not bool(np.isfinite(slopes).all() and np.isfinite(values).all()):
+        return None
+    moves = probes[1:] - probes[:1]
+    changes = slopes[:, 1:] - slopes[:, :1]
+    k = np.einsum("nkd,kd->n", changes, moves) / (2 * np.square(moves).sum())
+    if bool((k == 0).any()):
+        return None
+    stations = probes - slopes / (2 * k[:, None, None])
+    size = np.abs(probes).max() + np.abs(stations).max(axis=(1, 2))
+    if bool((np.abs(stations - stations[:, :1]).max(axis=(1, 2)) > AGREEMENT * size).any()):
+        return None
+    stations = stations.mean(axis=1)
+    squares = (np.square(probes - stations[:, None, :]).sum(axis=-1) - values / k[:, None]).mean(axis=1)
+    slope = np.zeros(len(rows))
+    if offset is not None:
+        changes = np.stack([rows.values(numbers[0] + b * np.eye(d + 1)[offset])[:, 0] for b in (1.0, 2.0, -1.0)], axis=1)
+        changes = (changes - values[:, :1]) / -k[:, None]
+        if not np.allclose(changes, changes[:1, :1] * np.array([1.0, 4.0, 1.0]), rtol=1e-9) or changes[0, 0] <= 0:
+            return None
+        if bool((np.abs(squares) > AGREEMENT * size**2).any()):
+            return None
+        slope = np.sqrt(changes[:, 0])
+    length = np.sqrt(np.maximum(squares, 0.0))
+    return Spheres(
+        point=point,
+        offset=offset,
+        stations=stations,
+        extra=np.minimum(squares, 0.0) * -1.0,
+        length=length if offset is None else np.zeros(len(rows)),
+        slope=slope,
+        weight=rows.weight * k**2,
+        even=offset is not None,
+    )
+
+
+def _distances(rows: Rows, point: tuple[int, ...], offset: int | None, probes: Floats) -> Spheres | None:
     """``(h + m) ∇h = k² (p − s)`` is linear in m, k² and k²s: solved from all probes but one, which checks."""
     count, d = probes.shape
     numbers = np.zeros((count, d + (offset is not None)))

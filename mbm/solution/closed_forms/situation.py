@@ -6,13 +6,12 @@ member, and all members are probed at once, since their rows do not meet.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mbm.problem.tables import Table
-from mbm.problem.types import BlockRole, Problem
+from mbm.problem.types import BlockRole
 from mbm.solution.binding import Group
 from mbm.solution.layout import Entry, Layout
 from mbm.solution.types import Floats, Indices, Mask
@@ -150,28 +149,33 @@ class Candidate:
         found = self._rows(width, whole=False)
         return found if len(found) or width == 1 else self._rows(width, whole=True)
 
-    def all_rows(self) -> tuple[Rows, ...]:
-        """Every equation, by width."""
-        widths = {w.last - w.first for group, _, _ in self.lines for w in group.whiteners}
-        return tuple(self._rows(width, whole=False) for width in sorted(widths))
+    def scalars(self) -> Rows:
+        """Every component of every equation as a row of its own."""
+        return self._gathered(lambda group: [(i, i + 1) for i in range(group.kernel.outputs)])
 
     def _rows(self, width: int, *, whole: bool) -> Rows:
+        def ranges(group: Group) -> list[tuple[int, int]]:
+            every = [(0, group.kernel.outputs)] if whole else [(w.first, w.last) for w in group.whiteners]
+            return [(first, last) for first, last in every if last - first == width]
+
+        return self._gathered(ranges, width)
+
+    def _gathered(self, ranges: Callable[[Group], list[tuple[int, int]]], width: int = 1) -> Rows:
+        """The rows of the outputs that ``ranges`` names for each group."""
         pieces, members, units, weights = [], [], [], []
         numbers = self.situation.numbers
         role = np.full(len(numbers), -1, dtype=np.int64)
         role[self.places] = np.arange(self.places.shape[1])
         for group, lines, member in self.lines:
             scale = _precision(group)
-            every = [(0, group.kernel.outputs)] if whole else [(w.first, w.last) for w in group.whiteners]
             index = group.index[lines]
-            for first, last in every:
-                if last - first == width:
-                    pieces.append(
-                        Piece(group=group, lines=lines, first=first, last=last, inputs=numbers[index], roles=role[index])
-                    )
-                    members.append(member)
-                    units.append(group.units[lines, first])
-                    weights.append(scale[lines, first:last].mean(axis=1))
+            for first, last in ranges(group):
+                pieces.append(
+                    Piece(group=group, lines=lines, first=first, last=last, inputs=numbers[index], roles=role[index])
+                )
+                members.append(member)
+                units.append(group.units[lines, first])
+                weights.append(scale[lines, first:last].mean(axis=1))
         columns = np.full(len(self.situation.layout.number), -1, dtype=np.int64)
         columns[self.coordinates] = np.arange(self.coordinates.shape[1])
         return Rows(
@@ -194,9 +198,7 @@ def _precision(group: Group) -> Floats:
 class Situation:
     """The observations of one solve and what is known so far: ``numbers`` (N,), NaN where a value is wanted."""
 
-    problem: Problem
     layout: Layout
-    tables: Mapping[str, Table] = field(repr=False)
     groups: tuple[Group, ...] = field(repr=False)
     numbers: Floats = field(repr=False)
 
@@ -246,8 +248,7 @@ class Situation:
 
     def observations(self) -> tuple[Group, ...]:
         """Groups of measured equations; priors take no part in starts."""
-        blocks = self.problem.blocks
-        return tuple(g for g in self.groups if blocks[g.kernel.owner].role is BlockRole.OBSERVATION and g.rows)
+        return tuple(g for g in self.groups if g.role is BlockRole.OBSERVATION and g.rows)
 
     def _lines(self, places: Indices) -> Iterator[tuple[Group, Indices, Indices]]:
         """Rows of each group whose unknown numbers are all of one member, and that member."""

@@ -11,7 +11,7 @@ from mbm.solution.constrained.conflict import STILL, TOLERANCE, conflict_at
 from mbm.solution.constrained.linearise import linearise, met, violations
 from mbm.solution.constrained.penalised import least_violation, marquardt, penalised, updated
 from mbm.solution.constrained.sequential import Iterate, begin, run
-from mbm.solution.constrained.types import ConstrainedEquations
+from mbm.solution.constrained.types import ConstrainedEquations, Stopped, never
 from mbm.solution.types import Conflict, Floats, Minimum, Reason
 
 ROUNDS = 14
@@ -30,6 +30,8 @@ LOOSE = 1e-2
 
 FINISH = 30
 """Sequential steps that may follow a round."""
+
+FINAL = (Reason.NOT_FINITE_AT_START, Reason.INTERRUPTED)
 
 PLACES = 10
 """Points around the start from which a feasible one is searched for before there is said to be none."""
@@ -51,6 +53,9 @@ class _Work:
     """The iterations and evaluations of one search, as they add up."""
 
     limit: int
+    tolerance: float
+    seed: int
+    stopped: Stopped
     iterations: int = 0
     evaluations: int = 0
     searched: bool = field(default=False)
@@ -59,6 +64,12 @@ class _Work:
         self.iterations += done.iterations
         self.evaluations += done.evaluations
 
+    def steps(self, equations: ConstrainedEquations, state: Iterate) -> Iterate:
+        """A few sequential steps, counted."""
+        done = run(equations, state, tolerance=self.tolerance, limit=FINISH, stopped=self.stopped)
+        self.count(done)
+        return done
+
     def end(self, state: Iterate, reason: Reason, conflict: Conflict | None = None) -> Constrained:
         return Constrained(
             state=state, reason=reason, iterations=self.iterations, evaluations=self.evaluations, conflict=conflict
@@ -66,32 +77,42 @@ class _Work:
 
 
 def by_penalties(
-    equations: ConstrainedEquations, start: Floats, *, tolerance: float, limit: int, seed: int = 1
+    equations: ConstrainedEquations,
+    start: Floats,
+    *,
+    tolerance: float,
+    limit: int,
+    seed: int = 1,
+    stopped: Stopped = never,
 ) -> Constrained:
     """Multiplied penalties until the constraints nearly hold, then sequential steps until they do.
 
     The penalties need no feasible start and no feasible linearisation. Where they do not bring the violations down,
     the least of them is searched for: if that is not zero, the constraints contradict one another.
     """
-    return _by_penalties(equations, begin(equations, start), tolerance, _Work(limit), seed)
+    return _by_penalties(equations, begin(equations, start), _Work(limit, tolerance, seed, stopped))
 
 
 def by_sequential_steps(
-    equations: ConstrainedEquations, start: Floats, *, tolerance: float, limit: int, seed: int = 1
+    equations: ConstrainedEquations,
+    start: Floats,
+    *,
+    tolerance: float,
+    limit: int,
+    seed: int = 1,
+    stopped: Stopped = never,
 ) -> Constrained:
     """Sequential quadratic programming from the start; multiplied penalties where that gets stuck."""
-    work = _Work(limit)
-    state = run(equations, begin(equations, start), tolerance=tolerance, limit=limit)
+    work = _Work(limit, tolerance, seed, stopped)
+    state = run(equations, begin(equations, start), tolerance=tolerance, limit=limit, stopped=stopped)
     work.count(state)
-    if state.reason is not None and (state.reason.converged or state.reason is Reason.NOT_FINITE_AT_START):
+    if state.reason is not None and (state.reason.converged or state.reason in FINAL):
         return work.end(state, state.reason)
     work.limit += limit
-    return _by_penalties(equations, begin(equations, state.place.point), tolerance, work, seed)
+    return _by_penalties(equations, begin(equations, state.place.point), work)
 
 
-def _by_penalties(
-    equations: ConstrainedEquations, first: Iterate, tolerance: float, work: _Work, seed: int
-) -> Constrained:
+def _by_penalties(equations: ConstrainedEquations, first: Iterate, work: _Work) -> Constrained:
     if first.reason is not None:
         return work.end(first, first.reason)
     start = point = first.place.point
@@ -100,23 +121,21 @@ def _by_penalties(
     for _ in range(ROUNDS):
         unit = linearise(equations, point).unit
         penalties = penalised(equations, unit, known, weight)
-        found = marquardt(penalties, point, LOOSE, max(work.limit - work.iterations, 1))
+        found = marquardt(penalties, point, LOOSE, max(work.limit - work.iterations, 1), work.stopped)
         work.count(found)
         point, known = found.point, updated(penalties, found.point)
-        last = run(equations, begin(equations, point, known), tolerance=tolerance, limit=FINISH)
-        work.count(last)
-        if last.reason is not None and last.reason.converged:
+        last = work.steps(equations, begin(equations, point, known))
+        if last.reason is not None and (last.reason.converged or last.reason is Reason.INTERRUPTED):
             return work.end(last, last.reason)
         left = float((violations(equations.constraint_values(point), equations.equality) / unit).max(initial=0.0))
         if not left <= SHRINKS * worst:
             weight *= HEAVIER
             if not work.searched:
-                feasible = _feasible(equations, point, start, work, seed)
+                feasible = _feasible(equations, point, start, work)
                 if isinstance(feasible, Constrained):
                     return feasible
                 point, known, weight = feasible, np.zeros(len(known)), max(weight, FEASIBLE_WEIGHT)
-                last = run(equations, begin(equations, point), tolerance=tolerance, limit=FINISH)
-                work.count(last)
+                last = work.steps(equations, begin(equations, point))
                 if last.reason is not None and last.reason.converged:
                     return work.end(last, last.reason)
         worst = min(worst, left) if np.isfinite(left) else worst
@@ -125,13 +144,11 @@ def _by_penalties(
     return work.end(last, last.reason or Reason.MAX_ITERATIONS)
 
 
-def _feasible(
-    equations: ConstrainedEquations, here: Floats, start: Floats, work: _Work, seed: int
-) -> Floats | Constrained:
+def _feasible(equations: ConstrainedEquations, here: Floats, start: Floats, work: _Work) -> Floats | Constrained:
     """A point that meets the constraints; or the end at the point of least violation, with what contradicts there."""
     work.searched = True
     least, fewest, unit_there = None, np.inf, np.zeros(0)
-    for point in _places(equations, here, start, seed):
+    for point in _places(equations, here, start, work.seed):
         unit = linearise(equations, point).unit
         found, left = least_violation(equations, point, unit, TOLERANCE, work.limit)
         work.count(found)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbm.solution.constrained.linearise import violations
-from mbm.solution.constrained.types import ConstrainedEquations
+from mbm.solution.constrained.types import ConstrainedEquations, Stopped, never
 from mbm.solution.solvers.marquardt import MARQUARDT
-from mbm.solution.types import Equations, Floats, Mask, Minimum, Reason
+from mbm.solution.types import Equations, Floats, Mask, Minimum, Profiled, Reason
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,6 +47,11 @@ class Penalised:
     def linear(self) -> bool:
         """Never promised: inequalities have a kink."""
         return False
+
+    @property
+    def profiled(self) -> bool:
+        """As the equations have it."""
+        return self.observed and isinstance(self.equations, Profiled) and self.equations.profiled
 
     def residuals(self, x: Floats) -> Floats:
         """Whitened residuals and penalties."""
@@ -98,11 +103,15 @@ def updated(penalties: Penalised, x: Floats) -> Floats:
     return acting * penalties.weight**2 / penalties.unit
 
 
-def marquardt(equations: Equations, start: Floats, tolerance: float, limit: int) -> Minimum:
+def marquardt(
+    equations: Equations, start: Floats, tolerance: float, limit: int, stopped: Stopped = never
+) -> Minimum:
     """The minimum by Marquardt's method."""
     state = MARQUARDT.init(equations, start, tolerance)
     reason = MARQUARDT.finished(state)
     while reason is None and state.iterations < limit:
+        if stopped():
+            return MARQUARDT.minimum(state, Reason.INTERRUPTED)
         state = MARQUARDT.step(equations, state)
         reason = MARQUARDT.finished(state)
     return MARQUARDT.minimum(state, reason or Reason.MAX_ITERATIONS)

@@ -15,8 +15,9 @@ import numpy as np
 from mbm.solution.constrained.curvature import lagrangian_model
 from mbm.solution.constrained.linearise import EXACT, finite, linearise, met, violations
 from mbm.solution.constrained.quadratic import Solved, Subproblem, solve
-from mbm.solution.constrained.types import ConstrainedEquations, Linearised
-from mbm.solution.solvers.box import Box, Step, box_of
+from mbm.solution.constrained.types import ConstrainedEquations, Linearised, Stopped, never
+from mbm.solution.solvers.box import Box, box_of
+from mbm.solution.solvers.scaled import EPSILON
 from mbm.solution.solvers.state import relative_offset
 from mbm.solution.types import Floats, Reason, TraceEntry
 
@@ -34,6 +35,9 @@ HOPELESS = 3
 SLOW = 0.2
 NEAR = 0.1
 """The second-order term is computed where the offset is below NEAR and shrinks by less than SLOW."""
+
+ON_BOUND = 1e-9
+"""Standard deviations from a bound that holds a coordinate which are none."""
 
 POLISH = 0.5
 SETTLED = 1e-4
@@ -84,10 +88,14 @@ def begin(equations: ConstrainedEquations, start: Floats, multipliers: Floats | 
     )
 
 
-def run(equations: ConstrainedEquations, state: Iterate, *, tolerance: float, limit: int) -> Iterate:
+def run(
+    equations: ConstrainedEquations, state: Iterate, *, tolerance: float, limit: int, stopped: Stopped = never
+) -> Iterate:
     """Steps until the iteration is over (``reason``), or ``limit`` of them are done (``reason`` None)."""
     box = box_of(equations)
     while state.reason is None and state.iterations < limit:
+        if stopped():
+            return replace(state, reason=Reason.INTERRUPTED)
         state = step(equations, box, state, tolerance)
     return state
 
@@ -112,11 +120,19 @@ def step(equations: ConstrainedEquations, box: Box, state: Iterate, tolerance: f
         return replace(state, reason=Reason.FLAT)
     everything = solved.feasible and bool(met(here, equality, EXACT).all())
     if everything and offset <= tolerance:
-        return replace(state, reason=Reason.SMALL_OFFSET)
+        return _last(equations, box, state, solved, Reason.SMALL_OFFSET)
     if everything and _no_movement(here, solved, equations):
-        return replace(state, reason=Reason.ROUNDING)
+        return _last(equations, box, state, solved, Reason.ROUNDING)
     state = replace(state, weights=_weights(state.weights, solved.multipliers))
     return _searched(equations, box, state, problem, solved)
+
+
+def _last(equations: ConstrainedEquations, box: Box, state: Iterate, solved: Solved, reason: Reason) -> Iterate:
+    """The negligible last step all the same: it puts coordinates exactly on the bounds that hold them."""
+    place = linearise(equations, _moved(equations, box, state.place, solved), state.place)
+    good = finite(place) and bool(met(place, equations.equality, EXACT).all())
+    good = good and place.cost <= state.place.cost + state.place.slack
+    return replace(state, place=place if good else state.place, evaluations=state.evaluations + 1, reason=reason)
 
 
 def _subproblem(
@@ -186,8 +202,7 @@ def _searched(
         return _judged_by_length(equations, box, state, solved)
     evaluations, length = state.evaluations, 1.0
     for tries in range(HALVINGS):
-        vector = length * solved.step
-        point = _moved(equations, box, here.point, vector)
+        point = _moved(equations, box, here, solved, length)
         residuals, values = equations.residuals(point), equations.constraint_values(point)
         evaluations += 1
         merit = _merit_of(residuals, values, state.weights, equations)
@@ -205,15 +220,15 @@ def _searched(
     return _stuck(replace(state, evaluations=evaluations))
 
 
-def _moved(equations: ConstrainedEquations, box: Box, point: Floats, vector: Floats) -> Floats:
-    """Where a step leads, inside the bounds, on them to the last bit."""
-    moved = equations.retract(point, vector)
+def _moved(equations: ConstrainedEquations, box: Box, here: Linearised, solved: Solved, length: float = 1.0) -> Floats:
+    """Where a step leads, inside the bounds; what a bound holds is put on it to the last bit."""
+    moved = equations.retract(here.point, length * solved.step)
     if not box.present:
         return moved
-    inside = equations.coordinates(moved)
-    stopped = np.ones(len(vector), dtype=bool)
-    step_there = Step(vector=vector, predicted=0.0, length=0.0, stopped=stopped)
-    return equations.placed(moved, box.landed(inside, step_there))
+    inside = box.project(equations.coordinates(moved))
+    bound = np.where(solved.bounds < 0.0, box.lower, box.upper)
+    near = np.abs(inside - bound) <= np.maximum(ON_BOUND / here.scale, 8.0 * EPSILON * np.abs(bound))
+    return equations.placed(moved, np.where((solved.bounds != 0.0) & near, bound, inside))
 
 
 def _corrected(
@@ -222,7 +237,7 @@ def _corrected(
     """The full step again, with the curvature of the constraints answered that showed at its end."""
     bent = values - problem.slopes @ solved.step
     again = solve(replace(problem, values=bent))
-    point = _moved(equations, box, state.place.point, again.step)
+    point = _moved(equations, box, state.place, again)
     residuals, there = equations.residuals(point), equations.constraint_values(point)
     return point, _merit_of(residuals, there, state.weights, equations)
 
@@ -251,7 +266,7 @@ def _stuck(state: Iterate) -> Iterate:
 def _judged_by_length(equations: ConstrainedEquations, box: Box, state: Iterate, solved: Solved) -> Iterate:
     """The merit is rounding: take the step if the next one is shorter and the constraints hold no worse."""
     here = state.place
-    point = _moved(equations, box, here.point, solved.step)
+    point = _moved(equations, box, here, solved)
     place = linearise(equations, point, here)
     state = replace(state, evaluations=state.evaluations + 1)
     settled = state.offset <= SETTLED or not isfinite(state.offset)

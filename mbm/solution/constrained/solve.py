@@ -2,18 +2,50 @@
 
 from __future__ import annotations
 
-from mbm.problem.types import ConstraintMethod
-from mbm.solution.constrained.answer import minimum_of
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+
+from mbm.problem.types import ConstraintMethod, Method
+from mbm.solution.constrained.answer import constraint_state, minimum_of
+from mbm.solution.constrained.ipopt import by_interior_points
+from mbm.solution.constrained.linearise import linearise
 from mbm.solution.constrained.minimise import by_penalties, by_sequential_steps
 from mbm.solution.constrained.types import ConstrainedEquations
 from mbm.solution.settings import Settings
-from mbm.solution.types import Floats, Minimum
+from mbm.solution.types import Equations, Floats, Minimum
+
+
+def constrained(equations: Equations) -> ConstrainedEquations | None:
+    """The equations if they have constraints."""
+    equality = getattr(equations, "equality", None)
+    return cast(ConstrainedEquations, equations) if equality is not None and equality.size else None
+
+
+def method_name(settings: Settings) -> str:
+    """What the method that meets the constraints is called."""
+    return Method.IPOPT.value if settings.method is Method.IPOPT else settings.constraints.value
 
 
 def constrained_minimum(equations: ConstrainedEquations, start: Floats, settings: Settings) -> Minimum:
     """The constrained minimum that the start leads to."""
     solve = by_sequential_steps if settings.constraints is ConstraintMethod.EXACT else by_penalties
+    if settings.method is Method.IPOPT:
+        solve = by_interior_points
     found = solve(
-        equations, start, tolerance=settings.tolerance, limit=settings.max_iterations, seed=settings.seed
+        equations,
+        start,
+        tolerance=settings.tolerance,
+        limit=settings.max_iterations,
+        seed=settings.seed,
+        stopped=settings.stopped,
     )
     return minimum_of(equations, found)
+
+
+def with_constraints(equations: ConstrainedEquations, minimum: Minimum) -> Minimum:
+    """A minimum that was found without regard to the constraints, with what became of them."""
+    place = linearise(equations, minimum.point)
+    state = constraint_state(equations.equality, place, np.zeros(len(place.values)))
+    return replace(minimum, constraints=replace(state, forcing=state.forcing & ~state.violated))

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeAlias
 
 from mbm.solution.types import Equations, Floats, Mask
 
 
-@runtime_checkable
+Stopped: TypeAlias = Callable[[], bool]
+"""Asked between iterations: the search is to end with the best point so far."""
+
+
+def never() -> bool:
+    """Nobody stops the search."""
+    return False
+
+
 class ConstrainedEquations(Equations, Protocol):
     """Least squares with constraints: ``c_i(x) = 0`` where ``equality[i]``, ``c_i(x) <= 0`` elsewhere."""
 

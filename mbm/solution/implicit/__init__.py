@@ -1,1 +1,1 @@
-"""Equations with errors in measured columns → residuals of the unknowns alone: the corrections are solved for inside."""
+"""Equations with errors in measured columns → residuals of the unknowns alone: corrections are solved for inside."""

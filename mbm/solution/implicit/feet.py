@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbm.solution.implicit.calm import calm_feet
 from mbm.solution.implicit.search import Search, begun, swept
 from mbm.solution.implicit.types import Conditions, Feet, Local
 from mbm.solution.types import Floats, Mask
@@ -47,8 +48,22 @@ class _Scaled:
 
 
 @np.errstate(all="ignore")
-def feet(conditions: Conditions) -> Feet:
-    """The feet of all components; ``found`` is False where there is none, or none that is a minimum."""
+def feet(conditions: Conditions, near: Feet | None = None) -> Feet:
+    """The feet of all components; ``found`` is False where there is none, or none that is a minimum.
+
+    ``near`` are the feet for other unknowns not far off: they save steps, but decide nothing.
+    """
+    if near is not None and bool(near.found.all()):
+        found = calm_feet(conditions, near.corrections, near.multipliers)
+        if found is not None:
+            return found
+    rows, k = conditions.noisy.shape
+    found = calm_feet(conditions, np.zeros((rows, conditions.corrections)), np.zeros((rows, k)))
+    return found if found is not None else searched_feet(conditions)
+
+
+def searched_feet(conditions: Conditions) -> Feet:
+    """The feet by the safeguarded search."""
     scaled = _Scaled(conditions)
     search = _searched(scaled, np.zeros((len(scaled.scale), scaled.corrections)))
     found = search.done & is_minimum(search)
@@ -58,6 +73,7 @@ def feet(conditions: Conditions) -> Feet:
     values = search.values * scaled.scale
     return Feet(
         corrections=search.corrections,
+        multipliers=search.multipliers / scaled.scale,
         slopes=slopes,
         misclosures=values - np.einsum("rkq,rq->rk", slopes, search.corrections),
         found=found,
@@ -76,7 +92,7 @@ def _searched(conditions: Conditions, start: Floats) -> Search:
 def is_minimum(search: Search) -> Mask:
     """Whether the curvature along the conditions is positive: the point is a nearest one, not a farthest (R,)."""
     bent = np.einsum("rij,rij->r", search.curvature, search.curvature) >= 1.0
-    result = ~bent
+    result = np.asarray(~bent, dtype=bool)
     for i in np.flatnonzero(bent):
         slopes = search.slopes[i]
         held = slopes.T @ (slopes / np.where(search.noisy[i], 1.0, SOFTNESS)[:, None])

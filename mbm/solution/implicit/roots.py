@@ -1,4 +1,4 @@
-"""Whitening with the covariance of the linearised conditions: ``S^(-1/2)`` of ``S = B Bᵀ + Σ``, applied, never formed."""
+"""Whitening with the covariance ``S = B Bᵀ + Σ`` of the linearised conditions: its inverse root, never formed."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def root(slopes: Floats, noisy: Mask) -> Root:
         return _LowRank(slopes, (vectors * factors[:, None, :]) @ vectors.transpose(0, 2, 1))
     covariance = spread(slopes, noisy)
     try:
-        return _Triangles(np.linalg.cholesky(covariance))
+        return _Triangles(np.asarray(np.linalg.cholesky(covariance), dtype=np.float64))
     except np.linalg.LinAlgError:
         lower = np.full(covariance.shape, np.nan)
         for i, matrix in enumerate(covariance):

@@ -50,7 +50,7 @@ class Search:
     lost: Mask
 
     def with_rows(self, chosen: Mask, other: Search) -> Search:
-        """This search with the ``chosen`` components (R,) of another."""
+        """The search with the ``chosen`` components (R,) of another."""
         mixed = {}
         for each in fields(self):
             mine, theirs = getattr(self, each.name), getattr(other, each.name)
@@ -83,7 +83,7 @@ def begun(conditions: Conditions, start: Floats) -> Search:
         length=np.ones(rows),
         newton=np.zeros(rows, dtype=bool),
         done=np.zeros(rows, dtype=bool),
-        lost=~finite,
+        lost=np.asarray(~finite, dtype=bool),
     )
     return _aimed(search)
 
@@ -174,7 +174,7 @@ def _acceptable(search: Search, there: Search) -> Mask:
     if not bool(good.all()):
         rounding = 1e-15 * (1.0 + np.abs(_merit(search)))
         good |= _merit(there) <= _merit(search) + DECREASE * search.length * _promise(search) + rounding
-    return good & finite
+    return np.asarray(good & finite, dtype=bool)
 
 
 def _merit(search: Search) -> Floats:
@@ -192,9 +192,7 @@ def _remainder(search: Search) -> Floats:
     """Squared size of what keeps a point from being a foot: the conditions, and the gradient beside them."""
     gradient = search.corrections + np.einsum("rkq,rk->rq", search.slopes, search.multipliers)
     own = np.where(search.noisy, search.noises - search.multipliers, 0.0)
-    return np.asarray(
-        np.square(gradient).sum(axis=1) + np.square(own).sum(axis=1) + np.square(search.gaps).sum(axis=1)
-    )
+    return np.asarray(np.square(gradient).sum(axis=1) + np.square(own).sum(axis=1) + np.square(search.gaps).sum(axis=1))
 
 
 def _size(vectors: Floats) -> Floats:

@@ -17,24 +17,20 @@ class Part:
     """Some rows of one group in a system.
 
     ``group`` holds those rows alone, ``evaluation`` the derivatives by their measured values; ``sigma`` (rows, c) is
-    that of each value (0: exact) and ``ids`` (rows, c) its number. ``equations`` (rows, outputs) places each output
-    among the R·k equations of the system, ``places`` (rows, c) each value among its R·q corrections, -1 where it is
-    exact. ``alone``: the rows are the components, in order, and nothing is exact.
+    that of each value (0: exact) and ``ids`` (rows, c) its number. ``residuals`` (rows, outputs) places each output in
+    the vector of all residuals, ``equations`` among the R·k equations of the system, ``places`` (rows, c) each value
+    among its R·q corrections, -1 where it is exact. ``alone``: the rows are the components, in order, and every value
+    has a place.
     """
 
     group: Group
     evaluation: Evaluation
     sigma: Floats
     ids: Indices
+    residuals: Indices
     equations: Indices
     places: Indices
     alone: bool
-
-    @property
-    def residuals(self) -> Indices:
-        """Places of the outputs (rows, outputs) in the vector of all residuals."""
-        start = self.group.first + np.arange(self.group.rows)[:, None] * self.group.kernel.outputs
-        return start + np.arange(self.group.kernel.outputs)
 
     @property
     def columns(self) -> Indices:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+from mbm.problem.tables import CellKey
 from mbm.solution.types import Floats, Mask
 
 
@@ -17,6 +18,22 @@ class Local:
     values: Floats
     slopes: Floats
     curvature: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CorrectedColumn:
+    """The corrected values of a column: ``corrections`` (p,), to be added, and the stated ``sigma`` (p,), both in SI.
+
+    ``rows`` (p,) count from 1 in the unfiltered table, None where a filter has left the row out; ``keys`` are those of
+    the rows where the table has a key.
+    """
+
+    table: str
+    column: str
+    rows: tuple[int | None, ...]
+    keys: tuple[CellKey | None, ...] | None
+    corrections: Floats
+    sigma: Floats
 
 
 class Conditions(Protocol):
@@ -45,11 +62,12 @@ class Conditions(Protocol):
 class Feet:
     """The smallest corrections that meet the conditions: the foot of the measured point on them.
 
-    ``corrections`` u (R, q), ``slopes`` B (R, k, q) there, ``misclosures`` w = h(u) − B u (R, k); ``found`` (R,) is
-    False where no foot was found.
+    ``corrections`` u (R, q), ``multipliers`` λ (R, k), ``slopes`` B (R, k, q) there, ``misclosures`` w = h(u) − B u
+    (R, k); ``found`` (R,) is False where no foot was found.
     """
 
     corrections: Floats
+    multipliers: Floats
     slopes: Floats
     misclosures: Floats
     found: Mask

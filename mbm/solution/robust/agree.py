@@ -47,9 +47,9 @@ APART = 25.0
 class Agreed:
     """The units that agree at a point.
 
-    ``inliers`` (U,), ``squares`` (U,) the squared norms at ``point`` (N,), ``variances`` (U,) of the noise (1
-    where it is stated), ``limits`` (U,) of the squared norms. ``trials`` is the number of subsets; ``ambiguous`` says that another
-    point explains as much.
+    ``inliers`` (U,), ``squares`` (U,) the squared norms at ``point`` (N,), ``variances`` (U,) of the noise (1 where it
+    is stated), ``limits`` (U,) of the squared norms. ``trials`` is the number of subsets; ``ambiguous`` says that
+    another point explains as much.
     """
 
     point: Floats
@@ -67,22 +67,22 @@ class Agreed:
 
 
 @np.errstate(all="ignore")
-def agree(trials: Trials, units: Units, start: Floats, consensus: Consensus, seed: int) -> Agreed:
-    """The units that agree, by random subsets fitted from ``start`` (N,) or by graduated non-convexity."""
+def agree(trials: Trials, units: Units, starts: Floats, consensus: Consensus, seed: int) -> Agreed:
+    """The units that agree, by random subsets fitted from the ``starts`` (S, N) or by graduated non-convexity."""
     cut = cuts(units, consensus.threshold)
-    unknown = units.group != STATED
-    count, size = 0, trials.dimension
-    if consensus.kind is ConsensusKind.GNC:
-        points = graduated(trials, units, start, cut, unknown)[None]
-    else:
-        jacobian = trials.linearised(start[None])[1][0]
+    count, size, points = 0, trials.dimension, starts
+    if consensus.kind is not ConsensusKind.GNC:
+        jacobian = trials.linearised(starts[:1])[1][0]
         subsets = minimal_subsets(jacobian, units, consensus.trials, seed)
         count, size = subsets.shape
-        points = (
-            np.concatenate((trials.fitted(np.tile(start, (count, 1)), subsets), start[None])) if count else start[None]
-        )
-        if size >= LARGE_SUBSET:
-            points = np.concatenate((points, graduated(trials, units, start, cut, unknown)[None]))
+        if count:
+            each = np.tile(subsets, (len(starts), 1))
+            points = np.concatenate((trials.fitted(np.repeat(starts, count, axis=0), each), starts))
+    if consensus.kind is ConsensusKind.GNC or size >= LARGE_SUBSET:
+        unknown = units.group != STATED
+        more = np.stack([graduated(trials, units, start, cut, unknown) for start in starts])
+        points = more if consensus.kind is ConsensusKind.GNC else np.concatenate((points, more))
+    if len(points) > CANDIDATES:
         points = _best_few(trials, units, points, consensus.kind, size, cut)
     candidates, variances = _improved(trials, units, points, cut, size)
     best = candidates.best()
@@ -104,12 +104,16 @@ def _best_few(trials: Trials, units: Units, points: Floats, kind: ConsensusKind,
     step = max(TOGETHER // max(len(units.of_row), 1), 1)
     parts = [units.squares(trials.residuals(points[i : i + step])) for i in range(0, len(points), step)]
     squares = np.concatenate(parts)
-    found = scores(ConsensusKind.LMEDS, squares, units, size, cut, cut)
-    if kind is not ConsensusKind.LMEDS:
-        variances = variances_at(squares[int(np.argmin(found))], units, 0)
-        found = scores(kind, squares, units, size, cut, np.maximum(variances, 1e-300))
-    order = np.argsort(found, kind="stable")[:CANDIDATES]
-    return np.asarray(points[order])
+    by_median = np.argsort(scores(ConsensusKind.LMEDS, squares, units, size, cut, cut), kind="stable")
+    if kind is ConsensusKind.LMEDS:
+        return np.asarray(points[by_median[:CANDIDATES]])
+    variances = variances_at(squares[by_median[0]], units, 0)
+    by_rule = np.argsort(scores(kind, squares, units, size, cut, variances), kind="stable")
+    if bool((units.group == STATED).all()):
+        return np.asarray(points[by_rule[:CANDIDATES]])
+    # The rule needs the noise; where that is unknown, trials with the least median may be the ones that know it.
+    both = np.stack((by_rule[:CANDIDATES], by_median[:CANDIDATES]), axis=1).ravel()
+    return np.asarray(points[np.unique(both)])
 
 
 def _improved(trials: Trials, units: Units, points: Floats, cut: Floats, size: int) -> tuple[Refined, Floats]:
@@ -118,7 +122,7 @@ def _improved(trials: Trials, units: Units, points: Floats, cut: Floats, size: i
     if (units.group != STATED).any():
         found = refined(trials, units, points, Trimmed(units, cut, size), iterations=STEPS)
         variances = variances_at(found.squares[found.best()], units, trials.dimension)
-        return found, np.maximum(variances, 1e-300)
+        return found, variances
     squares = units.squares(trials.residuals(points))
     own = [max(robust_variance(each, units, trials.dimension), 1.0) for each in squares]
     wide = refined(trials, units, points, Truncated(cut * np.array(own)[:, None], ones), iterations=4)
@@ -139,7 +143,7 @@ def _settled(
         if before is not None and bool((inliers == before).all()):
             break
         before = inliers
-        fresh = np.maximum(variances_at(squares, units, trials.dimension), 1e-300)
+        fresh = variances_at(squares, units, trials.dimension)
         if stated.any():
             contradicted = _contradicted(squares, units, trials.dimension, cut, inliers & stated)
             wide = max(robust_variance(squares, units, trials.dimension, stated), 1.0)

@@ -1,6 +1,7 @@
 """Graduated non-convexity: from least squares to the truncated loss by degrees.
 
-Yang, Antonante, Tzoumas and Carlone (2020). Deterministic, and without subsets, so for any number of unknowns; needs a least squares fit that is not too far off.
+Yang, Antonante, Tzoumas and Carlone (2020). Deterministic, and without subsets, so for any number of unknowns; it needs
+a least squares fit that is not too far off.
 """
 
 from __future__ import annotations

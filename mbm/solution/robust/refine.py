@@ -14,7 +14,7 @@ import numpy as np
 
 from mbm.solution.robust.trials import Trials
 from mbm.solution.robust.units import STATED, Units, medians
-from mbm.solution.types import Floats
+from mbm.solution.types import Floats, Indices
 
 DAMPING = 1e-6
 """First damping, relative to the diagonal of the normal equations: candidates are near their fit."""
@@ -81,7 +81,7 @@ class Trimmed:
             total = total + mine.size * np.log(mean)
         return np.where(np.isfinite(total), total, np.inf)
 
-    def _halves(self, squares: Floats) -> list[tuple[Floats, Floats, Floats]]:
+    def _halves(self, squares: Floats) -> list[tuple[Indices, Indices, Floats]]:
         """For each group its units, the places (K, h) of the better half in them, and its mean (K,)."""
         normed = squares / medians(self.units.components)
         found = []

@@ -54,5 +54,6 @@ def variances_at(squares: Floats, units: Units, dimension: int) -> Floats:
     for group in np.unique(units.group).tolist():
         if group != STATED:
             mine = units.group == group
-            found[mine] = robust_variance(squares, units, dimension, mine)
+            least = float(units.rounding[mine].max())
+            found[mine] = max(robust_variance(squares, units, dimension, mine), least, 1e-300)
     return found

@@ -30,13 +30,15 @@ class Units:
 
     ``of_row`` (m,) is the unit of each scalar residual, from 0, or -1 where the rule does not act (priors).
     ``components`` (U,) is the number of residuals of each unit, ``group`` (U,) the block whose unknown noise factor it
-    shares, `STATED` where the noise is stated. ``number`` (U,) is what the equations call it.
+    shares, `STATED` where the noise is stated. ``number`` (U,) is what the equations call it, ``rounding`` (U,) the
+    squared norm that the arithmetic alone makes.
     """
 
     of_row: Indices
     components: Indices
     group: Indices
     number: Indices
+    rounding: Floats
 
     @property
     def count(self) -> int:

@@ -87,7 +87,7 @@ def _columns(
         if len(wrong) == len(named):
             raise MbmError(faults.unknown_observation(wrong[0], own, f"column in `{block.name}`"))
         return tuple(name for name in named if name in own), False
-    uncertain = tuple(c.name for c in block.errors if c.name in own)
+    uncertain = tuple(c.name for c in block.errors if c.name in own and c.sigma is not None)
     columns = tuple(name for name in own if name in equation.measured_columns)
     if columns:
         return columns, False

@@ -23,6 +23,10 @@ ACCEPTED = 1e-6
 """Distance up to which a row counts as solved where rounding stops the iteration: large coordinates, small noise."""
 
 
+LENGTH = 1e-4
+"""Share of a column in the free direction above which it counts; below are the roundings of differences."""
+
+
 @np.errstate(all="ignore")
 def solved_rows(
     function: Function, start: Floats, wanted: Floats, scale: Floats, metric: Floats
@@ -45,7 +49,27 @@ def solved_rows(
         x, gap, moved = _searched(function, x, gap, step, wanted, scale)
         if not moved:
             break
-    return x, np.asarray(_distance(gap, scale) <= ACCEPTED, dtype=bool)
+    solved = np.asarray(_distance(gap, scale) <= ACCEPTED, dtype=bool)
+    if x.shape[1] == wanted.shape[1] + 1 and bool(solved.all()):
+        x = _as_long_as_before(function, x, start, (wanted, scale))
+    return x, solved
+
+
+def _as_long_as_before(function: Function, x: Floats, start: Floats, goal: tuple[Floats, Floats]) -> Floats:
+    """Columns whose common length the function does not notice (quaternions) get back the length that they had."""
+    jacobian = _differences(function, x, np.abs(x))
+    if not bool(np.isfinite(jacobian).all()):
+        return x
+    free = np.linalg.svd(jacobian)[2][:, -1]
+    held = (np.abs(free) > LENGTH * np.abs(free).max(axis=1, keepdims=True)).any(axis=0)
+    before, now = (np.linalg.norm(each[:, held], axis=1) for each in (start, x))
+    if not bool((before > 0).all()) or not bool((now > 0).all()):
+        return x
+    scaled = x.copy()
+    scaled[:, held] *= (before / now)[:, None]
+    wanted, scale = goal
+    same = bool((_distance(function(scaled) - wanted, scale) <= ACCEPTED).all())
+    return scaled if same else x
 
 
 @np.errstate(all="ignore")

@@ -14,16 +14,17 @@ from mbm.problem.checks import used_rows
 from mbm.problem.rows import row_values, rows_of
 from mbm.problem.tables import Column as TableColumn
 from mbm.problem.tables import Table
-from mbm.problem.types import BlockRole, Problem, UncertainColumn
+from mbm.problem.types import BlockRole, Problem, RowValues, UncertainColumn
 from mbm.solution.layout import layout
 from mbm.solution.selection import Selection, selections
 from mbm.solution.simulation import faults
 from mbm.solution.simulation.measured import Measured, measured_equations
 from mbm.solution.simulation.noise import outliers, root, stream
 from mbm.solution.simulation.places import Rows
+from mbm.solution.simulation.priors import drawn_from_priors
 from mbm.solution.simulation.rows import solved_rows, spread_of
 from mbm.solution.simulation.types import Cells, FactorsFinder, Simulating, Simulation, Truth, ValuesFinder
-from mbm.solution.types import Floats, Indices
+from mbm.solution.types import Floats, Indices, Mask
 from mbm.text.types import Diagnostic, MbmError
 
 
@@ -92,6 +93,10 @@ class _Run:
         lacking = [e.unknown for e in places.entries if bool(missing[e.coordinates].any())]
         if lacking:
             raise MbmError(*(faults.no_true_value(u.span, u.name) for u in lacking))
+        if self.asked.kernels is not None:
+            tables = self.selection.tables
+            drawn = drawn_from_priors(problem, self.asked.kernels, tables, places, self.selection.key, self.asked.seed)
+            places = replace(places, start=drawn)
         notes: list[Diagnostic] = []
         assumed = [e.unknown.name for e in places.entries if e.unknown.name not in values]
         if assumed:
@@ -129,7 +134,7 @@ class _Run:
         )
         return Simulation(cells=tuple(cells), truths=(truth,), notes=tuple(notes))
 
-    def _equation(self, measured: Measured, rows: Rows, factor: float) -> tuple[Floats, Floats]:
+    def _equation(self, measured: Measured, rows: Rows, factor: float) -> tuple[Floats, Mask]:
         """The measured columns (rows, p) of one equation, and which rows have an outlier."""
         problem = self.found.problem
         block = problem.blocks[measured.block]
@@ -177,11 +182,13 @@ class _Run:
         if measured.projected and rows.positions is not None:
             for j, name in enumerate(measured.columns):
                 sigma = next(c.sigma for c in errors if c.name == name)
+                if sigma is None:
+                    continue
                 numbers = row_values(sigma, self.selection.tables)[:, 0]
                 metric[:, j] = numbers[rows.positions] if len(numbers) > 1 else numbers[0]
         return metric
 
-    def _check(self, solved: Floats, measured: Measured, rows: Rows) -> None:
+    def _check(self, solved: Mask, measured: Measured, rows: Rows) -> None:
         if bool(solved.all()):
             return
         block = self.found.problem.blocks[measured.block]
@@ -191,7 +198,7 @@ class _Run:
             place = rows.table.place(int(rows.positions[np.argmin(solved)]))
         raise MbmError(faults.not_simulated(equation.span, block.name, measured.columns, place))
 
-    def _errors(self, tables: Mapping[str, Table], masks: Mapping[int, Floats | None]) -> list[Cells]:
+    def _errors(self, tables: Mapping[str, Table], masks: Mapping[int, Mask | None]) -> list[Cells]:
         """The errors of uncertain columns, on top of their true values: one for each row of the column's own table."""
         found: list[Cells] = []
         done: set[tuple[str, str]] = set()
@@ -199,10 +206,10 @@ class _Run:
             if block.role is not BlockRole.OBSERVATION:
                 continue
             for error in block.errors:
-                if (error.table, error.column) in done or block.table is None:
+                if error.sigma is None or (error.table, error.column) in done or block.table is None:
                     continue
                 done.add((error.table, error.column))
-                used, sigma = self._own_rows(number, error, masks)
+                used, sigma = self._own_rows(number, error, error.sigma, masks)
                 own = tables[error.table]
                 rng = stream(self.asked.seed, "errors", error.table, error.column)
                 normal = rng.standard_normal(own.provenance.rows)
@@ -211,24 +218,21 @@ class _Run:
         return found
 
     def _own_rows(
-        self, number: int, error: UncertainColumn, masks: Mapping[int, Floats | None]
+        self, number: int, error: UncertainColumn, sigma: RowValues, masks: Mapping[int, Mask | None]
     ) -> tuple[Indices, Floats]:
         """Positions in the uncertain column's own table of the rows in use, and their standard deviations."""
         block = self.found.problem.blocks[number]
         table = self.selection.tables[block.table or ""]
         mask = masks[number]
-        used = np.flatnonzero(mask) if mask is not None else np.arange(len(table))
-        sigmas = row_values(error.sigma, self.selection.tables)[:, 0]
-        sigma = sigmas[used] if len(sigmas) > 1 else np.full(len(used), sigmas[0])
-        if error.table == block.table:
-            return used, sigma
-        plan = next(p for p in self.found.problem.plans if p.name == block.table)
-        join = next(j for j in plan.joins if f"{j.alias}.{error.column}" == error.name)
-        index = {key: i for i, key in enumerate(self.selection.tables[join.table].keys())}
-        cells = table.keys(join.column)
-        owners = np.array([index[cells[i]] for i in used], dtype=np.int64)
-        owners, first = np.unique(owners, return_index=True)
-        return owners, sigma[first]
+        used = np.arange(len(table)) if mask is None else np.flatnonzero(mask)
+        sigmas = row_values(sigma, self.selection.tables)[:, 0]
+        each = sigmas[used] if len(sigmas) > 1 else np.full(len(used), sigmas[0])
+        if error.key is None:
+            return used, each
+        index = {key: i for i, key in enumerate(self.selection.tables[error.table].keys())}
+        cells = table.keys(error.key)
+        owners, first = np.unique(np.array([index[cells[int(i)]] for i in used], dtype=np.int64), return_index=True)
+        return owners, each[first]
 
 
 def _scale(spread: Floats, natural: Floats) -> Floats:

@@ -6,10 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mbm.kernels.types import KernelSet
 from mbm.problem.tables import CellKey
+from mbm.solution.binding import EvaluationCache
 from mbm.solution.layout import Layout
 from mbm.solution.types import Floats, Indices
 from mbm.text.types import Diagnostic
@@ -35,11 +34,16 @@ class Outliers:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulating:
-    """How to simulate. ``measured`` names the columns of observations whose equations leave open what they measure."""
+    """How to simulate.
+
+    ``measured`` names the columns of observations whose equations leave open what they measure. With ``kernels`` (and
+    their cache), what has a prior is drawn from it.
+    """
 
     seed: int
     outliers: Outliers | None = None
     measured: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
+    kernels: tuple[KernelSet, EvaluationCache] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,7 +73,3 @@ class Simulation:
     cells: tuple[Cells, ...]
     truths: tuple[Truth, ...]
     notes: tuple[Diagnostic, ...]
-
-
-Draws = Mapping[int, NDArray[np.float64]]
-"""Standard normal numbers (rows of the unfiltered table, components) for each equation of a block, by its number."""

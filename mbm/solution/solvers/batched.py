@@ -7,6 +7,7 @@ business of the solvers for one point. A trial never ends worse than it began, a
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -94,19 +95,26 @@ class Batched:
 
 
 @np.errstate(all="ignore")
-def minimise_all(stack: Stack, starts: Floats, *, iterations: int, tolerance: float = 1e-7) -> Batched:
+def minimise_all(
+    stack: Stack,
+    starts: Floats,
+    *,
+    iterations: int,
+    tolerance: float = 1e-7,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Batched:
     """The minima that the starts (T, N) lead to, each in at most so many steps; in chunks that fit the memory.
 
     A trial has settled when no column of the Jacobian makes an angle with the residuals whose cosine is above
     ``tolerance``, when the hardly damped step promises less than ``tolerance²`` of the cost, or when the cost is below
-    ``tolerance²`` for each residual: zero, in standard deviations.
+    ``tolerance²`` for each residual: zero, in standard deviations. ``stopped`` ends all of them where they are.
     """
     chunk = max(1, MEMORY // max(1, stack.count * stack.dimension))
     parts = []
     for first in range(0, max(len(starts), 1), chunk):
         state = _State(stack, starts[first : first + chunk], first, tolerance)
         for _ in range(iterations):
-            if not state.moving.size:
+            if not state.moving.size or stopped():
                 break
             state.advance()
         parts.append(state.answer())

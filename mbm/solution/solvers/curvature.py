@@ -11,7 +11,7 @@ from math import sqrt
 import numpy as np
 
 from mbm.solution.solvers.scaled import Scaled
-from mbm.solution.types import Equations, Floats
+from mbm.solution.types import Equations, Floats, Profiled
 
 FRACTION = 1e-4
 """Length of a difference in conditional standard deviations of the coordinate."""
@@ -28,6 +28,8 @@ def residual_curvature(
     Per unit of ‖r‖, so that the term fades where the residuals do. ``spread`` is the standard deviation of a residual,
     so that ``spread / scale`` is one of a coordinate.
     """
+    if isinstance(equations, Profiled) and equations.profiled:
+        return _profiled_curvature(equations, x, residuals, jacobian, scale, spread)
     n = equations.dimension
     size = np.abs(equations.coordinates(x))
     gradient = residuals @ jacobian
@@ -40,6 +42,25 @@ def residual_curvature(
     if not np.isfinite(result).all():
         return None
     return (0.5 / sqrt(float(residuals @ residuals))) * (result + result.T)
+
+
+def _profiled_curvature(
+    equations: Equations, x: Floats, residuals: Floats, jacobian: Floats, scale: Floats, spread: float
+) -> Floats | None:
+    """The same where the Jacobian is not the derivative of the residuals: the Hessian, by central differences of the
+    gradient, without ``JᵀJ``.
+    """
+    n = equations.dimension
+    size = np.abs(equations.coordinates(x))
+    hessian = np.empty((n, n))
+    for j in range(n):
+        step = np.zeros(n)
+        step[j] = max(FRACTION * spread / scale[j], RELATIVE * float(size[j]))
+        ends = (equations.retract(x, step), equations.retract(x, -step))
+        sides = [equations.residuals(there) @ equations.jacobian(there) for there in ends]
+        hessian[j] = (sides[0] - sides[1]) / (2.0 * step[j])
+    result = 0.5 * (hessian + hessian.T) - jacobian.T @ jacobian
+    return result / sqrt(float(residuals @ residuals)) if np.isfinite(result).all() else None
 
 
 def newton_step(parts: Scaled, curvature: Floats) -> tuple[Floats, float] | None:

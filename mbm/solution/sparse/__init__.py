@@ -1,1 +1,1 @@
-"""Least squares with many unknowns: block-sparse normal equations, elimination, Cholesky factors, marginal variances."""
+"""Least squares with many unknowns: normal equations in blocks, elimination, Cholesky factors, marginal variances."""

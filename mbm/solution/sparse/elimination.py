@@ -104,7 +104,9 @@ def elimination(pattern: NormalPattern, family: int) -> Elimination:
         other = families[left if flipped else right]
         shape = (gone.size, other.size)
         crosses.append(Cross(pair=(left, right), flipped=flipped, i=i, j=j, shape=shape))
-        row = i[:, None, None] * gone.size + np.arange(gone.size)[:, None] + np.zeros((1, 1, other.size), dtype=np.int64)
+        row = (
+            i[:, None, None] * gone.size + np.arange(gone.size)[:, None] + np.zeros((1, 1, other.size), dtype=np.int64)
+        )
         column = rest[other.first] + j[:, None, None] * other.size + np.arange(other.size)
         rows.append(row.reshape(-1))
         columns.append(np.broadcast_to(column, row.shape).reshape(-1))

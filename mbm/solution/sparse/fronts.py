@@ -77,9 +77,7 @@ def fronts(rows: Indices, columns: Indices, sizes: Indices) -> Fronts:
         spans.append((len(own), np.concatenate([own, rest])))
     number = {top: k for k, top in enumerate(tops)}
     above = [number[owner[parents[top]]] if parents[top] >= 0 else -1 for top in tops]
-    return Fronts(
-        size=len(scalar), order=scalar, fronts=_placed(spans, above, place_of[rows], place_of[columns])
-    )
+    return Fronts(size=len(scalar), order=scalar, fronts=_placed(spans, above, place_of[rows], place_of[columns]))
 
 
 def _ordered(left: Indices, right: Indices, count: int) -> Indices:

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import inf, isfinite, sqrt
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from mbm.solution.assembly import Assembled
 from mbm.solution.solvers.state import first_bad, relative_offset
+from mbm.solution.sparse.equations import blocked
 from mbm.solution.sparse.normal import Normal
-from mbm.solution.sparse.structure import Structure, Values
+from mbm.solution.sparse.structure import BlockJacobian, Structure, Values
 from mbm.solution.sparse.system import Plan, factorised, plan
 from mbm.solution.types import Equations, Floats, Mask, Minimum, Reason, TraceEntry
 
@@ -50,6 +52,7 @@ KEEP = 0.1
 """A coordinate that must stay positive keeps at least this part of its value in one step."""
 
 
+@runtime_checkable
 class BlockEquations(Equations, Protocol):
     """Equations whose Jacobian comes in blocks."""
 
@@ -86,6 +89,7 @@ class Place:
 class State:
     """An immutable value; ``reason`` is None while there is something left to do. ``growth`` is Nielsen's ν."""
 
+    equations: BlockEquations
     plan: Plan
     place: Place | None
     point: Floats
@@ -103,82 +107,32 @@ class State:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SparseMarquardt:
-    """For equations in blocks."""
+    """For assembled equations, which are taken apart into blocks, and for equations that know their blocks."""
 
     name: str = "lm-sparse"
 
     def supports(self, equations: Equations) -> bool:
-        """Equations that know their blocks."""
-        return hasattr(equations, "block_jacobian") and equations.dimension > 0 and equations.count > 0
+        """Any system of at least one equation and one unknown whose blocks can be told."""
+        return equations.dimension > 0 and equations.count > 0 and _blocks(equations) is not None
 
     @np.errstate(all="ignore")
-    def init(self, equations: BlockEquations, start: Floats, tolerance: float) -> State:
+    def init(self, equations: Equations, start: Floats, tolerance: float) -> State:
         """The state at the start (projected into the bounds)."""
-        found = plan(equations.structure())
-        point = _inside(equations, start, start)
-        residuals = equations.residuals(point)
-        row, reason, place = first_bad(residuals), Reason.NOT_FINITE_AT_START, None
-        if row is None and not isfinite(float(residuals @ residuals)):
-            row = int(np.argmax(np.abs(residuals)))
-        if row is None:
-            values = equations.block_jacobian(point)
-            place, reason = _place(equations, found, point, residuals, values), Reason.JACOBIAN_NOT_FINITE_AT_START
-            row = None if place is not None else _bad_derivative(found.structure, values)
-        return State(
-            plan=found,
-            place=place,
-            point=point,
-            residuals=residuals,
-            tolerance=tolerance,
-            damping=LEAST if equations.linear else FIRST,
-            growth=2.0,
-            offset=inf,
-            iterations=0,
-            evaluations=1,
-            reason=None if place is not None else reason,
-            bad_row=row,
-            trace=(),
-        )
+        own = _blocks(equations)
+        if own is None:
+            message = "equations without blocks"
+            raise TypeError(message)
+        return _begun(own, start, tolerance)
 
     @np.errstate(all="ignore")
-    def step(self, equations: BlockEquations, state: State) -> State:
+    def step(self, equations: Equations, state: State) -> State:
         """Trial steps with growing damping until one is accepted, or none can be."""
         here = state.place
         if here is None:
             return state
         if here.cost <= here.rounding:
             return replace(state, reason=Reason.EXACT_FIT, offset=0.0)
-        for trials in range(1, TRIALS + 1):
-            step = _solved(state, here, state.damping)
-            if step is None:
-                state = _shortened(state)
-                continue
-            point, step = _moved(equations, here, state.plan, step)
-            promise = _promise(state.plan, here, step)
-            offset = _offset(equations, here, promise)
-            if state.damping > LEAST and offset <= state.tolerance:
-                state = replace(state, damping=LEAST)
-                continue
-            state = replace(state, offset=offset)
-            if offset <= state.tolerance:
-                return _ended(state, here, trials, Reason.SMALL_OFFSET)
-            undecided = promise <= UNDECIDED * here.rounding
-            residuals = equations.residuals(point)
-            cost = float(residuals @ residuals)
-            state = replace(state, evaluations=state.evaluations + 1)
-            share = (here.cost - cost) / promise if isfinite(cost) else -inf
-            good = here.cost - cost >= -here.rounding if undecided else share > ACCEPT
-            there = _place(equations, state.plan, point, residuals, equations.block_jacobian(point)) if good else None
-            if there is not None:
-                if undecided and not _better(equations, state, there):
-                    return _ended(state, here, trials, Reason.ROUNDING)
-                return _accepted(state, here, there, trials, 1.0 if undecided else share)
-            if undecided and isfinite(cost):
-                return _ended(state, here, trials, Reason.ROUNDING)
-            if state.damping >= MOST:
-                return _ended(state, here, trials, Reason.FLAT if isfinite(cost) else Reason.NO_FINITE_STEP)
-            state = _shortened(state)
-        return _ended(state, here, TRIALS, Reason.FLAT)
+        return _stepped(state.equations, state, here)
 
     def finished(self, state: State) -> Reason | None:
         """Why the iteration is over, or None while it is not."""
@@ -186,39 +140,113 @@ class SparseMarquardt:
 
     def minimum(self, state: State, reason: Reason) -> Minimum:
         """The state as an answer; its Jacobian (m, n) is a SciPy CSR array."""
-        from scipy.sparse import csr_array
-
-        free = state.plan.structure.free
-        place = state.place
-        sides = np.zeros(len(free), dtype=np.int8)
-        if place is None:
-            matrix = csr_array((len(state.residuals), len(free)))
-        else:
-            matrix = csr_array(state.plan.structure.matrix(place.values)[:, free])
-            pushed = place.held[free]
-            slope = np.asarray(matrix.T @ place.residuals).reshape(-1)
-            sides[pushed] = np.where(slope[pushed] > 0.0, -1, 1)
-        return Minimum(
-            point=state.point,
-            residuals=state.residuals,
-            jacobian=matrix,
-            cost=float(state.residuals @ state.residuals),
-            reason=reason,
-            iterations=state.iterations,
-            evaluations=state.evaluations,
-            offset=state.offset,
-            at_bound=sides,
-            bad_row=state.bad_row,
-            trace=state.trace,
-        )
+        return _answer(state, reason)
 
 
 SPARSE_MARQUARDT = SparseMarquardt()
 
 
-def _place(
-    equations: BlockEquations, found: Plan, point: Floats, residuals: Floats, values: Values
-) -> Place | None:
+def _blocks(equations: Equations) -> BlockEquations | None:
+    if isinstance(equations, BlockEquations):
+        return equations
+    return blocked(equations) if isinstance(equations, Assembled) and not equations.profiled else None
+
+
+def _begun(equations: BlockEquations, start: Floats, tolerance: float) -> State:
+    found = plan(equations.structure())
+    point = _inside(equations, start, start)
+    residuals = equations.residuals(point)
+    row, reason, place = first_bad(residuals), Reason.NOT_FINITE_AT_START, None
+    if row is None and not isfinite(float(residuals @ residuals)):
+        row = int(np.argmax(np.abs(residuals)))
+    if row is None:
+        values = equations.block_jacobian(point)
+        place, reason = _place(equations, found, point, residuals, values), Reason.JACOBIAN_NOT_FINITE_AT_START
+        row = None if place is not None else _bad_derivative(found.structure, values)
+    return State(
+        equations=equations,
+        plan=found,
+        place=place,
+        point=point,
+        residuals=residuals,
+        tolerance=tolerance,
+        damping=LEAST if equations.linear else FIRST,
+        growth=2.0,
+        offset=inf,
+        iterations=0,
+        evaluations=1,
+        reason=None if place is not None else reason,
+        bad_row=row,
+        trace=(),
+    )
+
+
+def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
+    for trials in range(1, TRIALS + 1):
+        step = _solved(state, here, state.damping)
+        if step is None:
+            state = _shortened(state)
+            continue
+        point, step = _moved(equations, here, state.plan, step)
+        promise = _promise(state.plan, here, step)
+        offset = _offset(equations, here, promise)
+        if state.damping > LEAST and offset <= state.tolerance:
+            state = replace(state, damping=LEAST)
+            continue
+        state = replace(state, offset=offset)
+        if offset <= state.tolerance:
+            return _ended(state, here, trials, Reason.SMALL_OFFSET)
+        undecided = promise <= UNDECIDED * here.rounding
+        residuals = equations.residuals(point)
+        cost = float(residuals @ residuals)
+        state = replace(state, evaluations=state.evaluations + 1)
+        share = (here.cost - cost) / promise if isfinite(cost) else -inf
+        good = here.cost - cost >= -here.rounding if undecided else share > ACCEPT
+        there = _place(equations, state.plan, point, residuals, equations.block_jacobian(point)) if good else None
+        if there is not None:
+            if undecided and not _better(equations, state, there):
+                return _ended(state, here, trials, Reason.ROUNDING)
+            return _accepted(state, here, there, trials, 1.0 if undecided else share)
+        if undecided and isfinite(cost):
+            return _ended(state, here, trials, Reason.ROUNDING)
+        if state.damping >= MOST:
+            return _ended(state, here, trials, Reason.FLAT if isfinite(cost) else Reason.NO_FINITE_STEP)
+        state = _shortened(state)
+    return _ended(state, here, TRIALS, Reason.FLAT)
+
+
+def _answer(state: State, reason: Reason) -> Minimum:
+    from scipy.sparse import csr_array
+
+    layout, place, residuals = state.plan.structure, state.place, state.residuals
+    free = layout.free
+    sides = np.zeros(len(free), dtype=np.int8)
+    matrix = csr_array((len(residuals), len(free)))
+    if place is not None:
+        whole = layout.matrix(place.values)
+        matrix = whole if np.array_equal(free, np.arange(layout.columns)) else csr_array(whole[:, free])
+        pushed = place.held[free]
+        slope = np.asarray(matrix.T @ place.residuals).reshape(-1)
+        sides[pushed] = np.where(slope[pushed] > 0.0, -1, 1)
+    if layout.rows is not None:
+        residuals, matrix = residuals[layout.rows], csr_array(matrix[layout.rows])
+    return Minimum(
+        point=state.point,
+        residuals=residuals,
+        jacobian=matrix,
+        blocks=None if place is None else BlockJacobian(plan=state.plan, values=place.values),
+        cost=float(residuals @ residuals),
+        reason=reason,
+        iterations=state.iterations,
+        evaluations=state.evaluations,
+        offset=state.offset,
+        at_bound=sides,
+        bad_row=state.bad_row,
+        trace=state.trace,
+    )
+
+
+def _place(equations: BlockEquations, found: Plan, point: Floats, residuals: Floats, values: Values) -> Place | None:
     """Everything at a point; None where a derivative is not finite."""
     layout = found.structure
     gradient = np.asarray(layout.matrix(values).T @ residuals).reshape(-1)
@@ -233,7 +261,7 @@ def _place(
         (coordinates >= equations.upper) & (slope <= 0.0)
     )
     if held.any():
-        normal = found.pattern.accumulate(layout.without(values, held))
+        normal = found.pattern.accumulate(layout.weighted(values, np.where(held, 0.0, 1.0)))
         gradient = np.where(held, 0.0, gradient)
     terms = np.sqrt(squares[layout.free]) * coordinates
     cost = float(residuals @ residuals)

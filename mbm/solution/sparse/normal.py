@@ -74,8 +74,7 @@ class Normal:
     def diagonal(self) -> Floats:
         """The diagonal (columns,): squared norms of the Jacobian's columns."""
         found = [
-            np.einsum("bii->bi", self.blocks[f, f][where]).reshape(-1)
-            for f, where in enumerate(self.pattern.diagonal)
+            np.einsum("bii->bi", self.blocks[f, f][where]).reshape(-1) for f, where in enumerate(self.pattern.diagonal)
         ]
         return np.concatenate(found) if found else np.zeros(0)
 
@@ -132,7 +131,11 @@ def _meetings(number: int, piece: Piece, left: int, right: int) -> list[tuple[tu
     if left == right or key[0] != key[1]:
         return [(key, _Meeting(piece=number, left=left, right=right, rows=every, i=i, j=j))]
     found = []
-    for a, b, chosen, mirrored in ((left, right, i < j, False), (right, left, i > j, False), (left, right, i == j, True)):
+    for a, b, chosen, mirrored in (
+        (left, right, i < j, False),
+        (right, left, i > j, False),
+        (left, right, i == j, True),
+    ):
         rows = every[chosen]
         if rows.size:
             ends = (piece.members[a][rows], piece.members[b][rows])

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mbm.solution.types import Floats, Indices, Mask
+
+if TYPE_CHECKING:
+    from mbm.solution.sparse.system import Plan
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,13 +64,17 @@ Values = Sequence[Floats]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Structure:
-    """``free`` (n,) are the padded columns of the estimated coordinates, ``columns`` the number of all, ``count`` m."""
+    """``free`` (n,) are the padded columns of the estimated coordinates, ``columns`` the number of all.
+
+    There are ``count`` residuals; those that ``rows`` picks make up the problem (None: all), the others are zero.
+    """
 
     families: tuple[BlockFamily, ...]
     pieces: tuple[Piece, ...]
     free: Indices
     count: int
-    _indices: tuple[Indices, ...] = field(repr=False)
+    rows: Indices | None = None
+    _indices: tuple[Indices, ...] = field(repr=False, default=())
 
     @property
     def columns(self) -> int:
@@ -103,16 +110,27 @@ class Structure:
             parts.append(csr_array((self.count - reached, self.columns)))
         return parts[0] if len(parts) == 1 else vstack(parts, format="csr")
 
-    def without(self, values: Values, columns: Mask) -> Values:
-        """The Jacobian with the columns that the mask (columns,) picks set to zero."""
-        kept = np.where(columns, 0.0, 1.0)
-        return [v * kept[i].reshape(v.shape) for v, i in zip(values, self._indices, strict=True)]
+    def weighted(self, values: Values, factors: Floats) -> list[Floats]:
+        """The Jacobian with each column multiplied by its factor (columns,)."""
+        return [v * factors[i].reshape(v.shape) for v, i in zip(values, self._indices, strict=True)]
 
 
-def structure(families: Sequence[BlockFamily], pieces: Sequence[Piece], free: Indices, count: int) -> Structure:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BlockJacobian:
+    """The whitened Jacobian at a point: ``values`` for each piece of the structure that ``plan`` was made for."""
+
+    plan: Plan
+    values: Values
+
+
+def structure(
+    families: Sequence[BlockFamily], pieces: Sequence[Piece], free: Indices, count: int, rows: Indices | None = None
+) -> Structure:
     """The structure of ``count`` residuals; ``free`` (n,) are the padded columns that are estimated."""
     indices = tuple(_columns(families, piece) for piece in pieces)
-    return Structure(families=tuple(families), pieces=tuple(pieces), free=free, count=count, _indices=indices)
+    return Structure(
+        families=tuple(families), pieces=tuple(pieces), free=free, count=count, rows=rows, _indices=indices
+    )
 
 
 def _columns(families: Sequence[BlockFamily], piece: Piece) -> Indices:

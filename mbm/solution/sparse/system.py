@@ -97,7 +97,9 @@ def _coupled(gone: Elimination) -> Indices:
     """The keys of ``YᵀY``, upper triangle."""
     from scipy.sparse import csr_array, triu
 
-    ones = csr_array((np.ones(len(gone.indices)), gone.indices, gone.pointers), shape=(len(gone.pointers) - 1, gone.width))
+    ones = csr_array(
+        (np.ones(len(gone.indices)), gone.indices, gone.pointers), shape=(len(gone.pointers) - 1, gone.width)
+    )
     found = triu(ones.T @ ones).tocoo()
     return np.asarray(found.row.astype(np.int64) * gone.width + found.col)
 

@@ -1,0 +1,102 @@
+"""``:loss`` of an observation and ``:robust`` of the solve: what is to happen to measurements that do not fit."""
+
+from __future__ import annotations
+
+from math import inf
+
+from mbm.language import faults as language_faults
+from mbm.language.coerce import integer, static_number
+from mbm.problem import faults
+from mbm.problem.elaboration import Workspace
+from mbm.problem.options import split_options
+from mbm.problem.types import Consensus, ConsensusKind, Loss, LossKind
+from mbm.text.suggest import closest
+from mbm.text.types import Form, MbmError, Sequence, Symbol
+
+LOSS_USAGE = ":loss none | huber | (huber c) | soft-l1 | cauchy | tukey | geman-mcclure | (barron a [c])"
+CONSENSUS_USAGE = ":robust none | lmeds | (lmeds :trials n) | (ransac :threshold t :trials n) | (msac …) | (gnc …)"
+NONE = "none"
+MAXIMUM_TRIALS = 1_000_000
+LARGEST_BARRON = 2.0
+
+
+def read_loss(work: Workspace, form: Form | None) -> Loss | None:
+    """The loss that ``:loss`` names; None for none.
+
+    Raises:
+        MbmError: it names no loss, or its parameters are none.
+
+    """
+    name, parameters = _named(form, LOSS_USAGE)
+    if form is None or name == NONE:
+        return None
+    kind = next((k for k in LossKind if k.value == name), None)
+    if kind is None:
+        known = (NONE, *(k.value for k in LossKind))
+        raise MbmError(faults.unknown_loss(form.span, name, closest(name, known), known))
+    shape = None
+    if kind is LossKind.BARRON:
+        if not parameters:
+            raise MbmError(language_faults.bad_form(form.span, "`barron` takes its exponent a", LOSS_USAGE))
+        shape = _number(work, parameters[0], -inf, LARGEST_BARRON, "the exponent of `barron` should be at most 2")
+        parameters = parameters[1:]
+    if len(parameters) > 1:
+        raise MbmError(language_faults.bad_form(parameters[1].span, f"`{name}` takes no more", LOSS_USAGE))
+    scale = None
+    if parameters:
+        wrong = f"the parameter of `{name}` is a number of standard deviations above 0"
+        scale = _number(work, parameters[0], 0.0, inf, wrong)
+    return Loss(kind=kind, scale=scale, shape=shape)
+
+
+def read_consensus(work: Workspace, form: Form | None) -> Consensus | None:
+    """The consensus estimator that ``:robust`` names; None for none.
+
+    Raises:
+        MbmError: it names none, or its options are wrong.
+
+    """
+    name, items = _named(form, CONSENSUS_USAGE)
+    if form is None or name == NONE:
+        return None
+    kind = next((k for k in ConsensusKind if k.value == name), None)
+    if kind is None:
+        known = (NONE, *(k.value for k in ConsensusKind))
+        raise MbmError(faults.unknown_consensus(form.span, name, closest(name, known), known))
+    allowed = {ConsensusKind.LMEDS: ("trials",), ConsensusKind.GNC: ("threshold",)}
+    options = split_options(
+        items, form.span, owner=f"`{name}`", known=allowed.get(kind, ("threshold", "trials"))
+    )  # fmt: skip
+    if options.positional:
+        raise MbmError(
+            language_faults.bad_form(options.positional[0].span, f"`{name}` takes options only", CONSENSUS_USAGE)
+        )
+    trials = threshold = None
+    if (given := options.get("trials")) is not None:
+        trials = integer(work.evaluator.wanted(given, work.scope), given.span, "`:trials` (a whole number)")
+        if not 1 <= trials <= MAXIMUM_TRIALS:
+            wrong = f"`:trials` should lie in 1 … {MAXIMUM_TRIALS}"
+            raise MbmError(language_faults.bad_form(given.span, wrong, CONSENSUS_USAGE))
+    if (given := options.get("threshold")) is not None:
+        wrong = "`:threshold` is a number of standard deviations above 0"
+        threshold = _number(work, given, 0.0, inf, wrong, usage=CONSENSUS_USAGE)
+    return Consensus(kind=kind, trials=trials, threshold=threshold)
+
+
+def _named(form: Form | None, usage: str) -> tuple[str, tuple[Form, ...]]:
+    """The name that a symbol or the head of a list is, and what follows it."""
+    if form is None:
+        return NONE, ()
+    if isinstance(form, Symbol):
+        return form.name, ()
+    if isinstance(form, Sequence) and form.head is not None:
+        return form.head, form.items[1:]
+    raise MbmError(language_faults.bad_form(form.span, f"`{form.span.text}` names nothing", usage))
+
+
+def _number(work: Workspace, form: Form, low: float, high: float, wrong: str, usage: str = LOSS_USAGE) -> float:
+    """A number above ``low`` and up to ``high``, both finite or not."""
+    value = float(static_number(work.evaluator.wanted(form, work.scope), form.span))
+    if not (low < value <= high and abs(value) < inf):
+        raise MbmError(language_faults.bad_form(form.span, wrong, usage))
+    return value

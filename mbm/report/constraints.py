@@ -1,0 +1,131 @@
+"""What became of the constraints: one entry for each that the problem states, and what is to be said of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mbm.problem.types import Block, ConstraintKind, Problem
+from mbm.report import faults
+from mbm.report.types import ConstraintReport, Floats, Mask
+from mbm.solution.binding import Group
+from mbm.solution.solution import Solution
+from mbm.solution.types import Conflict
+from mbm.text.types import Diagnostic, Label
+
+MOST_LABELS = 8
+
+
+def constraint_reports(problem: Problem, solution: Solution) -> tuple[ConstraintReport, ...]:
+    """An entry for each constraint, in the order of the problem; those over a table gather their rows."""
+    state = solution.minimum.constraints
+    values = _values(solution) if state is None else state.values
+    violated = _violation(values, _equality(problem, solution)) > 0.0 if state is None else state.violated
+    active = np.zeros(len(values), dtype=bool) if state is None else state.active
+    owners = dict.fromkeys(group.kernel.owner for group in solution.constraints)
+    return tuple(_report(problem.blocks[owner], owner, solution, values, violated, active) for owner in owners)
+
+
+def _values(solution: Solution) -> Floats:
+    parts = [group.values(solution.numbers).ravel() for group in solution.constraints]
+    return np.concatenate(parts) if parts else np.empty(0)
+
+
+def _equality(problem: Problem, solution: Solution) -> Mask:
+    parts = [
+        np.full(group.count, problem.blocks[group.kernel.owner].constraint is ConstraintKind.EQUAL)
+        for group in solution.constraints
+    ]
+    return np.concatenate(parts) if parts else np.zeros(0, dtype=bool)
+
+
+def _violation(values: Floats, equality: Mask | bool) -> Floats:
+    return np.asarray(np.where(equality, np.abs(values), np.maximum(values, 0.0)))
+
+
+def _report(
+    block: Block, owner: int, solution: Solution, values: Floats, violated: Mask, active: Mask
+) -> ConstraintReport:
+    equation = block.constraint is ConstraintKind.EQUAL
+    groups = [g for g in solution.constraints if g.kernel.owner == owner]
+    places = np.concatenate([g.first + np.arange(g.count) for g in groups])
+    own = values[places]
+    worst = float(own[int(np.argmax(np.abs(own) if equation else own))]) if own.size else 0.0
+    violation = float(_violation(own, equation).max(initial=0.0))
+    broken, limiting = bool(violated[places].any()), bool(active[places].any())
+    table = solution.tables[block.table] if block.table is not None else None
+    rows_of = [_rows(g, table.rows) for g in groups] if table is not None else []
+    rows = np.concatenate(rows_of) if rows_of else np.empty(0, dtype=np.int64)
+    return ConstraintReport(
+        name=block.name,
+        kind=block.constraint.value if block.constraint is not None else "",
+        value=worst if equation else -worst,
+        violation=violation if broken or not np.isfinite(violation) else 0.0,
+        active=limiting,
+        violated=broken,
+        over=block.table,
+        rows=sum(g.rows for g in groups),
+        violated_rows=_numbers(rows[violated[places]]) if table is not None else (),
+        active_rows=_numbers(rows[active[places]]) if table is not None and not equation else (),
+    )
+
+
+def _rows(group: Group, numbers: np.ndarray) -> np.ndarray:
+    """The row (from 1, of the unfiltered table) of each scalar output of a group."""
+    positions = group.positions if group.positions is not None else np.arange(group.rows)
+    return np.repeat(numbers[positions], group.kernel.outputs)
+
+
+def _numbers(rows: np.ndarray) -> tuple[int, ...]:
+    return tuple(int(row) for row in np.unique(rows))
+
+
+def constraint_diagnostics(problem: Problem, solution: Solution, names: tuple[str, ...]) -> tuple[Diagnostic, ...]:
+    """The constraints that contradict one another; else those that the data push against."""
+    state = solution.minimum.constraints
+    if state is None:
+        return ()
+    if state.conflict is not None:
+        return (_conflict(problem, solution, state.conflict, names),)
+    pushed = state.forcing & ~state.equality
+    blocks = {o: problem.blocks[o] for o in _owners(solution, np.flatnonzero(pushed))}
+    return tuple(faults.active_constraint(block.span, block.name) for block in blocks.values())
+
+
+def _owners(solution: Solution, places: np.ndarray) -> Iterator[int]:
+    for place in places.tolist():
+        yield next(g.kernel.owner for g in solution.constraints if g.first <= place < g.first + g.count)
+
+
+def _conflict(problem: Problem, solution: Solution, conflict: Conflict, names: tuple[str, ...]) -> Diagnostic:
+    blocks = list(dict.fromkeys(_owners(solution, np.array(conflict.constraints, dtype=np.int64))))
+    members = [f"`{problem.blocks[owner].name}`" for owner in blocks]
+    spans = [problem.blocks[owner].span for owner in blocks]
+    bounds = (("lower", conflict.lower), ("upper", conflict.upper))
+    labels = [Label(span, "and this") for span in spans[1 : MOST_LABELS + 1]]
+    for side, coordinates in bounds:
+        for each in coordinates:
+            coordinate = int(solution.free[each])
+            members.append(f"the {side} bound of `{names[coordinate]}`")
+            labels.append(Label(solution.layout.owner(coordinate).unknown.span, f"and its {side} bound"))
+    return faults.conflicting_constraints(spans[0], members, tuple(labels), smallest=conflict.smallest)
+
+
+def conflict_sentence(problem: Problem, solution: Solution, names: tuple[str, ...]) -> str | None:
+    """Which constraints contradict one another, as the message of the solve."""
+    state = solution.minimum.constraints
+    if state is None or state.conflict is None:
+        return None
+    return _conflict(problem, solution, state.conflict, names).message
+
+
+def violated_sentence(reports: tuple[ConstraintReport, ...]) -> str | None:
+    """Which constraints do not hold."""
+    broken = [f"`{r.name}`" for r in reports if r.violated]
+    if not broken:
+        return None
+    shown = ", ".join(broken[:MOST_LABELS]) + (" …" if len(broken) > MOST_LABELS else "")
+    return f"{shown} {'does' if len(broken) == 1 else 'do'} not hold"
+
+

@@ -1,0 +1,161 @@
+"""From where many starts ended to the distinct minima: what is the same, what is no minimum, what is a twin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbm.solution.assembly import Assembled
+from mbm.solution.batch import Batch
+from mbm.solution.solvers.batched import Batched
+from mbm.solution.twins import Twin, separation, twin_of
+from mbm.solution.types import Floats, Indices, Minimum
+
+COARSE = 1e-4
+"""Ends nearer to each other than this share of the spread of all ends are the same before they are polished."""
+
+FINE = 1e-3
+"""Minima are the same if no coordinate differs by more than this share of its conditional standard deviation."""
+
+EQUAL = 1e-6
+"""Costs that differ by less, relatively, are equal."""
+
+NEGATIVE = -1e-3
+"""A curvature below this share of the largest one that JᵀJ has in its direction is a way down, not rounding."""
+
+LARGEST = 400
+"""Unknowns up to which the curvature at a minimum is looked at."""
+
+DIFFERENCE = 1e-4
+"""Length of a difference in conditional standard deviations of the coordinate."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Basin:
+    """A minimum, the starts that led to it (numbers, ascending), and how it follows from a better one, if it does."""
+
+    minimum: Minimum
+    starts: Indices
+    twin: Twin | None = None
+
+
+def ends_apart(equations: Assembled, ends: Batched) -> Iterator[tuple[Floats, Indices]]:
+    """The ends that differ (N,), the lowest cost first, each with the numbers of the starts that it stands for."""
+    usable = np.flatnonzero(np.isfinite(ends.cost))
+    left = usable[np.argsort(ends.cost[usable], kind="stable")]
+    if not left.size:
+        return
+    reach = COARSE * np.ptp(separation(equations, ends.points[left[0]], ends.points[left]), axis=0)
+    size = np.abs([equations.coordinates(p) for p in ends.points[left]]).max(axis=0)
+    allowed = np.maximum(reach, EQUAL * size)
+    while left.size:
+        first = left[0]
+        near = (separation(equations, ends.points[first], ends.points[left]) <= allowed).all(axis=1)
+        near &= ends.cost[left] <= ends.cost[first] + COARSE * (1.0 + ends.cost[first])
+        near[0] = True
+        yield ends.points[first], np.sort(left[near])
+        left = left[~near]
+
+
+def merged(equations: Assembled, basins: Sequence[Basin]) -> tuple[Basin, ...]:
+    """The basins that differ, the lowest cost first; converged ones before others of the same cost."""
+    order = sorted(basins, key=lambda b: (b.minimum.cost, not b.minimum.reason.converged, int(b.starts[0])))
+    kept: list[Basin] = []
+    for basin in order:
+        number = next((i for i, k in enumerate(kept) if _same(equations, k.minimum, basin.minimum)), None)
+        if number is None:
+            kept.append(basin)
+        else:
+            kept[number] = _joined(kept[number], basin)
+    return tuple(kept)
+
+
+def without_twins(stack: Batch, basins: Sequence[Basin]) -> tuple[Basin, ...]:
+    """Basins that are another way to write a better one are joined to it; mirror images stay, and are marked."""
+    kept: list[Basin] = []
+    for basin in basins:
+        found = _twin_among(stack, kept, basin)
+        if found is None:
+            kept.append(basin)
+        elif found[1] is Twin.MIRRORED:
+            kept.append(replace(basin, twin=Twin.MIRRORED))
+        else:
+            kept[found[0]] = _joined(kept[found[0]], basin)
+    return tuple(kept)
+
+
+def equal_costs(first: float, second: float) -> bool:
+    """Both fit equally well."""
+    return abs(first - second) <= EQUAL * (1.0 + min(first, second))
+
+
+def ways_down(equations: Assembled, stack: Batch, minimum: Minimum) -> tuple[Floats, ...]:
+    """Two points on either side of a saddle, in the direction in which the cost falls; none at a minimum.
+
+    The Hessian of Σ r²/2 by differences of the gradient, over the coordinates that no bound holds.
+    """
+    free = np.flatnonzero(minimum.at_bound == 0)
+    scale = np.linalg.norm(minimum.jacobian, axis=0)
+    free = free[scale[free] > 0.0]
+    if not 0 < free.size <= LARGEST or minimum.cost <= EQUAL:
+        return ()
+    spread = np.sqrt(minimum.cost / max(minimum.residuals.size, 1))
+    lengths = DIFFERENCE * spread / scale[free]
+    steps = np.zeros((2 * free.size, minimum.jacobian.shape[1]))
+    line = np.arange(free.size)
+    steps[line, free], steps[free.size + line, free] = lengths, -lengths
+    points = np.array([equations.retract(minimum.point, s) for s in steps])
+    with np.errstate(all="ignore"):
+        residuals, jacobian = stack.linearised(points, np.arange(len(points)))
+        gradient = np.einsum("tm,tmn->tn", residuals, jacobian[:, :, free])
+    slopes = (gradient[: free.size] - gradient[free.size :]) / (2.0 * lengths[:, None]) / scale[free]
+    hessian = slopes / scale[free][:, None]
+    if not np.isfinite(hessian).all():
+        return ()
+    values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
+    if values[0] >= NEGATIVE:
+        return ()
+    step = np.zeros(minimum.jacobian.shape[1])
+    step[free] = spread * vectors[:, 0] / scale[free]
+    return tuple(equations.retract(minimum.point, sign * step) for sign in (1.0, -1.0))
+
+
+def _same(equations: Assembled, one: Minimum, other: Minimum) -> bool:
+    """One minimum, found twice; or points of one valley along which no residual changes."""
+    if not equal_costs(one.cost, other.cost):
+        return False
+    apart = separation(equations, one.point, other.point[None])[0]
+    length = np.linalg.norm(one.jacobian, axis=0)
+    spread = np.sqrt(max(1.0, one.cost))
+    size = np.abs(equations.coordinates(one.point))
+    within = apart * length <= FINE * spread + EQUAL * size * length
+    if within.all():
+        return True
+    if one.residuals.shape != other.residuals.shape or not _flat(one):
+        return False
+    return bool((np.abs(one.residuals - other.residuals) <= FINE * spread).all())
+
+
+def _flat(minimum: Minimum) -> bool:
+    """The equations do not determine all unknowns at the minimum."""
+    free = minimum.at_bound == 0
+    columns = minimum.jacobian[:, free]
+    length = np.linalg.norm(columns, axis=0)
+    if not (length > 0.0).all():
+        return True
+    return bool(np.linalg.matrix_rank(columns / length, tol=EQUAL * FINE) < free.sum())
+
+
+def _twin_among(stack: Batch, kept: Sequence[Basin], basin: Basin) -> tuple[int, Twin] | None:
+    for number, other in enumerate(kept):
+        if equal_costs(other.minimum.cost, basin.minimum.cost):
+            twin = twin_of(stack, other.minimum.point, basin.minimum.point)
+            if twin is not None:
+                return number, twin
+    return None
+
+
+def _joined(basin: Basin, other: Basin) -> Basin:
+    return replace(basin, starts=np.union1d(basin.starts, other.starts))

@@ -1,0 +1,120 @@
+"""Unknown numbers → values, by one closed form after the other: each makes more numbers known to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbm.solution.closed_forms.situation import Situation
+from mbm.solution.closed_forms.types import ClosedForm, Plan
+from mbm.solution.types import Floats, Indices
+
+MOST_BRANCHES = 16
+"""Combinations of solutions that are followed where closed forms have several."""
+
+PLAUSIBLE = 1e3
+"""Cost of another solution beside that of the best, above which it is not followed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Completion:
+    """Numbers (N,), NaN where no closed form applied, and what was used, in words."""
+
+    numbers: Floats
+    used: tuple[str, ...]
+
+
+def completions(situation: Situation, forms: Iterable[ClosedForm]) -> tuple[Completion, ...]:
+    """What the closed forms make of the unknown numbers, the better fitting solutions first; at least one."""
+    every = tuple(forms)
+    open_ones = [Completion(numbers=situation.numbers, used=())]
+    finished: list[Completion] = []
+    while open_ones:
+        each = open_ones.pop(0)
+        steps = _steps(situation.with_numbers(each.numbers), every) if bool(np.isnan(each.numbers).any()) else []
+        room = MOST_BRANCHES - len(open_ones) - len(finished)
+        if not steps:
+            finished.append(each)
+        for numbers, used in steps[: max(room, 1)]:
+            note = () if used in each.used else (used,)
+            open_ones.append(Completion(numbers=numbers, used=(*each.used, *note)))
+    return tuple(sorted(finished, key=lambda c: int(np.isnan(c.numbers).sum())))
+
+
+def plans(situation: Situation, forms: Iterable[ClosedForm]) -> Iterator[Plan]:
+    """The closed forms that fit some of the unknown numbers."""
+    every = tuple(forms)
+    for candidate in situation.candidates():
+        for form in every:
+            plan = form.recognises(situation, candidate)
+            if plan is not None:
+                yield plan
+
+
+def _steps(situation: Situation, forms: tuple[ClosedForm, ...]) -> list[tuple[Floats, str]]:
+    """The numbers after the first closed form that gives any: one vector for each of its solutions, best first."""
+    for plan in plans(situation, forms):
+        solved = solutions(plan)
+        known = np.isfinite(solved).all(axis=2)
+        if not bool(known.any()):
+            continue
+        found = []
+        for rank in range(solved.shape[1] if plan.candidate.members == 1 else 1):
+            if bool(known[:, rank].any()):
+                numbers = situation.numbers.copy()
+                numbers[plan.candidate.places[known[:, rank]]] = solved[known[:, rank], rank]
+                found.append((numbers, plan.description))
+        return found
+    return []
+
+
+def solutions(plan: Plan) -> Floats:
+    """The solutions of each member (K, S, s) from all its rows, best first; NaN where there are none.
+
+    Solutions outside of hard bounds come after those within; of the others, those that fit much worse are left out.
+    """
+    members = plan.candidate.members
+    rows_of = _by_member(plan.rows.member, members)
+    counts = np.array([len(rows) for rows in rows_of])
+    parts: list[tuple[Indices, Floats]] = []
+    for count in np.unique(counts[counts >= plan.minimal]):
+        which = np.flatnonzero(counts == count)
+        subsets = np.stack([rows_of[m] for m in which])
+        parts.append((which, plan.form.solve(plan, subsets)))
+    width = max((part.shape[1] for _, part in parts), default=1)
+    found = np.full((members, width, plan.candidate.places.shape[1]), np.nan)
+    for which, part in parts:
+        found[which, : part.shape[1]] = part
+    return _ranked(plan, found)
+
+
+def _by_member(member: Indices, count: int) -> list[Indices]:
+    order = np.argsort(member, kind="stable")
+    return np.split(order, np.searchsorted(member[order], np.arange(1, count)))
+
+
+def _ranked(plan: Plan, found: Floats) -> Floats:
+    layout = plan.candidate.situation.layout
+    members, width, _ = found.shape
+    costs = np.full((members, width), np.inf)
+    for rank in range(width):
+        with np.errstate(all="ignore"):
+            values = plan.rows.values(found[plan.rows.member, rank])
+        squares = np.square(values).sum(axis=1) * plan.rows.weight
+        costs[:, rank] = np.bincount(plan.rows.member, weights=squares, minlength=members)
+    usable = np.isfinite(found).all(axis=2) & np.isfinite(costs)
+    inside = np.ones((members, width), dtype=bool)
+    if plan.candidate.flat:
+        lower, upper = layout.lower[plan.candidate.coordinates], layout.upper[plan.candidate.coordinates]
+        inside = ((found >= lower[:, None]) & (found <= upper[:, None])).all(axis=2)
+        positive = layout.positive[plan.candidate.coordinates][:, None]
+        usable &= (~positive | (found > 0)).all(axis=2)
+    costs = np.where(usable, costs, np.inf)
+    best = np.where(inside, costs, np.inf).min(axis=1, keepdims=True)
+    any_inside = np.isfinite(best)
+    dropped = ~usable | (any_inside & ~inside) | (costs > PLAUSIBLE * np.where(any_inside, best, np.inf) + PLAUSIBLE)
+    order = np.argsort(np.where(dropped, np.inf, costs), axis=1, kind="stable")
+    found = np.where(dropped[..., None], np.nan, found)
+    return np.take_along_axis(found, order[..., None], axis=1)

@@ -1,0 +1,12 @@
+"""The closed forms that mbm brings, in the order in which they are tried."""
+
+from __future__ import annotations
+
+from mbm.solution.closed_forms.intersection import INTERSECTION
+from mbm.solution.closed_forms.linear import LINEAR
+from mbm.solution.closed_forms.multilateration import MULTILATERATION
+from mbm.solution.closed_forms.pose_from_points import POSE_FROM_POINTS
+from mbm.solution.closed_forms.similarity import SIMILARITY
+from mbm.solution.closed_forms.types import ClosedForm
+
+STANDARD: tuple[ClosedForm, ...] = (LINEAR, SIMILARITY, MULTILATERATION, POSE_FROM_POINTS, INTERSECTION)

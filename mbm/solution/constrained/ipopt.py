@@ -1,0 +1,147 @@
+"""``:method ipopt``: the interior-point method of Wächter and Biegler (2006), as CasADi brings it.
+
+It sees the cost and the constraints as functions of a step from the start in scaled coordinates, with their gradients;
+the Hessian is approximated on the way. Sequential steps give the last digits, the multipliers and the active set.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, cast
+
+import numpy as np
+
+from mbm.solution.constrained.linearise import linearise
+from mbm.solution.constrained.minimise import Constrained, by_sequential_steps
+from mbm.solution.constrained.types import ConstrainedEquations, Stopped, never
+from mbm.solution.types import Floats
+
+PRECISION = 1e-8
+
+
+class _Charted(Protocol):
+    def chart_slopes(self, x: Floats, step: Floats) -> Floats: ...
+
+
+class _Along:
+    """Cost and constraints over the scaled step (n,) from a point; the last place looked at is remembered."""
+
+    def __init__(self, equations: ConstrainedEquations, start: Floats) -> None:
+        self.equations = equations
+        self.start = start
+        here = linearise(equations, start)
+        self.scale, self.unit = here.scale, here.unit
+        self.best, self.lowest = start, np.inf
+
+    def functions(self, step: Floats) -> tuple[float, Floats]:
+        """Half the cost, and the constraints in their units."""
+        point = self.equations.retract(self.start, step / self.scale)
+        residuals = self.equations.residuals(point)
+        return 0.5 * float(residuals @ residuals), self.equations.constraint_values(point) / self.unit
+
+    def slopes(self, step: Floats) -> tuple[Floats, Floats]:
+        """The gradient of the one (n,) and the Jacobian of the others (k, n)."""
+        plain = step / self.scale
+        point = self.equations.retract(self.start, plain)
+        turned = np.eye(len(step))
+        if hasattr(self.equations, "chart_slopes"):
+            turned = cast(_Charted, self.equations).chart_slopes(self.start, plain)
+        along = turned / self.scale
+        gradient = self.equations.residuals(point) @ self.equations.jacobian(point) @ along
+        return gradient, (self.equations.constraint_jacobian(point) @ along) / self.unit[:, None]
+
+
+def by_interior_points(
+    equations: ConstrainedEquations,
+    start: Floats,
+    *,
+    tolerance: float,
+    limit: int,
+    seed: int = 1,
+    stopped: Stopped = never,
+) -> Constrained:
+    """Ipopt from the start, then sequential steps from where it ended."""
+    point = _interior(_Along(equations, start), limit)
+    return by_sequential_steps(equations, point, tolerance=tolerance, limit=limit, seed=seed, stopped=stopped)
+
+
+def _interior(along: _Along, limit: int) -> Floats:
+    import casadi
+
+    equations, size, count = along.equations, along.equations.dimension, len(along.unit)
+    objective, conditions = _callbacks(casadi, along, size, count)
+    step = casadi.MX.sym("step", size)
+    options = {
+        "print_time": False,
+        "ipopt": {
+            "print_level": 0,
+            "sb": "yes",
+            "max_iter": limit,
+            "tol": PRECISION,
+            "hessian_approximation": "limited-memory",
+        },
+    }
+    problem = {"x": step, "f": objective(step), "g": conditions(step)}
+    solver = casadi.nlpsol("solver", "ipopt", problem, options)
+    centre = equations.coordinates(along.start)
+    low, high = (np.asarray((bound - centre) * along.scale) for bound in (equations.lower, equations.upper))
+    lower_limit = np.where(equations.equality, 0.0, -np.inf)
+    answer = solver(x0=np.zeros(size), lbx=low, ubx=high, lbg=lower_limit, ubg=np.zeros(count))
+    found = np.asarray(answer["x"]).ravel()
+    return equations.retract(along.start, found / along.scale) if bool(np.isfinite(found).all()) else along.start
+
+
+def _callbacks(casadi: Any, along: _Along, size: int, count: int) -> tuple[Any, Any]:
+    """CasADi's functions of the step for the cost and the constraints; their derivatives are ours."""
+
+    class Value(casadi.Callback):  # type: ignore[misc]
+        def __init__(self, name: str, rows: int, value: Any, slope: Any) -> None:
+            casadi.Callback.__init__(self)
+            self.rows, self.value, self.slope = rows, value, slope
+            self.construct(name, {})
+
+        def get_n_in(self) -> int:
+            return 1
+
+        def get_n_out(self) -> int:
+            return 1
+
+        def get_sparsity_in(self, _: int) -> Any:
+            return casadi.Sparsity.dense(size, 1)
+
+        def get_sparsity_out(self, _: int) -> Any:
+            return casadi.Sparsity.dense(self.rows, 1)
+
+        def eval(self, arguments: Any) -> Any:
+            return [casadi.DM(self.value(np.asarray(arguments[0]).ravel()))]
+
+        def has_jacobian(self) -> bool:
+            return True
+
+        def get_jacobian(self, name: str, *_: Any) -> Any:
+            self.derivative = Slope(name, self.rows, self.slope)
+            return self.derivative
+
+    class Slope(casadi.Callback):  # type: ignore[misc]
+        def __init__(self, name: str, rows: int, slope: Any) -> None:
+            casadi.Callback.__init__(self)
+            self.rows, self.slope = rows, slope
+            self.construct(name, {})
+
+        def get_n_in(self) -> int:
+            return 2
+
+        def get_n_out(self) -> int:
+            return 1
+
+        def get_sparsity_in(self, place: int) -> Any:
+            return casadi.Sparsity.dense(size, 1) if place == 0 else casadi.Sparsity.dense(self.rows, 1)
+
+        def get_sparsity_out(self, _: int) -> Any:
+            return casadi.Sparsity.dense(self.rows, size)
+
+        def eval(self, arguments: Any) -> Any:
+            return [casadi.DM(self.slope(np.asarray(arguments[0]).ravel()))]
+
+    objective = Value("cost", 1, lambda s: along.functions(s)[0], lambda s: along.slopes(s)[0][None, :])
+    conditions = Value("conditions", count, lambda s: along.functions(s)[1], lambda s: along.slopes(s)[1])
+    return objective, conditions

@@ -1,0 +1,53 @@
+"""Free directions → free combinations: the few unknowns that move together, and by how much each."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.solution.types import Floats, FreeCombination
+
+TOUCHED = 1e-6
+"""A coordinate whose share in an orthonormal free direction is below this is not touched by it."""
+
+
+def free_combinations(null_space: Floats, scale: Floats, point: Floats) -> tuple[FreeCombination, ...]:
+    """A readable basis of the free directions: few coordinates in each, separate groups apart.
+
+    ``null_space`` (n, k) in scaled coordinates. Gauss-Jordan elimination with complete pivoting: each direction has a
+    coordinate of its own that no other moves, and what falls apart into groups comes out in groups.
+    """
+    rows = np.array(null_space.T)
+    pivots: list[int] = []
+    for done in range(rows.shape[0]):
+        best, column = divmod(int(np.argmax(np.abs(rows[done:]))), rows.shape[1])
+        rows[[done, done + best]] = rows[[done + best, done]]
+        rows[done] /= rows[done, column]
+        others = np.flatnonzero(np.arange(rows.shape[0]) != done)
+        rows[others] -= np.outer(rows[others, column], rows[done])
+        pivots.append(column)
+    order = np.argsort(np.array(pivots, dtype=np.int64), kind="stable")
+    return tuple(free_combination(rows[i], scale, point) for i in order)
+
+
+def free_combination(direction: Floats, scale: Floats, point: Floats) -> FreeCombination:
+    """One free direction (n,) in scaled coordinates as a combination."""
+    indices = np.flatnonzero(np.abs(direction) > TOUCHED * np.abs(direction).max())
+    movement = direction[indices] / scale[indices]
+    values = point[indices]
+    significant = bool((values != 0.0).all())
+    if significant:
+        relative = movement / values
+        largest = relative[int(np.argmax(np.abs(relative)))]
+        significant = bool(np.isfinite(relative / largest).all())
+    if not significant:
+        largest = movement[int(np.argmax(np.abs(movement)))]
+        return FreeCombination(
+            indices=tuple(int(i) for i in indices),
+            coefficients=tuple(float(v) for v in movement / largest),
+            relative=None,
+        )
+    return FreeCombination(
+        indices=tuple(int(i) for i in indices),
+        coefficients=tuple(float(v) for v in movement / largest),
+        relative=tuple(float(v) for v in relative / largest),
+    )

@@ -1,0 +1,47 @@
+"""Feet by Newton's method alone: where the corrections are small beside the curvature, which is nearly always."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.solution.implicit.steps import step
+from mbm.solution.implicit.types import Conditions, Feet
+from mbm.solution.types import Floats
+
+MOST = 8
+"""Steps; where Newton's method goes well it needs three or four from the measured values."""
+
+LAST = 1e-8
+"""A step shorter than this, beside 1 + |u| standard deviations, is the last: its square is below rounding."""
+
+
+def calm_feet(conditions: Conditions, start: Floats, multipliers: Floats) -> Feet | None:
+    """The feet that full steps from ``start`` (R, q) lead to, or None where the search needs care.
+
+    Each step must be shorter than half of the one before, and no foot may be as far off as the conditions' radius of
+    curvature: it is then a nearest point for sure.
+    """
+    here, last = start, np.inf
+    local = conditions.at(here, multipliers)
+    for _ in range(MOST):
+        target, multipliers = step(local.slopes, local.curvature, conditions.noisy, local.values, here)
+        size = float(np.abs(target - here).max(initial=0.0))
+        if not size < 0.5 * last:
+            return None
+        here, last = target, size
+        local = conditions.at(here, multipliers)
+        if size <= LAST * (1.0 + float(np.abs(here).max(initial=0.0))):
+            break
+    else:
+        return None
+    misclosures = local.values - np.einsum("rkq,rq->rk", local.slopes, here)
+    bent = np.einsum("rij,rij->r", local.curvature, local.curvature)
+    if not (bool(np.isfinite(misclosures).all()) and float(bent.max(initial=0.0)) < 1.0):
+        return None
+    return Feet(
+        corrections=here,
+        multipliers=multipliers,
+        slopes=local.slopes,
+        misclosures=misclosures,
+        found=np.ones(len(here), dtype=bool),
+    )

@@ -1,0 +1,29 @@
+"""Other minima that the data do not exclude."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from mbm.problem.types import Problem
+from mbm.solution import faults
+from mbm.solution.search import Alternative
+from mbm.solution.types import Fit, Minimum, Noise
+from mbm.text.types import Diagnostic
+
+PLAUSIBLE = 9.0
+"""A minimum whose Σ r² is larger by less is not excluded: three standard deviations, were it one of two hypotheses."""
+
+EXACT = 1e-6
+"""What Σ r² may differ by where both are zero."""
+
+
+def rivals(
+    problem: Problem, best: Minimum, alternatives: Sequence[Alternative], fit: Fit, noise: Mapping[int, Noise]
+) -> tuple[Diagnostic, ...]:
+    """A warning where another minimum fits about as well as the best; with unknown noise, in units of its estimate."""
+    spread = best.cost / fit.dof if noise and fit.dof > 0 else 1.0
+    near = [a for a in alternatives if a.minimum.cost - best.cost <= PLAUSIBLE * spread + EXACT]
+    if not near:
+        return ()
+    first = near[0]
+    return (faults.another_solution(problem.span, len(near), first.minimum.cost, best.cost, mirrored=first.mirrored),)

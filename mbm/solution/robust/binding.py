@@ -1,0 +1,144 @@
+"""The equations of a solve as consensus asks for them: their units, and evaluation at many points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbm.problem.types import Block, Problem
+from mbm.solution.assembly import Assembled
+from mbm.solution.batch import Batch, batch
+from mbm.solution.robust.trials import Trials
+from mbm.solution.robust.units import STATED, Units
+from mbm.solution.solvers.batched import minimise_all
+from mbm.solution.types import Floats, Indices, Mask
+
+FIT_STEPS = 25
+"""Steps of the fit to one subset: nearly all need fewer than ten."""
+
+EPSILON = float(np.finfo(np.float64).eps)
+
+ROUNDING = 64.0 * EPSILON
+"""The rounding of a residual beside the terms that it is the difference of."""
+
+
+def units_of(equations: Assembled, problem: Problem, point: Floats, ruled: Callable[[Block], bool]) -> Units:
+    """The units of the blocks that ``ruled`` picks; ``point`` (N,) is where the rounding of residuals is judged."""
+    numbers = equations.units
+    act = np.zeros(equations.whole, dtype=bool)
+    group = np.full(equations.whole, STATED, dtype=np.int64)
+    for each in equations.groups:
+        block = problem.blocks[each.kernel.owner]
+        lines = slice(each.first, each.first + each.count)
+        act[lines] = ruled(block)
+        group[lines] = each.kernel.owner if block.unknown_factor else STATED
+    number, first, of_row, sizes = np.unique(numbers[act], return_index=True, return_inverse=True, return_counts=True)
+    rows = np.full(equations.whole, -1, dtype=np.int64)
+    rows[act] = of_row
+    terms = np.abs(equations.plain_jacobian(point)) @ np.abs(equations.coordinates(point))
+    terms = terms + np.abs(equations.plain_residuals(point))
+    terms = np.where(np.isfinite(terms), terms, 0.0)[act]
+    return Units(
+        of_row=rows,
+        components=np.asarray(sizes, dtype=np.int64),
+        group=group[act][first],
+        number=np.asarray(number, dtype=np.int64),
+        rounding=np.square(ROUNDING * np.maximum.reduceat(terms, first)) if first.size else np.empty(0),
+    )
+
+
+def trials_of(equations: Assembled, units: Units) -> Trials:
+    """The equations at many points; together where that is possible, else one after the other."""
+    plain = without_losses(equations)
+    if plain.implicit is not None:
+        return _OneByOne(plain, units)
+    return _Together(plain, units, batch(plain))
+
+
+def without_losses(equations: Assembled) -> Assembled:
+    """The same equations, every unit with its plain squares."""
+    return replace(equations, groups=tuple(replace(g, losses=()) for g in equations.groups))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Together:
+    """All points through each kernel at once."""
+
+    equations: Assembled
+    units: Units
+    whole: Batch
+
+    @property
+    def dimension(self) -> int:
+        """n."""
+        return self.equations.dimension
+
+    def residuals(self, points: Floats) -> Floats:
+        """Whitened residuals (T, m)."""
+        return self.whole.residuals(points)
+
+    def linearised(self, points: Floats) -> tuple[Floats, Floats]:
+        """Residuals (T, m) and derivatives (T, m, n)."""
+        return self.whole.linearised(points, np.arange(len(points)))
+
+    def moved(self, points: Floats, steps: Floats) -> Floats:
+        """Points after steps (T, n)."""
+        return self.whole.moved(points, steps)
+
+    def fitted(self, starts: Floats, subsets: Indices) -> Floats:
+        """Fits to the units of each subset, with what no rule touches."""
+        filled = np.where(subsets >= 0, subsets, subsets[:, :1])  # a unit that counts twice still fits exactly
+        always = np.setdiff1d(self.equations.units, self.units.number)
+        chosen = np.hstack((self.units.number[filled], np.tile(always, (len(subsets), 1))))
+        return minimise_all(batch(self.equations, units=chosen), starts, iterations=FIT_STEPS).points
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _OneByOne:
+    """Equations that correct measured values cannot be stacked: one point after the other."""
+
+    equations: Assembled
+    units: Units
+
+    @property
+    def dimension(self) -> int:
+        """n."""
+        return self.equations.dimension
+
+    def residuals(self, points: Floats) -> Floats:
+        """Whitened residuals (T, m)."""
+        return np.stack([self.equations.residuals(point) for point in points])
+
+    def linearised(self, points: Floats) -> tuple[Floats, Floats]:
+        """Residuals (T, m) and derivatives (T, m, n)."""
+        return self.residuals(points), np.stack([self.equations.jacobian(point) for point in points])
+
+    def moved(self, points: Floats, steps: Floats) -> Floats:
+        """Points after steps (T, n), inside the bounds."""
+        found = []
+        for point, step in zip(points, steps, strict=True):
+            there = self.equations.retract(point, step)
+            inside = np.clip(self.equations.coordinates(there), self.equations.lower, self.equations.upper)
+            found.append(self.equations.placed(there, inside))
+        return np.stack(found)
+
+    def fitted(self, starts: Floats, subsets: Indices) -> Floats:
+        """Fits to the units of each subset, with what no rule touches: Gauss-Newton steps of minimum norm."""
+        found = starts.copy()
+        for trial, subset in enumerate(subsets):
+            rows = self._rows(subset[subset >= 0])
+            for _ in range(FIT_STEPS):
+                residuals = self.equations.residuals(found[trial])[rows]
+                jacobian = self.equations.jacobian(found[trial])[rows]
+                if not (np.isfinite(residuals).all() and np.isfinite(jacobian).all()):
+                    break
+                step = np.asarray(np.linalg.lstsq(jacobian, -residuals, rcond=1e-10)[0], dtype=np.float64)
+                found[trial] = self.moved(found[trial : trial + 1], step[None])[0]
+                if float(np.abs(jacobian @ step).max(initial=0.0)) < 1e-9:
+                    break
+        return found
+
+    def _rows(self, subset: Indices) -> Mask:
+        return np.asarray((self.units.of_row < 0) | np.isin(self.units.of_row, subset), dtype=bool)

@@ -1,0 +1,100 @@
+"""The covariance of estimates with robust losses: the sandwich ``H⁻¹ G H⁻¹`` (Huber 1967), small samples minded.
+
+H is the derivative of the estimating equations ``Σ Jᵀψ = 0``, G the covariance of their left side. Within each loss the
+two are pooled over its units, so that they are as certain as the sample allows: with the weights w = ρ', and k the
+number of components, ``A = Σ w JᵀJ`` is the information that the weights leave (rows that count nothing leave none),
+``H = Σ E[tr Dψ]/(w k) A`` and ``G = Σ E[|ψ|²]/(w k) A``. What has no loss enters both with ``JᵀJ``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbm.solution.robust.losses import LossFunction
+from mbm.solution.types import Covariance, Floats, Indices, Mask, Observability
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pool:
+    """One loss: ``information`` A (r, r) along the estimable directions, and the two factors of it in H and G."""
+
+    information: Floats
+    slope: float
+    spread: float
+    count: int
+    bend: float
+
+
+@np.errstate(all="ignore")
+def sandwich(
+    losses: Iterable[tuple[LossFunction, Indices]], residuals: Floats, jacobian: Floats, observed: Observability
+) -> Covariance:
+    """The covariance of the n coordinates; ``losses`` with the places (units, k) of the residuals they act on.
+
+    ``residuals`` (m,) and ``jacobian`` (m, n) are plain, whitened with the noise that the estimates hold with;
+    ``observed`` is the rank decision, in whose estimable subspace the covariance lives.
+    """
+    basis = observed.row_space / observed.scale[:, None]
+    along = np.where(np.isfinite(jacobian), jacobian, 0.0) @ basis
+    plain = np.ones(len(residuals), dtype=bool)
+    by_loss: dict[LossFunction, list[Indices]] = {}
+    for loss, lines in losses:
+        plain[lines] = False
+        by_loss.setdefault(loss, []).append(lines)
+    pools = [_pool(loss, parts, residuals, along) for loss, parts in by_loss.items()]
+    fixed = along[plain].T @ along[plain]
+    curvature, spread = fixed.copy(), fixed.copy()
+    for pool in pools:
+        curvature += pool.slope * pool.information
+    inverse = np.asarray(np.linalg.pinv(curvature, hermitian=True), dtype=np.float64)
+    for pool in pools:
+        spread += _corrected(pool, inverse) * pool.information
+    lengths, axes = np.linalg.eigh(spread)
+    factor = basis @ inverse @ (axes * np.sqrt(np.maximum(lengths, 0.0)))
+    return _covariance(factor, ~observed.estimable & ~observed.fixed)
+
+
+def _pool(loss: LossFunction, parts: list[Indices], residuals: Floats, along: Floats) -> _Pool:
+    """Sums over all units of one loss; parts differ in the number of components at most between losses."""
+    information = np.zeros((along.shape[1], along.shape[1]))
+    total = slope = spread = 0.0
+    slopes = []
+    for lines in parts:
+        squares = np.square(residuals[lines]).sum(axis=1)
+        weight = loss.weight(squares)
+        size = lines.shape[1]
+        rows = along[lines]
+        information += np.einsum("u,ukr,uks->rs", weight, rows, rows)
+        traces = size * weight + 2.0 * loss.slope(squares) * squares
+        total += size * float(weight.sum())
+        slope += float(traces.sum())
+        spread += float((weight * weight * squares).sum())
+        slopes.append(np.repeat(traces / size, size))
+    every = np.concatenate(slopes)
+    mean = float(every.mean()) if every.size else 1.0
+    bend = float(every.var()) / mean**2 if mean > 0.0 else 0.0
+    safe = max(total, 1e-300)
+    return _Pool(information=information, slope=slope / safe, spread=spread / safe, count=every.size, bend=bend)
+
+
+def _corrected(pool: _Pool, inverse: Floats) -> float:
+    """The factor of A in G with Huber's correction for small samples, ``K² n/(n − p)``, ``K = 1 + p/n var ψ'/(E ψ')²``.
+
+    p is the number of unknowns that this loss's units determine (Huber 1981, 7.6).
+    """
+    share = pool.slope * float(np.trace(inverse @ pool.information))
+    freedom = pool.count - share
+    if freedom <= 0.0:
+        return pool.spread
+    bend = 1.0 + share / pool.count * pool.bend
+    return pool.spread * bend * bend * pool.count / freedom
+
+
+def _covariance(factor: Floats, undetermined: Mask) -> Covariance:
+    matrix = factor @ factor.T
+    matrix[undetermined, :] = np.nan
+    matrix[:, undetermined] = np.nan
+    return Covariance(matrix=matrix, sigma=np.sqrt(np.diag(matrix)), factor=factor)

@@ -1,0 +1,38 @@
+"""What robust estimation may have to say about its answer."""
+
+from __future__ import annotations
+
+from mbm.text.types import Code, Diagnostic, Severity, Span
+
+TOO_FEW_AGREE = Code(
+    "too-few-agree",
+    "Fewer than half of the measurements agree with any one solution: which of them are wrong cannot be told.",
+    "Check the model, the stated `:sigma` and the units; or measure more.",
+)
+AMBIGUOUS_CONSENSUS = Code(
+    "ambiguous-consensus",
+    "Two different solutions explain equally many measurements: which of them are outliers cannot be told.",
+    "Add measurements, a prior, or bounds that decide between the two.",
+)
+
+
+def too_few_agree(span: Span, agreeing: int, units: int) -> Diagnostic:
+    """A consensus of a minority."""
+    return Diagnostic(
+        code=TOO_FEW_AGREE,
+        message=f"only {agreeing} of {units} measurements agree with the best solution that was found",
+        place=span,
+        hint=TOO_FEW_AGREE.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def ambiguous_consensus(span: Span) -> Diagnostic:
+    """Two majorities."""
+    return Diagnostic(
+        code=AMBIGUOUS_CONSENSUS,
+        message="another solution, which takes other measurements for outliers, explains the data as well",
+        place=span,
+        hint=AMBIGUOUS_CONSENSUS.mend,
+        severity=Severity.WARNING,
+    )

@@ -1,0 +1,189 @@
+"""What robust estimation does before the minimisation: which units count, from where, with what noise.
+
+Consensus (`:robust`) leaves the units that agree. Losses (`:loss`) keep all units, but those whose minimum may hide
+behind others are started where consensus is, and a noise factor that goes with a loss is estimated there, once and for
+all (the M-step of MM-estimation, Yohai 1987): estimated together with the loss it would grow with every outlier.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import sqrt
+from types import MappingProxyType
+
+import numpy as np
+
+from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Problem
+from mbm.solution.assembly import Assembled, loss_lines
+from mbm.solution.robust import faults
+from mbm.solution.robust.agree import Agreed, agree
+from mbm.solution.robust.binding import trials_of, units_of
+from mbm.solution.robust.scale import noise_variances, truncation_of
+from mbm.solution.robust.scores import STATED_CUT
+from mbm.solution.robust.units import STATED, Units, limits
+from mbm.solution.settings import Settings
+from mbm.solution.starting import Beginning
+from mbm.solution.types import Floats, Mask, Minimum, Noise, NoiseState
+from mbm.text.types import Diagnostic
+
+LEAST_SHARE = 0.5
+"""A solution that fewer units than this share agree with explains nothing."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prepared:
+    """What to minimise, and where to begin.
+
+    ``factors`` (all residuals,) and ``noise`` belong to blocks with a loss whose factor is unknown. ``truncation`` (all
+    residuals,) is κ of the rows that consensus kept (None: no consensus). ``agreed`` is False where too few agree.
+    """
+
+    equations: Assembled
+    starts: tuple[Beginning, ...]
+    factors: Floats | None = None
+    noise: Mapping[int, Noise] = field(default_factory=lambda: MappingProxyType({}))
+    truncation: Floats | None = None
+    agreed: bool = True
+    diagnostics: tuple[Diagnostic, ...] = ()
+
+    def informing(self, jacobian: Floats) -> Floats | None:
+        """The Jacobian (m, n) that holds the information there is: κ of that of the kept rows; None: as it is."""
+        return None if self.truncation is None else np.sqrt(self.equations.picked(self.truncation))[:, None] * jacobian
+
+    def scattering(self, residuals: Floats) -> Floats:
+        """Residuals (m,) that scatter as the noise does, without the loss of the tails."""
+        return residuals if self.truncation is None else residuals / np.sqrt(self.equations.picked(self.truncation))
+
+
+def prepared(problem: Problem, equations: Assembled, settings: Settings, starts: tuple[Beginning, ...]) -> Prepared:
+    """The equations that count, and better starts; what was given where nothing is robust."""
+    if settings.robust is not None:
+        return _agreeing(problem, equations, settings, settings.robust, starts)
+    if equations.lossy:
+        return _scaled(problem, equations, settings, starts)
+    return Prepared(equations=equations, starts=starts)
+
+
+def _agreeing(
+    problem: Problem, equations: Assembled, settings: Settings, consensus: Consensus, starts: tuple[Beginning, ...]
+) -> Prepared:
+    """The units that agree, by the consensus that the problem asks for."""
+    units = units_of(equations, problem, starts[0].point, lambda block: block.role is BlockRole.OBSERVATION)
+    if units.scalars <= equations.dimension or not equations.dimension:
+        return Prepared(equations=equations, starts=starts)
+    found = agree(trials_of(equations, units), units, _points(starts), consensus, settings.seed)
+    variances = noise_variances(found, units, equations.dimension)
+    keep = np.ones(int(equations.units.max()) + 1, dtype=bool)
+    keep[units.number] = found.inliers
+    factors, noise = _loss_noise(problem, equations, units, found, variances)
+    diagnostics: list[Diagnostic] = []
+    if found.share < LEAST_SHARE:
+        diagnostics.append(faults.too_few_agree(problem.span, int(found.inliers.sum()), units.count))
+    elif found.ambiguous:
+        diagnostics.append(faults.ambiguous_consensus(problem.span))
+    return Prepared(
+        equations=equations.kept(keep),
+        starts=(Beginning(point=found.point, origin=f"consensus ({consensus.kind.value})"),),
+        factors=factors,
+        noise=noise,
+        truncation=_truncation(equations, units, truncation_of(found, units, variances)),
+        agreed=found.share >= LEAST_SHARE,
+        diagnostics=tuple(diagnostics),
+    )
+
+
+def _scaled(problem: Problem, equations: Assembled, settings: Settings, starts: tuple[Beginning, ...]) -> Prepared:
+    """All units, from where consensus finds the losses' minimum, with noise factors from there."""
+    unknown = any(block.loss is not None and block.unknown_factor for block in problem.blocks)
+    if not unknown and all(loss.convex for loss, _ in loss_lines(equations)):
+        return Prepared(equations=equations, starts=starts)
+    units = units_of(equations, problem, starts[0].point, _has_loss)
+    if units.scalars == 0 or not equations.dimension:
+        return Prepared(equations=equations, starts=starts)
+    consensus = Consensus(kind=ConsensusKind.LMEDS)
+    found = agree(trials_of(equations, units), units, _points(starts), consensus, settings.seed)
+    variances = noise_variances(found, units, equations.dimension)
+    factors, noise = _loss_noise(problem, equations, units, found, variances)
+    return Prepared(
+        equations=equations,
+        starts=(Beginning(point=found.point, origin="consensus (lmeds)"), *starts),
+        factors=factors,
+        noise=noise,
+    )
+
+
+def _has_loss(block: Block) -> bool:
+    return block.role is BlockRole.OBSERVATION and block.loss is not None
+
+
+def _points(starts: tuple[Beginning, ...]) -> Floats:
+    return np.stack([start.point for start in starts])
+
+
+def _loss_noise(
+    problem: Problem, equations: Assembled, units: Units, found: Agreed, variances: Floats
+) -> tuple[Floats | None, Mapping[int, Noise]]:
+    """Factors (all residuals,) and noise of the blocks that have a loss and unknown noise."""
+    factors = np.ones(equations.whole)
+    noise: dict[int, Noise] = {}
+    total = int(units.components[found.inliers].sum())
+    for number in np.unique(units.group[units.group != STATED]).tolist():
+        if problem.blocks[number].loss is None:
+            continue
+        mine = units.group == number
+        count = int(units.components[mine & found.inliers].sum())
+        redundancy = count * (1.0 - equations.dimension / total) if total else 0.0
+        factor = sqrt(float(variances[mine][0]))
+        exact = variances[mine][0] <= units.rounding[mine].max()
+        state = NoiseState.NO_REDUNDANCY if redundancy <= 0.0 else NoiseState.EXACT if exact else NoiseState.ESTIMATED
+        if state is not NoiseState.ESTIMATED:
+            factor = 1.0
+        noise[number] = Noise(factor=factor, redundancy=max(redundancy, 0.0), state=state)
+        factors[equations.block_rows(number)] = factor
+    return (factors, noise) if noise else (None, noise)
+
+
+def _truncation(equations: Assembled, units: Units, kappa: Floats) -> Floats:
+    """κ by residual (all residuals,): 1 for what no rule touches, and for losses, whose sandwich sees it itself."""
+    found = units.expanded(kappa)
+    for _, lines in loss_lines(equations):
+        found[lines] = 1.0
+    return found
+
+
+def outliers(equations: Assembled, whole: Floats) -> Mask | None:
+    """Which residuals (all,) belong to units left out, or beyond three deviations under a loss; None if neither is.
+
+    ``whole`` (all residuals,) are plain and whitened with the final noise.
+    """
+    if equations.rows is None and not equations.lossy:
+        return None
+    found = np.zeros(equations.whole, dtype=bool)
+    if equations.rows is not None:
+        found[:] = True
+        found[equations.rows] = False
+    for _, lines in loss_lines(equations.everything()):
+        squares = np.square(whole[lines]).sum(axis=1)
+        limit = limits(np.full(1, lines.shape[1]), STATED_CUT)[0]
+        found[lines[~(squares <= limit)]] = True
+    return found
+
+
+def unit_weights(equations: Assembled, whole: Floats) -> Floats | None:
+    """What each residual (all of them) counted: 0 where it was left out, ρ' under a loss; None if all counted fully."""
+    if equations.rows is None and not equations.lossy:
+        return None
+    found = np.ones(equations.whole)
+    for loss, lines in loss_lines(equations.everything()):
+        found[lines] = loss.weight(np.square(whole[lines]).sum(axis=1))[:, None]
+    if equations.rows is not None:
+        counted = np.zeros(equations.whole)
+        counted[equations.rows] = 1.0
+        found *= counted
+    return found
+
+
+def robust_cost(equations: Assembled, minimum: Minimum) -> float | None:
+    """``Σ ρ`` at the minimum; None without losses."""
+    return minimum.cost if equations.lossy else None

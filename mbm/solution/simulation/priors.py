@@ -1,0 +1,54 @@
+"""True values drawn from the priors: the values at which the priors' residuals are standard normal numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.kernels.types import KernelSet
+from mbm.problem.tables import CellKey, Table
+from mbm.problem.types import BlockRole, Problem
+from mbm.solution.assembly import blank
+from mbm.solution.binding import Binder, EvaluationCache
+from mbm.solution.layout import Layout
+from mbm.solution.simulation.noise import stream
+from mbm.solution.types import Floats
+
+ITERATIONS = 50
+SETTLED = 1e-12
+"""Length of a step, in standard deviations, that is none."""
+
+
+def drawn_from_priors(
+    problem: Problem,
+    kernels: tuple[KernelSet, EvaluationCache],
+    tables: Mapping[str, Table],
+    places: Layout,
+    key: Mapping[str, CellKey],
+    seed: int,
+) -> Floats:
+    """All numbers (N,): those of ``places.start``, moved such that the whitened residuals of all priors are drawn.
+
+    Where several priors speak of one unknown the draw is theirs together: least squares of normal numbers have the
+    covariance of the combined prior. What no prior speaks of stays (Gauss-Newton with steps of minimum norm).
+    """
+    equations = blank(Binder(problem=problem, layout=places, tables=tables, cache=kernels[1]), kernels[0])
+    rows = [equations.block_rows(i) for i, block in enumerate(problem.blocks) if block.role is BlockRole.PRIOR]
+    x = places.start
+    if not sum(map(len, rows)):
+        return x
+    equations = replace(equations, rows=np.concatenate(rows))
+    words = [f"{name}={value}" for name, value in key.items()]
+    wanted = stream(seed, "priors", *words).standard_normal(equations.count)
+    for _ in range(ITERATIONS):
+        jacobian = equations.plain_jacobian(x)
+        scale = np.linalg.norm(jacobian, axis=0)
+        scale[scale == 0.0] = 1.0
+        gap = wanted - equations.plain_residuals(x)
+        step = np.linalg.lstsq(jacobian / scale, gap, rcond=1e-12)[0]
+        x = equations.retract(x, step / scale)
+        if not float(np.linalg.norm(step)) > SETTLED:
+            break
+    return x

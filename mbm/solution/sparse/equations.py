@@ -1,0 +1,219 @@
+"""Assembled equations as the sparse solver sees them: their blocks, and their Jacobian piece by piece."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbm.solution.assembly import Assembled
+from mbm.solution.binding import Group
+from mbm.solution.layout import Entry
+from mbm.solution.robust.losses import rooted_jacobian
+from mbm.solution.sparse.structure import BlockFamily, Piece, Structure, structure
+from mbm.solution.types import Equations, Floats, Indices, Mask
+
+LARGE = 300
+"""Unknowns up to which the dense solvers are as fast, and tell more."""
+
+SPARSE = 0.1
+"""A row that touches more than this share of the unknowns makes the equations dense."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GroupPlace:
+    """A group that has a piece: nonzero ``chosen[k]`` of its kernel goes to place ``target[k]`` of a row's values.
+
+    ``kept`` (rows, width) is 0 for columns of fixed coordinates; None where none are. ``counted`` (rows, outputs) is 0
+    for residuals that are left out; None where none are.
+    """
+
+    group: Group
+    piece: Piece
+    chosen: Indices
+    target: Indices
+    kept: Floats | None
+    counted: Floats | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Blocked:
+    """``equations`` with all residuals in place: those that are left out are zero (protocol ``BlockEquations``)."""
+
+    equations: Assembled
+    found: Structure
+    places: tuple[GroupPlace, ...]
+
+    @property
+    def dimension(self) -> int:
+        """Free coordinates, n."""
+        return self.equations.dimension
+
+    @property
+    def count(self) -> int:
+        """Residuals that count, m; the vector of residuals may hold more."""
+        return self.equations.count
+
+    @property
+    def lower(self) -> Floats:
+        """Hard lower bounds (n,)."""
+        return self.equations.lower
+
+    @property
+    def upper(self) -> Floats:
+        """Hard upper bounds (n,)."""
+        return self.equations.upper
+
+    @property
+    def positive(self) -> Mask:
+        """Coordinates that stay above zero (n,)."""
+        return self.equations.positive
+
+    @property
+    def linear(self) -> bool:
+        """The residuals are affine."""
+        return self.equations.linear
+
+    def residuals(self, x: Floats) -> Floats:
+        """Whitened residuals with losses (all,), zero where left out."""
+        found = self.equations.residuals(x)
+        if self.equations.rows is None:
+            return found
+        result = np.zeros(self.equations.whole)
+        result[self.equations.rows] = found
+        return result
+
+    def jacobian(self, x: Floats) -> Floats:
+        """The dense Jacobian of the residuals that count (m, n)."""
+        return self.equations.jacobian(x)
+
+    def retract(self, x: Floats, step: Floats) -> Floats:
+        """The point after a step (n,)."""
+        return self.equations.retract(x, step)
+
+    def coordinates(self, x: Floats) -> Floats:
+        """The numbers that steps add to (n,)."""
+        return self.equations.coordinates(x)
+
+    def placed(self, x: Floats, coordinates: Floats) -> Floats:
+        """The point with other coordinates."""
+        return self.equations.placed(x, coordinates)
+
+    def structure(self) -> Structure:
+        """Which blocks there are."""
+        return self.found
+
+    def block_jacobian(self, x: Floats) -> list[Floats]:
+        """The whitened Jacobian with losses, for each piece (rows, outputs, width)."""
+        return [self._piece(place, x) for place in self.places]
+
+    def _piece(self, place: GroupPlace, x: Floats) -> Floats:
+        group = place.group
+        group.fill(x)
+        values, nonzeros = group.evaluation.values_and_jacobian()
+        outputs = group.kernel.outputs
+        result = np.zeros((group.rows, outputs, place.piece.width))
+        result.reshape(group.rows, -1)[:, place.target] = nonzeros[:, place.chosen]
+        if place.kept is not None:
+            result *= place.kept[:, None, :]
+        residuals = group.whitened(values) if group.losses else None
+        for whitener in group.whiteners:
+            rows = result[:, whitener.first : whitener.last]
+            if whitener.weights.ndim == 2:
+                rows *= whitener.weights[:, :, None]
+            else:
+                rows[...] = np.matmul(whitener.weights, rows)
+        factors = self.equations.factors
+        if factors is not None:
+            own = factors[place.piece.residuals].reshape(group.rows, outputs)
+            result /= own[:, :, None]
+            residuals = None if residuals is None else residuals / own
+        if residuals is not None:
+            for whitener, loss in zip(group.whiteners, group.losses, strict=True):
+                lines = slice(whitener.first, whitener.last)
+                result[:, lines] = rooted_jacobian(loss, residuals[:, lines], result[:, lines])
+        if place.counted is not None:
+            result *= place.counted[:, :, None]
+        return result
+
+
+def sparse_suits(equations: Equations) -> bool:
+    """Whether there are many unknowns of which each equation touches few, and nothing but equations and bounds."""
+    if not isinstance(equations, Assembled) or equations.dimension <= LARGE or equations.constraints:
+        return False
+    return all(group.columns.shape[1] <= SPARSE * equations.dimension for group in equations.groups if group.rows)
+
+
+def blocked(equations: Assembled) -> Blocked:
+    """The blocks of equations: one family for each unknown that is not wholly fixed, one piece for each group."""
+    layout = equations.layout
+    free = np.zeros(len(layout.number), dtype=bool)
+    free[equations.free] = True
+    families: list[BlockFamily] = []
+    number: dict[str, int] = {}
+    column = np.full(len(free), -1, dtype=np.int64)
+    reached = 0
+    for entry in layout.entries:
+        if not free[entry.coordinates].any():
+            continue
+        number[entry.unknown.name] = len(families)
+        family = BlockFamily(first=reached, members=entry.members, size=entry.unknown.freedom)
+        families.append(family)
+        column[entry.coordinates] = reached + np.arange(family.members * family.size)
+        reached += family.members * family.size
+    placed = [_place(equations, group, number, free) for group in equations.groups if group.rows]
+    places = tuple(place for place in placed if place is not None)
+    pieces = [place.piece for place in places]
+    found = structure(families, pieces, column[equations.free], equations.whole, equations.rows)
+    return Blocked(equations=equations, found=found, places=places)
+
+
+def _place(equations: Assembled, group: Group, number: dict[str, int], free: Mask) -> GroupPlace | None:
+    """The piece of a group: its tangents by member of a family; None where it touches nothing that is free."""
+    local: dict[tuple[object, ...], int] = {}
+    starts: list[int] = []
+    families: list[int] = []
+    members: list[Indices] = []
+    kept: list[Mask] = []
+    place = np.full(len(group.kernel.tangents), -1, dtype=np.int64)
+    width = 0
+    for j, slot in enumerate(group.kernel.tangents):
+        if slot.unknown not in number:
+            continue
+        key = (slot.unknown, slot.member)
+        if key not in local:
+            entry: Entry = equations.layout.entry(slot.unknown)
+            local[key] = len(starts)
+            starts.append(width)
+            families.append(number[slot.unknown])
+            first = group.columns[:, j] - entry.first - slot.component
+            members.append(first // entry.unknown.freedom)
+            kept.append(free[entry.first + first[:, None] + np.arange(entry.unknown.freedom)])
+            width += entry.unknown.freedom
+        place[j] = starts[local[key]] + slot.component
+    if not starts:
+        return None
+    columns = place[group.kernel.jacobian_columns]
+    chosen = np.flatnonzero(columns >= 0)
+    piece = Piece(
+        first=group.first,
+        outputs=group.kernel.outputs,
+        families=tuple(families),
+        members=np.array(members),
+        starts=tuple(starts),
+        width=width,
+    )
+    mask = np.concatenate(kept, axis=1)
+    counted = None
+    if equations.rows is not None:
+        every = np.zeros(equations.whole)
+        every[equations.rows] = 1.0
+        counted = every[piece.residuals].reshape(group.rows, -1)
+    return GroupPlace(
+        group=group,
+        piece=piece,
+        chosen=chosen,
+        target=group.kernel.jacobian_rows[chosen] * width + columns[chosen],
+        kept=None if mask.all() else mask.astype(np.float64),
+        counted=counted,
+    )

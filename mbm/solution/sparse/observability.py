@@ -1,0 +1,116 @@
+"""Rank decision and covariance of sparse problems, in the terms of the dense ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.solution.freedom import TOUCHED, free_combination
+from mbm.solution.sparse.rank import Decision, decided
+from mbm.solution.sparse.structure import BlockJacobian
+from mbm.solution.types import Covariance, Floats, FreeCombination, Mask, Minimum, Observability, Propagated
+
+NAMED = 20
+"""Free directions of single members that are put into words; the others are counted."""
+
+HELD = 2000
+"""Coordinates up to which the covariance matrix is made."""
+
+PART = 4_000_000
+"""Numbers in the right sides that are solved for at once."""
+
+ORTHOGONAL = 1e-6
+"""A gradient whose share along the free directions is below this does not feel them."""
+
+
+@np.errstate(all="ignore")
+def sparse_observability(minimum: Minimum, blocks: BlockJacobian, point: Floats) -> Observability:
+    """The rank decision at a minimum whose Jacobian comes in ``blocks``, with the coordinates ``point`` (n,)."""
+    layout = blocks.plan.structure
+    fixed = minimum.at_bound != 0
+    held = np.zeros(layout.columns, dtype=bool)
+    held[layout.free] = fixed
+    found = decided(blocks.plan, blocks.values, held)
+    inverse = found.inverse
+    common = inverse.null[layout.free]
+    unused = found.unused[layout.free]
+    scale = inverse.scale[layout.free]
+    touched = touched_by(common) | unused | inverse.single()
+    dimension = len(point) - int(fixed.sum())
+    return Observability(
+        dimension=dimension,
+        rank=dimension - int(unused.sum()) - common.shape[1] - len(inverse.local.members),
+        condition=found.largest / found.smallest if found.smallest > 0.0 else 1.0,
+        singular_values=np.array([found.largest, found.smallest]),
+        scale=scale,
+        row_space=np.zeros((len(point), 0)),
+        null_space=common,
+        combinations=_single(found, scale, point),
+        unused=tuple(np.flatnonzero(unused).tolist()),
+        estimable=~touched & ~fixed,
+        fixed=fixed,
+        inverse=inverse,
+    )
+
+
+def touched_by(directions: Floats) -> Mask:
+    """Which coordinates (n,) the free directions (n, k) move, beside the most that each of them moves."""
+    if not directions.shape[1]:
+        return np.zeros(len(directions), dtype=bool)
+    peaks = np.abs(directions).max(axis=0)
+    return np.asarray((np.abs(directions) > TOUCHED * peaks).any(axis=1))
+
+
+def _single(found: Decision, scale: Floats, point: Floats) -> tuple[FreeCombination, ...]:
+    """The first few free directions of single members."""
+    local, layout = found.inverse.local, found.inverse.factors.plan.structure
+    size = local.vectors.shape[1]
+    result = []
+    for member, vector in list(zip(local.members.tolist(), local.vectors, strict=True))[:NAMED]:
+        direction = np.zeros(layout.columns)
+        first = local.columns.start + member * size
+        direction[first : first + size] = vector
+        result.append(free_combination(direction[layout.free], scale, point))
+    return tuple(result)
+
+
+def sparse_covariance(observed: Observability, variance: float) -> Covariance:
+    """Standard deviations of all coordinates; the matrix only of few, else it is empty, as the factor is."""
+    inverse = observed.inverse
+    if inverse is None:
+        message = "the problem is not sparse"
+        raise TypeError(message)
+    undetermined = ~observed.estimable & ~observed.fixed
+    count = len(observed.scale)
+    matrix = np.zeros((0, 0))
+    variances = inverse.variances() * variance
+    if count <= HELD:
+        matrix = inverse.solve(np.eye(count)) * variance
+        matrix = (matrix + matrix.T) / 2.0
+        matrix[undetermined, :] = np.nan
+        matrix[:, undetermined] = np.nan
+    sigma = np.where(undetermined, np.nan, np.where(observed.fixed, 0.0, np.sqrt(variances)))
+    return Covariance(matrix=matrix, sigma=sigma, factor=np.zeros((count, 0)), variance=variance)
+
+
+@np.errstate(all="ignore")
+def sparse_propagate(gradient: Floats, observed: Observability, estimated: Covariance) -> Propagated:
+    """Covariance of k derived quantities with the gradient (k, n)."""
+    inverse = observed.inverse
+    if inverse is None:
+        message = "the problem is not sparse"
+        raise TypeError(message)
+    count = len(gradient)
+    image = np.empty((count, len(observed.scale)))
+    along = np.empty(count)
+    step = max(PART // max(image.shape[1], 1), 1)
+    unused = np.array(observed.unused, dtype=np.int64)
+    for start in range(0, count, step):
+        part = gradient[start : start + step]
+        image[start : start + step] = inverse.solve(part.T).T
+        along[start : start + step] = inverse.along(part, observed.null_space)
+    matrix = image @ gradient.T * estimated.variance
+    matrix = (matrix + matrix.T) / 2.0
+    estimable = (along <= ORTHOGONAL) & ~(gradient[:, unused] != 0.0).any(axis=1)
+    matrix[~estimable, :] = np.nan
+    matrix[:, ~estimable] = np.nan
+    return Propagated(matrix=matrix, sigma=np.sqrt(np.diag(matrix)), estimable=estimable)

@@ -1,0 +1,146 @@
+"""Minima that are one solution written twice, or mirror images that no equation tells apart.
+
+Two minima of the same residuals suggest a symmetry: angles that turn by half a turn (Euler angles: φ+π, π−θ, ψ+π),
+values that change sign or are reflected, unknowns that trade places. Whether the equations have it is tried at random
+points: a symmetry holds everywhere, two solutions that happen to fit equally well agree at the solutions only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from mbm.solution.assembly import Assembled
+from mbm.solution.batch import Batch
+from mbm.solution.types import Floats, Indices, Mask
+
+NEAR = 1e-5
+"""Relative difference of numbers that are to be equal, at minima found independently."""
+
+AGREE = 1e-7
+"""Relative difference of residuals that a symmetry may leave: rounding, magnified by the model."""
+
+PROBES = 6
+ANGLE = 0.3
+SHARE = 0.1
+"""How far from the minimum a symmetry is tried: angles in rad, other numbers as a share of themselves."""
+
+
+class Twin(Enum):
+    """How one minimum follows from another; the value is the sentence for people."""
+
+    TURNED = "the same solution in other angles"
+    EXCHANGED = "the same solution with unknowns exchanged"
+    MIRRORED = "the mirror image: no observation tells the two apart"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Map:
+    """``x[targets] ← sign · x[sources] + shift``; everything else stays."""
+
+    targets: Indices
+    sources: Indices
+    sign: Floats
+    shift: Floats
+    kind: Twin
+
+    def applied(self, points: Floats) -> Floats:
+        result = points.copy()
+        result[:, self.targets] = self.sign * points[:, self.sources] + self.shift
+        return result
+
+
+def twin_of(stack: Batch, first: Floats, second: Floats) -> Twin | None:
+    """How the point ``second`` (N,) follows from ``first`` by a symmetry of the equations; None where it does not."""
+    layout = stack.equations.layout
+    if any(_turned_apart(first[c.numbers], second[c.numbers]) for c in layout.curved):
+        return None
+    places = layout.number[stack.equations.free]
+    angle = layout.angle[stack.equations.free][places >= 0]
+    places = places[places >= 0]
+    difference = second[places] - first[places]
+    difference = np.where(angle, np.remainder(difference + np.pi, 2 * np.pi) - np.pi, difference)
+    differs = np.abs(difference) > NEAR * (np.abs(first[places]) + np.abs(second[places])) + angle * NEAR
+    if not differs.any():
+        return None
+    moving, turning = places[differs], angle[differs]
+    for candidate in (_exchange(first, second, moving), _reflection(first, second, moving, turning)):
+        if candidate is not None and _holds(stack, candidate, first, places, angle):
+            return candidate.kind
+    return None
+
+
+def _turned_apart(first: Floats, second: Floats) -> bool:
+    """Quaternions (k, 4) up to their sign, directions and scales (k, …) themselves."""
+    if first.shape[1] == 4:
+        return bool((np.abs(np.einsum("ki,ki->k", first, second)) < 1 - NEAR * NEAR).any())
+    return bool((np.abs(first - second) > NEAR * (np.abs(first) + np.abs(second))).any())
+
+
+def _exchange(first: Floats, second: Floats, moving: Indices) -> _Map | None:
+    """The numbers that trade places: each of the second point is one of the first."""
+    apart = np.abs(second[moving][:, None] - first[moving][None, :])
+    same = apart <= NEAR * (np.abs(second[moving])[:, None] + np.abs(first[moving])[None, :])
+    source = same.argmax(axis=1)
+    if not same.any(axis=1).all() or len(np.unique(source)) < len(moving):
+        return None
+    ones, zeros = np.ones(len(moving)), np.zeros(len(moving))
+    return _Map(targets=moving, sources=moving[source], sign=ones, shift=zeros, kind=Twin.EXCHANGED)
+
+
+def _reflection(first: Floats, second: Floats, moving: Indices, turning: Mask) -> _Map:
+    """Half turns of angles, supplements and changes of sign; other numbers are reflected about the middle."""
+    a, b = first[moving], second[moving]
+
+    def wrapped(x: Floats) -> Floats:
+        return np.abs(np.remainder(x + np.pi, 2 * np.pi) - np.pi)
+
+    half = turning & (wrapped(b - a - np.pi) <= NEAR)
+    supplement = turning & ~half & (wrapped(b + a - np.pi) <= NEAR)
+    sign = np.where(half, 1.0, -1.0)
+    middle = np.where(np.abs(a + b) <= NEAR * (np.abs(a) + np.abs(b)), 0.0, a + b)
+    shift = np.where(half | supplement, np.pi, np.where(turning & (wrapped(a + b) <= NEAR), 0.0, middle))
+    kind = Twin.TURNED if half.any() else Twin.MIRRORED
+    return _Map(targets=moving, sources=moving, sign=sign, shift=shift, kind=kind)
+
+
+def _holds(stack: Batch, candidate: _Map, about: Floats, places: Indices, angle: Mask) -> bool:
+    """Whether the map leaves all residuals as they are, at points scattered about one of the minima."""
+    random = np.random.default_rng(len(places))
+    reach = np.where(angle, ANGLE, SHARE * np.abs(about[places]))
+    probes = np.tile(about, (PROBES, 1))
+    probes[:, places] += reach * random.uniform(-1.0, 1.0, (PROBES, len(places)))
+    with np.errstate(all="ignore"):
+        before, after = stack.residuals(probes), stack.residuals(candidate.applied(probes))
+    finite = np.isfinite(before).all(axis=1) & np.isfinite(after).all(axis=1)
+    if finite.sum() < 2:
+        return False
+    before, after = before[finite], after[finite]
+    return bool((np.abs(before - after) <= AGREE * (1.0 + np.abs(before).max())).all())
+
+
+def separation(equations: Assembled, point: Floats, others: Floats) -> Floats:
+    """How far other points (T, N) are from a point (N,), per free coordinate, shape (T, n), at least 0.
+
+    Angles differ by less than half a turn; rotations and directions by the angle between them, scales by the logarithm
+    of their ratio, in each of their coordinates.
+    """
+    layout = equations.layout
+    apart = np.zeros((len(others), len(layout.number)))
+    plain = layout.number >= 0
+    difference = others[:, layout.number[plain]] - point[layout.number[plain]]
+    turn = np.remainder(difference + np.pi, 2 * np.pi) - np.pi
+    apart[:, plain] = np.abs(np.where(layout.angle[plain], turn, difference))
+    for curved in layout.curved:
+        here, there = point[curved.numbers], others[:, curved.numbers]
+        if curved.piece.size == 1:
+            angle = np.abs(np.log(there / here))[:, :, 0]
+        else:
+            chord = np.linalg.norm(there - here, axis=2)
+            if curved.piece.size == 4:
+                chord = 2.0 * np.minimum(chord, np.linalg.norm(there + here, axis=2))
+            angle = chord
+        apart[:, curved.coordinates] = angle[:, :, None]
+    return apart[:, equations.free]

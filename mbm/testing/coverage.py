@@ -1,0 +1,235 @@
+"""Whether stated uncertainties are true: many simulated data sets are solved, and the errors compared with the sigmas.
+
+For each number (tangent coordinate) of each unknown, and each derived one: the ratio of the actual to the stated
+standard deviation, and how often the stated 68 % and 95 % intervals hold the true value; for the costs, whether they
+follow χ² (Kolmogorov-Smirnov). All with what chance allows for so many runs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbm.api.compiled import CompiledProblem
+from mbm.api.problem import Problem
+from mbm.compiler import Inputs, SolveSettings
+from mbm.problem.builder import Elaborated
+from mbm.report.options import SimulationSettings
+from mbm.report.simulated import Simulated
+from mbm.report.types import Floats, SolveReport
+from mbm.testing.truth import CoordinateErrors, derived_errors, estimate_errors
+
+LEVELS = (0.6827, 0.95)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NumberCoverage:
+    """One number over all runs.
+
+    ``ratio`` is the actual over the stated standard deviation, ``ratio_error`` the standard deviation that chance gives
+    it; ``covered`` are the shares of runs in which the 68 % and 95 % intervals hold the true value (those of Student's
+    t where the noise was estimated); ``bias`` the mean error over its own standard deviation of chance.
+    """
+
+    name: str
+    runs: int
+    ratio: float
+    ratio_error: float
+    covered: tuple[float, float]
+    bias: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Coverage:
+    """All numbers; ``pooled`` is the ratio of all of them together (root mean square of normalised errors, decorrelated
+    by the stated covariance), with ``pooled_error`` of chance. ``failures`` are runs without a trusted answer, which
+    are left out. ``cost_p`` is the probability of costs as far from χ² as these (None: the noise is not stated).
+    ``warned`` is the share of runs with the warning `too-nonlinear`.
+    """
+
+    runs: int
+    failures: int
+    numbers: tuple[NumberCoverage, ...]
+    pooled: float
+    pooled_error: float
+    cost_p: float | None
+    warned: float
+
+    def worst_ratio(self) -> float:
+        """The ratio that is farthest from 1."""
+        return max((n.ratio for n in self.numbers), key=lambda r: abs(math.log(r)) if r > 0 else math.inf)
+
+    def expected_coverage(self, level: int) -> tuple[float, float]:
+        """The nominal share of interval ``level`` (0: 68 %, 1: 95 %), and the deviation that chance gives it."""
+        share = LEVELS[level]
+        return share, math.sqrt(share * (1 - share) / max(self.runs - self.failures, 1))
+
+
+def coverage(
+    problem: Problem,
+    *,
+    runs: int,
+    at: Mapping[str, object] | None = None,
+    seed: int = 1,
+    data: Mapping[str, object] | None = None,
+    noise: Mapping[str, object] | None = None,
+    outliers: tuple[float, float] | None = None,
+    draw_priors: bool = False,
+    start_at_truth: bool = True,
+) -> Coverage:
+    """Simulate and solve ``runs`` data sets of a problem without ``for-each``.
+
+    Args:
+        problem: the problem; its tables are read once.
+        runs: how many data sets.
+        at: true values as ``Problem.simulate`` takes them; where absent, the starts.
+        seed: the noise of run k follows from ``seed`` and k.
+        data: tables in place of those that the problem names.
+        noise: as ``Problem.simulate``.
+        outliers: as ``Problem.simulate``.
+        draw_priors: as ``Problem.simulate``; each run then has true values of its own. What has a prior must be drawn
+            from it: its sigma says how far the truth varies about the mean, not how far estimates vary about the truth.
+        start_at_truth: begin each solve at the true values, so that the uncertainty of the estimates is judged, not the
+            search for the minimum.
+
+    Raises:
+        MbmError: the problem or the data are wrong.
+
+    """
+    tables = dict(data or {})
+    simulator = problem.simulator(Inputs(tables=tables, sandbox=problem.sandbox))
+    compiled = problem.compile(data=tables)
+    settings = SimulationSettings(
+        at=dict(at or {}), seed=seed, noise=dict(noise or {}), outliers=outliers, draw_priors=draw_priors
+    )
+    found: list[_Run] = []
+    failures = warned = 0
+    for run in range(runs):
+        made = simulator.measurements(replace(settings, seed=_run_seed(seed, run)))
+        solve = _solved(compiled, made, start_at_truth)
+        warned += any(d.code.name == "too-nonlinear" for d in solve.diagnostics)
+        if not solve.status.trusted:
+            failures += 1
+            continue
+        found.append(_run(simulator.found, solve, made))
+    return _summary(found, runs, failures, warned)
+
+
+def _run_seed(seed: int, run: int) -> int:
+    """Seeds of different runs never meet those of another seed's runs."""
+    return seed * 1_000_003 + run
+
+
+def _solved(compiled: CompiledProblem, made: Simulated, start_at_truth: bool) -> SolveReport:
+    settings = SolveSettings(init=made.truth if start_at_truth else None)
+    return compiled.result(settings, made).solves[0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Run:
+    """Errors of one run; ``distance`` is the squared decorrelated error, scaled to a mean of ``dimension``.
+
+    With estimated noise it follows Fisher's F, whose mean is dof/(dof − 2).
+    """
+
+    errors: CoordinateErrors
+    distance: float
+    dimension: int
+    cost: float | None
+    dof: int
+    quantiles: tuple[float, float]
+
+
+def _run(found: Elaborated, solve: SolveReport, made: Simulated) -> _Run:
+    truth = made.truths[0]
+    errors = estimate_errors(solve, truth)
+    distance, dimension = _distance(solve, errors)
+    joined = errors.joined(derived_errors(found.problem, solve, truth, found.tables))
+    stated = solve.chi2_p is not None
+    dof = solve.dof or 0
+    estimated = not stated and any(factor is not None for factor in solve.noise.values())
+    return _Run(
+        errors=joined,
+        distance=distance * (1 - 2 / dof) if estimated and dof > 2 else distance,
+        dimension=dimension,
+        cost=solve.cost if stated else None,
+        dof=dof,
+        quantiles=_quantiles(dof if estimated else None),
+    )
+
+
+def _quantiles(dof: int | None) -> tuple[float, float]:
+    """Half widths of the 68 % and 95 % intervals in standard deviations: of t where the noise was estimated."""
+    from scipy.stats import norm, t
+
+    shares = np.array([(1 + level) / 2 for level in LEVELS])
+    found = norm.ppf(shares) if dof is None or dof <= 0 else t.ppf(shares, dof)
+    return float(found[0]), float(found[1])
+
+
+def _distance(solve: SolveReport, errors: CoordinateErrors) -> tuple[float, int]:
+    """Squared length of the errors in the metric of the stated covariance, and its dimension."""
+    matrix = solve.covariance.matrix if solve.covariance is not None else None
+    if matrix is None or solve.covariance is None:
+        return 0.0, 0
+    places = {name: i for i, name in enumerate(errors.names)}
+    usable = [i for i in range(len(matrix)) if matrix[i, i] > 0 and np.isfinite(matrix[i, i])]
+    error = np.array([errors.errors[places[solve.covariance.names[i]]] for i in usable])
+    part = matrix[np.ix_(usable, usable)]
+    scale = np.sqrt(np.diag(part))
+    values, vectors = np.linalg.eigh(part / np.outer(scale, scale))
+    kept = values > 1e-10 * values.max(initial=0.0)
+    return float(np.sum((vectors[:, kept].T @ (error / scale)) ** 2 / values[kept])), int(kept.sum())
+
+
+def _summary(found: list[_Run], runs: int, failures: int, warned: int) -> Coverage:
+    names = found[0].errors.names if found else ()
+    errors = np.array([run.errors.errors for run in found]).reshape(len(found), len(names))
+    sigmas = np.array([run.errors.sigmas for run in found]).reshape(len(found), len(names))
+    widths = np.array([run.quantiles for run in found]).reshape(len(found), 2)
+    numbers = tuple(_number(name, errors[:, i], sigmas[:, i], widths) for i, name in enumerate(names))
+    squares = np.array([run.distance for run in found])
+    dimension = sum(run.dimension for run in found)
+    pooled = math.sqrt(squares.sum() / dimension) if dimension else math.nan
+    spread = float(np.std(squares, ddof=1)) * math.sqrt(len(found)) / dimension if dimension and len(found) > 1 else 0.0
+    return Coverage(
+        runs=runs,
+        failures=failures,
+        numbers=tuple(n for n in numbers if n is not None),
+        pooled=pooled,
+        pooled_error=spread / (2 * pooled) if pooled else math.nan,
+        cost_p=_cost_probability(found),
+        warned=warned / runs if runs else 0.0,
+    )
+
+
+def _number(name: str, errors: Floats, sigmas: Floats, widths: Floats) -> NumberCoverage | None:
+    usable = np.isfinite(errors) & np.isfinite(sigmas) & (sigmas > 0)
+    if int(usable.sum()) < 2:
+        return None
+    error, sigma, width = errors[usable], sigmas[usable], widths[usable]
+    count = len(error)
+    square = float(np.mean(error**2))
+    ratio = math.sqrt(square / float(np.mean(sigma**2)))
+    kurtosis = float(np.mean(error**4)) / square**2 if square > 0 else 3.0
+    inside = np.abs(error)[:, None] <= sigma[:, None] * width
+    deviation = float(np.std(error, ddof=1))
+    return NumberCoverage(
+        name=name,
+        runs=count,
+        ratio=ratio,
+        ratio_error=ratio * math.sqrt(max(kurtosis - 1, 0.0) / (4 * count)),
+        covered=(float(inside[:, 0].mean()), float(inside[:, 1].mean())),
+        bias=float(np.mean(error)) / (deviation / math.sqrt(count)) if deviation > 0 else 0.0,
+    )
+
+
+def _cost_probability(found: list[_Run]) -> float | None:
+    """The probability, if costs follow χ², of a distribution as far from it."""
+    from scipy.stats import chi2, kstest
+
+    shares = [float(chi2.cdf(run.cost, run.dof)) for run in found if run.cost is not None and run.dof > 0]
+    return float(kstest(shares, "uniform").pvalue) if len(shares) > 1 else None

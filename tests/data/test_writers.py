@@ -1,0 +1,37 @@
+"""What is written reads back as the same columns, to the last bit, in every format that can be written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mbm.data.readers import READERS
+from mbm.data.writers import WRITERS
+from mbm.problem.tables import Column
+
+NUMBERS = np.array([0.1, -1 / 3, 1e300, 5e-324, 0.0, 3.0, 2.0**60, np.nan, 123456789.0])
+COLUMNS = (
+    Column(name="x", numbers=NUMBERS),
+    Column(name="with space, and comma", numbers=np.arange(9.0)),
+    Column(name="part", texts=("a", 'quote " here', "comma, here", "Größe", "1x", "b c", "line\nbreak", "d", "e")),
+)
+
+
+@pytest.mark.parametrize("name", list(WRITERS))
+def test_what_is_written_reads_back(name: str, tmp_path: Path) -> None:
+    path = tmp_path / f"table.{name}"
+    path.write_bytes(WRITERS[name](COLUMNS))
+    found = {column.name: column for column in READERS[name].read(path).columns}
+    assert list(found) == [column.name for column in COLUMNS]
+    for column in COLUMNS:
+        if column.texts is not None:
+            assert found[column.name].texts == column.texts
+        else:
+            np.testing.assert_array_equal(np.asarray(found[column.name].numbers), np.asarray(column.numbers))
+
+
+@pytest.mark.parametrize("name", list(WRITERS))
+def test_the_same_columns_give_the_same_bytes(name: str) -> None:
+    assert WRITERS[name](COLUMNS) == WRITERS[name](COLUMNS)

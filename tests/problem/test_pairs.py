@@ -1,0 +1,182 @@
+"""Timed tables laid on one another: association one to one, interpolation, what pairs hold, what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.transform import Rotation, Slerp
+
+import mbm
+from mbm.problem.association import associated, usual_tolerance
+
+EXACT = 1e-12
+"""Linear problems are solved in one step; a dozen roundings remain."""
+
+
+def greedy(a, b, tolerance):
+    """The definition: of all pairs within the tolerance the nearest first, each row once."""
+    pairs = sorted((abs(s - t), min(s, t), i, j) for i, s in enumerate(a) for j, t in enumerate(b))
+    found = {}
+    for distance, _, i, j in pairs:
+        if distance <= tolerance and i not in found and j not in found.values():
+            found[i] = j
+    return found
+
+
+@settings(max_examples=300)
+@given(
+    a=st.lists(st.integers(0, 60), max_size=15, unique=True),
+    b=st.lists(st.integers(0, 60), max_size=15, unique=True),
+    tolerance=st.integers(0, 20),
+)
+def test_association_is_the_nearest_first(a, b, tolerance):
+    # Whole numbers and square roots apart: all distances are different, so that there is one answer.
+    s, t = np.array(a, dtype=float), np.array(b) + np.sqrt(2) / 2 + np.array(b) * 1e-4
+    rows, others = associated(s, t, float(tolerance))
+    assert dict(zip(rows.tolist(), others.tolist(), strict=True)) == greedy(s.tolist(), t.tolist(), tolerance)
+    assert rows.tolist() == sorted(rows.tolist())
+
+
+def test_regular_times_with_jitter_are_matched_as_a_whole():
+    random = np.random.default_rng(4)
+    a = np.arange(200) + random.uniform(-0.1, 0.1, 200)
+    b = random.permutation(np.arange(0, 200, 0.5) + random.uniform(-0.05, 0.05, 400))
+    rows, others = associated(a, b, 0.25)
+    # Where nothing competes, the nearest first is also the assignment of the least total distance.
+    best = linear_sum_assignment(np.abs(a[:, None] - b))
+    np.testing.assert_array_equal(rows, best[0])
+    np.testing.assert_array_equal(others, best[1])
+
+
+def test_the_usual_tolerance_is_half_a_step_of_the_denser_table():
+    assert usual_tolerance(np.arange(5.0), np.arange(0, 5, 0.25)) == 0.125
+    assert usual_tolerance(np.array([3.0]), np.array([1.0, 1.0])) == 0.0
+
+
+PAIR = """
+(problem p
+  (data sites (table (name h) ("n" 10) ("s" 20)) :key name)
+  (data left (table (t x site) (1 10 "n") (2 20 "s") (3 30 "s") (9 90 "n")) :with (sites site))
+  (data right (table (t y) (2.1 5) (0.9 3) (3.4 7)))
+  (pair both (left right) :by t {options})
+  (unknowns (a) (b))
+  {observe})
+"""
+SHARED = "(observe both (= (* left.x right.y) a) :sigma 1) (observe u both (= left.sites.h b) :sigma 1)"
+
+
+def test_a_pair_holds_the_columns_of_both_and_what_was_joined_to_them(solve):
+    solved = solve(PAIR.format(options=":tolerance 0.2", observe=SHARED))
+    assert float(solved["a"].value) == pytest.approx((10 * 3 + 20 * 5) / 2, rel=EXACT)
+    assert float(solved["b"].value) == pytest.approx(15, rel=EXACT)
+
+
+def test_without_a_tolerance_half_a_step_counts(solve):
+    # Steps of the right table 1.2 and 1.3, of the left 1, 1 and 6: half of the median of the denser is 0.5.
+    solved = solve(PAIR.format(options="", observe=SHARED))
+    assert float(solved["a"].value) == pytest.approx((10 * 3 + 20 * 5 + 30 * 7) / 3, rel=EXACT)
+
+
+def test_the_time_stands_under_its_plain_name_and_under_both_others(solve):
+    observe = "(observe both (= (+ t (* 10 right.t)) a) :sigma 1) (observe u both (= left.t b) :sigma 1)"
+    solved = solve(PAIR.format(options=":tolerance 0.2", observe=observe))
+    assert float(solved["a"].value) == pytest.approx((1 + 9 + 2 + 21) / 2, rel=EXACT)
+    assert float(solved["b"].value) == pytest.approx(1.5, rel=EXACT)
+
+
+def test_interpolation_takes_the_second_table_at_the_first_ones_times(solve):
+    solved = solve(PAIR.format(options=":interpolate true", observe=SHARED))
+    # At 1, 2, 3 (9 lies outside), on the lines (0.9, 3) – (2.1, 5) – (3.4, 7).
+    y = np.interp([1, 2, 3], [0.9, 2.1, 3.4], [3, 5, 7])
+    assert float(solved["a"].value) == pytest.approx(float(np.mean(np.array([10, 20, 30]) * y)), rel=EXACT)
+    observe = "(observe both (= t a) :sigma 1) (observe u both (= right.t b) :sigma 1)"
+    times = solve(PAIR.format(options=":interpolate true", observe=observe))
+    assert (float(times["a"].value), float(times["b"].value)) == pytest.approx((2, 2), rel=EXACT)
+
+
+def test_interpolation_bridges_no_gap_wider_than_the_tolerance(solve):
+    solved = solve(PAIR.format(options=":interpolate true :tolerance 1.1", observe=SHARED))
+    # 1 lies 1.1 before 2.1, 2 the same behind 0.9; 3 lies 0.9 and 0.4 from its neighbours.
+    y = np.interp([1, 2, 3], [0.9, 2.1, 3.4], [3, 5, 7])
+    assert float(solved["a"].value) == pytest.approx(float(np.mean(np.array([10, 20, 30]) * y)), rel=EXACT)
+    narrow = solve(PAIR.format(options=":interpolate true :tolerance 1", observe=SHARED))
+    assert float(narrow["a"].value) == pytest.approx(30 * y[2], rel=EXACT)
+
+
+TURNING = """
+(problem p
+  (data a (table (t) (0.25) (0.5)))
+  (data b external :columns ((bearing :unit deg) (t :unit s)))
+  (pair c (a b) :by t :interpolate true)
+  (unknowns (h :init 0))
+  (observe c (= {form} h) :sigma 1))
+"""
+
+
+def test_angles_with_a_unit_go_the_shorter_way_round(estimate):
+    data = {"b": {"t": [0.0, 1.0], "bearing": [350.0, 30.0]}}
+    found = estimate(TURNING.format(form="(cos (- b.bearing 5deg))"), "h", data=data)
+    assert found == pytest.approx(np.cos(np.deg2rad([-5, 5])).mean(), rel=EXACT)
+
+
+def test_quaternions_are_interpolated_on_the_great_circle(estimate):
+    turns = Rotation.random(2, random_state=7)
+    cells = turns.as_quat() * [[1], [-1]]  # the same rotation with the other sign: no detour
+    data = {"b": {"t": [0.0, 1.0], "bearing": [0, 0], **dict(zip(("qx", "qy", "qz", "qw"), cells.T, strict=True))}}
+    between = Slerp([0, 1], turns)([0.25, 0.5])
+    form = "(((rotate (quaternion b.qw b.qx b.qy b.qz) [1 2 3])) {})"
+    for i in range(3):
+        form = f"((rotate (quaternion b.qw b.qx b.qy b.qz) [1 2 3]) {i + 1})"
+        found = estimate(TURNING.format(form=form), "h", data=data)
+        assert found == pytest.approx(between.apply([1, 2, 3])[:, i].mean(), abs=1e-12)
+
+
+def test_a_fault_in_a_column_of_the_second_table_names_its_own_row(faults):
+    text = "(problem p (data a external) (data b external) (pair c (a b) :by t) (unknowns (h)) (observe c (= b.y h)))"
+    data = {"a": {"t": [1.0, 2.0]}, "b": {"t": [2.0, 5.0, 1.0], "y": [4.0, 3.0, np.nan]}}
+    (fault,) = faults(text, data=data)
+    assert fault.code.name == "not-finite-cell"
+    assert (fault.place.file, fault.place.row, fault.place.column) == ("<b>", 3, "y")
+
+
+@pytest.mark.parametrize(
+    ("clause", "code", "words"),
+    [
+        ("(pair c (a b))", "bad-form", "names the column of times"),
+        ("(pair c a :by t)", "bad-form", "a name and two tables"),
+        ("(pair c (a a) :by t)", "bad-form", "two different tables"),
+        ("(pair c (a d) :by t)", "unknown-table", "`d`"),
+        ("(pair c (a b) :by s)", "unknown-column", "`s`"),
+        ("(pair a (a b) :by t)", "duplicate-definition", "`a`"),
+        ("(pair c (a b) :by t :tolerance 0)", "bad-form", "above zero"),
+        ("(pair c (a b) :by t :tolerance 3m)", "unit-clash", "`3m`"),
+        ("(pair c (a b) :by t :interpolate yes)", "bad-form", "`true` or `false`"),
+        ("(pair c (a b) :by name)", "bad-time", "holds the text `x`"),
+        ("(pair c (a b) :by z :interpolate true)", "bad-time", "two rows have the time 7"),
+        ("(pair c (a b) :by w)", "unit-clash", "column `w`"),
+    ],
+)
+def test_what_a_pair_cannot_be(faults, clause, code, words):
+    tables = '(data a (table (t name z w) (1s "x" 1 1m)))(data b (table (t name z w) (1 "y" 7 1s) (2 "y" 7 2s)))'
+    found = faults(f"(problem p {tables} {clause} (unknowns (h)) (observe a (= t h)))")
+    assert found[0].code.name == code
+    assert words in found[0].message
+
+
+def test_two_times_of_a_pair_are_of_one_dimension(faults):
+    text = (
+        "(problem p (data a (table (t) (1s) (2s))) (data b (table (t y) (1 3) (2 4))) (pair c (a b) :by t)"
+        " (unknowns (h :unit m)) (observe c (= b.t h) :sigma 1m))"
+    )
+    assert [f.code.name for f in faults(text)] == ["unit-clash"]
+
+
+def test_a_pair_follows_other_data():
+    text = "(problem p (data a external) (data b external) (pair c (a b) :by t) (unknowns (h)) (observe c (= b.y h)))"
+    compiled = mbm.loads(text).compile(data={"a": {"t": [1.0, 2.0]}, "b": {"t": [1.0, 2.0], "y": [3.0, 5.0]}})
+    assert float(compiled.solve()["h"].value) == pytest.approx(4, rel=EXACT)
+    other = {"a": {"t": [1.0, 2.0, 3.0]}, "b": {"t": [1.1, 3.0], "y": [30.0, 50.0]}}
+    assert float(compiled.solve(data=other)["h"].value) == pytest.approx(40, rel=EXACT)

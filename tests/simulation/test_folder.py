@@ -1,0 +1,119 @@
+"""``mbm simulate``: a folder that can be solved, with files as the problem has them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbm
+from mbm.cli.main import run
+
+PROBLEM = """(use "lib/models.mbm")
+(use "../outside.mbm")
+(problem site  ; where a tag is
+  (data stations (csv "in/stations.csv") :key name :columns ((x :unit mm) (y :unit mm)))
+  (data ranges (json "ranges.json") :columns ((dist range :unit mm)) :with (stations station))
+  (data angles (tsv "../angles.tsv"))
+  (data heights (table (h other) (1.2m 5) (1.3m 6)))
+  (unknowns (p (vector 2) :init [1 2] :unit m) (z :init 1.25m))
+  (observe ranges (= dist (shifted (distance p [stations.x stations.y]))) :sigma 2mm)
+  (observe angles (= bearing (atan2 (p 2) (p 1))) :sigma (unknown 1mrad) :when (> use 0))
+  (observe heights (= h (+ z (far 0m))) :sigma 1mm))
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    place = tmp_path / "site"
+    (place / "in").mkdir(parents=True)
+    (place / "lib").mkdir()
+    (place / "site.mbm").write_text(PROBLEM)
+    (place / "lib" / "models.mbm").write_text("(defun shifted (d) (+ d 1mm))\n")
+    (tmp_path / "outside.mbm").write_text("(defun far (d) (* 2 d))\n")
+    (place / "in" / "stations.csv").write_text('name,x,y,note\n"a, b",0,0,first\nc,4000,0,\nd,0,5000,NA\n')
+    rows = [{"station": s, "range": 0} for s in ("a, b", "c", "d") * 3]
+    (place / "ranges.json").write_text(json.dumps(rows))
+    (tmp_path / "angles.tsv").write_text("bearing\tuse\n0\t1\n0.5\t0\n0\t1\n0\t1\n")
+    (place / "values.json").write_text('{"p": [1.5, 2.5], "z": {"value": 1.3, "unit": "m"}}')
+    return place
+
+
+def simulate(folder: Path, *options: str, output: str = "out") -> Path:
+    out = folder / output
+    command = ["simulate", str(folder / "site.mbm"), "--at", str(folder / "values.json"), "-o", str(out), *options]
+    assert run(command) == 0
+    return out
+
+
+def test_the_folder_holds_all_files_in_their_formats_and_units(folder: Path) -> None:
+    out = simulate(folder)
+    names = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
+    assert names == {
+        "site.mbm", "lib/models.mbm", "outside.mbm", "in/stations.csv", "ranges.json", "angles.csv", "truth.json",
+    }  # fmt: skip
+    ranges = json.loads((out / "ranges.json").read_text())["range"]
+    true = [1 + 1000 * np.hypot(x - 1.5, y - 2.5) for x, y in ((0, 0), (4, 0), (0, 5))] * 3
+    np.testing.assert_allclose(ranges, true, atol=10)  # mm; five deviations
+    copy = (out / "site.mbm").read_text()
+    assert '(data angles (csv "angles.csv"))' in copy
+    assert "; where a tag is" in copy
+    assert (out / "angles.csv").read_text().splitlines()[2] == "0.5,0"  # a row that is not used
+
+
+def test_inline_tables_are_changed_in_the_copy_in_their_units(folder: Path) -> None:
+    copy = (simulate(folder) / "site.mbm").read_text()
+    line = next(line for line in copy.splitlines() if "(data heights" in line)
+    cells = line.replace(")", "").replace("(", "").split()[5:]
+    assert [cell[-1] for cell in cells] == ["m", "5", "m", "6"]
+    np.testing.assert_allclose([float(cells[0][:-1]), float(cells[2][:-1])], 1.3, atol=0.005)
+
+
+def test_the_copy_solves_to_the_true_values(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = simulate(folder, "--noise", "angles=2", "--seed", "7")
+    capsys.readouterr()
+    assert run(["solve", str(out / "site.mbm"), "--init", str(out / "truth.json"), "--json", "-"]) == 0
+    found = json.loads(capsys.readouterr().out)["solves"][0]["estimates"]
+    for name, true in (("p", [1.5, 2.5]), ("z", 1.3)):
+        error = (np.array(found[name]["value"]) - true) / found[name]["sigma"]
+        assert np.abs(error).max() < 5
+
+
+def test_the_same_call_writes_the_same_bytes_and_python_the_same_numbers(folder: Path) -> None:
+    first, second = simulate(folder), simulate(folder, output="again")
+    for path in first.rglob("*.*"):
+        assert path.read_bytes() == (second / path.relative_to(first)).read_bytes()
+    at = json.loads((folder / "values.json").read_text())
+    made = mbm.load(folder / "site.mbm").simulate(at=at)
+    ranges = json.loads((first / "ranges.json").read_text())["range"]
+    np.testing.assert_array_equal(made["ranges"]["range"], ranges)
+
+
+def test_real_measurements_are_never_replaced(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["simulate", str(folder / "site.mbm"), "-o", str(folder)]) == 2
+    assert "not-writable" in capsys.readouterr().err
+    assert json.loads((folder / "ranges.json").read_text())[0]["range"] == 0
+
+
+def test_wrong_calls(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, out = str(folder / "site.mbm"), ["-o", str(folder / "out")]
+    for options, code in (
+        (["--outliers", "2", "5"], "bad-call"),
+        (["--noise", "angles=fast"], "bad-initial-value"),
+        (["--noise", "zzz=1"], "unknown-observation"),
+        (["--measured", "zzz=a,b"], "unknown-observation"),
+        (["--at", str(folder / "nothing.json")], "bad-json"),
+        (["--set", "zzz=1"], "unknown-override"),
+    ):
+        assert run(["simulate", file, *out, *options]) == 2
+        assert code in capsys.readouterr().err
+    assert not (folder / "out").exists()
+
+
+def test_a_table_given_by_path_is_written_where_the_problem_looks_for_it(folder: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.csv"
+    other.write_text("station,range\nc,1\nd,1\n")
+    out = simulate(folder, "--data", f"ranges={other}")
+    assert json.loads((out / "ranges.json").read_text())["station"] == ["c", "d"]

@@ -1,0 +1,179 @@
+"""The ends of 95 % intervals against those of the profile likelihood, found by minimising over all other unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, least_squares
+
+import mbm
+from mbm.solution.covariance import covariance
+from mbm.solution.minimise import minimise
+from mbm.solution.nonlinearity import NORMAL_95, TOLERATED, IntervalEnds, interval_ends
+from mbm.solution.observability import observability
+from mbm.solution.settings import Settings
+from tests.solution.nist import MODELS
+from tests.solution.nist_typed import TYPED
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A function to be fitted to measured values with noise of variance 1 (protocol ``Equations``)."""
+
+    model: Callable[[np.ndarray], np.ndarray]
+    measured: np.ndarray
+    dimension: int
+    linear: bool = False
+
+    @property
+    def count(self) -> int:
+        return len(self.measured)
+
+    @property
+    def lower(self) -> np.ndarray:
+        return np.full(self.dimension, -np.inf)
+
+    @property
+    def upper(self) -> np.ndarray:
+        return np.full(self.dimension, np.inf)
+
+    @property
+    def positive(self) -> np.ndarray:
+        return np.zeros(self.dimension, dtype=bool)
+
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        return np.asarray(self.model(x) - self.measured)
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        steps = 1e-30j * np.eye(self.dimension)
+        return np.stack([np.imag(self.model(x + step)) / 1e-30 for step in steps], axis=1)
+
+    def retract(self, x: np.ndarray, step: np.ndarray) -> np.ndarray:
+        return x + step
+
+    def coordinates(self, x: np.ndarray) -> np.ndarray:
+        return x
+
+    def placed(self, x: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
+        return coordinates
+
+
+def checked(curve: Curve, start: np.ndarray) -> tuple[IntervalEnds, np.ndarray, np.ndarray, float]:
+    """The ends, the point, the sigmas, and the variance of unit weight."""
+    minimum = minimise(curve, start, Settings())
+    observed = observability(minimum.jacobian, minimum.point, minimum.at_bound != 0)
+    variance = minimum.cost / (curve.count - curve.dimension)
+    estimated = covariance(observed, variance)
+    ends = interval_ends(curve, minimum, estimated)
+    assert ends is not None
+    return ends, minimum.point, estimated.sigma, variance
+
+
+def profile_end(curve: Curve, x: np.ndarray, place: int, sigma: float, variance: float, sign: int) -> float:
+    """Where the cost, minimised over the others, has grown by 1.96² variances: in multiples of 1.96 sigma."""
+    least = float(np.sum(curve.residuals(x) ** 2))
+    others = np.delete(x, place)
+
+    def growth(times: float) -> float:
+        nonlocal others
+        value = x[place] + sign * times * NORMAL_95 * sigma
+
+        def held(rest: np.ndarray) -> np.ndarray:
+            return curve.residuals(np.insert(rest, place, value))
+
+        def slope(rest: np.ndarray) -> np.ndarray:
+            return np.delete(curve.jacobian(np.insert(rest, place, value)), place, axis=1)
+
+        fit = least_squares(held, others, jac=slope, x_scale="jac", xtol=1e-13, ftol=1e-13, gtol=1e-13)
+        others = fit.x
+        return (2 * fit.cost - least) / variance - NORMAL_95**2
+
+    for times in np.arange(0.2, 5.0, 0.2):  # walk outwards, each fit starting at the last
+        if growth(float(times)) > 0:
+            return float(brentq(growth, times - 0.2, times, xtol=1e-4))
+    return float("inf")
+
+
+def typed(name: str) -> tuple[Curve, np.ndarray]:
+    found = next(each for each in TYPED if each.name == name)
+    model = MODELS[name]
+    return Curve(lambda b: model(b, found.x), found.y, len(found.certified)), np.array(found.certified, dtype=float)
+
+
+NAMES = [each.name for each in TYPED]
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in ("Misra1a", "Misra1d", "DanWood", "Rat42", "Eckerle4", "BoxBOD") if n in NAMES]
+)
+def test_ends_are_those_of_the_profile(name: str) -> None:
+    """Where the check does not warn its ends agree to 5 %, and what is in truth off by twice the limit is warned of."""
+    curve, start = typed(name)
+    ends, x, sigma, variance = checked(curve, start)
+    for place in range(curve.dimension):
+        for sign, found in ((-1, ends.lower[place]), (1, ends.upper[place])):
+            true = profile_end(curve, x, place, sigma[place], variance, sign)
+            if place not in ends.doubtful:
+                assert found == pytest.approx(true, rel=0.05)
+            assert (abs(true - 1) < 2 * TOLERATED) or place in ends.doubtful
+
+
+def test_a_decay_with_few_points_is_doubtful_and_longer_above() -> None:
+    x = np.array([1.0, 2, 3, 5, 7, 10])
+    curve = Curve(lambda b: b[0] * (1 - np.exp(-b[1] * x)), np.array([109.0, 149, 149, 191, 213, 224]), 2)
+    ends, *_ = checked(curve, np.array([200.0, 0.5]))
+    assert ends.doubtful.tolist() == [0, 1]
+    assert (ends.upper > 1 + TOLERATED).all()
+    assert (ends.lower < 1).all()
+
+
+BEARINGS = """(problem bearings
+  (data b external)
+  (unknowns (p (vector 2) :init [{far} 0]))
+  (observe b (= direction (atan2 (- (p 2) y) (p 1))) :sigma 1deg))"""
+"""Two stations 2 m apart sight a target: its distance follows from a small difference of directions."""
+
+
+def sighted(far: float) -> mbm.Solved:
+    y = np.array([-1.0, 1.0, -1.0, 1.0])
+    return mbm.loads(BEARINGS.format(far=far)).solve(data={"b": {"y": y, "direction": np.arctan2(-y, far)}})
+
+
+def test_triangulation_at_long_range_warns_that_the_target_may_be_farther() -> None:
+    """At 30 m the two directions differ by 3.8°, known to 1.4°: the far end of the range is nearly open."""
+    solve = sighted(30.0).first
+    assert solve.status.label == "converged"
+    (warning,) = [d for d in solve.diagnostics if d.code.name == "too-nonlinear"]
+    assert "`p[1]`" in warning.message
+    assert "above" in warning.message
+
+
+def test_triangulation_at_short_range_does_not() -> None:
+    assert not [d for d in sighted(3.0).first.diagnostics if d.code.name == "too-nonlinear"]
+
+
+def test_linear_models_and_far_too_large_ones_are_not_looked_at() -> None:
+    x = np.linspace(0, 1, 5)
+    straight = Curve(lambda b: b[0] + b[1] * x, x**2, 2, linear=True)
+    minimum = minimise(straight, np.zeros(2), Settings())
+    estimated = covariance(observability(minimum.jacobian, minimum.point, minimum.at_bound != 0))
+    assert interval_ends(straight, minimum, estimated) is None
+    bent = Curve(lambda b: b[0] + b[1] * x, x**2, 2)
+    found = interval_ends(bent, minimum, estimated)
+    assert found is not None
+    np.testing.assert_allclose([found.lower, found.upper], 1.0, rtol=1e-9)  # linear after all: rounding only
+
+
+def test_an_end_without_a_value_of_the_model_counts_as_nearer() -> None:
+    """log(b − 0.9) with b = 1 ± 0.2: below 0.9 there is nothing."""
+    curve = Curve(
+        lambda b: 2 * np.log(np.where(b[0].real > 0.9, b[0] - 0.9, np.nan)) * np.ones(3),
+        np.full(3, 2 * np.log(0.1)) + [0.5, 0, -0.5],
+        1,
+    )
+    ends, *_ = checked(curve, np.array([1.0]))
+    assert ends.doubtful.tolist() == [0]
+    assert ends.lower[0] < 1 - TOLERATED
