@@ -16,10 +16,10 @@ import mbm
 from mbm.expression.units import REFUSED, UNITS
 from mbm.language.vocabulary import (
     arithmetic,
-    cameras,
     comparison,
     directions,
     frames,
+    lines,
     lists,
     rotations,
     vectors,
@@ -39,7 +39,7 @@ ROOMS: tuple[tuple[str, ModuleType], ...] = (
     ("Vectors and matrices", vectors),
     ("Rotations and poses", rotations),
     ("Frames", frames),
-    ("Cameras", cameras),
+    ("Cameras, image lines, distances", lines),
     ("Directions", directions),
     ("Lists", lists),
 )

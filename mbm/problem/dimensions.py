@@ -257,7 +257,8 @@ def missing_units(
     """For ``--strict-units``: the unknowns and the columns in use that state no unit."""
     found: dict[tuple[str, str], Diagnostic] = {}
     for unknown in unknowns:
-        if unknown.unit is None and unknown.kind is not UnknownKind.ANGLE:
+        pure = unknown.kind in (UnknownKind.ANGLE, UnknownKind.ROTATION, UnknownKind.DIRECTION)
+        if unknown.unit is None and not pure:
             found["unknown", unknown.name] = faults.missing_unit(unknown.span, f"the unknown `{unknown.name}`")
     equations = [e for block in blocks for case in block.cases for e in case.equations]
     for equation in equations:

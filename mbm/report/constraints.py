@@ -127,5 +127,3 @@ def violated_sentence(reports: tuple[ConstraintReport, ...]) -> str | None:
         return None
     shown = ", ".join(broken[:MOST_LABELS]) + (" …" if len(broken) > MOST_LABELS else "")
     return f"{shown} {'does' if len(broken) == 1 else 'do'} not hold"
-
-

@@ -127,6 +127,7 @@ def _solver(found: Elaborated, kernels: KernelSet, cache: EvaluationCache) -> It
         yield "none: the data ask for no solve"
     else:
         yield f"{_SOLVERS.get(choice.solver, choice.solver)}: {choice.reason}"
+        yield f"start: {choice.start}"
     if found.problem.request.for_each:
         yield f"one solve for each value of {', '.join(found.problem.request.for_each)}"
 

@@ -25,8 +25,8 @@ NEAR_BOUND = Code(
 )
 ACTIVE_CONSTRAINT = Code(
     "active-constraint",
-    "The estimates lie at the limit of an inequality, and the data push against it. The standard deviations hold for the "
-    "limit staying where it is: movements across it have none.",
+    "The estimates lie at the limit of an inequality, and the data push against it. The standard deviations hold for "
+    "the limit staying where it is: movements across it have none.",
     "If the limit is no fact of the matter, widen it; else take the standard deviations as those at the limit.",
 )
 CONFLICTING_CONSTRAINTS = Code(
@@ -95,7 +95,8 @@ def conflicting_constraints(
     span: Span, members: Sequence[str], labels: tuple[Label, ...], *, smallest: bool
 ) -> Diagnostic:
     """Constraints and bounds, in words, that cannot all be met; the first stands at ``span``."""
-    shown = ", ".join(members[:MOST_NAMES]) + (f" and {len(members) - MOST_NAMES} more" if len(members) > MOST_NAMES else "")
+    more = f" and {len(members) - MOST_NAMES} more" if len(members) > MOST_NAMES else ""
+    shown = ", ".join(members[:MOST_NAMES]) + more
     if len(members) == 1:
         message = f"no values of the unknowns meet {shown}"
     else:

@@ -28,11 +28,13 @@ from mbm.text.types import MbmError
 class EvaluationCache:
     """Prepared kernels by number of rows, so that a stream of data sets of one size prepares them once.
 
-    Local to one compiled problem in one thread; an evaluation is filled anew before each use.
+    Local to one compiled problem in one thread; an evaluation is filled anew before each use. Sets of unknowns that no
+    closed form gives are remembered too.
     """
 
     def __init__(self, backend: Backend) -> None:
         self.backend = backend
+        self.without_closed_form: set[tuple[str, ...]] = set()
         self._prepared: dict[tuple[int, int], Evaluation] = {}
 
     def evaluation(self, number: int, kernel: Kernel, rows: int) -> Evaluation:

@@ -4,26 +4,36 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from mbm.kernels.types import KernelSet
 from mbm.problem.builder import Elaborated
 from mbm.problem.types import Method
 from mbm.solution.assembly import Assembled, blank
 from mbm.solution.binding import Binder, EvaluationCache
+from mbm.solution.closed_forms.completion import completions
+from mbm.solution.closed_forms.situation import Situation
+from mbm.solution.closed_forms.standard import STANDARD
+from mbm.solution.closed_forms.types import ClosedForm
 from mbm.solution.layout import layout
 from mbm.solution.minimise import solver_for
 from mbm.solution.selection import selections
-from mbm.solution.settings import settings_of
+from mbm.solution.settings import Settings, settings_of
+from mbm.solution.starting import GIVEN, beginnings
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """The name of a solver, and the reason for it in words."""
+    """The name of a solver, the reason for it in words, and where it begins."""
 
     solver: str
     reason: str
+    start: str
 
 
-def chosen_solver(found: Elaborated, kernels: KernelSet, cache: EvaluationCache) -> Choice | None:
+def chosen_solver(
+    found: Elaborated, kernels: KernelSet, cache: EvaluationCache, closed_forms: tuple[ClosedForm, ...] = STANDARD
+) -> Choice | None:
     """The choice for the first solve that the data ask for; None where they ask for none.
 
     Raises:
@@ -37,8 +47,22 @@ def chosen_solver(found: Elaborated, kernels: KernelSet, cache: EvaluationCache)
     places = layout(problem, selection.tables, {})
     binder = Binder(problem=problem, layout=places, tables=selection.tables, cache=cache)
     equations = blank(binder, kernels)
-    solver = solver_for(equations, settings_of(problem.request))
-    return Choice(solver.name, _reason(equations, problem.request.method))
+    settings = settings_of(problem.request, closed_forms=closed_forms)
+    solver = solver_for(equations, settings)
+    return Choice(solver.name, _reason(equations, problem.request.method), _start(equations, settings))
+
+
+def _start(equations: Assembled, settings: Settings) -> str:
+    """Where the solver begins, and which closed forms were recognised."""
+    if not equations.dimension:
+        return GIVEN
+    origin = beginnings(equations, settings)[0].origin
+    if origin != GIVEN or equations.linear:
+        return origin
+    numbers = np.where(equations.moving(), np.nan, equations.layout.start)
+    situation = Situation(layout=equations.layout, groups=equations.groups, numbers=numbers)
+    used = completions(situation, settings.closed_forms)[0].used
+    return f"{origin}; closed forms are compared with what they lead to: {'; '.join(used)}" if used else origin
 
 
 def _reason(equations: Assembled, method: Method) -> str:

@@ -13,7 +13,8 @@ from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 from mbm.solution import faults
 from mbm.solution.assembly import Assembled, blank, block_rows
-from mbm.solution.binding import Binder, EvaluationCache, Group, mentioned
+from mbm.solution.binding import Binder, EvaluationCache, mentioned
+from mbm.solution.challenge import challenged
 from mbm.solution.derived import Propagation
 from mbm.solution.gauge import with_gauge
 from mbm.solution.layout import layout
@@ -82,6 +83,7 @@ def estimate(
     robust = prepared(problem, equations, settings, starting_points(equations, settings, last))
     equations = robust.equations.with_factors(robust.factors)
     found = search(equations, robust.starts, settings, problem)
+    found = challenged(equations, settings, found, problem, cache)
     run = _Run(problem, robust, settings, found)
     minimum, noise, factors = run.weighted()
     weighted = equations.with_factors(factors)
@@ -101,7 +103,7 @@ def estimate(
     whole = weighted.everything().plain_residuals(minimum.point)
     diagnostics = (
         *robust.diagnostics,
-        *_at_start(problem, tables, minimum, equations.groups),
+        *_at_start(problem, tables, minimum, equations),
         *outcome.diagnostics,
         *rivals(problem, minimum, alternatives, outcome.fit, noise),
         *doubts(problem, weighted, minimum, outcome.covariance, outcome.fit),
@@ -220,14 +222,17 @@ def _same(first: Floats | None, second: Floats | None) -> bool:
 
 
 def _at_start(
-    problem: Problem, tables: Mapping[str, Table], minimum: Minimum, groups: tuple[Group, ...]
+    problem: Problem, tables: Mapping[str, Table], minimum: Minimum, equations: Assembled
 ) -> tuple[Diagnostic, ...]:
     """Where an equation has no finite value at the start: its place in the text and in the data."""
     if minimum.bad_row is None:
         return ()
+    groups, bad = equations.groups, minimum.bad_row
+    if bad >= equations.count:
+        groups, bad = equations.constraints, bad - equations.count
     for group in groups:
-        if group.first <= minimum.bad_row < group.first + group.count:
-            row = (minimum.bad_row - group.first) // group.kernel.outputs
+        if group.first <= bad < group.first + group.count:
+            row = (bad - group.first) // group.kernel.outputs
             table = problem.blocks[group.kernel.owner].table
             place = None
             if table is not None and group.positions is not None:

@@ -134,7 +134,7 @@ def _recognised(
     kept = singular > INDEPENDENT
     inside = left[:, kept]
     outside = basis - inside @ (inside.T @ basis)
-    _, missed, turned = np.linalg.svd(outside, full_matrices=True)
+    _, missed, turned = np.linalg.svd(np.linalg.qr(outside, mode="r"), full_matrices=True)
     missed = np.concatenate([missed, np.zeros(len(turned) - len(missed))])
     shared = basis @ turned[missed <= WITHIN].T
     if not shared.shape[1]:

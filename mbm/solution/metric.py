@@ -9,7 +9,7 @@ from mbm.solution.types import Floats
 
 
 def metric(jacobian: Floats, slopes: Floats) -> Floats:
-    """The scale of each coordinate (n,) > 0: the norm of its column; from the constraints where no residual feels it."""
+    """The scale of each coordinate (n,) > 0: the norm of its column; where that is zero, from the constraints."""
     scale = column_norms(jacobian)
     felt = scale > 0.0
     if not bool(felt.all()):

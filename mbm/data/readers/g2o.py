@@ -7,7 +7,9 @@ quaternions. ``PARAMS_…`` and ``EQUIV`` lines are passed over, and what stands
 Vertices have the columns ``id x y theta`` or ``id x y z qx qy qz qw``, and ``fixed`` (1 where a ``FIX`` line names
 them, else 0); edges ``from to dx dy dtheta`` or ``from to dx dy dz dqx dqy dqz dqw`` and the matrix ``information``,
 **rotation first** as everywhere in mbm: for the differences ``(θ, x, y)`` or ``(ω, x, y, z)``, where files have the
-rotation last. A file that has edges only gets its vertices by going along the edges. Rows are the lines of the file.
+rotation last. It is taken to belong to ``t − t_m`` along the axes of the frame ``from``, as Ceres reads these files and
+as their published χ² are meant, and turned to mbm's ``R_mᵀ (t − t_m)``. A file that has edges only gets its vertices by
+going along the edges. Rows are the lines of the file.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from mbm.data.columns import row_numbers
 from mbm.data.content import read_text
 from mbm.data.readers import faults as format_faults
 from mbm.data.readers.fields import Line, line_numbers, lines_of, number_columns, number_table
-from mbm.data.readers.spanning import SPACE, euler_quaternions, placed
+from mbm.data.readers.spanning import SPACE, euler_quaternions, placed, quaternion_matrices
 from mbm.data.types import ManyReader, RawTable
 from mbm.problem.tables import ColumnGroup, Numbers
 from mbm.text.types import DataPlace, MbmError
@@ -207,14 +209,35 @@ def _edges(records: _Records, dimension: int, path: str, digest: str) -> RawTabl
     places = _upper(size)
     entries = tuple(f"information{i + 1}{j + 1}" for i, j in places)
     names = ("from", "to", *(f"d{name}" for name in _pose(dimension)), *entries)
+    turned = _along_the_measured(records.numbers, dimension)
     square = tuple(entries[places.index((min(i, j), max(i, j)))] for i in range(size) for j in range(size))
     return RawTable(
         path=path,
         sha256=digest,
-        columns=number_columns(names, records.numbers),
+        columns=number_columns(names, turned),
         file_rows=line_numbers(records.rows),
         groups={"information": ColumnGroup(shape=(size, size), columns=square)},
     )
+
+
+def _along_the_measured(numbers: Numbers, dimension: int) -> Numbers:
+    """Edges with the translation's information turned to the axes of the measured frame: ``TᵀΩT``, T = (1, R_m)."""
+    first = 2 + len(_pose(dimension))
+    pose = numbers[:, 2:first]
+    size = 6 if dimension == SPACE else 3
+    turn = np.zeros((len(numbers), size, size))
+    turn[:, np.arange(size), np.arange(size)] = 1.0
+    if dimension == SPACE:
+        turn[:, SPACE:, SPACE:] = quaternion_matrices(pose[:, 3:])
+    else:
+        c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+        turn[:, 1, 1], turn[:, 1, 2], turn[:, 2, 1], turn[:, 2, 2] = c, -s, s, c
+    upper = np.triu_indices(size)
+    information = np.zeros_like(turn)
+    information[:, upper[0], upper[1]] = numbers[:, first:]
+    information[:, upper[1], upper[0]] = numbers[:, first:]
+    found = np.einsum("nji,njk,nkl->nil", turn, information, turn)
+    return np.column_stack([numbers[:, :first], found[:, upper[0], upper[1]]])
 
 
 READER = ManyReader(name="g2o", extensions=(".g2o", ".graph"), parts=(VERTICES, EDGES), read=read)

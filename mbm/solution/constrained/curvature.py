@@ -1,4 +1,4 @@
-"""The Hessian of the Lagrange function, where the constraints let the estimates move: quadratic convergence at the end."""
+"""The Hessian of the Lagrange function on the surface of the constraints: quadratic convergence at the end."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ surface they change nothing (Hestenes 1969)."""
 def lagrangian_model(
     equations: ConstrainedEquations, here: Linearised, multipliers: Floats, bounds: Floats
 ) -> tuple[Floats, Floats] | None:
-    """``J`` (n, n) and ``r`` (n,) with ``JᵀJ`` the Hessian of ``‖r‖²/2 + Σ λ c`` and ``Jᵀr`` the gradient of ``‖r‖²/2``.
+    """``J`` (n, n) and ``r`` (n,): ``JᵀJ`` is the Hessian of ``‖r‖²/2 + Σ λ c``, ``Jᵀr`` the gradient of ``‖r‖²/2``.
 
     None where it is not positive definite whatever is done.
     """
@@ -42,7 +42,7 @@ def lagrangian_model(
             lower = np.linalg.cholesky(hessian + weight * stiff)
         except np.linalg.LinAlgError:
             continue
-        residuals = np.linalg.solve(lower, gradient)
+        residuals = np.asarray(np.linalg.solve(lower, gradient), dtype=np.float64)
         if bool(np.isfinite(residuals).all()):
             return lower.T * scale, residuals
     return None

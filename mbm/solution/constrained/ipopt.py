@@ -70,7 +70,7 @@ def _interior(along: _Along, limit: int) -> Floats:
     equations, size, count = along.equations, along.equations.dimension, len(along.unit)
     objective, conditions = _callbacks(casadi, along, size, count)
     step = casadi.MX.sym("step", size)
-    options = {
+    options: Any = {
         "print_time": False,
         "ipopt": {
             "print_level": 0,
@@ -80,7 +80,9 @@ def _interior(along: _Along, limit: int) -> Floats:
             "hessian_approximation": "limited-memory",
         },
     }
-    problem = {"x": step, "f": objective(step), "g": conditions(step)}
+    problem = {"x": step, "f": objective(step)}
+    if count:
+        problem["g"] = conditions(step)
     solver = casadi.nlpsol("solver", "ipopt", problem, options)
     centre = equations.coordinates(along.start)
     low, high = (np.asarray((bound - centre) * along.scale) for bound in (equations.lower, equations.upper))

@@ -103,9 +103,7 @@ def updated(penalties: Penalised, x: Floats) -> Floats:
     return acting * penalties.weight**2 / penalties.unit
 
 
-def marquardt(
-    equations: Equations, start: Floats, tolerance: float, limit: int, stopped: Stopped = never
-) -> Minimum:
+def marquardt(equations: Equations, start: Floats, tolerance: float, limit: int, stopped: Stopped = never) -> Minimum:
     """The minimum by Marquardt's method."""
     state = MARQUARDT.init(equations, start, tolerance)
     reason = MARQUARDT.finished(state)

@@ -22,7 +22,7 @@ FEASIBLE = 1e-13
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Nearest:
-    """The nearest point (q,), the multipliers (k,) >= 0, the active rows in order; ``feasible`` False: there is none."""
+    """The nearest point (q,), the multipliers (k,) >= 0, the active rows; ``feasible`` False: there is no point."""
 
     point: Floats
     multipliers: Floats

@@ -118,7 +118,7 @@ def _reduced(problem: Subproblem, fixed: Floats, basis: Floats) -> tuple[Floats,
 def _inequalities(
     problem: Subproblem, rows: Floats, values: Floats, lengths: Floats, fixed: Floats
 ) -> tuple[Floats, Floats, np.ndarray]:
-    """Rows and limits, in scaled coordinates from ``fixed`` on, of inequalities and bounds; with where they are from."""
+    """Rows and limits of inequalities and bounds, in scaled coordinates from ``fixed`` on; and where they are from."""
     scale = problem.scale
     chosen = np.flatnonzero(~problem.equality & (lengths > 0.0))
     low, high = np.flatnonzero(np.isfinite(problem.down)), np.flatnonzero(np.isfinite(problem.up))
@@ -133,7 +133,7 @@ def _of_equations(problem: Subproblem, step: Floats, multipliers: Floats, bounds
     """Multipliers of the equations: the shortest that make the gradient vanish; redundant ones share theirs."""
     inequality = ~problem.equality
     damped = problem.damping**2 * problem.scale**2 * step
-    force = problem.jacobian.T @ (problem.residuals + problem.jacobian @ step) + damped
+    force: Floats = problem.jacobian.T @ (problem.residuals + problem.jacobian @ step) + damped
     force = force + problem.slopes[inequality].T @ multipliers[inequality] + bounds
     rows = problem.slopes[problem.equality] / problem.scale
     found: Floats = np.linalg.lstsq(rows.T, -force / problem.scale, rcond=REDUNDANT)[0]

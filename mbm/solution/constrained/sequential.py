@@ -24,6 +24,7 @@ from mbm.solution.types import Floats, Reason, TraceEntry
 ACCEPT = 1e-4
 """Least share of the promised decrease of the merit that a step must bring."""
 
+KEPT = 0.1
 HALVINGS = 40
 FIRST_DAMPING = 1e-2
 MOST_DAMPING = 1e8
@@ -123,7 +124,7 @@ def step(equations: ConstrainedEquations, box: Box, state: Iterate, tolerance: f
         return _last(equations, box, state, solved, Reason.SMALL_OFFSET)
     if everything and _no_movement(here, solved, equations):
         return _last(equations, box, state, solved, Reason.ROUNDING)
-    state = replace(state, weights=_weights(state.weights, solved.multipliers))
+    state = replace(state, weights=_weights(here, state.weights, solved.multipliers))
     return _searched(equations, box, state, problem, solved)
 
 
@@ -173,10 +174,16 @@ def _no_movement(here: Linearised, solved: Solved, equations: ConstrainedEquatio
     )
 
 
-def _weights(before: Floats, multipliers: Floats) -> Floats:
-    """Weights of the violations above every multiplier, falling slowly (Powell 1978)."""
-    needed = np.abs(multipliers)
-    return np.maximum(1.1 * needed, 0.5 * (before + needed))
+def _weights(here: Linearised, before: Floats, multipliers: Floats) -> Floats:
+    """Weights of the violations above every multiplier, falling slowly (Powell 1978).
+
+    A share of what the gradient could ask for is kept: where the linearised constraint lets the residuals vanish, its
+    multiplier is nothing, and the merit would not notice that it is left behind.
+    """
+    gradient = (here.residuals @ here.jacobian) / here.scale
+    least = KEPT * sqrt(float(gradient @ gradient)) / here.unit
+    needed = np.maximum(1.1 * np.abs(multipliers), least)
+    return np.maximum(needed, 0.5 * (before + needed))
 
 
 def _merit(here: Linearised, weights: Floats, equations: ConstrainedEquations) -> float:
@@ -199,7 +206,7 @@ def _searched(
     rounding = 0.5 * here.slack + float(state.weights @ here.rounding)
     promised = -slope
     if promised <= 10.0 * rounding and solved.feasible:
-        return _judged_by_length(equations, box, state, solved)
+        return _judged_by_length(equations, box, state, solved, before + rounding)
     evaluations, length = state.evaluations, 1.0
     for tries in range(HALVINGS):
         point = _moved(equations, box, here, solved, length)
@@ -263,15 +270,22 @@ def _stuck(state: Iterate) -> Iterate:
     return replace(state, damping=max(100.0 * state.damping, FIRST_DAMPING), second=False)
 
 
-def _judged_by_length(equations: ConstrainedEquations, box: Box, state: Iterate, solved: Solved) -> Iterate:
-    """The merit is rounding: take the step if the next one is shorter and the constraints hold no worse."""
+def _judged_by_length(
+    equations: ConstrainedEquations, box: Box, state: Iterate, solved: Solved, most: float
+) -> Iterate:
+    """The promise is rounding: take the step if the next one is shorter or the constraints hold better.
+
+    The merit may not grow beyond ``most``.
+    """
     here = state.place
     point = _moved(equations, box, here, solved)
     place = linearise(equations, point, here)
     state = replace(state, evaluations=state.evaluations + 1)
     settled = state.offset <= SETTLED or not isfinite(state.offset)
     ending = Reason.ROUNDING if settled and bool(met(here, equations.equality).all()) else Reason.FLAT
-    if not finite(place):
+    if not finite(place) or _merit(place, state.weights, equations) > most:
+        if not state.second:
+            return replace(state, second=True)
         return replace(state, reason=ending)
     model = lagrangian_model(equations, place, state.multipliers, state.bounds) if state.second else None
     after = solve(_subproblem(equations, box, place, model, state.damping))

@@ -17,10 +17,11 @@ from mbm.solution.settings import Settings
 from mbm.solution.types import Equations, Floats, Minimum
 
 
-def constrained(equations: Equations) -> ConstrainedEquations | None:
-    """The equations if they have constraints."""
+def constrained(equations: Equations, settings: Settings) -> ConstrainedEquations | None:
+    """The equations if they have constraints, or are for Ipopt."""
     equality = getattr(equations, "equality", None)
-    return cast(ConstrainedEquations, equations) if equality is not None and equality.size else None
+    wanted = equality is not None and (equality.size > 0 or settings.method is Method.IPOPT)
+    return cast(ConstrainedEquations, equations) if wanted else None
 
 
 def method_name(settings: Settings) -> str:

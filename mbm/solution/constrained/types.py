@@ -8,7 +8,6 @@ from typing import Protocol, TypeAlias
 
 from mbm.solution.types import Equations, Floats, Mask
 
-
 Stopped: TypeAlias = Callable[[], bool]
 """Asked between iterations: the search is to end with the best point so far."""
 

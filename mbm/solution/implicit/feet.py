@@ -11,6 +11,7 @@ import numpy as np
 
 from mbm.solution.implicit.calm import calm_feet
 from mbm.solution.implicit.search import Search, begun, swept
+from mbm.solution.implicit.steps import step
 from mbm.solution.implicit.types import Conditions, Feet, Local
 from mbm.solution.types import Floats, Mask
 
@@ -21,6 +22,9 @@ REACHES = (1.0, 3.0)
 """Distances of further starts where no foot is found, beside that of the first attempt."""
 
 MOST_DIRECTIONS = 6
+STATIONARY = 1e-6
+"""How far Gauss-Helmert's step may lead from a foot, where it should stay, beside 1 + |u| standard deviations."""
+
 SOFTNESS = 1e-8
 """Weight of a condition against the corrections, where the curvature along the conditions is asked for."""
 
@@ -90,10 +94,13 @@ def _searched(conditions: Conditions, start: Floats) -> Search:
 
 
 def is_minimum(search: Search) -> Mask:
-    """Whether the curvature along the conditions is positive: the point is a nearest one, not a farthest (R,)."""
+    """Whether each point (R,) is stationary, and a nearest one: the curvature along the conditions is positive."""
+    target, _ = step(search.slopes, None, search.noisy, search.values, search.corrections)
+    size = 1.0 + np.abs(search.corrections).max(axis=1, initial=0.0)
+    stays = np.abs(target - search.corrections).max(axis=1, initial=0.0) <= STATIONARY * size
     bent = np.einsum("rij,rij->r", search.curvature, search.curvature) >= 1.0
-    result = np.asarray(~bent, dtype=bool)
-    for i in np.flatnonzero(bent):
+    result = np.asarray(stays & ~bent, dtype=bool)
+    for i in np.flatnonzero(stays & bent):
         slopes = search.slopes[i]
         held = slopes.T @ (slopes / np.where(search.noisy[i], 1.0, SOFTNESS)[:, None])
         try:

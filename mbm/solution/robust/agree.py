@@ -15,10 +15,12 @@ import numpy as np
 from mbm.problem.types import Consensus, ConsensusKind
 from mbm.solution.robust.gnc import graduated
 from mbm.solution.robust.refine import Refined, Trimmed, Truncated, refined
-from mbm.solution.robust.scores import cuts, scores, variances_at
+from mbm.solution.robust.scale import noise_variances
+from mbm.solution.robust.scores import STATED_CUT, cuts, scores, variances_at
 from mbm.solution.robust.subsets import minimal_subsets
 from mbm.solution.robust.trials import Trials
 from mbm.solution.robust.units import STATED, Units, consistency, robust_variance
+from mbm.solution.robust.units import limits as deviation_limits
 from mbm.solution.types import Floats, Mask
 
 CANDIDATES = 10
@@ -47,16 +49,15 @@ APART = 25.0
 class Agreed:
     """The units that agree at a point.
 
-    ``inliers`` (U,), ``squares`` (U,) the squared norms at ``point`` (N,), ``variances`` (U,) of the noise (1 where it
-    is stated), ``limits`` (U,) of the squared norms. ``trials`` is the number of subsets; ``ambiguous`` says that
-    another point explains as much.
+    ``inliers`` (U,) have squared norms up to ``limits`` (U,) at ``point`` (N,); ``variances`` (U,) are those of the
+    noise: 1 where it is stated, else estimated from the inliers. ``trials`` is the number of subsets; ``ambiguous``
+    says that another point explains as much.
     """
 
     point: Floats
     inliers: Mask
-    squares: Floats
-    variances: Floats
     limits: Floats
+    variances: Floats
     trials: int
     ambiguous: bool
 
@@ -88,12 +89,13 @@ def agree(trials: Trials, units: Units, starts: Floats, consensus: Consensus, se
     best = candidates.best()
     point, squares, variances = _settled(trials, units, candidates.points[best], cut, variances)
     limits = cut * variances
+    if consensus.threshold is None and (units.group != STATED).any():
+        point, squares, limits = _widened(trials, units, point, squares, limits, variances)
     return Agreed(
         point=point,
         inliers=squares <= limits,
-        squares=squares,
-        variances=variances,
         limits=limits,
+        variances=noise_variances(squares, limits, variances, units, trials.dimension),
         trials=count,
         ambiguous=_ambiguous(candidates, best, limits),
     )
@@ -150,6 +152,21 @@ def _settled(
             fresh[stated] = wide if contradicted else variances[stated]
         variances = fresh
     return point, squares, variances
+
+
+def _widened(
+    trials: Trials, units: Units, point: Floats, squares: Floats, limits: Floats, variances: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Point, squared norms and limits with unknown noise as the inliers have it, where the median made it too small.
+
+    The robust scale of a few dozen residuals is uncertain by a tenth and more. Where it came out low, good units were
+    cut off; three standard deviations of the inliers take them back.
+    """
+    unknown = units.group != STATED
+    noise = noise_variances(squares, limits, variances, units, trials.dimension)
+    wider = np.where(unknown, np.maximum(limits, deviation_limits(units.components, STATED_CUT) * noise), limits)
+    found = refined(trials, units, point[None], Truncated(wider, noise), iterations=STEPS)
+    return found.points[0], found.squares[0], wider
 
 
 def _contradicted(squares: Floats, units: Units, dimension: int, cut: Floats, inliers: Mask) -> bool:

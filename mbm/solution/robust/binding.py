@@ -10,6 +10,8 @@ import numpy as np
 from mbm.problem.types import Block, Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.batch import Batch, batch
+from mbm.solution.closed_forms.minimal import MinimalSolver, minimal_solver
+from mbm.solution.closed_forms.types import ClosedForm
 from mbm.solution.robust.trials import Trials
 from mbm.solution.robust.units import STATED, Units
 from mbm.solution.solvers.batched import minimise_all
@@ -49,12 +51,16 @@ def units_of(equations: Assembled, problem: Problem, point: Floats, ruled: Calla
     )
 
 
-def trials_of(equations: Assembled, units: Units) -> Trials:
-    """The equations at many points; together where that is possible, else one after the other."""
+def trials_of(equations: Assembled, units: Units, closed_forms: tuple[ClosedForm, ...] = ()) -> Trials:
+    """The equations at many points; together where that is possible, else one after the other.
+
+    Subsets are fitted by one of ``closed_forms`` where one gives all unknowns from a few units.
+    """
     plain = without_losses(equations)
     if plain.implicit is not None:
         return _OneByOne(plain, units)
-    return _Together(plain, units, batch(plain))
+    direct = minimal_solver(plain, plain.numbers, closed_forms) if closed_forms else None
+    return _Together(plain, units, batch(plain), direct)
 
 
 def without_losses(equations: Assembled) -> Assembled:
@@ -69,6 +75,7 @@ class _Together:
     equations: Assembled
     units: Units
     whole: Batch
+    direct: MinimalSolver | None
 
     @property
     def dimension(self) -> int:
@@ -89,6 +96,18 @@ class _Together:
 
     def fitted(self, starts: Floats, subsets: Indices) -> Floats:
         """Fits to the units of each subset, with what no rule touches."""
+        if self.direct is not None:
+            subsets, first = np.unique(subsets, axis=0, return_index=True)
+            numbers = np.where(subsets >= 0, self.units.number[subsets], -1)
+            points, solved = self.direct.points(numbers)
+            left = np.setdiff1d(np.arange(len(subsets)), solved)
+            return (
+                np.concatenate((points, self._approached(starts[first[left]], subsets[left]))) if len(left) else points
+            )
+        return self._approached(starts, subsets)
+
+    def _approached(self, starts: Floats, subsets: Indices) -> Floats:
+        """The same by iteration."""
         filled = np.where(subsets >= 0, subsets, subsets[:, :1])  # a unit that counts twice still fits exactly
         always = np.setdiff1d(self.equations.units, self.units.number)
         chosen = np.hstack((self.units.number[filled], np.tile(always, (len(subsets), 1))))

@@ -19,7 +19,7 @@ from mbm.solution.assembly import Assembled, loss_lines
 from mbm.solution.robust import faults
 from mbm.solution.robust.agree import Agreed, agree
 from mbm.solution.robust.binding import trials_of, units_of
-from mbm.solution.robust.scale import noise_variances, truncation_of
+from mbm.solution.robust.scale import information_left
 from mbm.solution.robust.scores import STATED_CUT
 from mbm.solution.robust.units import STATED, Units, limits
 from mbm.solution.settings import Settings
@@ -72,11 +72,10 @@ def _agreeing(
     units = units_of(equations, problem, starts[0].point, lambda block: block.role is BlockRole.OBSERVATION)
     if units.scalars <= equations.dimension or not equations.dimension:
         return Prepared(equations=equations, starts=starts)
-    found = agree(trials_of(equations, units), units, _points(starts), consensus, settings.seed)
-    variances = noise_variances(found, units, equations.dimension)
+    found = agree(trials_of(equations, units, settings.closed_forms), units, _points(starts), consensus, settings.seed)
     keep = np.ones(int(equations.units.max()) + 1, dtype=bool)
     keep[units.number] = found.inliers
-    factors, noise = _loss_noise(problem, equations, units, found, variances)
+    factors, noise = _loss_noise(problem, equations, units, found)
     diagnostics: list[Diagnostic] = []
     if found.share < LEAST_SHARE:
         diagnostics.append(faults.too_few_agree(problem.span, int(found.inliers.sum()), units.count))
@@ -87,7 +86,7 @@ def _agreeing(
         starts=(Beginning(point=found.point, origin=f"consensus ({consensus.kind.value})"),),
         factors=factors,
         noise=noise,
-        truncation=_truncation(equations, units, truncation_of(found, units, variances)),
+        truncation=_truncation(equations, units, information_left(found.limits, found.variances, units)),
         agreed=found.share >= LEAST_SHARE,
         diagnostics=tuple(diagnostics),
     )
@@ -103,11 +102,10 @@ def _scaled(problem: Problem, equations: Assembled, settings: Settings, starts: 
         return Prepared(equations=equations, starts=starts)
     consensus = Consensus(kind=ConsensusKind.LMEDS)
     found = agree(trials_of(equations, units), units, _points(starts), consensus, settings.seed)
-    variances = noise_variances(found, units, equations.dimension)
-    factors, noise = _loss_noise(problem, equations, units, found, variances)
+    factors, noise = _loss_noise(problem, equations, units, found)
     return Prepared(
         equations=equations,
-        starts=(Beginning(point=found.point, origin="consensus (lmeds)"), *starts),
+        starts=(Beginning(point=found.point, origin="consensus (lmeds)"),),
         factors=factors,
         noise=noise,
     )
@@ -122,7 +120,7 @@ def _points(starts: tuple[Beginning, ...]) -> Floats:
 
 
 def _loss_noise(
-    problem: Problem, equations: Assembled, units: Units, found: Agreed, variances: Floats
+    problem: Problem, equations: Assembled, units: Units, found: Agreed
 ) -> tuple[Floats | None, Mapping[int, Noise]]:
     """Factors (all residuals,) and noise of the blocks that have a loss and unknown noise."""
     factors = np.ones(equations.whole)
@@ -134,8 +132,8 @@ def _loss_noise(
         mine = units.group == number
         count = int(units.components[mine & found.inliers].sum())
         redundancy = count * (1.0 - equations.dimension / total) if total else 0.0
-        factor = sqrt(float(variances[mine][0]))
-        exact = variances[mine][0] <= units.rounding[mine].max()
+        factor = sqrt(float(found.variances[mine][0]))
+        exact = found.variances[mine][0] <= units.rounding[mine].max()
         state = NoiseState.NO_REDUNDANCY if redundancy <= 0.0 else NoiseState.EXACT if exact else NoiseState.ESTIMATED
         if state is not NoiseState.ESTIMATED:
             factor = 1.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.solution.robust.agree import Agreed
 from mbm.solution.robust.units import STATED, Units, consistency
 from mbm.solution.types import Floats, Mask
 
@@ -12,29 +11,32 @@ ROUNDS = 20
 """Rounds of variance and truncation in turn; each takes away most of what is left."""
 
 
-def noise_variances(agreed: Agreed, units: Units, dimension: int) -> Floats:
+def noise_variances(squares: Floats, limits: Floats, variances: Floats, units: Units, dimension: int) -> Floats:
     """The variance (U,) of the noise: as stated, or ``SSE/((n − p) κ)`` of the inliers with unknown noise.
 
-    κ is what normal noise of that variance has left inside the limits; unknowns are shared out by the number of
-    residuals. Without redundancy the robust variance stays.
+    ``squares`` (U,) at the fit are inside ``limits`` (U,) for inliers. κ is what normal noise of that variance has left
+    inside the limits; unknowns are shared out by the number of residuals. Without redundancy ``variances`` (U,) stay.
     """
-    found = agreed.variances.copy()
-    total = int(units.components[agreed.inliers].sum())
+    found = variances.copy()
+    inliers = squares <= limits
+    total = int(units.components[inliers].sum())
     for group in np.unique(units.group[units.group != STATED]).tolist():
-        mine = (units.group == group) & agreed.inliers
+        mine = (units.group == group) & inliers
         count = int(units.components[mine].sum())
         freedom = count * (1.0 - dimension / total) if total else 0.0
         if freedom > 0.0:
-            found[units.group == group] = _variance(agreed, units, mine, freedom)
+            least = max(float(units.rounding[mine].max()), 1e-300)
+            raw = max(float(squares[mine].sum()) / freedom, least)
+            found[units.group == group] = _untruncated(raw, limits, units.components, mine)
     return found
 
 
-def _variance(agreed: Agreed, units: Units, mine: Mask, freedom: float) -> float:
-    squares = float(agreed.squares[mine].sum())
-    variance = raw = max(squares / freedom, float(units.rounding[mine].max(initial=0.0)), 1e-300)
+def _untruncated(raw: float, limits: Floats, components: Floats, mine: Mask) -> float:
+    """The variance of the noise whose part inside the limits has the variance ``raw``."""
+    variance = raw
     for _ in range(ROUNDS):
-        left = consistency(units.components[mine], agreed.limits[mine] / variance)
-        share = float((units.components[mine] * left).sum() / units.components[mine].sum())
+        left = consistency(components[mine], limits[mine] / variance)
+        share = float((components[mine] * left).sum() / components[mine].sum())
         updated = raw / max(share, 0.1)
         if abs(updated - variance) <= 1e-10 * variance:
             break
@@ -42,6 +44,6 @@ def _variance(agreed: Agreed, units: Units, mine: Mask, freedom: float) -> float
     return variance
 
 
-def truncation_of(agreed: Agreed, units: Units, variances: Floats) -> Floats:
+def information_left(limits: Floats, variances: Floats, units: Units) -> Floats:
     """κ (U,): the share of their variance that inliers keep, which their information has to be multiplied by."""
-    return consistency(units.components, agreed.limits / variances)
+    return consistency(units.components, limits / variances)

@@ -127,7 +127,7 @@ def minimise_all(
 
 
 class _State:
-    """All trials; the arrays of ``moving`` ones are picked out, advanced by one step, and put back."""
+    """All trials; those that still move are advanced together, and put back where they ended."""
 
     def __init__(self, stack: Stack, starts: Floats, first: int, tolerance: float) -> None:
         self._stack = stack
@@ -135,59 +135,94 @@ class _State:
         self._first = first
         count = len(starts)
         self._points = np.array(starts, dtype=np.float64)
-        self._residuals, self._jacobian = stack.linearised(self._points, first + np.arange(count))
-        cost = np.square(self._residuals).sum(axis=1)
-        finite = np.isfinite(cost) & np.isfinite(self._jacobian).all(axis=(1, 2))
-        self._cost = np.where(finite, cost, np.inf)
-        self._damping = np.full(count, DAMPING)
-        self._growth = np.full(count, 2.0)
-        self._scale = np.zeros((count, stack.dimension))
+        self._cost = np.full(count, np.inf)
         self._settled = np.zeros(count, dtype=bool)
         self._iterations = np.zeros(count, dtype=np.int64)
+        residuals, jacobian = stack.linearised(self._points, first + np.arange(count))
+        cost = np.square(residuals).sum(axis=1)
+        finite = np.isfinite(cost) & np.isfinite(jacobian).all(axis=(1, 2))
         self.moving = np.flatnonzero(finite)
+        self._cost[self.moving] = cost[finite]
+        self._now = _Moving(
+            points=self._points[finite],
+            cost=cost[finite],
+            residuals=residuals[finite],
+            jacobian=jacobian[finite],
+            damping=np.full(len(self.moving), DAMPING),
+            growth=np.full(len(self.moving), 2.0),
+            scale=np.zeros((len(self.moving), stack.dimension)),
+        )
 
     def answer(self) -> Batched:
         """Where the trials are."""
+        self._points[self.moving], self._cost[self.moving] = self._now.points, self._now.cost
         return Batched(points=self._points, cost=self._cost, settled=self._settled, iterations=self._iterations)
 
     def advance(self) -> None:
         """One step of every trial that still moves."""
-        moving = self.moving
-        points, residuals, jacobian = self._points[moving], self._residuals[moving], self._jacobian[moving]
-        transposed = jacobian.transpose(0, 2, 1)
-        gradient = (transposed @ residuals[:, :, None])[:, :, 0]
-        normal = transposed @ jacobian
-        diagonal = np.einsum("tii->ti", normal)
-        scale = np.maximum(self._scale[moving], np.sqrt(diagonal))
-        self._scale[moving] = scale
-        scale = np.where(scale > 0.0, scale, 1.0)
-        limits = _gaps(self._stack, points)
-        normal = normal / scale[:, :, None] / scale[:, None, :]
-        damping, cost = self._damping[moving], self._cost[moving]
-        step, slope = _bounded_step(normal, gradient / scale, damping, scale, limits)
-        promise = _promise(jacobian, residuals, step)
+        now, stack = self._now, self._stack
+        transposed = now.jacobian.transpose(0, 2, 1)
+        gradient = (transposed @ now.residuals[:, :, None])[:, :, 0]
+        normal = transposed @ now.jacobian
+        np.maximum(now.scale, np.sqrt(np.einsum("tii->ti", normal)), out=now.scale)
+        scale = np.where(now.scale > 0.0, now.scale, 1.0)
+        normal /= scale[:, :, None]
+        normal /= scale[:, None, :]
+        step, slope = _bounded_step(normal, gradient / scale, now.damping, scale, _gaps(stack, now.points))
+        promise = _promise(now.jacobian, now.residuals, step)
         small = self._tolerance * self._tolerance
-        done = (damping <= DAMPING) & (promise >= 0.0) & (promise <= small * cost)
-        done |= (slope * slope <= small * cost) | (cost <= small * residuals.shape[1])
-        trial = self._stack.moved(points, step)
-        there, jacobian = self._stack.linearised(trial, self._first + moving)
-        lower = np.square(there).sum(axis=1)
-        share = np.where(promise > 0.0, (cost - lower) / promise, -1.0)
-        good = (share > ACCEPT) & np.isfinite(lower) & np.isfinite(jacobian).all(axis=(1, 2))
-        taken = moving[good]
-        self._points[taken], self._cost[taken] = trial[good], lower[good]
-        self._residuals[taken], self._jacobian[taken] = there[good], jacobian[good]
-        self._iterations[moving] += 1
-        self._adapt(moving, good, share)
-        lost = self._damping[moving] > HOPELESS
-        self._settled[moving] = done
-        self.moving = moving[~(done | lost)]
+        done = (now.damping <= DAMPING) & (promise >= 0.0) & (promise <= small * now.cost)
+        done |= (slope * slope <= small * now.cost) | (now.cost <= small * now.residuals.shape[1])
+        trial = stack.moved(now.points, step)
+        residuals, jacobian = stack.linearised(trial, self._first + self.moving)
+        lower = np.square(residuals).sum(axis=1)
+        share = np.where(promise > 0.0, (now.cost - lower) / promise, -1.0)
+        good = (share > ACCEPT) & np.isfinite(lower) & np.isfinite(jacobian.sum(axis=(1, 2)))
+        now.take(good, trial, lower, residuals, jacobian)
+        now.adapt(good, share)
+        self._iterations[self.moving] += 1
+        self._settled[self.moving] = done
+        self._leave(done | (now.damping > HOPELESS))
 
-    def _adapt(self, moving: Indices, good: Mask, share: Floats) -> None:
+    def _leave(self, ended: Mask) -> None:
+        """Put those that ended back in their places; the others go on."""
+        if not ended.any():
+            return
+        places = self.moving[ended]
+        self._points[places], self._cost[places] = self._now.points[ended], self._now.cost[ended]
+        self.moving = self.moving[~ended]
+        self._now = self._now.only(~ended)
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class _Moving:
+    """The trials that still move, one line each; ``scale`` (T, n) is the largest norm that each column has had."""
+
+    points: Floats
+    cost: Floats
+    residuals: Floats
+    jacobian: Floats
+    damping: Floats
+    growth: Floats
+    scale: Floats
+
+    def take(self, good: Mask, points: Floats, cost: Floats, residuals: Floats, jacobian: Floats) -> None:
+        """The trial points that are ``good`` take the places of those they were tried from."""
+        if good.all():
+            self.points, self.cost, self.residuals, self.jacobian = points, cost, residuals, jacobian
+            return
+        self.points[good], self.cost[good] = points[good], cost[good]
+        self.residuals[good], self.jacobian[good] = residuals[good], jacobian[good]
+
+    def adapt(self, good: Mask, share: Floats) -> None:
         """Nielsen's damping: less after steps that kept their promise, ever faster more after those that did not."""
         factor = np.maximum(1.0 / 3.0, 1.0 - (2.0 * np.minimum(share, 1.0) - 1.0) ** 3)
-        self._damping[moving] *= np.where(good, factor, self._growth[moving])
-        self._growth[moving] = np.where(good, 2.0, 2.0 * self._growth[moving])
+        self.damping *= np.where(good, factor, self.growth)
+        self.growth = np.where(good, 2.0, 2.0 * self.growth)
+
+    def only(self, kept: Mask) -> _Moving:
+        """Some of them."""
+        return _Moving(**{name: getattr(self, name)[kept] for name in self.__slots__})
 
 
 def _gaps(stack: Stack, points: Floats) -> tuple[Floats, Floats] | None:

@@ -118,7 +118,7 @@ def test_redundant_and_repeated_equations_change_nothing(method):
 def test_degenerate_vertex_does_not_cycle(method):
     """Twelve planes through one point, of which the nearest point to the data is that point."""
     random = np.random.default_rng(5)
-    normals = random.normal(size=(12, 3)) + [0, 0, 2]
+    normals = random.normal(size=(12, 3)) + np.array([0.0, 0.0, 2.0])
     start = np.array([0.0, 0.0, -5.0])
     problem = toy(lambda x: x - np.array([0.0, 0.0, 3.0]), start, below=lambda x: normals @ x)
     found = minimise(problem, start, settings(method))

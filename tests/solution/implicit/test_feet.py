@@ -43,10 +43,16 @@ class Ellipse:
 
 
 def nearest(points: Floats) -> Floats:
-    """Distances to the ellipse by a search along it; the step of 3e-5 rad leaves an error below 1e-9 of them."""
-    angle = np.linspace(0, 2 * np.pi, 200_001)
-    rim = np.stack([2 * np.cos(angle), np.sin(angle)], axis=1)
-    return np.array([np.sqrt(((rim - point) ** 2).sum(axis=1).min()) for point in points])
+    """Distances to the ellipse by a search along it, with steps of 1e-8 rad in the end: good to 1e-12 and better."""
+    result = []
+    for point in points:
+        middle, reach = np.pi, np.pi
+        for _ in range(3):
+            angle = middle + np.linspace(-reach, reach, 2001)
+            square = (2 * np.cos(angle) - point[0]) ** 2 + (np.sin(angle) - point[1]) ** 2
+            middle, reach = angle[np.argmin(square)], reach / 500
+        result.append(np.sqrt(square.min()))
+    return np.array(result)
 
 
 @pytest.mark.parametrize("spread", [0.02, 0.3, 3.0, 30.0])

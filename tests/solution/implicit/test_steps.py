@@ -48,7 +48,9 @@ def test_the_root_squares_to_the_inverse_covariance(k: int, q: int, noisy: bool)
     found = root(slopes, np.full((3, k), noisy))
     applied = found.apply(np.broadcast_to(np.eye(k), (3, k, k)).copy())
     covariance = slopes @ slopes.transpose(0, 2, 1) + noisy * np.eye(k)
-    np.testing.assert_allclose(applied.transpose(0, 2, 1) @ applied @ covariance, np.tile(np.eye(k), (3, 1, 1)), atol=1e-11)
+    np.testing.assert_allclose(
+        applied.transpose(0, 2, 1) @ applied @ covariance, np.tile(np.eye(k), (3, 1, 1)), atol=1e-11
+    )
 
 
 def test_systems_without_a_solution_give_no_numbers() -> None:

@@ -1,0 +1,55 @@
+"""A start that was given against the closed forms: where one of these leads lower, its minimum is the answer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.problem.types import Method, Problem
+from mbm.solution.assembly import Assembled
+from mbm.solution.binding import EvaluationCache
+from mbm.solution.closed_forms.completion import completions
+from mbm.solution.closed_forms.situation import Situation
+from mbm.solution.random_starts import costs
+from mbm.solution.search import Found, search
+from mbm.solution.settings import Settings
+from mbm.solution.starting import GIVEN, Beginning
+
+LOWER = 1e-6
+"""Share of the cost by which another minimum must be lower to take the place of the one that a given start leads to."""
+
+
+def challenged(
+    equations: Assembled, settings: Settings, found: Found, problem: Problem, cache: EvaluationCache
+) -> Found:
+    """``found``, or what a closed form for all unknowns leads to where that is a better fit.
+
+    A closed form's answer costs more than the minimum that it lies near: it is followed only if it costs less than what
+    was found, or nothing was found. That no closed form applies is remembered in ``cache``, for the data sets to come.
+    """
+    names = tuple(entry.unknown.name for entry in equations.layout.entries)
+    iterative = settings.method not in (Method.CLOSED_FORM, Method.DIRECT_SEARCH)
+    if found.origin != GIVEN or not iterative or equations.linear or equations.lossy or settings.robust is not None:
+        return found
+    if equations.constraints or names in cache.without_closed_form:
+        return found
+    numbers = np.where(equations.moving(), np.nan, found.minimum.point)
+    situation = Situation(layout=equations.layout, groups=equations.groups, numbers=numbers)
+    complete = [c for c in completions(situation, settings.closed_forms) if not bool(np.isnan(c.numbers).any())]
+    if not complete:
+        cache.without_closed_form.add(names)
+        return found
+    fits = costs(equations, np.stack([c.numbers for c in complete]))
+    best = int(np.argmin(fits))
+    if not np.isfinite(fits[best]) or (found.minimum.reason.converged and not fits[best] < found.minimum.cost):
+        return found
+    start = Beginning(point=complete[best].numbers, origin="; ".join(complete[best].used))
+    other = search(equations, (start,), settings, problem)
+    if not other.minimum.cost < (1 - LOWER) * found.minimum.cost and found.minimum.reason.converged:
+        return found
+    if not other.minimum.cost <= found.minimum.cost:
+        return found
+    return replace(
+        other, iterations=found.iterations + other.iterations, evaluations=found.evaluations + other.evaluations
+    )
