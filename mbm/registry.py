@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -67,7 +68,9 @@ ENTRY_POINTS = "mbm.closed_forms"
 
 def standard_registry(closed_forms: tuple[ClosedForm, ...] = ()) -> Registry:
     """What mbm itself brings, and what packages add; ``closed_forms`` of the caller are tried before all others."""
-    return Registry(vocabulary=vocabulary(), closed_forms=lambda: (*closed_forms, *_installed(), *_closed_forms()))
+    # packages are asked once, not for each solve
+    forms = cache(lambda: (*closed_forms, *_installed(), *_closed_forms()))
+    return Registry(vocabulary=vocabulary(), closed_forms=forms)
 
 
 def _installed() -> tuple[ClosedForm, ...]:

@@ -191,6 +191,66 @@ def calibration(axes: Axes) -> None:
     axes.legend()
 
 
+def walk(axes: Axes) -> None:
+    """Positions on the map, and the end of each window as laid onto it."""
+    seen = rows("walk", "ble.csv")
+    axes.plot(column(seen, "x"), column(seen, "y"), ".", color=BLUE, label="Bluetooth, 1 m")
+    here = np.array([s.derived[0].value for s in solve("walk", "walk").solves if s.derived])
+    axes.plot(here[:, 0], here[:, 1], "o-", color=ORANGE, label="track, laid on by the last half minute")
+    axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    axes.legend()
+
+
+def rim(axes: Axes) -> None:
+    """Touched points, and the ellipse."""
+    seen, found = rows("rim", "rim.csv"), solve("rim", "rim")
+    a, b, turn = (float(found[n].value) for n in ("a", "b", "phi"))
+    around = np.linspace(0, 2 * np.pi, 300)
+    u, v = a * np.cos(around), b * np.sin(around)
+    c, s = np.cos(np.deg2rad(turn)), np.sin(np.deg2rad(turn))
+    centre = found["c"].value
+    axes.plot(centre[0] + c * u - s * v, centre[1] + s * u + c * v, color=ORANGE, label="estimated rim")
+    axes.plot(column(seen, "x"), column(seen, "y"), "o", color=BLUE, markersize=4, label="touched")
+    axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
+    axes.legend()
+
+
+def echoes(axes: Axes) -> None:
+    """How much each distance is longer than that to the estimated place."""
+    receivers, ranges = rows("echoes", "receivers.csv"), rows("echoes", "ranges.csv")
+    found = solve("echoes", "echoes")
+    place = np.array([column(receivers, c) for c in "xyz"]).T - found["p"].value
+    excess = column(ranges, "range") - np.sqrt((place**2).sum(axis=1))
+    wrong = np.isin(np.arange(1, len(excess) + 1), found.first.residual_summaries["ranges"].outliers)
+    number = np.arange(1, len(excess) + 1)
+    axes.plot(number[~wrong], 1000 * excess[~wrong], "o", color=BLUE, label="used")
+    axes.plot(number[wrong], 1000 * excess[wrong], "x", color=ORANGE, label="outliers")
+    axes.set(xlabel="row", ylabel="measured − estimated (mm)")
+    axes.legend()
+
+
+def loop(axes: Axes) -> None:
+    """Odometry alone, and the places as estimated."""
+    text = (HERE / "loop" / "yard.g2o").read_text(encoding="utf-8").split("\n")
+    start = np.array([[float(v) for v in line.split()[2:4]] for line in text if line.startswith("VERTEX")])
+    found = solve("loop", "loop")["T"].value
+    axes.plot(*start.T, "o--", color=GREY, label="odometry alone")
+    axes.plot(found[:, 1], found[:, 2], "o-", color=ORANGE, label="estimated")
+    axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    axes.legend()
+
+
+def triangle(axes: Axes) -> None:
+    """The plot, with its angles and sides."""
+    found = solve("triangle", "triangle")
+    angles, sides = np.deg2rad(found["angle-of"].value), found["side"].value
+    corners = np.array([[0, 0], [sides[2], 0], sides[1] * np.array([np.cos(angles[0]), np.sin(angles[0])]), [0, 0]])
+    axes.plot(*corners.T, "o-", color=ORANGE)
+    for corner, angle in zip(corners, np.rad2deg(angles), strict=False):
+        axes.annotate(f"{angle:.3f}°", corner, xytext=(6, 8), textcoords="offset points")
+    axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+
+
 PICTURES: dict[str, Callable[[Axes], None]] = {
     f.__name__.replace("_", "-"): f
     for f in (
@@ -198,6 +258,11 @@ PICTURES: dict[str, Callable[[Axes], None]] = {
         decay,
         desk,
         desk_as_printed,
+        echoes,
+        loop,
+        rim,
+        triangle,
+        walk,
         enzyme,
         light,
         meridian,

@@ -8,7 +8,7 @@ from mbm.expression.nodes import Number
 from mbm.kernels.types import KernelSet
 from mbm.problem.builder import Elaborated
 from mbm.problem.tables import Table
-from mbm.problem.types import Block, BlockRole, Equation, NoiseKind, Problem, Unknown
+from mbm.problem.types import Block, BlockRole, ConstraintKind, Equation, NoiseKind, Problem, Unknown
 from mbm.solution.binding import EvaluationCache
 from mbm.solution.choice import chosen_solver
 from mbm.symbolic.printing import printed
@@ -19,7 +19,13 @@ MOST_CASES = 3
 """Groups of rows whose equations are printed; the others differ in their static values only."""
 
 
-_SOLVERS = {"linear": "one step of linear least squares", "lm": "lm (Marquardt)"}
+_SOLVERS = {
+    "linear": "one step of linear least squares",
+    "lm": "lm (Marquardt)",
+    "penalty": "multiplied penalties, finished by sequential quadratic programming",
+    "exact": "sequential quadratic programming with an active set",
+}
+_NOT_BELOW = {False: "≥", True: r"\ge"}
 
 
 def explanation(
@@ -66,17 +72,19 @@ def _unknown(unknown: Unknown, tables: Mapping[str, Table]) -> Iterator[str]:
 def _block(
     number: int, block: Block, tables: Mapping[str, Table], model: SymbolicModel, *, latex: bool
 ) -> Iterator[str]:
-    word = "observe" if block.role is BlockRole.OBSERVATION else "prior"
+    word = "observe" if block.role is BlockRole.OBSERVATION else block.role.value
     name = block.name.removeprefix("prior ")
     over = f" for each of {len(tables[block.table])} rows of {block.table}" if block.table else ""
     yield f"{word} {name}{over}"
-    yield f"  noise: {_noise(block)}"
+    if block.role is not BlockRole.CONSTRAINT:
+        yield f"  noise: {_noise(block)}"
+    sign = "=" if block.constraint in (None, ConstraintKind.EQUAL) else _NOT_BELOW[latex]
     found = [b for b in model.blocks if b.purpose is Purpose.EQUATION and b.owner == number]
     for each in found[:MOST_CASES]:
         static = block.cases[each.case].static
         if static:
             yield "  where " + ", ".join(f"{column} = {_shown(value)}" for column, value in static)
-        yield from _equations([each], "0", latex=latex)
+        yield from _equations([each], "0", latex=latex, sign=sign)
         yield from _structure(each)
     if len(found) > MOST_CASES:
         yield f"  … and {len(found) - MOST_CASES} more groups of rows with other static values"
@@ -104,11 +112,11 @@ def _shown(value: str | float) -> str:
     return f"`{value}`" if isinstance(value, str) else f"{value:g}"
 
 
-def _equations(blocks: Iterable[ResidualBlock], left: str, *, latex: bool) -> Iterator[str]:
+def _equations(blocks: Iterable[ResidualBlock], left: str, *, latex: bool, sign: str = "=") -> Iterator[str]:
     for block in blocks:
         equations = printed(block, latex=latex)
         yield from (f"    {line}" for line in equations.definitions)
-        yield from (f"    {left} = {line}" for line in equations.components)
+        yield from (f"    {left} {sign} {line}" for line in equations.components)
 
 
 def _structure(block: ResidualBlock) -> Iterator[str]:

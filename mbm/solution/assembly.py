@@ -214,6 +214,10 @@ class Assembled:
         """The same equations with all measured values taken as exact, to find starts with."""
         return self if self.implicit is None else replace(self, implicit=None).freed(self.free, self.numbers)
 
+    def roughly_corrected(self) -> Assembled:
+        """The same equations with corrections of measured values to first order, to compare many points with."""
+        return self if self.implicit is None else replace(self, implicit=self.implicit.roughly())
+
     def _columns(self) -> Indices:
         """The column of each coordinate (M,) in Jacobians, -1 where it is not free."""
         columns = np.full(len(self.layout.number), -1, dtype=np.int64)

@@ -31,6 +31,9 @@ LARGEST = 400
 DIFFERENCE = 1e-4
 """Length of a difference in conditional standard deviations of the coordinate."""
 
+SHARE = 0.1
+"""Share of its box, or of its size, that a coordinate moves at most."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Basin:
@@ -94,15 +97,15 @@ def equal_costs(first: float, second: float) -> bool:
 def ways_down(equations: Assembled, stack: Batch, minimum: Minimum) -> tuple[Floats, ...]:
     """Two points on either side of a saddle, in the direction in which the cost falls; none at a minimum.
 
-    The Hessian of Σ r²/2 by differences of the gradient, over the coordinates that no bound holds.
+    The Hessian of Σ r²/2 by differences of the gradient, over the coordinates that no bound holds, in units of their
+    conditional standard deviations (of a tenth of their size, where no residual feels them to first order).
     """
     free = np.flatnonzero(minimum.at_bound == 0)
-    scale = np.linalg.norm(minimum.jacobian, axis=0)
-    free = free[scale[free] > 0.0]
     if not 0 < free.size <= LARGEST or minimum.cost <= EQUAL:
         return ()
     spread = np.sqrt(minimum.cost / max(minimum.residuals.size, 1))
-    lengths = DIFFERENCE * spread / scale[free]
+    units = _units(equations, minimum, spread)[free]
+    lengths = DIFFERENCE * units
     steps = np.zeros((2 * free.size, minimum.jacobian.shape[1]))
     line = np.arange(free.size)
     steps[line, free], steps[free.size + line, free] = lengths, -lengths
@@ -110,16 +113,25 @@ def ways_down(equations: Assembled, stack: Batch, minimum: Minimum) -> tuple[Flo
     with np.errstate(all="ignore"):
         residuals, jacobian = stack.linearised(points, np.arange(len(points)))
         gradient = np.einsum("tm,tmn->tn", residuals, jacobian[:, :, free])
-    slopes = (gradient[: free.size] - gradient[free.size :]) / (2.0 * lengths[:, None]) / scale[free]
-    hessian = slopes / scale[free][:, None]
+    slopes = (gradient[: free.size] - gradient[free.size :]) / (2.0 * lengths[:, None])
+    hessian = slopes * np.multiply.outer(units, units) / (spread * spread)
     if not np.isfinite(hessian).all():
         return ()
     values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
     if values[0] >= NEGATIVE:
         return ()
     step = np.zeros(minimum.jacobian.shape[1])
-    step[free] = spread * vectors[:, 0] / scale[free]
+    step[free] = units * vectors[:, 0]
     return tuple(equations.retract(minimum.point, sign * step) for sign in (1.0, -1.0))
+
+
+def _units(equations: Assembled, minimum: Minimum, spread: float) -> Floats:
+    """How far each coordinate (n,) moves to change the residuals by about their size; at most a tenth of its box."""
+    length = np.linalg.norm(minimum.jacobian, axis=0)
+    width = equations.upper - equations.lower
+    size = np.maximum(1.0, np.abs(equations.coordinates(minimum.point)))
+    most = SHARE * np.where(np.isfinite(width), width, size)
+    return np.asarray(spread / np.maximum(length, spread / most))
 
 
 def _same(equations: Assembled, one: Minimum, other: Minimum) -> bool:

@@ -16,7 +16,7 @@ from mbm.solution.closed_forms.situation import Situation
 from mbm.solution.closed_forms.standard import STANDARD
 from mbm.solution.closed_forms.types import ClosedForm
 from mbm.solution.layout import layout
-from mbm.solution.minimise import solver_for
+from mbm.solution.minimise import solver_name
 from mbm.solution.selection import selections
 from mbm.solution.settings import Settings, settings_of
 from mbm.solution.starting import GIVEN, beginnings
@@ -48,8 +48,8 @@ def chosen_solver(
     binder = Binder(problem=problem, layout=places, tables=selection.tables, cache=cache)
     equations = blank(binder, kernels)
     settings = settings_of(problem.request, closed_forms=closed_forms)
-    solver = solver_for(equations, settings)
-    return Choice(solver.name, _reason(equations, problem.request.method), _start(equations, settings))
+    reason = _reason(equations, problem.request.method)
+    return Choice(solver_name(equations, settings), reason, _start(equations, settings))
 
 
 def _start(equations: Assembled, settings: Settings) -> str:
@@ -68,6 +68,9 @@ def _start(equations: Assembled, settings: Settings) -> str:
 def _reason(equations: Assembled, method: Method) -> str:
     if method is not Method.AUTO:
         return "it is asked for"
+    if equations.equality.size:
+        equal = int(equations.equality.sum())
+        return f"there are constraints: {equal} equations and {len(equations.equality) - equal} inequalities"
     if not equations.linear:
         return "the equations are not affine in the unknowns"
     if bool(equations.positive.any()):

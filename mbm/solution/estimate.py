@@ -192,7 +192,7 @@ class _Run:
     def _reweighted(self, factors: Floats) -> tuple[Floats, Floats]:
         minimum = self._minimise(self._row_factors(factors))
         observed = self._observed(minimum)
-        return self._robust.scattering(minimum.residuals), redundancy_numbers(minimum.jacobian, observed)
+        return self._robust.scattering(minimum.residuals), redundancy_numbers(minimum.jacobian, observed, minimum.blocks)
 
     def _observed(self, minimum: Minimum) -> Observability:
         return observed_at(minimum, self.equations.coordinates(minimum.point))

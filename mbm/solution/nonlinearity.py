@@ -14,6 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbm.solution.assembly import Assembled
+from mbm.solution.batch import batch
+from mbm.solution.manifolds import moved
 from mbm.solution.types import Covariance, Equations, Floats, Indices, Minimum
 
 NORMAL_95 = 1.959963984540054
@@ -28,7 +31,10 @@ ORTHONORMAL = 1e-6
 """How far Jᵀ J may be from the inverse covariance for the check to make sense; ill-conditioned sets stay below 1e-8."""
 
 SAME = 1e-6
-"""Relative difference of the cost at the minimum beyond which it is one of other equations (errors in the variables)."""
+"""Relative difference of the cost at the minimum beyond which it is that of other equations (uncertain columns)."""
+
+MANY_POINTS = 16
+"""From so many points on the preparation of a batch pays."""
 
 MOST_COORDINATES = 100
 MOST_RESIDUALS = 200_000
@@ -78,8 +84,7 @@ def interval_ends(equations: Equations, minimum: Minimum, estimated: Covariance)
     centre = equations.residuals(minimum.point)
     if not abs(float(centre @ centre) - minimum.cost) <= SAME * max(minimum.cost, 1.0):
         return None
-    points = [equations.retract(minimum.point, sign * step) for sign in (-1.0, 1.0) for step in steps]
-    residuals = np.stack([equations.residuals(point) for point in points])
+    residuals = _residuals(equations, _moved(equations, minimum.point, np.vstack([-steps, steps])))
     seen = residuals @ tangent
     own = np.einsum("ij,ij->i", seen, np.vstack([along, along]))
     profile = np.square(residuals).sum(axis=1) - np.square(seen).sum(axis=1) + np.square(own)
@@ -89,3 +94,30 @@ def interval_ends(equations: Equations, minimum: Minimum, estimated: Covariance)
     ends = np.full((2, len(estimated.sigma)), np.nan)
     ends[:, known] = ratios.reshape(2, known.size)
     return IntervalEnds(lower=ends[0], upper=ends[1])
+
+
+def _moved(equations: Equations, point: Floats, steps: Floats) -> Floats:
+    """The points (k, N) after each of the ``steps`` (k, n), bounds left aside; rotations all at once."""
+    if not isinstance(equations, Assembled) or not equations.layout.curved:
+        return np.stack([equations.retract(point, step) for step in steps])
+    layout = equations.layout
+    every = np.zeros((len(steps), len(layout.number)))
+    every[:, equations.free] = steps
+    result = np.tile(point, (len(steps), 1))
+    plain = layout.number >= 0
+    result[:, layout.number[plain]] += every[:, plain]
+    for curved in layout.curved:
+        turned = moved(
+            curved.piece,
+            result[:, curved.numbers].reshape(-1, curved.piece.size),
+            every[:, curved.coordinates].reshape(-1, curved.piece.tangent),
+        )
+        result[:, curved.numbers] = turned.reshape(len(steps), *curved.numbers.shape)
+    return result
+
+
+def _residuals(equations: Equations, points: Floats) -> Floats:
+    """Residuals (k, m) at points (k, N); many points go through the kernels together."""
+    if isinstance(equations, Assembled) and equations.implicit is None and len(points) >= MANY_POINTS:
+        return batch(equations).residuals(points)
+    return np.stack([equations.residuals(point) for point in points])

@@ -138,7 +138,7 @@ def test_warnings_go_to_standard_error_unless_quiet(
         (("--backend", "gpu"), "invalid value for '--backend'"),
         (("--json", "no/such/folder/x.json"), "its folder does not exist"),
         (("--init", "no-such.json"), "`no-such.json` cannot be read"),
-        (("--starts", "20"), "`--starts` is not available yet"),
+        (("--starts", "0"), "invalid value for '--starts'"),
         (("--overlay", "o.png"), "`--overlay` is not available yet"),
         (("--scheduler", "tcp://a"), "`--scheduler` is not available yet"),
         (("--allow-external",), "`--allow-external` is not available yet"),

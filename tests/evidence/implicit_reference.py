@@ -41,11 +41,11 @@ class Exact:
 def joint_optimum(residuals: Callable[[Floats], Floats], unknowns: Floats, others: Floats) -> Exact:
     """Least squares over unknowns and corrections together, to the last digits that SciPy reaches.
 
-    Several rounds of Levenberg-Marquardt, each from the end of the last: the tests on the way stop it early.
+    Twice, the second time from the end of the first: the tests on the way stop it early.
     """
     n = len(unknowns)
     point = np.concatenate([unknowns, others])
-    for _ in range(6):
+    for _ in range(2):
         found = least_squares(
             residuals, point, method="trf", jac="3-point", x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15
         )

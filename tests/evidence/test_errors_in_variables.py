@@ -80,8 +80,9 @@ def test_odrpacks_first_set_to_its_digits_and_beyond() -> None:
     sx = np.where((x == 0) | (x == 100), 0.0, 1.0)  # ODRPACK's run holds these three fixed
     solved = mbm.loads(GROWTH).solve(data={"d": {"x": x, "y": y, "sx": sx}})
     found, deviations = value(solved, "b1", "b2", "b3"), sigma(solved, "b1", "b2", "b3")
-    # report1.dat: its test on the sum of squares (1.5e-8) leaves seven digits of the parameters
-    np.testing.assert_allclose(found, [1264.65481, -54.0184100, -0.0878497122], rtol=1e-6)
+    # report1.dat: its test on the sum of squares (1.5e-8) leaves the parameters within 1e-4 standard deviations
+    report = np.array([1264.65481, -54.0184100, -0.0878497122])
+    assert np.abs((found - report) / deviations).max() < 1e-4
     assert solved.first.cost == pytest.approx(21.4455017, abs=6e-8)
     # its standard deviations are scaled by the residual standard deviation, and rounded to three digits
     scale = (solved.first.cost / solved.first.dof) ** 0.5
@@ -205,7 +206,7 @@ def stations() -> dict[str, dict[str, np.ndarray]]:
 def test_a_value_that_many_rows_use_has_one_correction(name: str) -> None:
     """Against the same problem with the stations as unknowns and their measured places as priors."""
     tables = stations()
-    tables["stations"]["s"][2] = 0.01 if name != "apart" else 1e-9
+    tables["stations"]["s"][2] = 0.01
     reference = mbm.loads(STATIONS).named("explicit").solve(data=tables)
     solved = mbm.loads(STATIONS).named(name).solve(data=tables)
     assert solved.first.cost == pytest.approx(reference.first.cost, rel=1e-10)

@@ -221,7 +221,7 @@ def test_qualified_names_and_let_settle_ambiguity(estimate):
     [
         "(states :over frame (w))", "(dynamics (random-walk a))", "(window x :length 2 :step 1)",
         "(pair s (t t) :by x)",
-        "(solve :starts (random 5))", "(solve :robust (lmeds))",
+        "(solve :robust (lmeds))",
         "(constraints (<= a 1 :at first))", "(solve :constraints truncate)", "(camera c :model fisheye)",
         "(camera c :per t)", "(unknowns (r (rotation 3)))", "(unknowns (r direction))",
         '(data u (g2o "x.g2o" :edges))', "(observe t (= y a) :bound 1)", "(derive (d (external \"m:f\" a :size 1)))",

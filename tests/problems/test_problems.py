@@ -39,16 +39,42 @@ def solved(path: Path, name: str, out: Path):
 def compare(found, wanted):
     """Values, and sigmas where they are foreseen, of estimates or derived quantities by name."""
     for name, quantity in wanted.items():
+        sigma = np.array(found[name].get("sigma", 0.0), dtype=float)
+        if geometric(quantity["value"]):
+            compare_geometry(found[name]["value"], quantity["value"], float(sigma.max()), name)
+            np.testing.assert_allclose(sigma, quantity["sigma"], rtol=SPREADS, atol=1e-15, err_msg=name)
+            continue
         value = np.array(quantity["value"], dtype=float)
         got = np.array(found[name]["value"], dtype=float)
         assert got.shape == value.shape, name
-        sigma = np.array(found[name]["sigma"], dtype=float)
         assert np.all(np.abs(got - value) <= VALUES * np.maximum(np.abs(value), sigma)), (name, got, value)
         if "sigma" in quantity:
             np.testing.assert_allclose(sigma, quantity["sigma"], rtol=SPREADS, err_msg=name)
 
 
+def geometric(value):
+    """A rotation, pose or similarity, or a family of them."""
+    return isinstance(value, dict) or (isinstance(value, list) and any(isinstance(v, dict) for v in value))
+
+
+def compare_geometry(found, wanted, sigma, name):
+    """The matrix, translation and scale that are foreseen."""
+    if isinstance(wanted, list):
+        assert len(found) == len(wanted)
+        for one, other in zip(found, wanted, strict=True):
+            compare_geometry(one, other, sigma, name)
+        return
+    for part, value in wanted.items():
+        size = max(1.0, sigma, float(np.abs(value).max()))
+        np.testing.assert_allclose(found[part], value, rtol=0, atol=VALUES * size, err_msg=f"{name} {part}")
+
+
 def compare_solve(solve, wanted):
+    assert solve.get("status", "converged") == wanted.get("status", "converged")
+    if wanted.get("status") == "skipped":
+        return
+    for clause, rows in wanted.get("outliers", {}).items():
+        assert solve.get("residuals", {clause: {"outliers": rows}})[clause]["outliers"] == rows
     compare(solve["estimates"], wanted["estimates"])
     compare(solve["derived"], wanted.get("derived", {}))
     if "cost" in wanted:

@@ -136,5 +136,4 @@ def _of_equations(problem: Subproblem, step: Floats, multipliers: Floats, bounds
     force: Floats = problem.jacobian.T @ (problem.residuals + problem.jacobian @ step) + damped
     force = force + problem.slopes[inequality].T @ multipliers[inequality] + bounds
     rows = problem.slopes[problem.equality] / problem.scale
-    found: Floats = np.linalg.lstsq(rows.T, -force / problem.scale, rcond=REDUNDANT)[0]
-    return found
+    return np.asarray(np.linalg.lstsq(rows.T, -force / problem.scale, rcond=REDUNDANT)[0], dtype=np.float64)

@@ -19,7 +19,7 @@ from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 from mbm.solution.binding import EvaluationCache, Group
 from mbm.solution.implicit.components import Builder
-from mbm.solution.implicit.feet import feet
+from mbm.solution.implicit.feet import feet, first_feet
 from mbm.solution.implicit.measured import Measured, MeasuredColumn, measured
 from mbm.solution.implicit.roots import Root, root
 from mbm.solution.implicit.system import System, whiten_rows
@@ -47,7 +47,10 @@ class _Memory:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Elimination:
-    """The equations of one data set that have errors in measured columns."""
+    """The equations of one data set that have errors in measured columns.
+
+    ``rough``: corrections are found to first order, one step from the measured values (Sampson 1982).
+    """
 
     problem: Problem
     tables: Mapping[str, Table]
@@ -55,6 +58,7 @@ class Elimination:
     measured: Measured
     cache: EvaluationCache
     systems: tuple[System, ...]
+    rough: bool = False
     _whole: Elimination | None = None
     _scatters: tuple[tuple[Scatter, ...], ...] = ()
     _memory: _Memory = field(default_factory=_Memory)
@@ -72,11 +76,15 @@ class Elimination:
             lines = residuals[group.first : group.first + group.count].reshape(group.rows, group.kernel.outputs)
             kept[number] = np.asarray(lines.any(axis=1), dtype=bool)
         systems = Builder(self.problem, self.tables, self.groups, self.measured, self.cache, kept).systems()
-        return replace(self, systems=systems, _whole=self._whole or self, _memory=_Memory()).over(columns)
+        return replace(self, systems=systems, _scatters=(), _whole=self._whole or self, _memory=_Memory()).over(columns)
 
     def everything(self, columns: Indices) -> Elimination:
         """The same with no residual left out."""
         return self if self._whole is None else self._whole.over(columns)
+
+    def roughly(self) -> Elimination:
+        """The same with corrections to first order."""
+        return replace(self, rough=True, _whole=None, _memory=_Memory())
 
     def add_residuals(self, numbers: Floats, target: Floats) -> None:
         """Enter the whitened residuals into those of all equations; NaN where no corrections meet the equations."""
@@ -130,14 +138,16 @@ class Elimination:
         memory = self._memory
         if memory.point is None or not np.array_equal(memory.point, numbers):
             near = memory.solved or (None,) * len(self.systems)
-            memory.solved = tuple(_solve(s, numbers, last) for s, last in zip(self.systems, near, strict=True))
+            found = zip(self.systems, near, strict=True)
+            memory.solved = tuple(_solve(s, numbers, last, rough=self.rough) for s, last in found)
             memory.point = numbers.copy()
         return memory.solved
 
 
 @np.errstate(all="ignore")
-def _solve(system: System, numbers: Floats, near: _Solved | None) -> _Solved:
-    found = feet(system.at_numbers(numbers), None if near is None else near.feet)
+def _solve(system: System, numbers: Floats, near: _Solved | None, *, rough: bool) -> _Solved:
+    conditions = system.at_numbers(numbers)
+    found = first_feet(conditions) if rough else feet(conditions, None if near is None else near.feet)
     whitening = root(found.slopes, system.noisy)
     residuals = whitening.apply(found.misclosures[:, :, None])[:, :, 0]
     return _Solved(found, whitening, np.where(found.found[:, None], residuals, np.nan))

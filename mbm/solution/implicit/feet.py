@@ -15,8 +15,11 @@ from mbm.solution.implicit.steps import step
 from mbm.solution.implicit.types import Conditions, Feet, Local
 from mbm.solution.types import Floats, Mask
 
-SWEEPS = 80
-"""Evaluations of one search; Newton's method needs four or five of them, what takes more is lost."""
+SWEEPS = 60
+"""Evaluations of the first search; Newton's method needs four or five of them, what takes more is lost."""
+
+FURTHER = 20
+"""Evaluations of each further one."""
 
 REACHES = (1.0, 3.0)
 """Distances of further starts where no foot is found, beside that of the first attempt."""
@@ -66,10 +69,25 @@ def feet(conditions: Conditions, near: Feet | None = None) -> Feet:
     return found if found is not None else searched_feet(conditions)
 
 
+def first_feet(conditions: Conditions) -> Feet:
+    """The measured values themselves, as feet to first order: the misclosures are those of the equations there."""
+    rows, k = conditions.noisy.shape
+    here = np.zeros((rows, conditions.corrections))
+    local = conditions.at(here, np.zeros((rows, k)))
+    finite = np.isfinite(local.values).all(axis=1) & np.isfinite(local.slopes).all(axis=(1, 2))
+    return Feet(
+        corrections=here,
+        multipliers=np.zeros((rows, k)),
+        slopes=local.slopes,
+        misclosures=local.values,
+        found=np.asarray(finite, dtype=bool),
+    )
+
+
 def searched_feet(conditions: Conditions) -> Feet:
     """The feet by the safeguarded search."""
     scaled = _Scaled(conditions)
-    search = _searched(scaled, np.zeros((len(scaled.scale), scaled.corrections)))
+    search = _searched(scaled, np.zeros((len(scaled.scale), scaled.corrections)), SWEEPS)
     found = search.done & is_minimum(search)
     if not bool(found.all()):
         search, found = _elsewhere(scaled, search, found)
@@ -84,9 +102,9 @@ def searched_feet(conditions: Conditions) -> Feet:
     )
 
 
-def _searched(conditions: Conditions, start: Floats) -> Search:
+def _searched(conditions: Conditions, start: Floats, sweeps: int) -> Search:
     search = begun(conditions, start)
-    for _ in range(SWEEPS):
+    for _ in range(sweeps):
         if bool((search.done | search.lost).all()):
             break
         search = swept(conditions, search)
@@ -122,7 +140,7 @@ def _elsewhere(conditions: Conditions, search: Search, found: Mask) -> tuple[Sea
             start = np.zeros((rows, q))
             start[:, direction // 2] = size * reach * (1.0 if direction % 2 == 0 else -1.0)
             start = np.where(found[:, None], best.corrections, start)
-            trial = _searched(conditions, start)
+            trial = _searched(conditions, start, FURTHER)
             good = trial.done & is_minimum(trial) & ~found
             length = np.where(good, (trial.corrections**2).sum(axis=1) + (trial.noises**2).sum(axis=1), np.inf)
             better = length < sizes

@@ -85,8 +85,7 @@ def agree(trials: Trials, units: Units, starts: Floats, consensus: Consensus, se
         points = more if consensus.kind is ConsensusKind.GNC else np.concatenate((points, more))
     if len(points) > CANDIDATES:
         points = _best_few(trials, units, points, consensus.kind, size, cut)
-    candidates, variances = _improved(trials, units, points, cut, size)
-    best = candidates.best()
+    candidates, best, variances = _improved(trials, units, points, starts[0], cut, size)
     point, squares, variances = _settled(trials, units, candidates.points[best], cut, variances)
     limits = cut * variances
     if consensus.threshold is None and (units.group != STATED).any():
@@ -118,17 +117,32 @@ def _best_few(trials: Trials, units: Units, points: Floats, kind: ConsensusKind,
     return np.asarray(points[np.unique(both)])
 
 
-def _improved(trials: Trials, units: Units, points: Floats, cut: Floats, size: int) -> tuple[Refined, Floats]:
-    """The candidates after fits to the units that they explain, and the variance of each unit (U,) at the best one."""
+def _improved(
+    trials: Trials, units: Units, points: Floats, start: Floats, cut: Floats, size: int
+) -> tuple[Refined, int, Floats]:
+    """The candidates after fits to the units that they explain, the best one, and the variance of each unit (U,) there.
+
+    Of equally good ones that nearest to ``start`` (N,) is the best.
+    """
     ones = np.ones(units.count)
-    if (units.group != STATED).any():
+    unknown = bool((units.group != STATED).any())
+    if unknown:
         found = refined(trials, units, points, Trimmed(units, cut, size), iterations=STEPS)
-        variances = variances_at(found.squares[found.best()], units, trials.dimension)
-        return found, variances
-    squares = units.squares(trials.residuals(points))
-    own = [max(robust_variance(each, units, trials.dimension), 1.0) for each in squares]
-    wide = refined(trials, units, points, Truncated(cut * np.array(own)[:, None], ones), iterations=4)
-    return refined(trials, units, wide.points, Truncated(cut, ones), iterations=STEPS), ones
+    else:
+        squares = units.squares(trials.residuals(points))
+        own = [max(robust_variance(each, units, trials.dimension), 1.0) for each in squares]
+        wide = refined(trials, units, points, Truncated(cut * np.array(own)[:, None], ones), iterations=4)
+        found = refined(trials, units, wide.points, Truncated(cut, ones), iterations=STEPS)
+    best = found.best(_distances(trials, found.points, start))
+    return found, best, variances_at(found.squares[best], units, trials.dimension) if unknown else ones
+
+
+def _distances(trials: Trials, points: Floats, start: Floats) -> Floats:
+    """How far the points (K, N) are from the start, in the metric of the Jacobian there, (K,)."""
+    jacobian = trials.linearised(start[None])[1][0]
+    scale = np.linalg.norm(np.where(np.isfinite(jacobian), jacobian, 0.0), axis=0)
+    away = (trials.coordinates(points) - trials.coordinates(start[None])) * scale
+    return np.asarray(np.linalg.norm(away, axis=1), dtype=np.float64)
 
 
 def _settled(
@@ -160,13 +174,19 @@ def _widened(
     """Point, squared norms and limits with unknown noise as the inliers have it, where the median made it too small.
 
     The robust scale of a few dozen residuals is uncertain by a tenth and more. Where it came out low, good units were
-    cut off; three standard deviations of the inliers take them back.
+    cut off; three standard deviations of the inliers take them back, as long as that brings any.
     """
     unknown = units.group != STATED
-    noise = noise_variances(squares, limits, variances, units, trials.dimension)
-    wider = np.where(unknown, np.maximum(limits, deviation_limits(units.components, STATED_CUT) * noise), limits)
-    found = refined(trials, units, point[None], Truncated(wider, noise), iterations=STEPS)
-    return found.points[0], found.squares[0], wider
+    reach = deviation_limits(units.components, STATED_CUT)
+    for _ in range(ROUNDS):
+        noise = noise_variances(squares, limits, variances, units, trials.dimension)
+        wider = np.where(unknown, np.maximum(limits, reach * noise), limits)
+        if bool(((squares <= wider) == (squares <= limits)).all()):
+            break
+        limits = wider
+        found = refined(trials, units, point[None], Truncated(limits, noise), iterations=STEPS)
+        point, squares = found.points[0], found.squares[0]
+    return point, squares, limits
 
 
 def _contradicted(squares: Floats, units: Units, dimension: int, cut: Floats, inliers: Mask) -> bool:

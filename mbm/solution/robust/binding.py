@@ -58,7 +58,7 @@ def trials_of(equations: Assembled, units: Units, closed_forms: tuple[ClosedForm
     """
     plain = without_losses(equations)
     if plain.implicit is not None:
-        return _OneByOne(plain, units)
+        return _OneByOne(plain.roughly_corrected(), units)
     direct = minimal_solver(plain, plain.numbers, closed_forms) if closed_forms else None
     return _Together(plain, units, batch(plain), direct)
 
@@ -89,6 +89,10 @@ class _Together:
     def linearised(self, points: Floats) -> tuple[Floats, Floats]:
         """Residuals (T, m) and derivatives (T, m, n)."""
         return self.whole.linearised(points, np.arange(len(points)))
+
+    def coordinates(self, points: Floats) -> Floats:
+        """Numbers that steps add to (T, n)."""
+        return self.whole.coordinates(points)
 
     def moved(self, points: Floats, steps: Floats) -> Floats:
         """Points after steps (T, n)."""
@@ -133,6 +137,10 @@ class _OneByOne:
     def linearised(self, points: Floats) -> tuple[Floats, Floats]:
         """Residuals (T, m) and derivatives (T, m, n)."""
         return self.residuals(points), np.stack([self.equations.jacobian(point) for point in points])
+
+    def coordinates(self, points: Floats) -> Floats:
+        """Numbers that steps add to (T, n)."""
+        return np.stack([self.equations.coordinates(point) for point in points])
 
     def moved(self, points: Floats, steps: Floats) -> Floats:
         """Points after steps (T, n), inside the bounds."""

@@ -19,6 +19,9 @@ from mbm.solution.types import Floats, Indices
 DAMPING = 1e-6
 """First damping, relative to the diagonal of the normal equations: candidates are near their fit."""
 
+SAME = 1e-4
+"""Objectives that differ by less, absolutely or as a share, belong to solutions that the data cannot tell apart."""
+
 STILL = 1e-6
 """A step that promises to lower the objective by less than the square of this has arrived."""
 
@@ -102,9 +105,11 @@ class Refined:
     squares: Floats
     objective: Floats
 
-    def best(self) -> int:
-        """The point with the lowest objective; the first of equals."""
-        return int(np.argmin(self.objective))
+    def best(self, distance: Floats) -> int:
+        """The point with the lowest objective; of equals (mirrored ones, say) that at the least ``distance`` (K,)."""
+        lowest = float(self.objective.min())
+        equal = self.objective <= lowest + SAME * max(abs(lowest), 1.0)
+        return int(np.argmin(np.where(equal, distance, np.inf))) if equal.any() else 0
 
 
 def rest_of(residuals: Floats, units: Units) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.solution.robust.units import STATED, Units, consistency
-from mbm.solution.types import Floats, Mask
+from mbm.solution.types import Floats, Indices, Mask
 
 ROUNDS = 20
 """Rounds of variance and truncation in turn; each takes away most of what is left."""
@@ -31,7 +31,7 @@ def noise_variances(squares: Floats, limits: Floats, variances: Floats, units: U
     return found
 
 
-def _untruncated(raw: float, limits: Floats, components: Floats, mine: Mask) -> float:
+def _untruncated(raw: float, limits: Floats, components: Indices, mine: Mask) -> float:
     """The variance of the noise whose part inside the limits has the variance ``raw``."""
     variance = raw
     for _ in range(ROUNDS):

@@ -27,6 +27,10 @@ class Trials(Protocol):
         """Whitened residuals (T, m) and their derivatives (T, m, n)."""
         ...
 
+    def coordinates(self, points: Floats) -> Floats:
+        """The numbers that steps add to (T, n), 0 for rotations, directions and scales."""
+        ...
+
     def moved(self, points: Floats, steps: Floats) -> Floats:
         """The points after steps (T, n), inside the bounds."""
         ...

@@ -105,9 +105,13 @@ class Blocked:
 
     def block_jacobian(self, x: Floats) -> list[Floats]:
         """The whitened Jacobian with losses, for each piece (rows, outputs, width)."""
-        return [self._piece(place, x) for place in self.places]
+        return [self._piece(place, x, plain=False) for place in self.places]
 
-    def _piece(self, place: GroupPlace, x: Floats) -> Floats:
+    def plain_block_jacobian(self, x: Floats) -> list[Floats]:
+        """The same without losses."""
+        return [self._piece(place, x, plain=True) for place in self.places]
+
+    def _piece(self, place: GroupPlace, x: Floats, *, plain: bool) -> Floats:
         group = place.group
         group.fill(x)
         values, nonzeros = group.evaluation.values_and_jacobian()
@@ -116,7 +120,7 @@ class Blocked:
         result.reshape(group.rows, -1)[:, place.target] = nonzeros[:, place.chosen]
         if place.kept is not None:
             result *= place.kept[:, None, :]
-        residuals = group.whitened(values) if group.losses else None
+        residuals = group.whitened(values) if group.losses and not plain else None
         for whitener in group.whiteners:
             rows = result[:, whitener.first : whitener.last]
             if whitener.weights.ndim == 2:

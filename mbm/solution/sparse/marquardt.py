@@ -48,6 +48,12 @@ NOISE = 4.0 * float(np.finfo(np.float64).eps)
 TRIALS = 60
 """Trial points in one iteration."""
 
+ROUNDS = 20
+"""Times that a step is solved for again because it would leave the box."""
+
+ROUNDING = 1e-15
+"""Relative error of a bound minus a number plus that number."""
+
 KEEP = 0.1
 """A coordinate that must stay positive keeps at least this part of its value in one step."""
 
@@ -70,7 +76,7 @@ class Place:
     """A point and what depends on it alone; ``held`` (columns,) are columns at a bound that descent would leave.
 
     ``gradient`` (columns,) is ``Jᵀr``, zero where held, ``squares`` (columns,) the squared norms of the columns,
-    ``rounding`` that of the cost.
+    ``rounding`` that of the cost, ``gaps`` the farthest steps down and up (columns,), None without bounds.
     """
 
     point: Floats
@@ -82,7 +88,7 @@ class Place:
     held: Mask
     cost: float
     rounding: float
-    size: float
+    gaps: tuple[Floats, Floats] | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -154,7 +160,7 @@ def _blocks(equations: Equations) -> BlockEquations | None:
 
 def _begun(equations: BlockEquations, start: Floats, tolerance: float) -> State:
     found = plan(equations.structure())
-    point = _inside(equations, start, start)
+    point = _inside(equations, start)
     residuals = equations.residuals(point)
     row, reason, place = first_bad(residuals), Reason.NOT_FINITE_AT_START, None
     if row is None and not isfinite(float(residuals @ residuals)):
@@ -187,8 +193,11 @@ def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
         if step is None:
             state = _shortened(state)
             continue
-        point, step = _moved(equations, here, state.plan, step)
         promise = _promise(state.plan, here, step)
+        if promise <= 0.0 and state.damping < MOST and bool(step.any()):
+            state = _shortened(state)
+            continue
+        point = _moved(equations, here, state.plan, step)
         offset = _offset(equations, here, promise)
         if state.damping > LEAST and offset <= state.tolerance:
             state = replace(state, damping=LEAST)
@@ -277,44 +286,75 @@ def _place(equations: BlockEquations, found: Plan, point: Floats, residuals: Flo
         held=held,
         cost=cost,
         rounding=2.0 * noise * sqrt(cost) + noise * noise,
-        size=size,
+        gaps=_gaps(equations, found, point),
     )
 
 
 def _solved(state: State, here: Place, damping: float) -> Floats | None:
-    """The damped step over the padded columns; None where the equations cannot be factorised."""
-    added = damping * np.clip(here.squares, *DIAGONAL)
-    added[state.plan.structure.dead | here.held] = 1.0
-    factors = factorised(state.plan, here.normal, added)
-    if factors is None:
-        return None
-    step = factors.solve(-here.gradient[:, None])[:, 0]
-    return step if bool(np.isfinite(step).all()) else None
+    """The damped step over the padded columns; None where the equations cannot be factorised.
+
+    With bounds: what would leave the box is put on its bound, and the rest solved again (an active set that only grows).
+    """
+    layout = state.plan.structure
+    normal, gradient, still = here.normal, here.gradient, layout.dead | here.held
+    step = np.zeros(layout.columns)
+    matrix = layout.matrix(here.values)
+    for _ in range(ROUNDS):
+        added = damping * np.clip(here.squares, *DIAGONAL)
+        added[still] = 1.0
+        factors = factorised(state.plan, normal, added)
+        if factors is None:
+            return None
+        found = factors.solve(-np.where(still, 0.0, gradient)[:, None])[:, 0]
+        step = np.where(still, step, found)
+        if not bool(np.isfinite(step).all()):
+            return None
+        if here.gaps is None:
+            return step
+        crossing = ((step < here.gaps[0]) | (step > here.gaps[1])) & ~still
+        step = np.clip(step, *here.gaps)
+        if not crossing.any():
+            return step
+        still = still | crossing
+        normal = state.plan.pattern.accumulate(layout.weighted(here.values, np.where(still, 0.0, 1.0)))
+        step = np.where(still, step, 0.0)
+        gradient = here.gradient + matrix.T @ (matrix @ step)
+    return step
 
 
-def _inside(equations: Equations, point: Floats, before: Floats) -> Floats:
-    """The point with its coordinates inside the bounds."""
+def _gaps(equations: Equations, found: Plan, point: Floats) -> tuple[Floats, Floats] | None:
+    """Farthest steps down and up (columns,); None without bounds."""
     lower, upper, positive = equations.lower, equations.upper, equations.positive
     if not (positive.any() or np.isfinite(lower).any() or np.isfinite(upper).any()):
-        return point
+        return None
+    here = equations.coordinates(point)
+    layout = found.structure
+    down, up = np.full(layout.columns, -inf), np.full(layout.columns, inf)
+    down[layout.free] = np.where(positive, np.maximum(lower - here, (KEEP - 1.0) * here), lower - here)
+    up[layout.free] = upper - here
+    return down, up
+
+
+def _inside(equations: Equations, point: Floats) -> Floats:
+    """The start with its coordinates inside the bounds."""
     found = equations.coordinates(point)
-    inside = np.clip(found, lower, upper)
-    least = KEEP * equations.coordinates(before)
-    inside = np.where(positive & (inside < least), least, inside)
+    inside = np.clip(found, equations.lower, equations.upper)
     return point if np.array_equal(found, inside) else equations.placed(point, inside)
 
 
-def _moved(equations: Equations, here: Place, found: Plan, step: Floats) -> tuple[Floats, Floats]:
-    """The trial point inside the bounds, and the step (columns,) that leads there."""
-    free = found.structure.free
-    point = equations.retract(here.point, step[free])
-    inside = _inside(equations, point, here.point)
-    if inside is point:
-        return point, step
-    short = equations.coordinates(inside) - equations.coordinates(point)
-    step = step.copy()
-    step[free] += short
-    return inside, step
+def _moved(equations: Equations, here: Place, found: Plan, step: Floats) -> Floats:
+    """The point after a step; what the step puts on a bound stands on it to the last bit."""
+    own = step[found.structure.free]
+    point = equations.retract(here.point, own)
+    if here.gaps is None:
+        return point
+    down, up = here.gaps[0][found.structure.free], here.gaps[1][found.structure.free]
+    lower, upper = equations.lower, equations.upper
+    reached = equations.coordinates(point)
+    inside = np.clip(reached, lower, upper)
+    inside = np.where((own <= down) & np.isfinite(lower) & (inside <= lower + ROUNDING * np.abs(own)), lower, inside)
+    inside = np.where((own >= up) & np.isfinite(upper) & (inside >= upper - ROUNDING * np.abs(own)), upper, inside)
+    return point if np.array_equal(reached, inside) else equations.placed(point, inside)
 
 
 def _promise(found: Plan, here: Place, step: Floats) -> float:

@@ -1,0 +1,82 @@
+"""The covariance of estimates with robust losses for sparse problems.
+
+Each loss with its pooled factors of slope and spread (as `mbm.solution.robust.covariance` has them for dense problems)
+gives the information ``slope²/spread · Σ w JᵀJ``; their sum is inverted as a whole. That is the sandwich itself where
+one loss acts on all rows, and the covariance of the best combination of the parts where there are several.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.solution.robust.losses import LossFunction
+from mbm.solution.sparse.observability import sparse_covariance
+from mbm.solution.sparse.rank import decided
+from mbm.solution.sparse.structure import BlockJacobian
+from mbm.solution.types import Covariance, Floats, Indices, Mask, Observability
+
+Losses = Iterable[tuple[LossFunction, Indices]]
+
+
+@np.errstate(all="ignore")
+def sparse_sandwich(
+    losses: Losses, residuals: Floats, blocks: BlockJacobian, observed: Observability
+) -> tuple[Covariance, Observability]:
+    """The covariance, and ``observed`` with the inverse that derived quantities are propagated with.
+
+    ``losses`` have the places (units, k) of the residuals that they act on; ``residuals`` (m,) and the Jacobian in
+    ``blocks`` are plain, whitened with the noise that the estimates hold with.
+    """
+    layout = blocks.plan.structure
+    found = list(losses)
+    weight, slope = np.ones(len(residuals)), np.ones(len(residuals))
+    every = np.arange(len(residuals)) if layout.rows is None else layout.rows
+    for loss, lines in found:
+        squares = np.square(residuals[lines]).sum(axis=1)
+        weight[lines] = loss.weight(squares)[:, None]
+        slope[lines] = (loss.weight(squares) + 2.0 * loss.slope(squares) * squares / lines.shape[1])[:, None]
+    pools = [(loss, np.concatenate([p.ravel() for other, p in found if other == loss])) for loss in _each(found)]
+    held = _held(blocks, observed.fixed)
+    factors = weight.copy()
+    for _, places in pools:
+        factors[places] *= float(slope[places].sum()) / max(float(weight[places].sum()), 1e-300)
+    inverse = decided(blocks.plan, _weighted(blocks, np.sqrt(np.maximum(factors, 0.0)), every), held).inverse
+    leverages = inverse.leverages(_weighted(blocks, np.sqrt(np.maximum(factors, 0.0)), every), observed.fixed)
+    for _, places in pools:
+        total = max(float(weight[places].sum()), 1e-300)
+        mean = float(slope[places].sum()) / total
+        spread = float(np.square(weight[places] * residuals[places]).sum()) / total
+        share = float(leverages[places].sum())
+        bend = float(slope[places].var()) / max(float(slope[places].mean()) ** 2, 1e-300)
+        if len(places) > share:
+            spread *= (1.0 + share / len(places) * bend) ** 2 * len(places) / (len(places) - share)
+        factors[places] = weight[places] * mean * mean / max(spread, 1e-300)
+    final = decided(blocks.plan, _weighted(blocks, np.sqrt(factors), every), held).inverse
+    estimable = observed.estimable & ~final.single()
+    settled = replace(observed, inverse=final, estimable=estimable)
+    return sparse_covariance(settled, 1.0), settled
+
+
+def _each(losses: list[tuple[LossFunction, Indices]]) -> list[LossFunction]:
+    return list(dict.fromkeys(loss for loss, _ in losses))
+
+
+def _held(blocks: BlockJacobian, fixed: Mask) -> Mask:
+    layout = blocks.plan.structure
+    held = np.zeros(layout.columns, dtype=bool)
+    held[layout.free] = fixed
+    return held
+
+
+def _weighted(blocks: BlockJacobian, factors: Floats, every: Indices) -> list[Floats]:
+    """The Jacobian with its rows multiplied; ``every`` (m,) places the factors among all residuals."""
+    layout = blocks.plan.structure
+    whole = np.zeros(layout.count)
+    whole[every] = factors
+    return [
+        values * whole[piece.residuals].reshape(values.shape[:2])[:, :, None]
+        for piece, values in zip(layout.pieces, blocks.values, strict=True)
+    ]

@@ -1,0 +1,72 @@
+"""The figure of 25 degrees of freedom within its joint limits, from random starts: the four postures that fit best."""
+
+from __future__ import annotations
+
+import csv
+import math
+
+import numpy as np
+import pytest
+
+import mbm
+from tests.evidence.material import shared, shared_json
+from tests.evidence.skeleton import PATHS, POSE, joints_at
+
+STARTS = 120
+
+
+@pytest.fixture(scope="module")
+def expected():
+    return shared_json("reference", "skeleton", "expected.json")
+
+
+@pytest.fixture(scope="module")
+def solve(tmp_path_factory):
+    """The shared example as it stands, with its data from the reference and fewer starts."""
+    folder = tmp_path_factory.mktemp("skeleton")
+    text = shared("examples", "skeleton.mbm").read_text("utf-8")
+    assert "(random 500 :seed 7)" in text
+    (folder / "skeleton.mbm").write_text(text.replace("(random 500", f"(random {STARTS}"), "utf-8")
+    with shared("reference", "skeleton", "joints.csv").open() as stream:
+        joints = [[row["joint"], PATHS[row["joint"]], row["X"], row["Y"]] for row in csv.DictReader(stream)]
+    given = shared_json("reference", "skeleton", "inputs.json")
+    truth = shared_json("reference", "skeleton", "truth.json")
+    limits = given["joint_limits_deg"]
+    angles = [n for n in given["unknowns"] if n not in POSE]
+    dofs = [[n, *limits[n], math.degrees(truth[n])] for n in angles]
+    for name, head, rows in (
+        ("joints", ["joint", "path", "X", "Y"], joints),
+        ("dofs", ["dof", "lo", "hi", "near"], dofs),
+    ):
+        with (folder / f"skeleton_{name}.csv").open("w", newline="", encoding="utf-8") as stream:
+            csv.writer(stream).writerows([head, *rows])
+    return mbm.load(folder / "skeleton.mbm").named("skeleton-limits").solve().first
+
+
+def posture(estimates):
+    by_name = {e.quantity.name: e for e in estimates}
+    angles = dict(zip(by_name["q"].keys, np.asarray(by_name["q"].value).tolist(), strict=True))
+    joints = joints_at({**{n: float(by_name[n].value) for n in POSE}, **angles})
+    return np.array([joints[name] for name in PATHS])
+
+
+def test_a_fifth_of_the_starts_and_more_reach_the_best_minimum(solve, expected):
+    assert solve.status.label == "converged"
+    assert solve.cost == pytest.approx(expected["global_cost"], rel=1e-8)
+    assert solve.starts.tried == STARTS
+    assert solve.starts.best_found / STARTS >= 0.2
+
+
+def test_the_four_postures_within_the_limits_are_found_and_no_other(solve, expected):
+    best = [a for a in solve.alternatives if a.cost < solve.cost * (1 + 1e-6)]
+    found = [posture(solve.estimates), *(posture(a.estimates) for a in best)]
+    listed = []
+    for solution in expected["solutions_in_limits"]:
+        names = shared_json("reference", "skeleton", "inputs.json")["unknowns"]
+        joints = joints_at(dict(zip(names, solution["x"], strict=True)))
+        listed.append(np.array([joints[name] for name in PATHS]))
+    assert len(found) == len(listed) == 4
+    for joints in listed:
+        # The reference is good to 1e-7 m (its README).
+        assert min(np.abs(joints - other).max() for other in found) < 1e-7
+    assert "another-solution" in [d.code.name for d in solve.diagnostics]
