@@ -31,6 +31,9 @@ LARGEST = 400
 DIFFERENCE = 1e-4
 """Length of a difference in conditional standard deviations of the coordinate."""
 
+COMPARED = 60
+"""Minima, the lowest first, that are looked at for twins."""
+
 SHARE = 0.1
 """Share of its box, or of its size, that a coordinate moves at most."""
 
@@ -78,8 +81,8 @@ def merged(equations: Assembled, basins: Sequence[Basin]) -> tuple[Basin, ...]:
 def without_twins(stack: Batch, basins: Sequence[Basin]) -> tuple[Basin, ...]:
     """Basins that are another way to write a better one are joined to it; mirror images stay, and are marked."""
     kept: list[Basin] = []
-    for basin in basins:
-        found = _twin_among(stack, kept, basin)
+    for number, basin in enumerate(basins):
+        found = _twin_among(stack, kept, basin) if number < COMPARED else None
         if found is None:
             kept.append(basin)
         elif found[1] is Twin.MIRRORED:

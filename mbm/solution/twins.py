@@ -22,6 +22,9 @@ NEAR = 1e-5
 AGREE = 1e-7
 """Relative difference of residuals that a symmetry may leave: rounding, magnified by the model."""
 
+MIDDLES = 3
+"""Numbers that a reflection may have about middles of their own: one through a plane across all axes."""
+
 PROBES = 6
 ANGLE = 0.3
 SHARE = 0.1
@@ -90,8 +93,8 @@ def _exchange(first: Floats, second: Floats, moving: Indices) -> _Map | None:
     return _Map(targets=moving, sources=moving[source], sign=ones, shift=zeros, kind=Twin.EXCHANGED)
 
 
-def _reflection(first: Floats, second: Floats, moving: Indices, turning: Mask) -> _Map:
-    """Half turns of angles, supplements and changes of sign; other numbers are reflected about the middle."""
+def _reflection(first: Floats, second: Floats, moving: Indices, turning: Mask) -> _Map | None:
+    """Half turns of angles, supplements and changes of sign; a few numbers may be reflected about any middle."""
     a, b = first[moving], second[moving]
 
     def wrapped(x: Floats) -> Floats:
@@ -99,9 +102,11 @@ def _reflection(first: Floats, second: Floats, moving: Indices, turning: Mask) -
 
     half = turning & (wrapped(b - a - np.pi) <= NEAR)
     supplement = turning & ~half & (wrapped(b + a - np.pi) <= NEAR)
+    negated = np.where(turning, wrapped(a + b) <= NEAR, np.abs(a + b) <= NEAR * (np.abs(a) + np.abs(b)))
+    if (~(half | supplement | negated)).sum() > MIDDLES:
+        return None
     sign = np.where(half, 1.0, -1.0)
-    middle = np.where(np.abs(a + b) <= NEAR * (np.abs(a) + np.abs(b)), 0.0, a + b)
-    shift = np.where(half | supplement, np.pi, np.where(turning & (wrapped(a + b) <= NEAR), 0.0, middle))
+    shift = np.where(half | supplement, np.pi, np.where(negated, 0.0, a + b))
     kind = Twin.TURNED if half.any() else Twin.MIRRORED
     return _Map(targets=moving, sources=moving, sign=sign, shift=shift, kind=kind)
 

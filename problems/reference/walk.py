@@ -8,6 +8,8 @@ from problems.reference.least_squares import estimate, table, write_expected, wr
 
 LENGTH, STEP, LEAST = 30.0, 15.0, 10
 SECONDS = 121
+ROUNDING = 1e-9
+"""Of decimal times in binary numbers: a row exactly one length before the end is not in the window."""
 
 
 def measure() -> None:
@@ -42,9 +44,9 @@ def main() -> None:
             pairs.append((t, complex(float(row["x"]), float(row["y"])), _place(track[near])))
     solves = []
     first, last = pairs[0][0], pairs[-1][0]
-    for count in range(int((last - first) / STEP + 1e-9) + 1):
+    for count in range(int((last - first) / STEP + ROUNDING) + 1):
         end = first + count * STEP
-        rows = [p for p in pairs if end - LENGTH < p[0] <= end]
+        rows = [p for p in pairs if end - LENGTH + ROUNDING < p[0] <= end + ROUNDING]
         if len(rows) >= LEAST:
             solves.append(_solve(rows, end))
         else:

@@ -34,10 +34,8 @@ def solve(tmp_path_factory):
     limits = given["joint_limits_deg"]
     angles = [n for n in given["unknowns"] if n not in POSE]
     dofs = [[n, *limits[n], math.degrees(truth[n])] for n in angles]
-    for name, head, rows in (
-        ("joints", ["joint", "path", "X", "Y"], joints),
-        ("dofs", ["dof", "lo", "hi", "near"], dofs),
-    ):
+    heads = {"joints": ["joint", "path", "X", "Y"], "dofs": ["dof", "lo", "hi", "near"]}
+    for (name, head), rows in zip(heads.items(), (joints, dofs), strict=True):
         with (folder / f"skeleton_{name}.csv").open("w", newline="", encoding="utf-8") as stream:
             csv.writer(stream).writerows([head, *rows])
     return mbm.load(folder / "skeleton.mbm").named("skeleton-limits").solve().first
