@@ -123,7 +123,9 @@ def explain(
     if stage == "kernels":
         return explaining.kernel_stage(kernels)
     cache = EvaluationCache(loaded.registry.backends["auto"]())
-    return explaining.explanation(found, compiler.symbolic(found), kernels, cache, latex=latex)
+    return explaining.explanation(
+        found, compiler.symbolic(found), kernels, cache, loaded.registry.closed_forms(), latex=latex
+    )
 
 
 def expand(path: str | Path, form_text: str, *, sandbox: Path | None = None) -> str:

@@ -11,6 +11,7 @@ from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, ConstraintKind, Equation, NoiseKind, Problem, Unknown
 from mbm.solution.binding import EvaluationCache
 from mbm.solution.choice import chosen_solver
+from mbm.solution.closed_forms.types import ClosedForm
 from mbm.symbolic.printing import printed
 from mbm.symbolic.types import ColumnInput, Parameter, Purpose, ResidualBlock, Slot, SymbolicModel
 from mbm.text.types import MbmError
@@ -29,7 +30,13 @@ _NOT_BELOW = {False: "≥", True: r"\ge"}
 
 
 def explanation(
-    found: Elaborated, model: SymbolicModel, kernels: KernelSet, cache: EvaluationCache, *, latex: bool
+    found: Elaborated,
+    model: SymbolicModel,
+    kernels: KernelSet,
+    cache: EvaluationCache,
+    closed_forms: tuple[ClosedForm, ...],
+    *,
+    latex: bool,
 ) -> str:
     """Equations, unknowns, noise, structure of the Jacobian, and the solver with the reason for it."""
     problem, tables = found.problem, found.tables
@@ -43,7 +50,7 @@ def explanation(
         blocks = [b for b in model.blocks if b.purpose is Purpose.DERIVED and b.owner == i]
         over = f" for each row of {derived.table}" if derived.table else ""
         lines += [f"derived {derived.name}{over}", *_equations(blocks[:1], derived.name, latex=latex), ""]
-    lines += ["solver", *(f"  {line}" for line in _solver(found, kernels, cache))]
+    lines += ["solver", *(f"  {line}" for line in _solver(found, kernels, cache, closed_forms))]
     return "\n".join(lines) + "\n"
 
 
@@ -125,9 +132,11 @@ def _structure(block: ResidualBlock) -> Iterator[str]:
     yield f"    Jacobian block: {rows} × {len(block.tangents)}, with respect to {names}"
 
 
-def _solver(found: Elaborated, kernels: KernelSet, cache: EvaluationCache) -> Iterator[str]:
+def _solver(
+    found: Elaborated, kernels: KernelSet, cache: EvaluationCache, closed_forms: tuple[ClosedForm, ...]
+) -> Iterator[str]:
     try:
-        choice = chosen_solver(found, kernels, cache)
+        choice = chosen_solver(found, kernels, cache, closed_forms)
     except MbmError as error:
         yield f"none: {error.diagnostics[0].message}"
         return

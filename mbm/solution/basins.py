@@ -130,7 +130,7 @@ def ways_down(equations: Assembled, stack: Batch, minimum: Minimum) -> tuple[Flo
 
 def _units(equations: Assembled, minimum: Minimum, spread: float) -> Floats:
     """How far each coordinate (n,) moves to change the residuals by about their size; at most a tenth of its box."""
-    length = np.linalg.norm(minimum.jacobian, axis=0)
+    length = _lengths(minimum)
     width = equations.upper - equations.lower
     size = np.maximum(1.0, np.abs(equations.coordinates(minimum.point)))
     most = SHARE * np.where(np.isfinite(width), width, size)
@@ -142,7 +142,7 @@ def _same(equations: Assembled, one: Minimum, other: Minimum) -> bool:
     if not equal_costs(one.cost, other.cost):
         return False
     apart = separation(equations, one.point, other.point[None])[0]
-    length = np.linalg.norm(one.jacobian, axis=0)
+    length = _lengths(one)
     spread = np.sqrt(max(1.0, one.cost))
     size = np.abs(equations.coordinates(one.point))
     within = apart * length <= FINE * spread + EQUAL * size * length
@@ -153,8 +153,17 @@ def _same(equations: Assembled, one: Minimum, other: Minimum) -> bool:
     return bool((np.abs(one.residuals - other.residuals) <= FINE * spread).all())
 
 
+def _lengths(minimum: Minimum) -> Floats:
+    """Norms of the columns of the Jacobian (n,), dense or sparse."""
+    if minimum.blocks is not None:
+        return np.sqrt(np.asarray(minimum.blocks.normal_diagonal()))
+    return np.asarray(np.linalg.norm(minimum.jacobian, axis=0))
+
+
 def _flat(minimum: Minimum) -> bool:
-    """The equations do not determine all unknowns at the minimum."""
+    """The equations do not determine all unknowns at the minimum; with many unknowns nobody asks."""
+    if minimum.blocks is not None:
+        return False
     free = minimum.at_bound == 0
     columns = minimum.jacobian[:, free]
     length = np.linalg.norm(columns, axis=0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,10 @@ from mbm.solution.types import Floats, Indices, Mask
 from mbm.solution.whitening import Whitener, whitener
 from mbm.symbolic.types import ConstantInput, Parameter, Purpose, Slot
 from mbm.text.types import MbmError
+
+
+DENSE_PART = 20_000_000
+"""Numbers in a dense Jacobian of some rows that is made at once: 160 MB."""
 
 
 class EvaluationCache:
@@ -126,6 +130,21 @@ class Group:
         result = np.zeros((self.rows, self.kernel.outputs, width))
         self.add_jacobian(numbers, self.scatter(columns), result)
         return result
+
+    def dense_slopes(self, numbers: Floats, columns: Indices, width: int) -> Iterator[tuple[slice, Floats]]:
+        """``dense_jacobian`` a part of the rows at a time: which ones, and theirs."""
+        step = max(DENSE_PART // max(self.kernel.outputs * width, 1), 1)
+        if step >= self.rows:
+            yield slice(0, self.rows), self.dense_jacobian(numbers, columns, width)
+            return
+        self.fill(numbers)
+        nonzeros = self.evaluation.values_and_jacobian()[1].copy()
+        outputs, inputs = self.kernel.jacobian_rows, self.kernel.jacobian_columns
+        for start in range(0, self.rows, step):
+            rows = slice(start, min(start + step, self.rows))
+            part = np.zeros((rows.stop - rows.start, self.kernel.outputs, width))
+            scatter(outputs, inputs, self.columns[rows], self.shared_columns, columns).add(nonzeros[rows], part)
+            yield rows, part
 
     def add_jacobian(self, numbers: Floats, places: Scatter, target: Floats) -> None:
         """Add the Jacobian, not whitened, to ``target`` (rows, outputs, width)."""

@@ -71,17 +71,19 @@ class Propagation:
         for group in self.binder.derived(self.kernels, owner):
             positions = group.positions if group.positions is not None else np.arange(1)
             stated = group.values(self.numbers).copy()
-            part = group.dense_jacobian(self.numbers, self._columns(self.equations.free), width)
             unknown = self._unknown(group)
             if derived.kind is None:
                 values[positions] = stated
             else:
                 values[positions] = numbers_of_stated(derived.kind, derived.dimension, stated)
-                part = tangent_slopes(derived.kind, derived.dimension, stated, part)
                 unknown = np.repeat(unknown.any(axis=1, keepdims=True), size, axis=1)
-            sigma[positions] = np.where(unknown, np.nan, self._sigmas(part))
-            if gradient is not None:
-                gradient[positions] = part
+            for rows, slopes in group.dense_slopes(self.numbers, self._columns(self.equations.free), width):
+                chosen, part = positions[rows], slopes
+                if derived.kind is not None:
+                    part = tangent_slopes(derived.kind, derived.dimension, stated[rows], slopes)
+                sigma[chosen] = np.where(unknown[rows], np.nan, self._sigmas(part))
+                if gradient is not None:
+                    gradient[chosen] = part
         return DerivedSolution(
             owner=owner,
             values=values,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from mbm.problem.types import Method
 from mbm.solution import faults
-from mbm.solution.constrained.solve import constrained, constrained_minimum, method_name, with_constraints
+from mbm.solution.constrained.solve import constrained_minimum, for_constrained, method_name, with_constraints
 from mbm.solution.implicit.approach import approached
 from mbm.solution.settings import Settings
 from mbm.solution.solvers.dogleg import DOGLEG
@@ -47,7 +47,7 @@ def solver_for(equations: Equations, settings: Settings) -> Solver:
 def solver_name(equations: Equations, settings: Settings) -> str:
     """The name of the method that ``minimise`` takes."""
     solver = solver_for(equations, settings)
-    return solver.name if solver is STANDING or constrained(equations, settings) is None else method_name(settings)
+    return solver.name if solver is STANDING or for_constrained(equations, settings) is None else method_name(settings)
 
 
 def minimise(equations: Equations, start: Floats, settings: Settings, place: Place | None = None) -> Minimum:
@@ -64,7 +64,7 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
     if solver is not SPARSE_MARQUARDT and size > DENSE_LIMIT:
         raise MbmError(faults.too_many_unknowns(equations.count, equations.dimension, DENSE_LIMIT, place))
     start = approached(equations, start, lambda plain, point: _roughly(plain, point, settings))
-    bound = constrained(equations, settings)
+    bound = for_constrained(equations, settings)
     if solver is not STANDING and bound is not None:
         return constrained_minimum(bound, start, settings)
     state = solver.init(equations, start, settings.tolerance)

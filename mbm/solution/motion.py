@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mbm.solution.constrained.types import constrained
 from mbm.solution.types import Equations, Floats, FreeCombination, Minimum, Motion, Observability
 
 FINITE = 0.1
@@ -44,8 +45,22 @@ def _classified(equations: Equations, minimum: Minimum, combination: FreeCombina
 
 
 def _invisible(equations: Equations, minimum: Minimum, indices: np.ndarray, step: Floats) -> bool:
+    moved = equations.retract(minimum.point, step)
     expected = float(abs(minimum.jacobian[:, indices] * step[indices]).sum(axis=1).max(initial=0.0))
     with np.errstate(all="ignore"):
-        change = equations.residuals(equations.retract(minimum.point, step)) - minimum.residuals
+        change = equations.residuals(moved) - minimum.residuals
     largest = float(np.abs(change).max(initial=0.0))
-    return bool(np.isfinite(largest) and largest <= UNCHANGED * expected)
+    seen = not (np.isfinite(largest) and largest <= UNCHANGED * expected)
+    return not seen and not _forbidden(equations, minimum, indices, step, moved)
+
+
+def _forbidden(equations: Equations, minimum: Minimum, indices: np.ndarray, step: Floats, moved: Floats) -> bool:
+    """Whether a constraint that holds the estimates notices the movement."""
+    held = minimum.constraints
+    bound = constrained(equations)
+    if held is None or bound is None or not bool(held.forcing.any()):
+        return False
+    with np.errstate(all="ignore"):
+        change = np.abs(bound.constraint_values(moved) - held.values)[held.forcing]
+    expected = np.abs(held.slopes[held.forcing][:, indices] * step[indices]).sum(axis=1)
+    return not bool((change <= UNCHANGED * expected).all())

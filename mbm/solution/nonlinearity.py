@@ -70,7 +70,7 @@ def interval_ends(equations: Equations, minimum: Minimum, estimated: Covariance)
     m = len(minimum.residuals)
     if equations.linear or not known.size or equations.count != m or not minimum.reason.converged:
         return None
-    if known.size > MOST_COORDINATES or 2 * known.size * m > MOST_RESIDUALS:
+    if known.size > MOST_COORDINATES or 2 * known.size * m > MOST_RESIDUALS or minimum.blocks is not None:
         return None
     factor = estimated.factor
     image = minimum.jacobian @ factor

@@ -74,7 +74,7 @@ def _strained(
     priors = [i for i, block in enumerate(problem.blocks) if block.role is BlockRole.PRIOR]
     rows = {i: equations.block_rows(i) for i in priors}
     count = sum(map(len, rows.values()))
-    if not count or len(minimum.residuals) != equations.count:
+    if not count or len(minimum.residuals) != equations.count or minimum.blocks is not None:
         return ()
     limit = max(STRAINED, float(np.sqrt(2 * np.log(count / IMPROBABLE))) if count > 1 else STRAINED)
     found = []

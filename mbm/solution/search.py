@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbm.problem.types import Problem
+from mbm.problem.types import Method, Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.basins import Basin, ends_apart, equal_costs, merged, ways_down, without_twins
 from mbm.solution.batch import batch
@@ -21,6 +21,9 @@ from mbm.solution.types import Floats, Minimum
 
 FEW = 3
 """Up to so many starts each is minimised by itself: a batch pays only for many."""
+
+ITERATIVE = (Method.AUTO, Method.MARQUARDT, Method.DOGLEG, Method.GAUSS_NEWTON)
+"""Methods that a descent of many points at once may stand in for, before they polish its ends."""
 
 POLISHED = 200
 """Distinct ends of a batch that are minimised to the last digits, the lowest first."""
@@ -142,7 +145,8 @@ class _Seeker:
         self.evaluations = 0
         small = equations.count * equations.dimension <= LARGE
         plain = not equations.constraints and not any(block.errors for block in problem.blocks)
-        self.batchable = small and plain and equations.count > 0 and equations.dimension > 0
+        moving = settings.method in ITERATIVE
+        self.batchable = small and plain and moving and equations.count > 0 and equations.dimension > 0
 
     def polished(self, point: Floats) -> Minimum:
         """The minimum that a point leads to."""

@@ -26,6 +26,8 @@ FOLDER = Path(__file__).parent
 TESTS = FOLDER.parent
 
 ELSEWHERE = {
+    "assumed-noise": "simulation/test_measurements.py",
+    "assumed-value": "simulation/test_measurements.py",
     "bad-array": "data/test_data_diagnostics.py",
     "bad-call": "cli/test_main.py",
     "bad-initial-values": "report/test_initial.py",
@@ -33,13 +35,19 @@ ELSEWHERE = {
     "exists-already": "cli/test_commands.py",
     "file-too-large": "data/test_path_diagnostics.py",
     "internal-fault": "cli/test_main.py",
+    "kept-equation": "simulation/test_measurements.py",
+    "measured-elsewhere": "simulation/test_measurements.py",
     "missing-extra": "report/test_plots.py",
+    "no-true-value": "simulation/test_measurements.py",
     "not-a-table": "data/test_data_diagnostics.py",
+    "not-simulated": "simulation/test_measurements.py",
     "not-writable": "bad/test_made.py",
     "plot-format": "report/test_plots.py",
     "text-too-large": "bad/test_made.py",
     "too-deeply-nested": "bad/test_made.py",
+    "unclear-measurement": "simulation/test_measurements.py",
     "unknown-backend": "bad/test_made.py",
+    "unknown-observation": "simulation/test_measurements.py",
     "unreadable-file": "text/test_syntax_errors.py",
 }
 """Codes that no problem file or table can produce by itself, or whose cases are too large to keep: their test."""

@@ -41,9 +41,9 @@ BAD_NOISE = Code(
 BAD_BOUNDS = Code("bad-bounds", "A lower bound is not below the upper bound.", "Exchange or widen them.")
 MISSING_START = Code(
     "missing-start",
-    "An unknown enters the equations nonlinearly and has neither `:init` nor `:in`; this version finds starts "
-    "for unknowns that enter linearly only.",
-    "Give `:init`, or a range `:in (lo hi)`, whose middle is taken.",
+    "An unknown has neither `:init` nor a range, and no start can be found: it is fixed, so that nothing may be chosen "
+    "for it, or no closed form applies and no random point gives its equations a finite value.",
+    "Give `:init`, or a range `:in (lo hi)` in which the equations have values.",
 )
 UNMENTIONED = Code(
     "unmentioned",
@@ -210,10 +210,9 @@ def bad_bounds(span: Span, name: str) -> Diagnostic:
 
 
 def missing_start(span: Span, name: str) -> Diagnostic:
-    """A start that this version cannot find."""
+    """A start that cannot be found."""
     return Diagnostic(
-        code=MISSING_START, message=f"`{name}` has no start, and it enters the equations nonlinearly", place=span,
-        hint="give `:init`, or a range `:in (lo hi)`, whose middle is taken",
+        code=MISSING_START, message=f"`{name}` has no start, and none can be found", place=span, hint=MISSING_START.mend
     )  # fmt: skip
 
 

@@ -12,16 +12,16 @@ from mbm.solution.constrained.answer import constraint_state, minimum_of
 from mbm.solution.constrained.ipopt import by_interior_points
 from mbm.solution.constrained.linearise import linearise
 from mbm.solution.constrained.minimise import by_penalties, by_sequential_steps
-from mbm.solution.constrained.types import ConstrainedEquations
+from mbm.solution.constrained.types import ConstrainedEquations, constrained
 from mbm.solution.settings import Settings
 from mbm.solution.types import Equations, Floats, Minimum
 
 
-def constrained(equations: Equations, settings: Settings) -> ConstrainedEquations | None:
+def for_constrained(equations: Equations, settings: Settings) -> ConstrainedEquations | None:
     """The equations if they have constraints, or are for Ipopt."""
-    equality = getattr(equations, "equality", None)
-    wanted = equality is not None and (equality.size > 0 or settings.method is Method.IPOPT)
-    return cast(ConstrainedEquations, equations) if wanted else None
+    if settings.method is Method.IPOPT and hasattr(equations, "equality"):
+        return cast(ConstrainedEquations, equations)
+    return constrained(equations)
 
 
 def method_name(settings: Settings) -> str:

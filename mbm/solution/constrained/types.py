@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Protocol, TypeAlias, cast
 
 from mbm.solution.types import Equations, Floats, Mask
 
@@ -32,6 +32,12 @@ class ConstrainedEquations(Equations, Protocol):
     def constraint_jacobian(self, x: Floats) -> Floats:
         """dc/d(step) at step 0, shape (k, n)."""
         ...
+
+
+def constrained(equations: Equations) -> ConstrainedEquations | None:
+    """The equations if they have constraints."""
+    equality = getattr(equations, "equality", None)
+    return cast(ConstrainedEquations, equations) if equality is not None and equality.size > 0 else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

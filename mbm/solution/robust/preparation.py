@@ -23,6 +23,7 @@ from mbm.solution.robust.scale import information_left
 from mbm.solution.robust.scores import STATED_CUT
 from mbm.solution.robust.units import STATED, Units, limits
 from mbm.solution.settings import Settings
+from mbm.solution.sparse.equations import sparse_suits
 from mbm.solution.starting import Beginning
 from mbm.solution.types import Floats, Mask, Minimum, Noise, NoiseState
 from mbm.text.types import Diagnostic
@@ -60,7 +61,7 @@ def prepared(problem: Problem, equations: Assembled, settings: Settings, starts:
     """The equations that count, and better starts; what was given where nothing is robust."""
     if settings.robust is not None:
         return _agreeing(problem, equations, settings, settings.robust, starts)
-    if equations.lossy:
+    if equations.lossy and not sparse_suits(equations):  # trials with very many unknowns would never end
         return _scaled(problem, equations, settings, starts)
     return Prepared(equations=equations, starts=starts)
 

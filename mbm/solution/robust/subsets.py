@@ -7,7 +7,7 @@ from a family's member just as much as the member needs, and units that say the 
 from __future__ import annotations
 
 from itertools import combinations
-from math import ceil, comb, log
+from math import ceil, comb, log, log1p
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def trials_for(units: int, size: int, asked: int | None) -> int:
     """How many trials: what is asked for, or enough for 40 % outliers; never more than there are subsets."""
     if asked is None:
         hit = GOOD_SHARE**size
-        needed = ceil(log(MISSED) / log(1.0 - hit)) if 0.0 < hit < 1.0 else LEAST_TRIALS
+        needed = ceil(log(MISSED) / log1p(-hit)) if 0.0 < hit < 1.0 else LEAST_TRIALS
         asked = min(max(needed, LEAST_TRIALS), MOST_TRIALS)
     return min(asked, comb(units, size)) if size <= units else 1
 

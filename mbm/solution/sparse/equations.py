@@ -142,8 +142,10 @@ class Blocked:
 
 
 def sparse_suits(equations: Equations) -> bool:
-    """Whether there are many unknowns of which each equation touches few, and nothing but equations and bounds."""
-    if not isinstance(equations, Assembled) or equations.dimension <= LARGE or equations.constraints:
+    """Whether there are many unknowns of which each equation touches few, and no constraints or errors in columns."""
+    if not isinstance(equations, Assembled) or equations.dimension <= LARGE:
+        return False
+    if equations.constraints or equations.implicit is not None:
         return False
     return all(group.columns.shape[1] <= SPARSE * equations.dimension for group in equations.groups if group.rows)
 
