@@ -56,6 +56,10 @@ SPECIAL = {
     "sum": ("(sum (i first last) form)", "The sum of the form for i = first … last."),
     "first": ("(first TABLE form)", "The form with the columns of the table's first row; in problems."),
     "last": ("(last TABLE form)", "The form with the columns of the table's last row; in problems."),
+    "sample": (
+        "(sample TABLE form at [:by column])",
+        "The form between the two rows of the table around a time, on the straight line; in problems.",
+    ),
 }
 
 

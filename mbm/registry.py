@@ -15,8 +15,8 @@ from mbm.language.limits import Limits
 from mbm.shapes.vocabulary import vocabulary
 
 if TYPE_CHECKING:
-    from mbm.solution.closed_forms.types import ClosedForm
     from mbm.kernels.types import Backend
+    from mbm.solution.closed_forms.types import ClosedForm
 
 
 def _casadi() -> Backend:

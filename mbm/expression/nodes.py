@@ -76,12 +76,14 @@ CONDITIONS = frozenset(
 
 
 class RowChoice(StrEnum):
-    """Which row of its table a column is read from: the one at hand, or one that a key names."""
+    """Which row of its table a column is read from: the one at hand, one that a key names, or those around a time."""
 
     EACH = "each"
     FIRST = "first"
     LAST = "last"
     KEYED = "keyed"
+    BEFORE = "before"
+    AFTER = "after"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,11 +126,21 @@ class ColumnMember:
 Member: TypeAlias = LiteralMember | ColumnMember
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sampling:
+    """A time ``at`` for the row at hand, and the column ``by`` of ``table`` that it is looked up in."""
+
+    table: str
+    by: str
+    at: Expression = field(repr=False)
+    span: Span = field(repr=False)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Column:
     """A number from a table: from the row at hand, from the first or last row of ``table``, or from one by its key.
 
-    ``member`` names the key where ``row`` is KEYED, None elsewhere.
+    ``member`` names the key where ``row`` is KEYED, ``sampling`` the time where it is BEFORE or AFTER.
     """
 
     table: str
@@ -137,11 +149,12 @@ class Column:
     span: Span | None = field(default=None, repr=False)
     angle: bool = False
     member: Member | None = None
+    sampling: Sampling | None = None
 
     @property
-    def identity(self) -> tuple[str, str, RowChoice, Member | None]:
+    def identity(self) -> tuple[str, str, RowChoice, Member | Sampling | None]:
         """What makes two references the same number."""
-        return (self.table, self.name, self.row, self.member)
+        return (self.table, self.name, self.row, self.member if self.sampling is None else self.sampling)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,6 +30,7 @@ from mbm.problem.reading.request import read_request
 from mbm.problem.reading.sources import DataClause, in_join_order, read_source, refuse_overwriting
 from mbm.problem.reading.unknowns import Declaration, declare_unknowns, given_start, read_unknown
 from mbm.problem.reading.windows import read_window
+from mbm.problem.sampling import refuse_corrected
 from mbm.problem.scopes import ProblemScope
 from mbm.problem.tables import PairDeclaration, Table, TableDeclaration
 from mbm.problem.types import Block, Derived, Overrides, Problem, TablePlan, Unknown
@@ -92,6 +93,8 @@ def elaborate(
     starts = _starts(work, declarations, constants, overrides)
     taken = {prior.name: prior.span for prior in priors}
     observed, concerns = _observed(work, clauses, taken, plans)
+    with work.collecting():
+        refuse_corrected(observed)
     blocks = (*observed, *priors)
     derived = _derived(work, clauses)
     blocks = (*blocks, *model_constraints(work, log, taken))

@@ -9,10 +9,11 @@ import numpy as np
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Leaf, RowChoice, leaves
 from mbm.problem import faults
 from mbm.problem.rows import MAXIMUM_REPORTED, Positions, column_numbers, decided, keyed_rows, rows_of
+from mbm.problem.sampling import time_nodes
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Block, Problem
 from mbm.text.suggest import closest
-from mbm.text.types import Diagnostic
+from mbm.text.types import Diagnostic, MbmError
 
 
 def used_rows(block: Block, tables: Mapping[str, Table]) -> np.ndarray | None:
@@ -109,6 +110,11 @@ def _cells(
 def _finite(
     leaf: Column, table: Table | None, positions: Positions | None, tables: Mapping[str, Table]
 ) -> list[Diagnostic]:
+    if leaf.sampling is not None and leaf.name == leaf.sampling.by:
+        try:
+            time_nodes(leaf.sampling, tables[leaf.table])
+        except MbmError as error:
+            return list(error.diagnostics)
     owner, rows = _rows(leaf, leaf.row, table, positions, tables)
     numbers = column_numbers(owner, leaf.name)
     wrong = rows[~np.isfinite(numbers[rows])][:MAXIMUM_REPORTED]
@@ -123,6 +129,8 @@ def _rows(
     name = leaf.table if isinstance(leaf, Column) else ""
     if isinstance(leaf, Column) and row is RowChoice.KEYED:
         return tables[name], np.unique(keyed_rows(leaf, table, positions, tables))
+    if isinstance(leaf, Column) and leaf.sampling is not None:  # which rows is known when the unknowns are
+        return tables[name], np.arange(len(tables[name]))
     if row is RowChoice.EACH and table is not None and positions is not None:
         return table, positions
     owner = tables[name]

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.expression.evaluate import Lookup, Values, evaluate
-from mbm.expression.nodes import Column, ColumnMember, Constant, Leaf, LiteralMember, RowChoice, leaves
+from mbm.expression.nodes import Column, ColumnMember, Constant, Leaf, LiteralMember, RowChoice, Sampling, leaves
 from mbm.problem import faults
+from mbm.problem.sampling import time_nodes
 from mbm.problem.scopes import ROW
 from mbm.problem.tables import CellKey, Numbers, Table
 from mbm.problem.types import RowValues, Static
@@ -48,6 +49,8 @@ def lookup(table: Table | None, positions: Positions | None, tables: Mapping[str
             return leaf.value
         if not isinstance(leaf, Column):
             raise TypeError(leaf)
+        if leaf.sampling is not None:
+            return sampled_column(leaf, leaf.sampling, value, tables)
         if leaf.row is RowChoice.KEYED:
             return column_numbers(tables[leaf.table], leaf.name)[keyed_rows(leaf, table, positions, tables)]
         if leaf.row is RowChoice.EACH and table is not None and leaf.table == table.name:
@@ -56,6 +59,17 @@ def lookup(table: Table | None, positions: Positions | None, tables: Mapping[str
         return chosen_number(leaf, tables)
 
     return value
+
+
+def sampled_column(leaf: Column, sampling: Sampling, value: Lookup, tables: Mapping[str, Table]) -> Numbers:
+    """A column in the row before or after times that ``value`` knows; NaN beyond the span."""
+    owner = tables[sampling.table]
+    times, order = time_nodes(sampling, owner)
+    at = np.atleast_1d(np.asarray(evaluate((sampling.at,), value)[0], dtype=np.float64))
+    before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
+    rows = order[before + (1 if leaf.row is RowChoice.AFTER else 0)]
+    inside = (at >= times[0]) & (at <= times[-1])
+    return np.where(inside, column_numbers(owner, leaf.name)[rows], np.nan)
 
 
 def keyed_rows(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from mbm.expression.nodes import Column, Member, Number, RowChoice
+from mbm.expression.nodes import Column, Member, Number, RowChoice, Sampling
 from mbm.language import faults
 from mbm.language.coerce import scalar
 from mbm.language.evaluator import Evaluator
@@ -116,7 +116,7 @@ class RowScope:
 
     ``static`` holds the columns whose values are known for the rows at hand; they are literals here. ``around`` is the
     scope in which ``(first TABLE FORM)`` stands: the variables of ``let`` and of functions there are visible, the
-    columns of other tables are not.
+    columns of other tables are not. ``sampling`` is the time that the row stands before or after.
     """
 
     def __init__(
@@ -126,8 +126,10 @@ class RowScope:
         static: Mapping[str, CellKey],
         row: RowChoice = RowChoice.EACH,
         around: Scope | None = None,
+        sampling: Sampling | None = None,
     ) -> None:
         self._problem = problem
+        self._sampling = sampling
         self.table = table
         self._static = static
         self._row = row
@@ -187,18 +189,20 @@ class RowScope:
     def _row_number(self, span: Span) -> Value:
         if ROW in self._static:
             return Number(int(self._static[ROW]), None, span)
-        return Column(self.table.name, ROW, self._row, span)
+        return Column(self.table.name, ROW, self._row, span, sampling=self._sampling)
 
     def _reference(self, column: TableColumn, span: Span) -> Value:
         if column.name in self._static:
             known = self._static[column.name]
             return known if isinstance(known, str) else Number(_exact(known), None, span)
+        if column.is_text and self._sampling is not None:
+            raise MbmError(faults.wrong_kind(span, "a number", f"the text column `{column.name}`"))
         if column.is_text:
             position = column.first_text()
             sample = column.texts[position] if column.texts is not None and position is not None else None
             place = self.table.place(position, column.name) if position is not None else None
             return TextColumn(self.table.name, column.name, self._row, sample, place)
-        return Column(self.table.name, column.name, self._row, span)
+        return Column(self.table.name, column.name, self._row, span, sampling=self._sampling)
 
 
 class MemberScope:

@@ -14,9 +14,10 @@ import numpy as np
 from mbm.expression.nodes import ColumnMember, Component, LiteralMember, RowChoice, leaves
 from mbm.problem import faults
 from mbm.problem.checks import used_rows
+from mbm.problem.kinds import Relation
 from mbm.problem.rows import rows_of
 from mbm.problem.tables import CellKey, Table
-from mbm.problem.types import EquationCase, Problem, Relation
+from mbm.problem.types import EquationCase, Problem
 from mbm.text.types import Diagnostic
 
 MAXIMUM_EQUATIONS = 20_000

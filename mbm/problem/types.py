@@ -14,6 +14,7 @@ from math import prod
 from mbm.expression.dimension import Dimension
 from mbm.expression.nodes import Expression
 from mbm.expression.units import Unit
+from mbm.problem.kinds import ConstraintKind, LossKind, Relation
 from mbm.problem.manifold import Manifold, manifold_of
 from mbm.problem.tables import CellKey, PairDeclaration, TableDeclaration
 from mbm.text.types import Diagnostic, Span
@@ -127,14 +128,6 @@ class NoiseKind(StrEnum):
     INFORMATION = "information"
 
 
-class Relation(StrEnum):
-    """What an equation demands of its components; the value is how constraints are reported."""
-
-    NEAR_ZERO = "observed"
-    ZERO = "="
-    NOT_ABOVE_ZERO = "<="
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Equation:
     """Components that should be zero (model − measured), and their noise; or what a constraint wants zero or below.
@@ -168,28 +161,6 @@ class BlockRole(StrEnum):
     OBSERVATION = "observation"
     PRIOR = "prior"
     CONSTRAINT = "constraint"
-
-
-class ConstraintKind(StrEnum):
-    """How a constraint is written; the value is its head, and what the result document calls its type."""
-
-    EQUAL = "="
-    BELOW = "<"
-    NOT_ABOVE = "<="
-    ABOVE = ">"
-    NOT_BELOW = ">="
-    UNIFORM = "uniform"
-
-
-class LossKind(StrEnum):
-    """Robust losses; the value is the name in ``:loss``."""
-
-    HUBER = "huber"
-    SOFT_L1 = "soft-l1"
-    CAUCHY = "cauchy"
-    TUKEY = "tukey"
-    GEMAN_MCCLURE = "geman-mcclure"
-    BARRON = "barron"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Special forms that know the problem's tables: ``(first TABLE FORM)`` and ``(last TABLE FORM)``."""
+"""Special forms that know the problem's tables: ``(first TABLE FORM)``, ``(last TABLE FORM)``, ``(sample …)``."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from mbm.language.evaluator import Evaluator
 from mbm.language.scope import Scope
 from mbm.language.values import SpecialForm, Value
 from mbm.problem import faults
+from mbm.problem.sampling import sample
 from mbm.problem.scopes import ProblemScope, RowScope
 from mbm.text.types import MbmError, Sequence, Symbol
 
@@ -30,13 +31,12 @@ def _chosen(row: RowChoice) -> SpecialForm:
 
 
 SPECIAL_FORMS: Mapping[str, SpecialForm] = MappingProxyType(
-    {choice.value: _chosen(choice) for choice in (RowChoice.FIRST, RowChoice.LAST)}
+    {**{choice.value: _chosen(choice) for choice in (RowChoice.FIRST, RowChoice.LAST)}, "sample": sample}
 )
 """Added to the special forms while a problem is compiled."""
 
 NOT_YET: Mapping[str, str] = MappingProxyType(
     {
-        "sample": "joining timed tables",
         "next": "sequences",
         "dt": "sequences",
         "rate": "sequences",

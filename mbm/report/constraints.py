@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mbm.problem.types import Block, ConstraintKind, Problem
+from mbm.problem.kinds import ConstraintKind
+from mbm.problem.types import Block, Problem
 from mbm.report import faults
 from mbm.report.types import ConstraintReport, Floats, Mask
 from mbm.solution.binding import Group

@@ -37,7 +37,7 @@ def document(result: Result) -> dict[str, Any]:
     """The document of a result; keys stand in the contract's order, so equal results give equal texts.
 
     Numbers are in the units of their quantities, undefined ones None with a ``reason`` (or ``reasons``) beside them.
-    What belongs to later versions (constraints, several starts, gauges, outliers) has its key and an empty value.
+    What belongs to later versions (gauges) has its key and an empty value.
     """
     return {
         "mbm": result.version,

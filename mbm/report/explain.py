@@ -7,8 +7,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from mbm.expression.nodes import Number
 from mbm.kernels.types import KernelSet
 from mbm.problem.builder import Elaborated
+from mbm.problem.kinds import ConstraintKind
 from mbm.problem.tables import Table
-from mbm.problem.types import Block, BlockRole, ConstraintKind, Equation, NoiseKind, Problem, Unknown
+from mbm.problem.types import Block, BlockRole, Equation, NoiseKind, Problem, UncertainColumn, Unknown
 from mbm.solution.binding import EvaluationCache
 from mbm.solution.choice import chosen_solver
 from mbm.solution.closed_forms.types import ClosedForm
@@ -85,6 +86,8 @@ def _block(
     yield f"{word} {name}{over}"
     if block.role is not BlockRole.CONSTRAINT:
         yield f"  noise: {_noise(block)}"
+        if block.errors:
+            yield f"  errors in measured columns, corrected: {', '.join(map(_uncertain, block.errors))}"
     sign = "=" if block.constraint in (None, ConstraintKind.EQUAL) else _NOT_BELOW[latex]
     found = [b for b in model.blocks if b.purpose is Purpose.EQUATION and b.owner == number]
     for each in found[:MOST_CASES]:
@@ -97,7 +100,16 @@ def _block(
         yield f"  … and {len(found) - MOST_CASES} more groups of rows with other static values"
 
 
+def _uncertain(column: UncertainColumn) -> str:
+    """A corrected column, by the name that the equations have for it, and where it was measured if that is another."""
+    own = "" if column.key is None else f" (one for each row of {column.table})"
+    return column.name + own
+
+
 def _noise(block: Block) -> str:
+    noise = [n for case in block.cases for e in case.equations for n in e.noise]
+    if block.errors and all(isinstance(n, Number) and n.value == 0 for n in noise):
+        return "none of their own"
     if block.unknown_factor and all(_is_unstated(e) for case in block.cases for e in case.equations):
         return "unknown, estimated from the residuals"
     kinds = {e.noise_kind for case in block.cases for e in case.equations}
@@ -130,6 +142,9 @@ def _structure(block: ResidualBlock) -> Iterator[str]:
     rows = len(block.expressions)
     names = ", ".join(symbol.name for symbol in block.variable_symbols) or "nothing"
     yield f"    Jacobian block: {rows} × {len(block.tangents)}, with respect to {names}"
+    if block.corrected:
+        measured = ", ".join(block.parameter_symbols[i].name for i in block.corrected)
+        yield f"    and H_y: {rows} × {len(block.corrected)}, with respect to {measured}"
 
 
 def _solver(

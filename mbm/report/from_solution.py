@@ -43,7 +43,7 @@ _NO_NOISE = "the noise is unknown, and without redundancy the residuals cannot t
 _FREE = "the data do not determine it"
 _UNUSED = "no equation mentions it"
 _NOT_THE_BEST = "standard deviations are those of the best solution only"
-_MIRRORED = "the mirror image of a better or equal one: no equation tells the two apart"
+_MIRRORED = "the mirror image of another one"
 _NOT_FINITE = "the value is not finite"
 
 

@@ -36,14 +36,15 @@ def search_sentences(solve: SolveReport) -> Iterator[str]:
 
 def _other(solve: SolveReport, other: Alternative) -> str:
     found = f"cost {plain(other.cost, 5)} from {other.starts} start{'' if other.starts == 1 else 's'}"
-    apart = sorted(_differences(solve.estimates, other.estimates), key=lambda pair: -pair[0])
-    shown = ", ".join(
-        f"{s.name} = {plain(s.value, 5)} {unit_text(s.quantity)}".rstrip() for _, s in apart[:MOST_NUMBERS]
-    )
-    more = len(apart) - MOST_NUMBERS
-    rest = f" and {more} more numbers" if more > 0 else ""
     remark = f" ({other.remark})" if other.remark else ""
-    return f"another solution, {found}: {shown}{rest} differ{remark}" if shown else f"another solution, {found}{remark}"
+    apart = sorted(_differences(solve.estimates, other.estimates), key=lambda pair: -pair[0])
+    if not apart:
+        return f"another solution, {found}{remark}"
+    texts = (f"{s.name} = {plain(s.value, 5)} {unit_text(s.quantity)}".rstrip() for _, s in apart[:MOST_NUMBERS])
+    more = len(apart) - MOST_NUMBERS
+    what = "one more number that differs" if more == 1 else f"{more} more numbers that differ"
+    rest = f" and {what}" if more > 0 else ""
+    return f"another solution, {found}, with {', '.join(texts)}{rest}{remark}"
 
 
 def _differences(best: Iterable[Estimate], other: Iterable[Estimate]) -> Iterator[tuple[float, Scalar]]:

@@ -8,12 +8,14 @@ import numpy as np
 
 from mbm.expression.evaluate import Values, evaluate
 from mbm.problem.rows import lookup
+from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Problem
 from mbm.report.types import CorrectionReport, Floats, Mask, PriorReport, ResidualRow, ResidualSummary
 from mbm.solution.assembly import block_rows
 from mbm.solution.binding import Group
 from mbm.solution.solution import Solution
 from mbm.solution.types import NoiseState
+from mbm.text.types import DataPlace
 
 
 @np.errstate(all="ignore")
@@ -48,10 +50,16 @@ def residual_summaries(problem: Problem, solution: Solution) -> Mapping[str, Res
             used=sum(_used_rows(solution, g) for g in solution.groups if g.kernel.owner == i),
             rms=rms,
             outliers=tuple(sorted(int(table.rows[p]) for p in bad)) if table is not None else (1,) * len(bad),
-            outlier_places=tuple(sorted(table.place(p).row or 0 for p in bad)) if table is not None else (),
+            outlier_places=_file_rows(table, bad) if table is not None else (),
             file=table.provenance.path if table is not None else None,
         )
     return found
+
+
+def _file_rows(table: Table, positions: list[int]) -> tuple[int, ...]:
+    """Rows of the file, ascending; 0 where the table stands in the problem or was given as arrays."""
+    places = (table.place(p) for p in positions)
+    return tuple(sorted(p.row or 0 if isinstance(p, DataPlace) else 0 for p in places))
 
 
 def _counted(solution: Solution) -> Mask:

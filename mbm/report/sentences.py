@@ -76,7 +76,7 @@ def _outliers(summary: ResidualSummary) -> str:
     """The rows taken for outliers, by file and row where there is one."""
     if not summary.outliers:
         return ""
-    in_file = summary.file is not None and all(summary.outlier_places)
+    in_file = summary.file is not None and len({0, *summary.outlier_places}) == len(summary.outliers) + 1
     rows = summary.outlier_places if in_file else summary.outliers
     shown = ", ".join(str(row) for row in rows[:MOST_OUTLIERS])
     more = f" and {len(rows) - MOST_OUTLIERS} more" if len(rows) > MOST_OUTLIERS else ""

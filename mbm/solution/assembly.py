@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbm.kernels.types import KernelSet
-from mbm.problem.types import Problem, Relation
+from mbm.problem.kinds import Relation
+from mbm.problem.types import Problem
 from mbm.solution.binding import Binder, Group, affine, mentioned
 from mbm.solution.implicit.elimination import Elimination, elimination
 from mbm.solution.layout import Layout, free_positions

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -66,8 +67,11 @@ def ends_apart(equations: Assembled, ends: Batched) -> Iterator[tuple[Floats, In
 
 
 def merged(equations: Assembled, basins: Sequence[Basin]) -> tuple[Basin, ...]:
-    """The basins that differ, the lowest cost first; converged ones before others of the same cost."""
-    order = sorted(basins, key=lambda b: (b.minimum.cost, not b.minimum.reason.converged, int(b.starts[0])))
+    """The basins that differ, the lowest cost first.
+
+    Of equal costs, those that converged come first, then those that the first starts led to.
+    """
+    order = sorted(basins, key=lambda b: (b.minimum.cost, int(b.starts[0])))
     kept: list[Basin] = []
     for basin in order:
         number = next((i for i, k in enumerate(kept) if _same(equations, k.minimum, basin.minimum)), None)
@@ -75,7 +79,17 @@ def merged(equations: Assembled, basins: Sequence[Basin]) -> tuple[Basin, ...]:
             kept.append(basin)
         else:
             kept[number] = _joined(kept[number], basin)
-    return tuple(kept)
+    return tuple(_ranked(kept))
+
+
+def _ranked(basins: Sequence[Basin]) -> Iterator[Basin]:
+    """In the order of costs, where the last digits of a cost do not count."""
+    left = list(basins)
+    while left:
+        lowest = left[0].minimum.cost
+        equal = [b for b in left if equal_costs(lowest, b.minimum.cost)]
+        yield from sorted(equal, key=lambda b: (not b.minimum.reason.converged, int(b.starts[0])))
+        left = left[len(equal) :]
 
 
 def without_twins(stack: Batch, basins: Sequence[Basin]) -> tuple[Basin, ...]:
@@ -156,7 +170,8 @@ def _same(equations: Assembled, one: Minimum, other: Minimum) -> bool:
 def _lengths(minimum: Minimum) -> Floats:
     """Norms of the columns of the Jacobian (n,), dense or sparse."""
     if minimum.blocks is not None:
-        return np.sqrt(np.asarray(minimum.blocks.normal_diagonal()))
+        squares: Any = minimum.jacobian
+        return np.sqrt(np.asarray((squares * squares).sum(axis=0), dtype=np.float64).ravel())
     return np.asarray(np.linalg.norm(minimum.jacobian, axis=0))
 
 

@@ -236,6 +236,8 @@ def _inputs(group: Group, points: Floats, point: Indices, rows: Indices) -> Floa
     result = np.empty((len(rows), variables + group.parameters.shape[1]))
     result[:, :variables] = points[point[:, None], group.index[rows]]
     result[:, variables:] = group.parameters[rows]
+    for each in group.sampled:
+        each.fill(result[:, variables:], lambda places: points[point, places], rows, whole=False)
     return result
 
 

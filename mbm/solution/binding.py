@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbm.expression.nodes import Column as ColumnNode
-from mbm.expression.nodes import ColumnMember, LiteralMember, Member, RowChoice
+from mbm.expression.nodes import ColumnMember, Component, LiteralMember, Member, RowChoice
 from mbm.kernels.types import Backend, Evaluation, Kernel, KernelSet
 from mbm.problem import faults as problem_faults
 from mbm.problem.checks import used_rows
@@ -18,12 +18,12 @@ from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import BlockRole, Problem, Static
 from mbm.solution.layout import Entry, Layout
 from mbm.solution.robust.losses import LossFunction, loss_function
+from mbm.solution.sampling import Sampled, sampled_inputs, samplings
 from mbm.solution.scatter import Scatter, scatter
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.solution.whitening import Whitener, whitener
 from mbm.symbolic.types import ConstantInput, Parameter, Purpose, Slot
 from mbm.text.types import MbmError
-
 
 DENSE_PART = 20_000_000
 """Numbers in a dense Jacobian of some rows that is made at once: 160 MB."""
@@ -75,6 +75,7 @@ class Group:
     first: int = 0
     first_unit: int = 0
     number: int = 0
+    sampled: tuple[Sampled, ...] = ()
 
     @property
     def places(self) -> Indices:
@@ -108,6 +109,14 @@ class Group:
         variables = self.index.shape[1]
         self.evaluation.inputs[:, :variables] = numbers[self.places]
         self.evaluation.inputs[:, variables:] = self.parameters
+        for each in self.sampled:
+            each.fill(self.evaluation.inputs[:, variables:], lambda places: numbers[places], np.arange(self.rows))
+
+    def sampled_inside(self, numbers: Floats) -> Mask:
+        """Which rows (rows,) are sampled within the spans of the tables."""
+        rows = np.arange(self.rows)
+        inside = [each.inside(lambda places: numbers[places], rows) for each in self.sampled]
+        return np.asarray(np.logical_and.reduce(inside)) if inside else np.ones(self.rows, dtype=bool)
 
     def values(self, numbers: Floats) -> Floats:
         """Outputs (rows, outputs), not whitened."""
@@ -184,6 +193,12 @@ class Binder:
             case = block.cases[kernel.case]
             table, positions = self._rows(block.table, case.static, masks[kernel.owner])
             group = self.bind(number, kernel, table, positions)
+            if group.sampled:
+                inside = group.sampled_inside(self.layout.start)
+                if positions is None and not inside.all():
+                    continue
+                positions = positions if positions is None else positions[inside]
+                group = self.bind(number, kernel, table, positions)
             whiteners, offset, exact = [], 0, kernel.corrections is not None
             for equation in () if constraints else case.equations:
                 whiteners.append(whitener(equation, offset, table, positions, self.tables, may_be_exact=exact))
@@ -209,7 +224,7 @@ class Binder:
             if kernel.purpose is Purpose.DERIVED and kernel.owner == owner:
                 derived = self.problem.derived[owner]
                 table, positions = self._rows(derived.table, derived.cases[kernel.case].static, None)
-                groups.append(self.bind(number, kernel, table, positions))
+                groups.append(self.bind(number, kernel, table, positions, extended=False))
         return tuple(groups)
 
     def _rows(self, name: str | None, static: Static, mask: Mask | None) -> tuple[Table | None, Positions | None]:
@@ -219,8 +234,16 @@ class Binder:
         positions = rows_of(static, table)
         return table, positions if mask is None else positions[mask[positions]]
 
-    def bind(self, number: int, kernel: Kernel, table: Table | None, positions: Positions | None) -> Group:
-        """A kernel for the rows at ``positions``."""
+    def bind(
+        self,
+        number: int,
+        kernel: Kernel,
+        table: Table | None,
+        positions: Positions | None,
+        *,
+        extended: bool = True,
+    ) -> Group:
+        """A kernel for the rows at ``positions``; ``extended``: tables that are sampled go on beyond their ends."""
         rows = 1 if positions is None else len(positions)
         index = np.empty((rows, len(kernel.variables)), dtype=np.int64)
         columns = np.empty((rows, len(kernel.tangents)), dtype=np.int64)
@@ -236,6 +259,10 @@ class Binder:
         parameters = np.empty((rows, len(kernel.parameters)))
         for j, parameter in enumerate(kernel.parameters):
             parameters[:, j] = self._parameter(parameter, table, positions)
+        sampled = self._sampled(kernel, table, positions, members, extended=extended)
+        with np.errstate(all="ignore"):  # times are NaN where an unknown has no start
+            for each in sampled:
+                each.fill(parameters, lambda places: self.layout.start[places], np.arange(rows))
         evaluation = self.cache.evaluation(number, kernel, rows)
         return Group(
             kernel=kernel,
@@ -247,12 +274,41 @@ class Binder:
             shared_columns=tuple(not _differs(slot) for slot in kernel.tangents),
             parameters=parameters,
             number=number,
+            sampled=sampled,
+        )
+
+    def _sampled(
+        self,
+        kernel: Kernel,
+        table: Table | None,
+        positions: Positions | None,
+        members: dict[tuple[str, Member], Indices | int],
+        *,
+        extended: bool,
+    ) -> tuple[Sampled, ...]:
+        """What the kernel samples at times that may hold unknowns."""
+        rows = 1 if positions is None else len(positions)
+
+        def places(leaf: Component) -> tuple[Indices, Indices]:
+            entry = self.layout.entry(leaf.unknown)
+            unknown = entry.unknown
+            component = unknown.indices().index(leaf.index)
+            member = self._member(Slot(leaf.unknown, component, leaf.member), table, positions, members)
+            place = np.broadcast_to(entry.offset + member * unknown.size + component, (rows,))
+            moving = np.unique(member)[:, None] * unknown.freedom + entry.first + np.arange(unknown.freedom)
+            return np.asarray(place), moving.ravel()
+
+        given = (table, positions, self.tables, self._constants())
+        return tuple(
+            sampled_inputs(kernel, sampling, given, places, extended=extended) for sampling in samplings(kernel)
         )
 
     def _parameter(self, parameter: Parameter, table: Table | None, positions: Positions | None) -> Floats | float:
         if isinstance(parameter, ConstantInput):
             return self._constants()[parameter.name]
         node = ColumnNode(parameter.table, parameter.name, parameter.row, member=parameter.member)
+        if parameter.sampling is not None:
+            return np.nan  # filled where the time is known
         if parameter.row is RowChoice.KEYED:
             rows = keyed_rows(node, table, positions, self.tables)
             return column_numbers(self.tables[parameter.table], parameter.name)[rows]
@@ -321,6 +377,8 @@ def _differs(slot: Slot) -> bool:
 
 def affine(group: Group, mask: Mask) -> bool:
     """Whether the outputs of a group are affine in the coordinates that ``mask`` (M,) picks."""
+    if any(bool(mask[sampled.coordinates].any()) for sampled in group.sampled):
+        return False
     touched = np.asarray(mask[group.touched].any(axis=0), dtype=bool)
     return group.kernel.affine_in(touched)
 

@@ -71,6 +71,8 @@ def _reason(equations: Assembled, method: Method) -> str:
     if equations.equality.size:
         equal = int(equations.equality.sum())
         return f"there are constraints: {equal} equations and {len(equations.equality) - equal} inequalities"
+    if equations.implicit is not None:
+        return "measured columns have errors, whose corrections are eliminated"
     if not equations.linear:
         return "the equations are not affine in the unknowns"
     if bool(equations.positive.any()):

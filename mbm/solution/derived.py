@@ -77,11 +77,11 @@ class Propagation:
             else:
                 values[positions] = numbers_of_stated(derived.kind, derived.dimension, stated)
                 unknown = np.repeat(unknown.any(axis=1, keepdims=True), size, axis=1)
-            for rows, slopes in group.dense_slopes(self.numbers, self._columns(self.equations.free), width):
-                chosen, part = positions[rows], slopes
+            for lines, slopes in group.dense_slopes(self.numbers, self._columns(self.equations.free), width):
+                chosen, part = positions[lines], slopes
                 if derived.kind is not None:
-                    part = tangent_slopes(derived.kind, derived.dimension, stated[rows], slopes)
-                sigma[chosen] = np.where(unknown[rows], np.nan, self._sigmas(part))
+                    part = tangent_slopes(derived.kind, derived.dimension, stated[lines], slopes)
+                sigma[chosen] = np.where(unknown[lines], np.nan, self._sigmas(part))
                 if gradient is not None:
                     gradient[chosen] = part
         return DerivedSolution(

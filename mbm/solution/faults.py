@@ -189,10 +189,10 @@ def too_nonlinear(span: Span, ends: Sequence[str]) -> Diagnostic:
 
 def noise_against_data(span: Span, sigma0: float, probability: float) -> Diagnostic:
     """The χ² test fails beyond doubt."""
-    chance = f"{probability:.1g}" if probability > 0.0 else "0"
+    chance = f"p = {probability:.1g}" if probability > 0.0 else "p < 1e-300"
     return Diagnostic(
         code=NOISE_AGAINST_DATA,
-        message=f"the residuals are {sigma0:.3g} times as large as the stated noise lets expect (p = {chance})",
+        message=f"the residuals are {sigma0:.3g} times as large as the stated noise lets expect ({chance})",
         place=span,
         hint=NOISE_AGAINST_DATA.mend,
         severity=Severity.WARNING,

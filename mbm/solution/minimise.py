@@ -61,10 +61,10 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
         raise MbmError(faults.no_equations(equations.dimension, place))
     solver = solver_for(equations, settings)
     size = max(equations.count, equations.dimension) * equations.dimension
-    if solver is not SPARSE_MARQUARDT and size > DENSE_LIMIT:
+    bound = for_constrained(equations, settings)
+    if (solver is not SPARSE_MARQUARDT or bound is not None) and size > DENSE_LIMIT:
         raise MbmError(faults.too_many_unknowns(equations.count, equations.dimension, DENSE_LIMIT, place))
     start = approached(equations, start, lambda plain, point: _roughly(plain, point, settings))
-    bound = for_constrained(equations, settings)
     if solver is not STANDING and bound is not None:
         return constrained_minimum(bound, start, settings)
     state = solver.init(equations, start, settings.tolerance)

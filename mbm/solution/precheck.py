@@ -8,6 +8,9 @@ from mbm.problem.checks import used_rows
 from mbm.problem.rows import rows_of
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Problem
+from mbm.solution.implicit.measured import measured
+from mbm.solution.implicit.sharing import check_sharing
+from mbm.solution.implicit.uncertain import rows_of_problem, uncertain_columns
 from mbm.solution.layout import layout
 from mbm.solution.selection import selections
 from mbm.solution.whitening import whitener
@@ -30,6 +33,12 @@ def refusals(problem: Problem, tables: Mapping[str, Table]) -> list[Diagnostic]:
             _weigh(block, tables)
         except MbmError as error:
             found.extend(error.diagnostics)
+    if not found and any(block.errors for block in problem.blocks):
+        try:
+            uncertain = rows_of_problem(problem, tables)
+            check_sharing(problem, tables, uncertain, measured(problem, tables, uncertain))
+        except MbmError as error:
+            found.extend(error.diagnostics)
     return found
 
 
@@ -43,7 +52,7 @@ def _weigh(block: Block, tables: Mapping[str, Table]) -> None:
         if table is not None and mask is not None:
             positions = rows_of(case.static, table)
             positions = positions[mask[positions]]
-        first = 0
+        first, exact = 0, bool(uncertain_columns(block, case))
         for equation in case.equations:
-            whitener(equation, first, table, positions, tables)
+            whitener(equation, first, table, positions, tables, may_be_exact=exact)
             first += len(equation.components)

@@ -7,7 +7,7 @@ import numpy as np
 from mbm.problem.manifold import Piece
 from mbm.solution.assembly import Assembled
 from mbm.solution.batch import batch
-from mbm.solution.sampling import directions, rotations, sobol
+from mbm.solution.quasirandom import directions, rotations, sobol
 from mbm.solution.types import Floats, Indices, Mask
 
 WIDEST = 0.94

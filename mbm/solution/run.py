@@ -14,8 +14,9 @@ from mbm.solution.binding import EvaluationCache
 from mbm.solution.closed_forms.standard import STANDARD
 from mbm.solution.closed_forms.types import ClosedForm
 from mbm.solution.estimate import estimate
-from mbm.solution.selection import Selection, selections
 from mbm.solution.interruption import Interruption
+from mbm.solution.sampled_rows import settled
+from mbm.solution.selection import Selection, selections
 from mbm.solution.settings import settings_of
 from mbm.solution.solution import Failure, Skipped, Solution
 from mbm.solution.types import Floats
@@ -60,15 +61,21 @@ def solutions(
         if window is not None and selection.rows is not None and selection.rows < window.min_rows:
             return Skipped(key=selection.key, rows=selection.rows, wanted=window.min_rows)
         try:
-            return estimate(
+            return settled(
                 problem,
                 kernels,
-                selection.tables,
-                key=selection.key,
-                starts={**starts(selection.key), **given},
-                settings=settings,
-                cache=cache,
-                last=last,
+                cache,
+                {**starts(selection.key), **given},
+                lambda begun: estimate(
+                    problem,
+                    kernels,
+                    selection.tables,
+                    key=selection.key,
+                    starts=begun,
+                    settings=settings,
+                    cache=cache,
+                    last=last,
+                ),
             )
         except MbmError as error:
             if not selection.key:

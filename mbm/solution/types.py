@@ -100,6 +100,10 @@ class Correctable(Profiled, Protocol):
         """The same equations with all measured values taken as exact."""
         ...
 
+    def roughly_corrected(self) -> Equations:
+        """The same equations with corrections to first order."""
+        ...
+
 
 class Reason(Enum):
     """Why a solver stopped. ``name`` is for programs, ``sentence`` for people."""
@@ -283,8 +287,9 @@ class Observability:
     descending; ``unused`` coordinates whose column is exactly zero; ``combinations`` that are free beside those;
     ``scale`` (n,) the column norms (1 for empty columns); ``row_space`` (n, rank − equalities) and ``null_space``
     (n, k) orthonormal bases in scaled coordinates ``scale · step``; ``estimable`` (n,) False where a free
-    combination or an unused coordinate touches; ``fixed`` (n,) the coordinates held at a bound. ``gauge`` names the common motions among what is
-    free; ``datum`` of their dimensions were settled by the minimum-norm datum, and are in no ``null_space`` any more.
+    combination or an unused coordinate touches; ``fixed`` (n,) the coordinates held at a bound. ``gauge`` names the
+    common motions among what is free; ``datum`` of their dimensions were settled by the minimum-norm datum, and are in
+    no ``null_space`` any more.
     ``inverse`` stands in for ``row_space`` (then empty) where there are very many coordinates.
     """
 

@@ -136,4 +136,4 @@ def _charts(variables: tuple[Slot, ...], unknowns: _Unknowns) -> tuple[tuple[Slo
 
 
 def _column(column: Column) -> ColumnInput:
-    return ColumnInput(column.table, column.name, column.row, column.member)
+    return ColumnInput(column.table, column.name, column.row, column.member, column.sampling)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from mbm.expression.nodes import Member, RowChoice
+from mbm.expression.nodes import Member, RowChoice, Sampling
 from mbm.problem.manifold import Piece
 from mbm.text.types import Span
 
@@ -28,12 +28,13 @@ class Slot:
 
 @dataclass(frozen=True, slots=True)
 class ColumnInput:
-    """An input that is a number from a table; ``member`` names the row where a key does."""
+    """An input that is a number from a table; ``member`` names the row where a key does, ``sampling`` where a time."""
 
     table: str
     name: str
     row: RowChoice
     member: Member | None = None
+    sampling: Sampling | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import mbm
+
 EXACT = 1e-9
 """Linear problems: the optimum is known to far more digits than it is asked for."""
 
@@ -216,3 +218,24 @@ def test_rotation_with_a_constraint_stays_a_rotation(solve):
     # Three equations, of which two are independent.
     assert solved["observability"]["rank"] == 3
     assert solved["dof"] == 9 + 2 - 3
+
+
+@pytest.mark.parametrize(("constraint", "codes"), [("(= c (- b a))", []), ("(<= c b)", ["unmentioned"])])
+def test_check_counts_equations_among_the_constraints(tmp_path, constraint, codes):
+    path = tmp_path / "p.mbm"
+    path.write_text(problem(constraint, "(unknowns (a :init 0) (b :init 0) (c :init 0))"))
+    assert [d.code.name for d in mbm.api.check(path)] == codes
+
+
+@pytest.mark.parametrize("method", ["penalty", "exact", "ipopt"])
+def test_curved_constraints_of_an_image_of_a_circle(solve, method):
+    """A point on a circle nearest to a measured one: known in closed form, with the variance along the tangent."""
+    way = "(solve :method ipopt)" if method == "ipopt" else f"(solve :constraints {method})"
+    text = f"""(problem p (unknowns (v (vector 2) :init [1 0.2]))
+      (observe (= [1.23 1.64] v) :sigma 0.1) (constraints (= (norm v) 2)) {way})"""
+    found = solve(text)
+    np.testing.assert_allclose(found["v"].value, [1.2, 1.6], rtol=1e-9)
+    tangent = np.array([-0.8, 0.6])
+    np.testing.assert_allclose(found.covariance.matrix, 0.01 * np.outer(tangent, tangent), atol=1e-9)
+    assert found.first.dof == 1
+    assert found.first.method == method

@@ -7,7 +7,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import chi
 
-from mbm.problem.types import Loss, LossKind
+from mbm.problem.kinds import LossKind
+from mbm.problem.types import Loss
 from mbm.solution.robust.efficiency import efficiency, tuned
 from mbm.solution.robust.losses import DEFAULTS, LossFunction, loss_function, rooted, rooted_jacobian
 

@@ -103,30 +103,25 @@ def typed(name: str) -> tuple[Curve, np.ndarray]:
     return Curve(lambda b: model(b, found.x), found.y, len(found.certified)), np.array(found.certified, dtype=float)
 
 
-NAMES = [each.name for each in TYPED]
-
-
-@pytest.mark.parametrize(
-    "name", [n for n in ("Misra1a", "Misra1d", "DanWood", "Rat42", "Eckerle4", "BoxBOD") if n in NAMES]
-)
+@pytest.mark.parametrize("name", ["Misra1d", "Eckerle4", "BoxBOD", "MGH09", "MGH17", "Rat43", "Thurber"])
 def test_ends_are_those_of_the_profile(name: str) -> None:
-    """Where the check does not warn its ends agree to 5 %, and what is in truth off by twice the limit is warned of."""
+    """The quick look agrees to a tenth, half of what makes it look closer; doubtful ends, which are followed until the
+    root of the growth is met to 1 %, to 4 %, where the profile flattens."""
     curve, start = typed(name)
     ends, x, sigma, variance = checked(curve, start)
     for place in range(curve.dimension):
         for sign, found in ((-1, ends.lower[place]), (1, ends.upper[place])):
             true = profile_end(curve, x, place, sigma[place], variance, sign)
-            if place not in ends.doubtful:
-                assert found == pytest.approx(true, rel=0.05)
-            assert (abs(true - 1) < 2 * TOLERATED) or place in ends.doubtful
+            assert found == pytest.approx(true, rel=0.04 if place in ends.doubtful else 0.1)
+            assert abs(true - 1) < TOLERATED or place in ends.doubtful
 
 
 def test_a_decay_with_few_points_is_doubtful_and_longer_above() -> None:
     x = np.array([1.0, 2, 3, 5, 7, 10])
     curve = Curve(lambda b: b[0] * (1 - np.exp(-b[1] * x)), np.array([109.0, 149, 149, 191, 213, 224]), 2)
     ends, *_ = checked(curve, np.array([200.0, 0.5]))
-    assert ends.doubtful.tolist() == [0, 1]
-    assert (ends.upper > 1 + TOLERATED).all()
+    assert ends.doubtful.tolist() == [1]
+    assert ends.upper[1] > 1 + TOLERATED
     assert (ends.lower < 1).all()
 
 
@@ -174,6 +169,17 @@ def test_an_end_without_a_value_of_the_model_counts_as_nearer() -> None:
         2 * np.log(0.1) + np.array([2.5, 0, -2.5]),
         1,
     )
-    ends, *_ = checked(curve, np.array([1.0]))
+    ends, x, sigma, variance = checked(curve, np.array([1.0]))
     assert ends.doubtful.tolist() == [0]
-    assert ends.lower[0] == 0.0
+    assert x[0] - NORMAL_95 * sigma[0] < 0.9
+    assert ends.lower[0] == pytest.approx(profile_end_alone(curve, x[0], sigma[0], variance), rel=0.02)
+
+
+def profile_end_alone(curve: Curve, x: float, sigma: float, variance: float) -> float:
+    """The lower end where there are no other unknowns."""
+    least = np.sum(curve.residuals(np.array([x])) ** 2)
+
+    def growth(b: float) -> float:
+        return float(np.sum(curve.residuals(np.array([b])) ** 2) - least - NORMAL_95**2 * variance)
+
+    return (x - float(brentq(growth, 0.9 + 1e-9, x))) / (NORMAL_95 * sigma)

@@ -173,6 +173,15 @@ def repeated_time(place: Place, other: Place, column: str, time: float, used: Sp
     )  # fmt: skip
 
 
+def too_few_times(span: Span, table: str, rows: int) -> Diagnostic:
+    """Nothing to find values between."""
+    shown = "no row" if rows == 0 else "one row only"
+    return Diagnostic(
+        code=BAD_TIME, message=f"`{table}` has {shown}, and values between times are wanted", place=span,
+        hint="two rows at different times are needed at least",
+    )  # fmt: skip
+
+
 def undecided(span: Span) -> Diagnostic:
     """A condition that a missing number leaves open."""
     return Diagnostic(

@@ -13,21 +13,13 @@ from mbm.language.values import Array, PoseValue, RotationValue
 from mbm.language.vocabulary.rigid import geometric_difference
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace, shaped
+from mbm.problem.kinds import ConstraintKind, Relation
 from mbm.problem.options import split_options
 from mbm.problem.reading.equations import data_only
 from mbm.problem.reading.relations import Pair, pairs, refuse_contradictions
 from mbm.problem.rows import rows_of
 from mbm.problem.tables import Table
-from mbm.problem.types import (
-    Block,
-    BlockRole,
-    ConstraintKind,
-    Equation,
-    EquationCase,
-    NoiseKind,
-    Relation,
-    Static,
-)
+from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKind, Static
 from mbm.shapes.constraints import calls_with_constraints
 from mbm.shapes.model import ModelLog
 from mbm.shapes.types import ModelCall, ModelConstraint, Shape

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from mbm.expression.nodes import Column, leaves
+from mbm.expression.nodes import Column, Number, leaves
 from mbm.language import faults as language_faults
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
@@ -141,6 +141,12 @@ def _columns(block: Block) -> Iterator[Column]:
 
 
 def _check_noise(block: Block, own: frozenset[str]) -> None:
+    names = frozenset(error.name for error in block.errors)
+    for case in block.cases if own else ():
+        exact = [e for e in case.equations if all(isinstance(n, Number) and n.value == 0 for n in e.noise)]
+        if exact and not any(c.name in names for c in _columns(replace(block, cases=(case,)))):
+            count = sum(len(e.components) for e in exact)
+            raise MbmError(faults.too_few_errors(block.span, block.name, count, 0, None))
     if not block.errors or not block.unknown_factor:
         return
     each = block.errors[0]

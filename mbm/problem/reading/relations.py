@@ -21,9 +21,9 @@ from mbm.language.coerce import difference, scalar, vector
 from mbm.language.values import SCALARS, Array, ListValue, Value, describe
 from mbm.language.vocabulary.rigid import geometric_difference
 from mbm.problem import faults
+from mbm.problem.kinds import ConstraintKind
 from mbm.problem.rows import Positions, lookup
 from mbm.problem.tables import Table
-from mbm.problem.types import ConstraintKind
 from mbm.text.types import MbmError, Span
 
 SIGNS = {"<": "<", "<=": "≤", ">": "<", ">=": "≤", "uniform": "≤", "=": "="}

@@ -19,7 +19,6 @@ from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 
 USAGE = "(solve [:method lm] [:max-iterations 100] [:tolerance 1e-10] [:seed 1])"
 _METHODS_LATER = (
-    "ipopt",
     "interval",
     "ekf",
     "iterated-ekf",
@@ -94,7 +93,8 @@ def requested(
 ) -> Problem:
     """``problem`` with the seed, method and number of random starts that the caller asks for; None: as in the file.
 
-    ``routines`` are the registered closed forms, which may be methods too. A seed from outside takes the place of all seeds in the file.
+    ``routines`` are the registered closed forms, which may be methods too. A seed from outside takes the place of all
+    seeds in the file.
     """
     request = problem.request
     if seed is not None:

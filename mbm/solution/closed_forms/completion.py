@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbm.solution.closed_forms.numerics.finite import finite
 from mbm.solution.closed_forms.situation import Situation
 from mbm.solution.closed_forms.types import ClosedForm, Plan
 from mbm.solution.types import Floats, Indices
@@ -57,7 +58,7 @@ def _steps(situation: Situation, forms: tuple[ClosedForm, ...]) -> list[tuple[Fl
     """The numbers after the first closed form that gives any: one vector for each of its solutions, best first."""
     for plan in plans(situation, forms):
         solved = solutions(plan)
-        known = np.isfinite(solved).all(axis=2)
+        known = finite(solved, 2)
         if not bool(known.any()):
             continue
         found = []
@@ -104,11 +105,11 @@ def _ranked(plan: Plan, found: Floats) -> Floats:
             values = plan.rows.values(found[plan.rows.member, rank])
         squares = np.square(values).sum(axis=1) * plan.rows.weight
         costs[:, rank] = np.bincount(plan.rows.member, weights=squares, minlength=members)
-    usable = np.isfinite(found).all(axis=2) & np.isfinite(costs)
+    usable = finite(found, 2) & np.isfinite(costs)
     inside = np.ones((members, width), dtype=bool)
     if plan.candidate.flat:
         lower, upper = layout.lower[plan.candidate.coordinates], layout.upper[plan.candidate.coordinates]
-        inside = ((found >= lower[:, None]) & (found <= upper[:, None])).all(axis=2)
+        inside &= ((found >= lower[:, None]) & (found <= upper[:, None])).all(axis=2)
         positive = layout.positive[plan.candidate.coordinates][:, None]
         usable &= (~positive | (found > 0)).all(axis=2)
     costs = np.where(usable, costs, np.inf)

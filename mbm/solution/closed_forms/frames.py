@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from mbm.problem.types import UnknownKind
+from mbm.solution.closed_forms.numerics.finite import finite
 from mbm.solution.closed_forms.numerics.rotations import euler_angles, from_euler, planar
 from mbm.solution.closed_forms.situation import Candidate
 from mbm.solution.manifolds import quaternion_of_matrix
@@ -158,9 +159,7 @@ def frames_of(candidate: Candidate) -> Iterator[Frame]:
         yield SeparateFrame(angles=tuple(angles), position=tuple(others))
     if len(angles) == 1 and len(others) == 3:
         for scale in others:
-            yield SeparateFrame(
-                angles=tuple(angles), position=tuple(i for i in others if i != scale), scale=scale
-            )
+            yield SeparateFrame(angles=tuple(angles), position=tuple(i for i in others if i != scale), scale=scale)
     if len(angles) == 3 and len(others) == 3:
         for order in permutations(angles):
             yield SeparateFrame(angles=order, position=tuple(others))
@@ -169,7 +168,7 @@ def frames_of(candidate: Candidate) -> Iterator[Frame]:
 def _rotation_numbers(R: Floats, dimension: int) -> Floats:
     if dimension == 2:
         return np.arctan2(R[..., 1, 0], R[..., 0, 0])[..., None]
-    known = np.isfinite(R).all(axis=(-2, -1))
+    known = finite(R, (-2, -1))
     safe = np.where(known[..., None, None], R, np.eye(3))
     return np.where(known[..., None], quaternion_of_matrix(safe), np.nan)
 

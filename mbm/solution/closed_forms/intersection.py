@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 
 from mbm.solution.closed_forms.lines_of_sight import directions
+from mbm.solution.closed_forms.numerics.finite import finite
 from mbm.solution.closed_forms.numerics.rays import meeting_points
 from mbm.solution.closed_forms.situation import Candidate, Rows, Situation
 from mbm.solution.closed_forms.types import Plan
@@ -44,10 +45,8 @@ class Intersection:
         if origins is None:
             return None
         starts = [np.array(s) / np.linalg.norm(s) for s in product((0.0, 1.0, -1.0), repeat=d) if any(s)]
-        found = directions(
-            lambda x: rows.values(origins + x), lambda x: rows.slopes(origins + x), len(rows), starts
-        )
-        seen = np.isfinite(found).all(axis=1)
+        found = directions(lambda x: rows.values(origins + x), lambda x: rows.slopes(origins + x), len(rows), starts)
+        seen = finite(found, 1)
         if int(seen.sum()) < 2:
             return None
         rays = Rays(origins=origins[seen], directions=found[seen])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbm.solution.binding import affine
+from mbm.solution.closed_forms.numerics.finite import finite
 from mbm.solution.closed_forms.situation import Candidate, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.types import Floats, Indices
@@ -43,7 +44,7 @@ class Linear:
             return None
         origin = np.zeros(size)
         values, slopes = rows.values(origin)[:, 0], rows.slopes(origin)[:, 0]
-        usable = np.isfinite(values) & np.isfinite(slopes).all(axis=1)
+        usable = np.isfinite(values) & finite(slopes, 1)
         root = np.sqrt(rows.weight[usable])
         data = AffineRows(matrix=slopes[usable] * root[:, None], offset=values[usable] * root)
         return Plan(form=self, candidate=candidate, rows=rows.picked(usable), minimal=size, data=data)
@@ -58,7 +59,7 @@ class Linear:
         determined = values[:, -1] > DETERMINED * values[:, 0]
         inverse = np.where(determined[:, None], 1.0 / np.where(determined[:, None], values, 1.0), np.nan)
         found = np.einsum("tji,tj,tkj,tk->ti", Vt, inverse, U, right) / scale
-        return found[:, None, :]
+        return np.asarray(found[:, None, :])
 
 
 LINEAR = Linear()

@@ -43,7 +43,7 @@ def _size(values: Function, dimension: int) -> Floats:
     """The size of the values (n,) in directions that have nothing to do with the axes."""
     some = np.array([0.83, 0.71, 0.94])[:dimension]
     sizes = [np.nan_to_num(np.abs(values(sign * some)).max(axis=1)) for sign in (1.0, -1.0)]
-    return np.maximum(*sizes)
+    return np.asarray(np.maximum(*sizes))
 
 
 def _from(values: Function, slopes: Function, count: int, start: Floats) -> Floats:
@@ -81,4 +81,6 @@ def _solved(slope: Floats, value: Floats) -> Floats:
     determinant = np.linalg.det(np.where(np.isfinite(slope), slope, 0.0))
     usable = np.isfinite(slope).all(axis=(1, 2)) & np.isfinite(value).all(axis=1) & (determinant != 0)
     safe = np.where(usable[:, None, None], slope, np.eye(value.shape[1]))
-    return np.where(usable[:, None], np.linalg.solve(safe, np.where(usable[:, None], value, 0.0)[..., None])[..., 0], np.nan)
+    return np.where(
+        usable[:, None], np.linalg.solve(safe, np.where(usable[:, None], value, 0.0)[..., None])[..., 0], np.nan
+    )

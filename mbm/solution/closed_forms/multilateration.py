@@ -118,7 +118,9 @@ def _squares(rows: Rows, point: tuple[int, ...], offset: int | None, probes: Flo
     squares = (np.square(probes - stations[:, None, :]).sum(axis=-1) - values / k[:, None]).mean(axis=1)
     slope = np.zeros(len(rows))
     if offset is not None:
-        changes = np.stack([rows.values(numbers[0] + b * np.eye(d + 1)[offset])[:, 0] for b in (1.0, 2.0, -1.0)], axis=1)
+        changes = np.stack(
+            [rows.values(numbers[0] + b * np.eye(d + 1)[offset])[:, 0] for b in (1.0, 2.0, -1.0)], axis=1
+        )
         changes = (changes - values[:, :1]) / -k[:, None]
         if not np.allclose(changes, changes[:1, :1] * np.array([1.0, 4.0, 1.0]), rtol=1e-9) or changes[0, 0] <= 0:
             return None

@@ -9,6 +9,7 @@ import numpy as np
 from mbm.solution.closed_forms.lines_of_sight import directions
 from mbm.solution.closed_forms.moved_points import MovedPoints, moved_points
 from mbm.solution.closed_forms.numerics.bearings import plane_poses_from_bearings, poses_from_bearings
+from mbm.solution.closed_forms.numerics.finite import finite
 from mbm.solution.closed_forms.numerics.three_points import poses_from_three
 from mbm.solution.closed_forms.situation import Candidate, Situation
 from mbm.solution.closed_forms.types import Plan
@@ -43,7 +44,7 @@ class PoseFromPoints:
             if moved is None or moved.frame.dimension != dimension or moved.frame.scales or not _central(moved):
                 continue
             bearings = _bearings(moved)
-            seen = np.isfinite(bearings).all(axis=1)
+            seen = finite(bearings, 1)
             if int(seen.sum()) < 3:
                 return None
             sights = Sights(moved=moved.picked(seen), bearings=bearings[seen])
@@ -95,6 +96,17 @@ def _bearings(moved: MovedPoints) -> Floats:
     return directions(moved.values, moved.slopes, len(moved.points), starts)
 
 
+def _turned_round(sights: Sights) -> bool:
+    """Whether both image coordinates fall where the lateral coordinates grow: a camera that looks the other way, or
+    residuals of the other sign.
+    """
+    ahead = sights.bearings.mean(axis=0)
+    axis = int(np.argmax(np.abs(ahead)))
+    lateral = [(axis + 1) % 3, (axis + 2) % 3]
+    slopes = sights.moved.slopes(ahead)[:, :, lateral]
+    return bool((slopes[:, 0, 0] < 0).all() and (slopes[:, 1, 1] < 0).all())
+
+
 def _facing(sights: Sights) -> Sights:
     """The same, or with all bearings turned round where the camera looks along a negative axis (BAL's cameras do).
 
@@ -102,7 +114,7 @@ def _facing(sights: Sights) -> Sights:
     """
     first = sights.moved.rows.of_member(int(sights.moved.rows.member[0]))
     points, bearings = sights.moved.points[first], sights.bearings[first]
-    if points.shape[1] == 2 or len(points) < 4:
+    if points.shape[1] == 2 or len(points) < 4 or not _turned_round(sights):
         return sights
     misfits = []
     for sign in (1.0, -1.0):

@@ -73,7 +73,7 @@ def _moved_pairs(candidate: Candidate, rows: Rows) -> Pairs | None:
             return None
     if bool((np.abs(np.linalg.det(slopes)) <= 1e-9 * np.abs(slopes).max(axis=(1, 2)) ** d).any()):
         return None
-    target = -np.linalg.solve(slopes, found.values(np.zeros(d))[..., None])[..., 0]
+    target = np.asarray(-np.linalg.solve(slopes, found.values(np.zeros(d))[..., None])[..., 0])
     weight = rows.weight * np.square(slopes).mean(axis=(1, 2)) * d
     return Pairs(frame=found.frame, inverse=found.inverse, source=found.points, target=target, weight=weight)
 
@@ -85,7 +85,7 @@ def _turned_pairs(rows: Rows, frame: Frame) -> Pairs | None:
     if d == 2:
         halves = [np.eye(2), -np.eye(2)]
     values = [rows.values(frame.numbers(np.ones(()), R, np.zeros(d))) for R in halves]
-    target = -np.mean(values, axis=0)
+    target = np.asarray(-np.mean(values, axis=0))
     source = values[0] + target
     generator = np.random.default_rng(0)
     R = some_rotation(d, generator)

@@ -98,9 +98,7 @@ class Rows:
         pieces = []
         for piece, mine in self._parts():
             part = mask[mine]
-            pieces.append(
-                replace(piece, lines=piece.lines[part], inputs=piece.inputs[part], roles=piece.roles[part])
-            )
+            pieces.append(replace(piece, lines=piece.lines[part], inputs=piece.inputs[part], roles=piece.roles[part]))
         return replace(
             self,
             pieces=tuple(pieces),
@@ -142,7 +140,7 @@ class Candidate:
     @property
     def angles(self) -> Mask:
         """Which of the numbers (s,) of flat unknowns are angles."""
-        return self.situation.layout.angle[self.coordinates[0]]
+        return np.asarray(self.situation.layout.angle[self.coordinates[0]])
 
     def rows(self, width: int) -> Rows:
         """The equations of ``width`` components; where there are none, rows whose equations together have so many."""
@@ -242,9 +240,7 @@ class Situation:
         if len(np.unique(every)) != every.size or not bool(np.isnan(self.numbers[every]).all()):
             return None
         lines = tuple(self._lines(every))
-        return Candidate(
-            situation=self, entries=owners, places=every, coordinates=np.hstack(coordinates), lines=lines
-        )
+        return Candidate(situation=self, entries=owners, places=every, coordinates=np.hstack(coordinates), lines=lines)
 
     def observations(self) -> tuple[Group, ...]:
         """Groups of measured equations; priors take no part in starts."""
@@ -272,12 +268,11 @@ class Situation:
         return tuple(entries)
 
 
-def _supports(
-    group: Group, missing: Mask, layout: Layout
-) -> Iterator[tuple[tuple[int, ...], set[tuple[int, ...]]]]:
+def _supports(group: Group, missing: Mask, layout: Layout) -> Iterator[tuple[tuple[int, ...], set[tuple[int, ...]]]]:
     """The unknowns (by number) that rows of a group miss values of, with the members that they do it for."""
     absent = missing[group.index]
-    owners = [next(i for i, e in enumerate(layout.entries) if e.unknown.name == s.unknown) for s in group.kernel.variables]
+    number_of = {entry.unknown.name: i for i, entry in enumerate(layout.entries)}
+    owners = [number_of[slot.unknown] for slot in group.kernel.variables]
     patterns, of_row = np.unique(absent, axis=0, return_inverse=True)
     for number, pattern in enumerate(patterns):
         if not bool(pattern.any()):

@@ -13,6 +13,9 @@ FRACTION = 1e-4
 RELATIVE = 1e-7
 """… and its least length beside the coordinate itself, so that rounding stays small."""
 
+MOST_COORDINATES = 300
+"""Each takes a Jacobian of its own: with more of them Gauss-Newton's slower end is cheaper."""
+
 STIFFNESS = (0.0, 1.0, 1e2, 1e4)
 """Multiples of the active constraints' own square that are tried until the Hessian is positive definite: on the active
 surface they change nothing (Hestenes 1969)."""
@@ -51,6 +54,8 @@ def lagrangian_model(
 def _curvature(equations: ConstrainedEquations, here: Linearised, multipliers: Floats) -> Floats | None:
     """``Σ r_i ∇²r_i + Σ λ_i ∇²c_i`` (n, n) by forward differences of the Jacobians; None where one is not finite."""
     n = here.scale.size
+    if n > MOST_COORDINATES:
+        return None
     gradient = here.residuals @ here.jacobian + multipliers @ here.slopes
     size = np.abs(equations.coordinates(here.point))
     spread = max(float(np.sqrt(here.cost / max(equations.count - n, 1))), 1e-3)

@@ -10,7 +10,7 @@ import numpy as np
 from mbm.solution.constrained.conflict import STILL, TOLERANCE, conflict_at
 from mbm.solution.constrained.linearise import linearise, met, violations
 from mbm.solution.constrained.penalised import least_violation, marquardt, penalised, updated
-from mbm.solution.constrained.sequential import Iterate, begin, run
+from mbm.solution.constrained.sequential import Iterate, begin, merit, run
 from mbm.solution.constrained.types import ConstrainedEquations, Stopped, never
 from mbm.solution.types import Conflict, Floats, Minimum, Reason
 
@@ -141,7 +141,13 @@ def _by_penalties(equations: ConstrainedEquations, first: Iterate, work: _Work) 
         worst = min(worst, left) if np.isfinite(left) else worst
         if work.iterations >= work.limit:
             break
-    return work.end(last, last.reason or Reason.MAX_ITERATIONS)
+    return work.end(_no_worse(equations, first, last), last.reason or Reason.MAX_ITERATIONS)
+
+
+def _no_worse(equations: ConstrainedEquations, first: Iterate, last: Iterate) -> Iterate:
+    """The last place of a search that found no end, unless the first was better by the exact merit."""
+    weights = np.maximum(first.weights, last.weights)
+    return last if merit(last.place, weights, equations) <= merit(first.place, weights, equations) else first
 
 
 def _feasible(equations: ConstrainedEquations, here: Floats, start: Floats, work: _Work) -> Floats | Constrained:

@@ -107,8 +107,7 @@ def _reduced(problem: Subproblem, fixed: Floats, basis: Floats) -> tuple[Floats,
     if len(matrix) > 2 * (width + 1):
         reduced = triangle(np.column_stack([matrix, rest]))
         matrix, rest = reduced[:, :width], reduced[:, width]
-    _, singular, _ = np.linalg.svd(matrix, full_matrices=False)
-    damping = max(problem.damping, FLOOR * float(singular[0] if singular.size else 0.0), np.finfo(float).tiny)
+    damping = max(problem.damping, FLOOR * float(np.linalg.norm(matrix)), np.finfo(float).tiny)
     left, singular, right = np.linalg.svd(np.vstack([matrix, damping * np.eye(width)]), full_matrices=False)
     target = np.concatenate([rest, np.zeros(width)])
     minimum = -right.T @ ((left.T @ target) / singular)

@@ -186,13 +186,14 @@ def _weights(here: Linearised, before: Floats, multipliers: Floats) -> Floats:
     return np.maximum(needed, 0.5 * (before + needed))
 
 
-def _merit(here: Linearised, weights: Floats, equations: ConstrainedEquations) -> float:
+def merit(here: Linearised, weights: Floats, equations: ConstrainedEquations) -> float:
+    """Half the cost and the weighted violations: at a minimum no other point nearby has less."""
     return _merit_of(here.residuals, here.values, weights, equations)
 
 
 def _merit_of(residuals: Floats, values: Floats, weights: Floats, equations: ConstrainedEquations) -> float:
-    merit = 0.5 * float(residuals @ residuals) + float(weights @ violations(values, equations.equality))
-    return merit if isfinite(merit) else inf
+    found = 0.5 * float(residuals @ residuals) + float(weights @ violations(values, equations.equality))
+    return found if isfinite(found) else inf
 
 
 def _searched(
@@ -200,7 +201,7 @@ def _searched(
 ) -> Iterate:
     """The iterate after a search along the step."""
     here = state.place
-    before = _merit(here, state.weights, equations)
+    before = merit(here, state.weights, equations)
     image = here.jacobian @ solved.step
     slope = float(here.residuals @ image) - float(state.weights @ violations(here.values, equations.equality))
     rounding = 0.5 * here.slack + float(state.weights @ here.rounding)
@@ -212,12 +213,12 @@ def _searched(
         point = _moved(equations, box, here, solved, length)
         residuals, values = equations.residuals(point), equations.constraint_values(point)
         evaluations += 1
-        merit = _merit_of(residuals, values, state.weights, equations)
+        reached = _merit_of(residuals, values, state.weights, equations)
         wanted = before - ACCEPT * length * max(promised, 0.0) + rounding
-        if merit > wanted and tries == 0 and isfinite(merit):
-            point, merit = _corrected(equations, box, state, problem, values, solved)
+        if reached > wanted and tries == 0 and isfinite(reached):
+            point, reached = _corrected(equations, box, state, problem, values, solved)
             evaluations += 1
-        if merit <= wanted and merit < before + rounding:
+        if reached <= wanted and reached < before + rounding:
             place = linearise(equations, point, here)
             if finite(place):
                 return _arrived(replace(state, evaluations=evaluations), place, length, tries)
@@ -235,7 +236,8 @@ def _moved(equations: ConstrainedEquations, box: Box, here: Linearised, solved: 
     inside = box.project(equations.coordinates(moved))
     bound = np.where(solved.bounds < 0.0, box.lower, box.upper)
     near = np.abs(inside - bound) <= np.maximum(ON_BOUND / here.scale, 8.0 * EPSILON * np.abs(bound))
-    return equations.placed(moved, np.where((solved.bounds != 0.0) & near, bound, inside))
+    allowed = near & (solved.bounds != 0.0) & ~(box.positive & (bound <= 0.0))
+    return equations.placed(moved, np.where(allowed, bound, inside))
 
 
 def _corrected(
@@ -283,7 +285,7 @@ def _judged_by_length(
     state = replace(state, evaluations=state.evaluations + 1)
     settled = state.offset <= SETTLED or not isfinite(state.offset)
     ending = Reason.ROUNDING if settled and bool(met(here, equations.equality).all()) else Reason.FLAT
-    if not finite(place) or _merit(place, state.weights, equations) > most:
+    if not finite(place) or merit(place, state.weights, equations) > most:
         if not state.second:
             return replace(state, second=True)
         return replace(state, reason=ending)

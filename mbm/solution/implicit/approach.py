@@ -20,11 +20,12 @@ def approached(equations: Equations, start: Floats, rough: Minimise) -> Floats:
     """The start (N,), or where ``rough`` leads from it with exact columns if that fits better."""
     if not (isinstance(equations, Correctable) and equations.profiled):
         return start
-    cost = _cost(equations, start)
+    compared = equations.roughly_corrected()
+    cost = _cost(compared, start)
     if cost <= FAR**2 * equations.count:
         return start
     other = rough(equations.uncorrected(), start)
-    return other if _cost(equations, other) < cost else start
+    return other if _cost(compared, other) < cost else start
 
 
 @np.errstate(all="ignore")

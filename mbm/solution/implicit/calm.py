@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.solution.implicit.steps import step
+from mbm.solution.implicit.steps import curved_up, step
 from mbm.solution.implicit.types import Conditions, Feet
 from mbm.solution.types import Floats
 
@@ -18,8 +18,7 @@ LAST = 1e-8
 def calm_feet(conditions: Conditions, start: Floats, multipliers: Floats) -> Feet | None:
     """The feet that full steps from ``start`` (R, q) lead to, or None where the search needs care.
 
-    Each step must be shorter than half of the one before, and no foot may be as far off as the conditions' radius of
-    curvature: it is then a nearest point for sure.
+    Each step must be shorter than half of the one before, and each end a nearest point, not a farthest.
     """
     here, last = start, np.inf
     local = conditions.at(here, multipliers)
@@ -35,13 +34,15 @@ def calm_feet(conditions: Conditions, start: Floats, multipliers: Floats) -> Fee
     else:
         return None
     misclosures = local.values - np.einsum("rkq,rq->rk", local.slopes, here)
-    bent = np.einsum("rij,rij->r", local.curvature, local.curvature)
-    if not (bool(np.isfinite(misclosures).all()) and float(bent.max(initial=0.0)) < 1.0):
+    everywhere = np.ones(len(here), dtype=bool)
+    if not np.isfinite(misclosures).all():
+        return None
+    if not curved_up(local.slopes, local.curvature, conditions.noisy, everywhere).all():
         return None
     return Feet(
         corrections=here,
         multipliers=multipliers,
         slopes=local.slopes,
         misclosures=misclosures,
-        found=np.ones(len(here), dtype=bool),
+        found=everywhere,
     )

@@ -22,8 +22,10 @@ from mbm.solution.implicit.components import Builder
 from mbm.solution.implicit.feet import feet, first_feet
 from mbm.solution.implicit.measured import Measured, MeasuredColumn, measured
 from mbm.solution.implicit.roots import Root, root
+from mbm.solution.implicit.sharing import check_sharing
 from mbm.solution.implicit.system import System, whiten_rows
 from mbm.solution.implicit.types import CorrectedColumn, Feet
+from mbm.solution.implicit.uncertain import rows_of_groups
 from mbm.solution.scatter import Scatter
 from mbm.solution.types import Floats, Indices, Mask
 
@@ -75,7 +77,7 @@ class Elimination:
             group = self.groups[number]
             lines = residuals[group.first : group.first + group.count].reshape(group.rows, group.kernel.outputs)
             kept[number] = np.asarray(lines.any(axis=1), dtype=bool)
-        systems = Builder(self.problem, self.tables, self.groups, self.measured, self.cache, kept).systems()
+        systems = Builder(self.problem, self.groups, self.measured, self.cache, kept).systems()
         return replace(self, systems=systems, _scatters=(), _whole=self._whole or self, _memory=_Memory()).over(columns)
 
     def everything(self, columns: Indices) -> Elimination:
@@ -164,6 +166,8 @@ def elimination(
     """
     if all(group.kernel.corrections is None for group in groups):
         return None
-    found = measured(problem, tables, groups)
-    systems = Builder(problem, tables, groups, found, cache, None).systems()
+    rows = rows_of_groups(groups)
+    found = measured(problem, tables, rows)
+    check_sharing(problem, tables, rows, found)
+    systems = Builder(problem, groups, found, cache, None).systems()
     return Elimination(problem=problem, tables=tables, groups=groups, measured=found, cache=cache, systems=systems)

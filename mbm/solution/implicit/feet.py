@@ -11,7 +11,7 @@ import numpy as np
 
 from mbm.solution.implicit.calm import calm_feet
 from mbm.solution.implicit.search import Search, begun, swept
-from mbm.solution.implicit.steps import step
+from mbm.solution.implicit.steps import curved_up, step
 from mbm.solution.implicit.types import Conditions, Feet, Local
 from mbm.solution.types import Floats, Mask
 
@@ -27,9 +27,6 @@ REACHES = (1.0, 3.0)
 MOST_DIRECTIONS = 6
 STATIONARY = 1e-6
 """How far Gauss-Helmert's step may lead from a foot, where it should stay, beside 1 + |u| standard deviations."""
-
-SOFTNESS = 1e-8
-"""Weight of a condition against the corrections, where the curvature along the conditions is asked for."""
 
 
 class _Scaled:
@@ -112,21 +109,11 @@ def _searched(conditions: Conditions, start: Floats, sweeps: int) -> Search:
 
 
 def is_minimum(search: Search) -> Mask:
-    """Whether each point (R,) is stationary, and a nearest one: the curvature along the conditions is positive."""
+    """Whether each point (R,) is stationary, and a nearest one rather than a farthest."""
     target, _ = step(search.slopes, None, search.noisy, search.values, search.corrections)
     size = 1.0 + np.abs(search.corrections).max(axis=1, initial=0.0)
     stays = np.abs(target - search.corrections).max(axis=1, initial=0.0) <= STATIONARY * size
-    bent = np.einsum("rij,rij->r", search.curvature, search.curvature) >= 1.0
-    result = np.asarray(stays & ~bent, dtype=bool)
-    for i in np.flatnonzero(stays & bent):
-        slopes = search.slopes[i]
-        held = slopes.T @ (slopes / np.where(search.noisy[i], 1.0, SOFTNESS)[:, None])
-        try:
-            np.linalg.cholesky(np.eye(slopes.shape[1]) + search.curvature[i] + held)
-        except np.linalg.LinAlgError:
-            continue
-        result[i] = True
-    return result
+    return np.asarray(stays & curved_up(search.slopes, search.curvature, search.noisy, stays), dtype=bool)
 
 
 def _elsewhere(conditions: Conditions, search: Search, found: Mask) -> tuple[Search, Mask]:

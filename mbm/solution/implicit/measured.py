@@ -11,10 +11,9 @@ from mbm.expression.nodes import RowChoice
 from mbm.problem import faults
 from mbm.problem.rows import row_values
 from mbm.problem.tables import CellKey, Table
-from mbm.problem.types import Block, Problem, RowValues, UncertainColumn
-from mbm.solution.binding import Group
+from mbm.problem.types import Problem, RowValues, UncertainColumn
+from mbm.solution.implicit.uncertain import UncertainRows
 from mbm.solution.types import Floats, Indices
-from mbm.symbolic.types import ColumnInput
 from mbm.text.types import MbmError
 
 SAME = 1e-9
@@ -58,8 +57,8 @@ class _Use:
     sigma: Floats | None
 
 
-def measured(problem: Problem, tables: Mapping[str, Table], groups: tuple[Group, ...]) -> Measured:
-    """The values that the equations of ``groups`` correct.
+def measured(problem: Problem, tables: Mapping[str, Table], rows: Mapping[int, UncertainRows]) -> Measured:
+    """The values that the equations of ``rows`` correct.
 
     Raises:
         MbmError: a standard deviation that is none, or two different ones of one value.
@@ -68,43 +67,30 @@ def measured(problem: Problem, tables: Mapping[str, Table], groups: tuple[Group,
     uses: dict[tuple[str, str], list[_Use]] = {}
     strays: dict[tuple[str, CellKey], int] = {}
     sigmas: dict[tuple[int, str], Floats] = {}
-    for number, group in enumerate(groups):
-        if group.kernel.corrections is None:
-            continue
-        block = problem.blocks[group.kernel.owner]
-        for place, column in enumerate(group.kernel.corrections.columns):
-            parameter = group.kernel.parameters[column]
-            if isinstance(parameter, ColumnInput):
-                use = _use(group, number, place, block, parameter, tables, strays, sigmas)
-                uses.setdefault((use.error.table, use.error.column), []).append(use)
-    return _numbered(uses, groups, tables)
-
-
-def _use(
-    group: Group,
-    number: int,
-    place: int,
-    block: Block,
-    parameter: ColumnInput,
-    tables: Mapping[str, Table],
-    strays: dict[tuple[str, CellKey], int],
-    sigmas: dict[tuple[int, str], Floats],
-) -> _Use:
-    error = next(e for e in block.errors if e.name == parameter.name)
-    table = tables[parameter.table]
-    positions = group.positions if group.positions is not None else np.zeros(1, dtype=np.int64)
-    if parameter.row is not RowChoice.EACH:
-        positions = np.full(group.rows, 0 if parameter.row is RowChoice.FIRST else len(table) - 1)
-    sigma = None
-    if error.sigma is not None:
-        known = (group.kernel.owner, error.name)
-        if known not in sigmas:
-            sigmas[known] = row_values(error.sigma, tables)[:, 0]
-        sigma = sigmas[known][positions]
-        _check(error, error.sigma, sigma, table, positions)
-    return _Use(
-        group=number, place=place, error=error, rows=_identities(error, table, positions, tables, strays), sigma=sigma
-    )
+    for number, each in rows.items():
+        block = problem.blocks[each.owner]
+        for place, column in enumerate(each.columns):
+            error = next(e for e in block.errors if e.name == column.name)
+            table = tables[column.table]
+            positions = each.positions
+            if column.row is not RowChoice.EACH:
+                positions = np.full(len(positions), 0 if column.row is RowChoice.FIRST else len(table) - 1)
+            sigma = None
+            if error.sigma is not None:
+                known = (each.owner, error.name)
+                if known not in sigmas:
+                    sigmas[known] = row_values(error.sigma, tables)[:, 0]
+                sigma = sigmas[known][positions]
+                _check(error, error.sigma, sigma, table, positions)
+            use = _Use(
+                group=number,
+                place=place,
+                error=error,
+                rows=_identities(error, table, positions, tables, strays),
+                sigma=sigma,
+            )
+            uses.setdefault((error.table, error.column), []).append(use)
+    return _numbered(uses, rows, tables)
 
 
 def _check(error: UncertainColumn, stated: RowValues, sigma: Floats, table: Table, positions: Indices) -> None:
@@ -136,14 +122,10 @@ def _identities(
 
 
 def _numbered(
-    uses: Mapping[tuple[str, str], list[_Use]], groups: tuple[Group, ...], tables: Mapping[str, Table]
+    uses: Mapping[tuple[str, str], list[_Use]], rows_of: Mapping[int, UncertainRows], tables: Mapping[str, Table]
 ) -> Measured:
     columns: list[MeasuredColumn] = []
-    ids = {
-        number: np.zeros((group.rows, len(group.kernel.corrections.columns)), dtype=np.int64)
-        for number, group in enumerate(groups)
-        if group.kernel.corrections is not None
-    }
+    ids = {n: np.zeros((len(each.noisy), len(each.columns)), dtype=np.int64) for n, each in rows_of.items()}
     parts: list[Floats] = []
     first = 0
     for (table, column), found in uses.items():

@@ -11,6 +11,9 @@ import numpy as np
 
 from mbm.solution.types import Floats, Mask
 
+SOFTNESS = 1e-8
+"""Weight of a condition against the corrections, where the curvature along the conditions is asked for."""
+
 
 def step(slopes: Floats, curvature: Floats | None, noisy: Mask, values: Floats, at: Floats) -> tuple[Floats, Floats]:
     """The next corrections (R, q) and the multipliers (R, k); not finite where a system has no solution.
@@ -67,6 +70,23 @@ def _whole(slopes: Floats, curvature: Floats, noisy: Mask, values: Floats, at: F
     matrix[:, index, index] = -1.0 * noisy
     found = solved(matrix, np.concatenate([-at, -values], axis=1))
     return at + found[:, :q], found[:, q:]
+
+
+def curved_up(slopes: Floats, curvature: Floats, noisy: Mask, asked: Mask) -> Mask:
+    """Whether the cost grows along the conditions (R,), of those ``asked``: a foot is a nearest point, not a farthest.
+
+    That is the case for sure where the curvature is below 1, the foot nearer than the radius of curvature.
+    """
+    bent = np.einsum("rij,rij->r", curvature, curvature) >= 1.0
+    result = np.asarray(~bent, dtype=bool)
+    for i in np.flatnonzero(bent & asked):
+        held = slopes[i].T @ (slopes[i] / np.where(noisy[i], 1.0, SOFTNESS)[:, None])
+        try:
+            np.linalg.cholesky(np.eye(slopes.shape[2]) + curvature[i] + held)
+        except np.linalg.LinAlgError:
+            continue
+        result[i] = True
+    return result
 
 
 def solved(matrices: Floats, right: Floats) -> Floats:

@@ -132,7 +132,8 @@ def _improved(
         squares = units.squares(trials.residuals(points))
         own = [max(robust_variance(each, units, trials.dimension), 1.0) for each in squares]
         wide = refined(trials, units, points, Truncated(cut * np.array(own)[:, None], ones), iterations=4)
-        found = refined(trials, units, wide.points, Truncated(cut, ones), iterations=STEPS)
+        both = np.concatenate((points, wide.points))  # wide limits help a poor subset, and mislead one of two halves
+        found = refined(trials, units, both, Truncated(cut, ones), iterations=STEPS)
     best = found.best(_distances(trials, found.points, start))
     return found, best, variances_at(found.squares[best], units, trials.dimension) if unknown else ones
 

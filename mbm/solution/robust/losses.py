@@ -22,7 +22,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from mbm.problem.types import Loss, LossKind
+from mbm.problem.kinds import LossKind
+from mbm.problem.types import Loss
 from mbm.solution.robust.efficiency import tuned
 from mbm.solution.types import Floats
 

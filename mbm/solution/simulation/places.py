@@ -10,7 +10,7 @@ import numpy as np
 from mbm.expression.evaluate import Lookup, Values
 from mbm.expression.nodes import Column, ColumnMember, Component, Leaf, LiteralMember, RowChoice
 from mbm.problem import faults as problem_faults
-from mbm.problem.rows import Positions, lookup
+from mbm.problem.rows import Positions, lookup, sampled_column
 from mbm.problem.scopes import ROW
 from mbm.problem.tables import CellKey, Table
 from mbm.solution.layout import Entry, Layout
@@ -40,6 +40,8 @@ class Rows:
         def value(leaf: Leaf) -> Values:
             if isinstance(leaf, Component):
                 return self._component(leaf)
+            if isinstance(leaf, Column) and leaf.sampling is not None:
+                return sampled_column(leaf, leaf.sampling, value, self.tables)
             if isinstance(leaf, Column) and leaf.name in replaced and self.own(leaf):
                 return replaced[leaf.name]
             return given(leaf)

@@ -84,7 +84,8 @@ def factorise(found: Fronts, entries: Floats) -> FrontFactor | None:
     from scipy.linalg.blas import dtrsm
 
     pending: list[list[tuple[int, Floats]]] = [[] for _ in found.fronts]
-    corners, below = [], []
+    corners: list[Floats] = []
+    below: list[Floats] = []
     for number, front in enumerate(found.fronts):
         width, size = front.width, len(front.rows)
         whole = np.zeros((size, size))
@@ -94,7 +95,7 @@ def factorise(found: Fronts, entries: Floats) -> FrontFactor | None:
             whole[into[:, None], into] += update
         pending[number] = []
         try:
-            corner = np.linalg.cholesky(whole[:width, :width])
+            corner: Floats = np.asarray(np.linalg.cholesky(whole[:width, :width]), dtype=np.float64)
         except np.linalg.LinAlgError:
             return None
         if not np.isfinite(corner[-1, -1]):

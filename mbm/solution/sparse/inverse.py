@@ -67,7 +67,7 @@ class SparseInverse:
         layout = self.factors.plan.structure
         scaled = self._projected(layout.padded(right) / self.scale[:, None])
         found = self._projected(self.factors.solve(scaled)) / self.scale[:, None]
-        return found[layout.free]
+        return np.asarray(found[layout.free])
 
     def along(self, gradient: Floats, common: Floats) -> Floats:
         """How much of each row of a gradient (k, n) lies along free directions, relative to its length (k,).

@@ -8,18 +8,17 @@ the dense solvers end: at a relative offset below the tolerance (Bates and Watts
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import inf, isfinite, sqrt
-from typing import Protocol, runtime_checkable
+from math import inf, isfinite
 
 import numpy as np
 
 from mbm.solution.assembly import Assembled
 from mbm.solution.solvers.state import first_bad, relative_offset
 from mbm.solution.sparse.equations import blocked
-from mbm.solution.sparse.normal import Normal
+from mbm.solution.sparse.place import BlockEquations, Place, inside, moved, place_at
 from mbm.solution.sparse.structure import BlockJacobian, Structure, Values
 from mbm.solution.sparse.system import Plan, factorised, plan
-from mbm.solution.types import Equations, Floats, Mask, Minimum, Reason, TraceEntry
+from mbm.solution.types import Equations, Floats, Minimum, Reason, TraceEntry
 
 FIRST = 1e-4
 """Damping of the first step, relative to the diagonal."""
@@ -42,53 +41,11 @@ UNDECIDED = 10.0
 POLISH = 0.95
 """… which must fall below this share."""
 
-NOISE = 4.0 * float(np.finfo(np.float64).eps)
-"""Rounding of a residual, relative to the terms that it is made of."""
-
 TRIALS = 60
 """Trial points in one iteration."""
 
 ROUNDS = 20
 """Times that a step is solved for again because it would leave the box."""
-
-ROUNDING = 1e-15
-"""Relative error of a bound minus a number plus that number."""
-
-KEEP = 0.1
-"""A coordinate that must stay positive keeps at least this part of its value in one step."""
-
-
-@runtime_checkable
-class BlockEquations(Equations, Protocol):
-    """Equations whose Jacobian comes in blocks."""
-
-    def structure(self) -> Structure:
-        """Which blocks there are; the same for every point."""
-        ...
-
-    def block_jacobian(self, x: Floats) -> Values:
-        """The whitened Jacobian at ``x``, for each piece of the structure."""
-        ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Place:
-    """A point and what depends on it alone; ``held`` (columns,) are columns at a bound that descent would leave.
-
-    ``gradient`` (columns,) is ``Jᵀr``, zero where held, ``squares`` (columns,) the squared norms of the columns,
-    ``rounding`` that of the cost, ``gaps`` the farthest steps down and up (columns,), None without bounds.
-    """
-
-    point: Floats
-    residuals: Floats
-    values: Values
-    normal: Normal
-    gradient: Floats
-    squares: Floats
-    held: Mask
-    cost: float
-    rounding: float
-    gaps: tuple[Floats, Floats] | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -160,14 +117,14 @@ def _blocks(equations: Equations) -> BlockEquations | None:
 
 def _begun(equations: BlockEquations, start: Floats, tolerance: float) -> State:
     found = plan(equations.structure())
-    point = _inside(equations, start)
+    point = inside(equations, start)
     residuals = equations.residuals(point)
     row, reason, place = first_bad(residuals), Reason.NOT_FINITE_AT_START, None
     if row is None and not isfinite(float(residuals @ residuals)):
         row = int(np.argmax(np.abs(residuals)))
     if row is None:
         values = equations.block_jacobian(point)
-        place, reason = _place(equations, found, point, residuals, values), Reason.JACOBIAN_NOT_FINITE_AT_START
+        place, reason = place_at(equations, found, point, residuals, values), Reason.JACOBIAN_NOT_FINITE_AT_START
         row = None if place is not None else _bad_derivative(found.structure, values)
     return State(
         equations=equations,
@@ -197,7 +154,7 @@ def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
         if promise <= 0.0 and state.damping < MOST and bool(step.any()):
             state = _shortened(state)
             continue
-        point = _moved(equations, here, state.plan, step)
+        point = moved(equations, here, state.plan, step)
         offset = _offset(equations, here, promise)
         if state.damping > LEAST and offset <= state.tolerance:
             state = replace(state, damping=LEAST)
@@ -211,7 +168,7 @@ def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
         state = replace(state, evaluations=state.evaluations + 1)
         share = (here.cost - cost) / promise if isfinite(cost) else -inf
         good = here.cost - cost >= -here.rounding if undecided else share > ACCEPT
-        there = _place(equations, state.plan, point, residuals, equations.block_jacobian(point)) if good else None
+        there = place_at(equations, state.plan, point, residuals, equations.block_jacobian(point)) if good else None
         if there is not None:
             if undecided and not _better(equations, state, there):
                 return _ended(state, here, trials, Reason.ROUNDING)
@@ -255,45 +212,10 @@ def _answer(state: State, reason: Reason) -> Minimum:
     )
 
 
-def _place(equations: BlockEquations, found: Plan, point: Floats, residuals: Floats, values: Values) -> Place | None:
-    """Everything at a point; None where a derivative is not finite."""
-    layout = found.structure
-    gradient = np.asarray(layout.matrix(values).T @ residuals).reshape(-1)
-    normal = found.pattern.accumulate(values)
-    squares = normal.diagonal()
-    if not (np.isfinite(squares).all() and np.isfinite(gradient).all()):
-        return None
-    held = np.zeros(layout.columns, dtype=bool)
-    coordinates = equations.coordinates(point)
-    slope = gradient[layout.free]
-    held[layout.free] = ((coordinates <= equations.lower) & (slope >= 0.0)) | (
-        (coordinates >= equations.upper) & (slope <= 0.0)
-    )
-    if held.any():
-        normal = found.pattern.accumulate(layout.weighted(values, np.where(held, 0.0, 1.0)))
-        gradient = np.where(held, 0.0, gradient)
-    terms = np.sqrt(squares[layout.free]) * coordinates
-    cost = float(residuals @ residuals)
-    size = sqrt(float(terms @ terms))
-    noise = NOISE * (size + sqrt(cost))
-    return Place(
-        point=point,
-        residuals=residuals,
-        values=values,
-        normal=normal,
-        gradient=gradient,
-        squares=squares,
-        held=held,
-        cost=cost,
-        rounding=2.0 * noise * sqrt(cost) + noise * noise,
-        gaps=_gaps(equations, found, point),
-    )
-
-
 def _solved(state: State, here: Place, damping: float) -> Floats | None:
     """The damped step over the padded columns; None where the equations cannot be factorised.
 
-    With bounds: what would leave the box is put on its bound, and the rest solved again (an active set that only grows).
+    With bounds: what would leave the box is put on its bound, and the rest solved again.
     """
     layout = state.plan.structure
     normal, gradient, still = here.normal, here.gradient, layout.dead | here.held
@@ -320,41 +242,6 @@ def _solved(state: State, here: Place, damping: float) -> Floats | None:
         step = np.where(still, step, 0.0)
         gradient = here.gradient + matrix.T @ (matrix @ step)
     return step
-
-
-def _gaps(equations: Equations, found: Plan, point: Floats) -> tuple[Floats, Floats] | None:
-    """Farthest steps down and up (columns,); None without bounds."""
-    lower, upper, positive = equations.lower, equations.upper, equations.positive
-    if not (positive.any() or np.isfinite(lower).any() or np.isfinite(upper).any()):
-        return None
-    here = equations.coordinates(point)
-    layout = found.structure
-    down, up = np.full(layout.columns, -inf), np.full(layout.columns, inf)
-    down[layout.free] = np.where(positive, np.maximum(lower - here, (KEEP - 1.0) * here), lower - here)
-    up[layout.free] = upper - here
-    return down, up
-
-
-def _inside(equations: Equations, point: Floats) -> Floats:
-    """The start with its coordinates inside the bounds."""
-    found = equations.coordinates(point)
-    inside = np.clip(found, equations.lower, equations.upper)
-    return point if np.array_equal(found, inside) else equations.placed(point, inside)
-
-
-def _moved(equations: Equations, here: Place, found: Plan, step: Floats) -> Floats:
-    """The point after a step; what the step puts on a bound stands on it to the last bit."""
-    own = step[found.structure.free]
-    point = equations.retract(here.point, own)
-    if here.gaps is None:
-        return point
-    down, up = here.gaps[0][found.structure.free], here.gaps[1][found.structure.free]
-    lower, upper = equations.lower, equations.upper
-    reached = equations.coordinates(point)
-    inside = np.clip(reached, lower, upper)
-    inside = np.where((own <= down) & np.isfinite(lower) & (inside <= lower + ROUNDING * np.abs(own)), lower, inside)
-    inside = np.where((own >= up) & np.isfinite(upper) & (inside >= upper - ROUNDING * np.abs(own)), upper, inside)
-    return point if np.array_equal(reached, inside) else equations.placed(point, inside)
 
 
 def _promise(found: Plan, here: Place, step: Floats) -> float:

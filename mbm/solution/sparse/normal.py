@@ -165,7 +165,7 @@ def _pair(found: Structure, key: tuple[int, int], meetings: list[_Meeting]) -> P
                 right=slice(b, b + right.size),
                 rows=meeting.rows[order],
                 starts=starts,
-                targets=np.searchsorted(unique, targets),
+                targets=np.asarray(np.searchsorted(unique, targets)),
                 mirrored=meeting.mirrored,
             )
         )

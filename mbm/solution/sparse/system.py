@@ -244,6 +244,6 @@ def _rest_factor(found: Plan, data: Floats, y: Any) -> FrontFactor | Floats | No
     if y is not None:
         matrix -= squared(y)
     try:
-        return np.linalg.cholesky(matrix)
+        return np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
     except np.linalg.LinAlgError:
         return None

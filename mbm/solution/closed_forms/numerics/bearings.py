@@ -45,8 +45,8 @@ def poses_from_bearings(points: Floats, bearings: Floats, weights: Floats | None
     seen = np.einsum("kij,nj->kni", R, local) + t[:, None, :]
     in_front = ((seen * bearings).sum(axis=2) > 0).mean(axis=1)
     kept = _distinct(R, cost, in_front)
-    t = spread * t[kept] - np.einsum("kij,j->ki", R[kept], centre)
-    return R[kept], t
+    shift = spread * t[kept] - np.einsum("kij,j->ki", R[kept], centre)
+    return np.asarray(R[kept]), np.asarray(shift)
 
 
 def _cube() -> Floats:

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbm.solution.closed_forms.numerics.finite import finite
 from mbm.solution.types import Floats
 
 
 def real_roots(coefficients: Floats) -> Floats:
-    """Real roots (…, 4) of ``a₄x⁴ + … + a₀``, coefficients (…, 5) from the highest power; NaN for those that are complex.
+    """Real roots (…, 4) of ``a₄x⁴ + … + a₀``, coefficients (…, 5) from the highest power; NaN beside them.
 
     The eigenvalues of the companion matrix, then two steps of Newton; a pair of almost equal roots counts as real.
     """
     leading = coefficients[..., :1]
     with np.errstate(invalid="ignore", divide="ignore"):
         monic = coefficients[..., 1:] / leading
-    usable = np.isfinite(monic).all(axis=-1)
+    usable = finite(monic, -1)
     companion = np.zeros((*monic.shape[:-1], 4, 4))
     companion[..., 0, :] = -np.where(usable[..., None], monic, 0.0)
     companion[..., 1, 0] = companion[..., 2, 1] = companion[..., 3, 2] = 1.0

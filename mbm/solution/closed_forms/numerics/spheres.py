@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbm.solution.closed_forms.numerics.finite import finite
 from mbm.solution.types import Floats
 
 FLAT = 1e-6
@@ -46,7 +47,7 @@ def positions(stations: Floats, squares: Floats, weights: Floats | None = None) 
     flat = flatness < FLAT
     found[..., 0, :] = np.where((flat | ~usable)[..., None], np.nan, found[..., 0, :])
     found[..., 1:, :] = np.where((usable & (flatness < NEARLY_FLAT))[..., None, None], found[..., 1:, :], np.nan)
-    return centre[..., None, :] + np.einsum("...ij,...kj->...ki", axes, found)
+    return np.asarray(centre[..., None, :] + np.einsum("...ij,...kj->...ki", axes, found))
 
 
 def positions_and_offset(
@@ -65,12 +66,12 @@ def positions_and_offset(
     s = stations - centre[..., None, :]
     scale = np.sqrt(np.square(s).sum(axis=(-2, -1)) / s.shape[-2])[..., None]
     with np.errstate(invalid="ignore", divide="ignore"):
-        s, l, e = s / scale[..., None], lengths / scale, extra / scale**2
+        s, r, e = s / scale[..., None], lengths / scale, extra / scale**2
     beta = slopes.mean(axis=-1)
-    mean_length = l.mean(axis=-1)
-    l0 = l - mean_length[..., None]  # b counts from the mean length
-    matrix = np.concatenate([2 * s, 2 * l0[..., None], -np.ones((*l.shape, 1))], axis=-1)
-    right = np.square(s).sum(axis=-1) + e - l0**2
+    mean_length = r.mean(axis=-1)
+    r0 = r - mean_length[..., None]  # b counts from the mean length
+    matrix = np.concatenate([2 * s, 2 * r0[..., None], -np.ones((*r.shape, 1))], axis=-1)
+    right = np.square(s).sum(axis=-1) + e - r0**2
     particular, free = _solved(matrix * root[..., None], right * root)
     p, b = _on_the_quadric(particular, free, d)
     p = centre[..., None, :] + p * scale[..., None]
@@ -81,24 +82,25 @@ def positions_and_offset(
 
 def _solved(matrix: Floats, right: Floats) -> tuple[Floats, Floats]:
     """The least-norm solution (…, m), and the direction (…, m) that is free, 0 if none is; NaN if several are."""
-    finite = np.isfinite(matrix).all(axis=(-2, -1)) & np.isfinite(right).all(axis=-1)
+    known = finite(matrix, (-2, -1)) & finite(right, -1)
     rows, columns = matrix.shape[-2:]
     if rows < columns:
         padding = [(0, 0)] * (matrix.ndim - 2) + [(0, columns - rows), (0, 0)]
         matrix = np.pad(matrix, padding)
         right = np.pad(right, padding[:-1])
-    U, values, Vt = np.linalg.svd(np.where(finite[..., None, None], matrix, 0.0), full_matrices=False)
+    U, values, Vt = np.linalg.svd(np.where(known[..., None, None], matrix, 0.0), full_matrices=False)
     full = values > 1e-9 * values[..., :1]
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = np.where(full, 1 / values, 0.0)
     solution = np.einsum("...ji,...j,...kj,...k->...i", Vt, inverse, U, np.nan_to_num(right))
     free = np.where(full[..., -1:], 0.0, Vt[..., -1, :])
-    usable = full[..., -2] & finite
+    usable = full[..., -2] & known
     return np.where(usable[..., None], solution, np.nan), free
 
 
 def _on_the_quadric(particular: Floats, free: Floats, d: int) -> tuple[Floats, Floats]:
-    """Solutions of ``q = |p|² − b²`` on the line ``particular + λ free``; the particular one where the line is a point."""
+    """Solutions of ``q = |p|² − b²`` on the line ``particular + λ free``; the particular one where that is a point."""
+
     def form(x: Floats, y: Floats) -> Floats:
         product: Floats = np.einsum("...i,...i->...", x[..., :d], y[..., :d]) - x[..., d] * y[..., d]
         return product

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbm.solution.closed_forms.numerics.finite import finite
 from mbm.solution.closed_forms.numerics.quartic import real_roots
 from mbm.solution.types import Floats
+
+
+SYMMETRIC = 1e-6
+"""Difference of the cosines between sights below which Grunert's fraction is nothing by nothing."""
 
 
 def poses_from_three(points: Floats, bearings: Floats) -> tuple[Floats, Floats]:
@@ -54,19 +59,23 @@ def _lengths(points: Floats, bearings: Floats) -> Floats:
         )
         v = real_roots(quartic)
         m, ca, cb, cg, b2, a2, c2 = (x[..., None] for x in (m, ca, cb, cg, b2, a2, c2))
-        u = ((m - 1) * v**2 - 2 * m * cb * v + 1 + m) / (2 * (cg - v * ca))
+        below = 2 * (cg - v * ca)
+        u = ((m - 1) * v**2 - 2 * m * cb * v + 1 + m) / below
+        # Where two sights mirror each other, both sides vanish: then each root of the first two laws, in turn.
+        rest = np.sqrt(np.maximum(cg**2 - 1 + c2 / b2 * (1 + v**2 - 2 * v * cb), 0.0))
+        u = np.where(np.abs(below) < SYMMETRIC, cg + rest * np.array([1.0, -1.0, 1.0, -1.0]), u)
         first = np.sqrt(b2 / (1 + v**2 - 2 * v * cb))
         found = np.stack([first, u * first, v * first], axis=-1)
         found = _polished(found, (a2, b2, c2), (ca, cb, cg))
-    positive = (found > 0).all(axis=-1) & np.isfinite(found).all(axis=-1)
+    positive = (found > 0).all(axis=-1) & finite(found, -1)
     return np.where(positive[..., None], found, np.nan)
 
 
 def _polished(s: Floats, squares: tuple[Floats, ...], cosines: tuple[Floats, ...]) -> Floats:
     """Three steps of Newton on the three cosine laws; kept where they end as a solution, NaN elsewhere."""
     pairs = ((1, 2), (0, 2), (0, 1))
-    finite = np.isfinite(s).all(axis=-1)
-    s = np.where(finite[..., None], s, 1.0)
+    known = finite(s, -1)
+    s = np.where(known[..., None], s, 1.0)
     scale = np.maximum.reduce(squares)
 
     def laws() -> Floats:
@@ -88,7 +97,7 @@ def _polished(s: Floats, squares: tuple[Floats, ...], cosines: tuple[Floats, ...
         )  # fmt: skip
         determinant = np.einsum("...j,...j->...", J[..., 0, :], adjugate[..., :, 0])
         step = np.einsum("...ij,...j->...i", adjugate, laws()) / determinant[..., None]
-        short = np.isfinite(step).all(axis=-1) & (np.abs(step) < 0.1 * np.abs(s)).all(axis=-1)
+        short = finite(step, -1) & (np.abs(step) < 0.1 * np.abs(s)).all(axis=-1)
         s = np.where(short[..., None], s - step, s)
-    solved = finite & (np.abs(laws()).max(axis=-1) <= 1e-6 * scale)
+    solved = known & (np.abs(laws()).max(axis=-1) <= 1e-6 * scale)
     return np.where(solved[..., None], s, np.nan)

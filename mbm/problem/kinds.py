@@ -1,0 +1,35 @@
+"""How constraints and losses are called, and what an equation demands."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Relation(StrEnum):
+    """What an equation demands of its components; the value is how constraints are reported."""
+
+    NEAR_ZERO = "observed"
+    ZERO = "="
+    NOT_ABOVE_ZERO = "<="
+
+
+class ConstraintKind(StrEnum):
+    """How a constraint is written; the value is its head, and what the result document calls its type."""
+
+    EQUAL = "="
+    BELOW = "<"
+    NOT_ABOVE = "<="
+    ABOVE = ">"
+    NOT_BELOW = ">="
+    UNIFORM = "uniform"
+
+
+class LossKind(StrEnum):
+    """Robust losses; the value is the name in ``:loss``."""
+
+    HUBER = "huber"
+    SOFT_L1 = "soft-l1"
+    CAUCHY = "cauchy"
+    TUKEY = "tukey"
+    GEMAN_MCCLURE = "geman-mcclure"
+    BARRON = "barron"

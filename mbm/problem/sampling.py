@@ -1,0 +1,157 @@
+"""``(sample TABLE FORM AT [:by COLUMN])``: a form over the rows of a timed table, on the line between two of them.
+
+The form is evaluated twice, with the columns of the row before AT and of the row after it; which rows these are follows
+from AT when numbers are known, so AT may hold unknowns and the derivative by them is that of the straight line.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.expression import algebra
+from mbm.expression.nodes import (
+    Column,
+    ColumnMember,
+    Component,
+    Expression,
+    RowChoice,
+    Sampling,
+    leaves,
+)
+from mbm.language import faults as language_faults
+from mbm.language.coerce import difference, list_items, scalar
+from mbm.language.evaluator import Evaluator
+from mbm.language.scope import Scope
+from mbm.language.values import SCALARS, Array, ListValue, Value, describe
+from mbm.problem import faults
+from mbm.problem.options import split_options
+from mbm.problem.scopes import ProblemScope, RowScope
+from mbm.problem.tables import Numbers, Table
+from mbm.problem.types import Block
+from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
+
+USAGE = "(sample TABLE form at [:by column])"
+TIME_NAMES = ("t", "time")
+"""The column of times where none is named: the first of these that the table has."""
+
+
+def sample(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
+    """The special form."""
+    options = split_options(form.items[1:], form.span, owner="`sample`", known=("by",))
+    if len(options.positional) != 3 or not isinstance(options.positional[0], Symbol):
+        raise MbmError(language_faults.bad_form(form.span, "`sample` takes a table, a form and a time", USAGE))
+    name, sampled, at_form = options.positional
+    world = evaluator.world
+    tables = world.tables if isinstance(world, ProblemScope) else {}
+    if not isinstance(world, ProblemScope) or not isinstance(name, Symbol) or name.name not in tables:
+        raise MbmError(faults.unknown_table(name.span, name.span.text, tuple(tables)))
+    table = tables[name.name]
+    at = scalar(evaluator.wanted(at_form, scope), at_form.span)
+    _refuse_nested((at,), at_form.span)
+    sampling = Sampling(table=table.name, by=_time_column(table, options.get("by"), name.span), at=at, span=form.span)
+
+    def evaluated(row: RowChoice) -> Value:
+        value = evaluator.wanted(sampled, RowScope(world, table, {}, row, scope, sampling))
+        _refuse_nested(_elements(value, sampled.span), sampled.span, sampling)
+        return value
+
+    before, after = (Column(table.name, sampling.by, row, form.span, sampling=sampling) for row in _SIDES)
+    way = algebra.divide(algebra.subtract(at, before), algebra.subtract(after, before), form.span)
+    return _between(evaluated(RowChoice.BEFORE), evaluated(RowChoice.AFTER), way, sampled.span)
+
+
+_SIDES = (RowChoice.BEFORE, RowChoice.AFTER)
+
+
+def _time_column(table: Table, form: Form | None, span: Span) -> str:
+    if form is not None:
+        if not isinstance(form, Symbol):
+            raise MbmError(language_faults.bad_form(form.span, "`:by` names a column", USAGE))
+        if form.name not in table.columns:
+            raise MbmError(faults.unknown_column(form.span, form.name, table.name, tuple(table.columns)))
+        return _of_numbers(table, form.name, form.span)
+    found = next((name for name in TIME_NAMES if name in table.columns), None)
+    if found is None:
+        raise MbmError(faults.unknown_column(span, TIME_NAMES[0], table.name, tuple(table.columns)))
+    return _of_numbers(table, found, span)
+
+
+def _of_numbers(table: Table, name: str, span: Span) -> str:
+    column = table.columns[name]
+    if column.numbers is None:
+        position = column.first_text() or 0
+        raise MbmError(faults.bad_time(table.place(position, name), name, str(column.cell(position)), span))
+    return name
+
+
+def _elements(value: Value, span: Span) -> tuple[Expression, ...]:
+    if isinstance(value, SCALARS):
+        return (value,)
+    if isinstance(value, Array):
+        return value.elements
+    if isinstance(value, ListValue):
+        return tuple(scalar(item, span) for item in list_items(value, span))
+    raise MbmError(language_faults.wrong_kind(span, "a number, a vector or a matrix", describe(value)))
+
+
+def _between(start: Value, end: Value, way: Expression, span: Span) -> Value:
+    """On the straight line from ``start`` to ``end``; angles go the shorter way round."""
+    blended = tuple(
+        algebra.add(a, algebra.multiply(way, difference(b, a, span)), span)
+        for a, b in zip(_elements(start, span), _elements(end, span), strict=True)
+    )
+    if isinstance(start, SCALARS):
+        return blended[0]
+    return Array(start.shape if isinstance(start, Array) else (len(blended),), blended)
+
+
+def _refuse_nested(nodes: tuple[Expression, ...], span: Span, own: Sampling | None = None) -> None:
+    """What is sampled, and when, follows from the row at hand alone; members of families are not sampled."""
+    for leaf in leaves(nodes):
+        keyed = leaf.member if isinstance(leaf, Column | Component) else None
+        if isinstance(keyed, ColumnMember) and keyed.row in _SIDES:
+            message = "a member cannot be picked by a column that is sampled"
+            raise MbmError(language_faults.bad_form(span, message, USAGE))
+        if isinstance(leaf, Column) and leaf.sampling is not own and leaf.sampling is not None:
+            raise MbmError(language_faults.bad_form(span, "`sample` cannot stand inside `sample`", USAGE))
+
+
+def refuse_corrected(blocks: tuple[Block, ...]) -> None:
+    """Columns with errors of their own are not corrected where they are sampled.
+
+    Raises:
+        MbmError: an equation that samples such a table, or has errors beside.
+
+    """
+    corrected = {column.table for block in blocks for column in block.errors}
+    if not corrected:
+        return
+    for block in blocks:
+        nodes = tuple(c for case in block.cases for e in case.equations for c in e.components)
+        for leaf in leaves(nodes):
+            found = leaf.sampling if isinstance(leaf, Column) else None
+            if found is not None and (block.errors or found.table in corrected):
+                raise MbmError(language_faults.not_available_yet(found.span, "`sample` beside `:errors`", "sequences"))
+
+
+def time_nodes(sampling: Sampling, table: Table) -> tuple[Numbers, np.ndarray]:
+    """The times of a sampled table in ascending order, shape (n,), and the positions of their rows.
+
+    Raises:
+        MbmError: fewer than two rows, a time that is missing or no number, or two rows at one time.
+
+    """
+    times = table.numbers(_of_numbers(table, sampling.by, sampling.span))
+    wrong = np.flatnonzero(~np.isfinite(times))
+    if wrong.size:
+        place, value = table.place(int(wrong[0]), sampling.by), float(times[wrong[0]])
+        raise MbmError(faults.not_finite_cell(place, sampling.by, value, sampling.span))
+    if len(table) < 2:  # nothing lies between fewer
+        raise MbmError(faults.too_few_times(sampling.span, table.name, len(table)))
+    order = np.argsort(times, kind="stable")
+    ordered = times[order]
+    repeated = np.flatnonzero(np.diff(ordered) == 0)
+    if repeated.size:
+        here, there = (table.place(int(order[repeated[0] + i]), sampling.by) for i in (1, 0))
+        raise MbmError(faults.repeated_time(here, there, sampling.by, float(ordered[repeated[0]]), sampling.span))
+    return ordered, order

@@ -1,0 +1,92 @@
+"""Classic regression sets with outliers, against what the literature flags and estimates."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+
+import mbm
+from tests.evidence.material import shared
+
+TEXT = """
+(problem regression
+  (data t external)
+  (unknowns (a) (b (vector {count})))
+  (observe t (= y (+ a (dot b [{columns}]))) {loss})
+  {solve})
+"""
+HBK = ("X1", "X2", "X3")
+STACKLOSS = ("Air.Flow", "Water.Temp", "Acid.Conc.")
+
+
+def table(name, columns, measured):
+    with shared("data", "robust", f"{name}.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    data = {f"x{i}": np.array([float(r[c]) for r in rows]) for i, c in enumerate(columns, start=1)}
+    return {**data, "y": np.array([float(r[measured]) for r in rows])}
+
+
+def solved(name, columns, measured, *, robust="none", loss="none", **options):
+    text = TEXT.format(
+        count=len(columns),
+        columns=" ".join(f"x{i}" for i in range(1, len(columns) + 1)),
+        loss=f":loss {loss}",
+        solve=f"(solve :robust {robust})",
+    )
+    return mbm.loads(text).solve(data={"t": table(name, columns, measured)}, **options).solves[0]
+
+
+def outliers(solve):
+    return list(solve.residual_summaries["t"].outliers)
+
+
+@pytest.mark.parametrize("robust", ["lmeds", "(lmeds :trials 500)", "ransac", "msac"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_hawkins_bradu_kass_flags_exactly_the_ten_bad_rows(robust, seed):
+    """Hawkins, Bradu and Kass (1984): rows 1-10 are bad leverage points, 11-14 good ones that attract least squares."""
+    solve = solved("hbk", HBK, "Y", robust=robust, seed=seed)
+    assert outliers(solve) == list(range(1, 11))
+    data = table("hbk", HBK, "Y")
+    design = np.column_stack([np.ones(75), *(data[f"x{i}"] for i in (1, 2, 3))])[10:]
+    expected, cost, *_ = np.linalg.lstsq(design, data["y"][10:], rcond=None)
+    found = np.concatenate([np.ravel(e.value) for e in solve.estimates])
+    # Both are least squares on the same 65 rows.
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8)
+    assert solve.cost == pytest.approx(float(cost[0]), rel=1e-9)
+    assert solve.residual_summaries["t"].used == 65
+    assert solve.dof == 61
+
+
+@pytest.mark.parametrize("loss", ["tukey", "geman-mcclure"])
+def test_redescending_losses_find_the_same_rows(loss):
+    solve = solved("hbk", HBK, "Y", loss=loss)
+    assert outliers(solve) == list(range(1, 11))
+    rows = [r for r in solve.rows() if r.row is not None and r.row <= 10]
+    assert max(r.weight for r in rows) < 0.05
+    assert solve.robust_cost is not None
+    assert solve.robust_cost < solve.cost
+
+
+def test_stack_loss_gives_the_published_reweighted_fit():
+    """Rousseeuw and Leroy (1987), chapter 3, table 2: without 1, 3, 4, 21: -37.652, 0.798, 0.577, -0.067, s = 1.253."""
+    solve = solved("stackloss", STACKLOSS, "stack.loss", robust="lmeds")
+    assert outliers(solve) == [1, 3, 4, 21]
+    found = np.concatenate([np.ravel(e.value) for e in solve.estimates])
+    np.testing.assert_allclose(found, [-37.652, 0.798, 0.577, -0.067], rtol=0, atol=5e-4)
+    assert solve.sigma0 == pytest.approx(1.253, abs=5e-4)
+
+
+def test_telephone_calls_gives_the_published_line():
+    """Rousseeuw and Leroy (1987), chapter 2: 1964-69 counted minutes, not calls; slope 0.110, intercept -5.26."""
+    solve = solved("telef", ("Year",), "Calls", robust="lmeds")
+    assert set(range(15, 21)) <= set(outliers(solve)) <= set(range(14, 22))
+    assert float(np.ravel(solve.estimates[1].value)[0]) == pytest.approx(0.110, abs=1e-3)
+
+
+def test_least_squares_is_carried_away():
+    """What robustness is for: plain least squares follows the bad leverage points and blames the good ones."""
+    solve = solved("hbk", HBK, "Y")
+    rows = sorted(solve.rows(), key=lambda r: -abs(r.residual))
+    assert {r.row for r in rows[:3]} <= {11, 12, 13, 14}

@@ -1,0 +1,103 @@
+"""A solve that is interrupted answers with the best point so far, never worse than its start, and says so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mbm
+from mbm.compiler import SolveSettings
+from mbm.problem.types import Method
+from mbm.solution.interruption import Interruption
+from mbm.solution.minimise import minimise
+from mbm.solution.settings import Settings
+from mbm.solution.types import Reason
+from tests.solution.classics import CLASSICS, Functions
+
+METHODS = (Method.MARQUARDT, Method.DOGLEG, Method.GAUSS_NEWTON)
+DECAY = """
+(problem decay
+  (data d (table (e x y) {rows}))
+  (unknowns (a :init 1 :in (-5 5)) (b :init 0.3 :in (-2 2)))
+  {clause}
+  (observe d (= y (* a (exp (* b x)))) :sigma 0.1)
+  (solve {option}))"""
+ROWS = " ".join(f"({e} {x} {(e + 1) * np.exp(0.8 * x) + 0.01 * (-1) ** x:.6f})" for e in range(4) for x in range(5))
+
+
+class After(Interruption):
+    """Requested once it has been asked so many times: an impatient person, without a clock."""
+
+    __slots__ = ("_left",)
+
+    def __init__(self, count):
+        super().__init__()
+        self._left = count
+
+    @property
+    def requested(self):
+        self._left -= 1
+        return self._left < 0
+
+
+def solved(clause="", option="", after=3):
+    text = DECAY.format(rows=ROWS, clause=clause, option=option)
+    return mbm.loads(text).compile().result(SolveSettings(interruption=After(after)))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.sampled_from(sorted(CLASSICS)), st.sampled_from(METHODS), st.integers(0, 8), st.integers(0, 2**32 - 1))
+def test_never_worse_than_the_start_and_regions_without_values_are_survived(name, method, count, seed):
+    """Residuals have no value beyond a random plane through the neighbourhood of the start."""
+    function, standard, _, _ = CLASSICS[name]
+    start = np.array(standard, dtype=float)
+    random = np.random.default_rng(seed)
+    normal = random.normal(size=len(start))
+    limit = start @ normal + abs(random.normal()) * np.abs(normal).sum() * 0.1 * (1 + np.abs(start).max())
+
+    def partly(x):
+        values = np.asarray(function(x))
+        return values if (x @ normal).real <= limit else np.full_like(values, np.nan)
+
+    equations = Functions(function=partly, start=standard)
+    with np.errstate(all="ignore"):
+        before = np.square(equations.residuals(start)).sum()
+        found = minimise(equations, start, Settings(method=method, interruption=After(count)))
+    assert found.cost <= before
+    assert np.isfinite(found.point).all()
+    assert found.iterations <= count
+    assert found.reason is Reason.INTERRUPTED or found.iterations < count or found.reason is not Reason.MAX_ITERATIONS
+
+
+def test_one_solve_is_reported_as_it_is():
+    result = solved(clause="(for-each e)", after=4)
+    # Asked before each solve, and before each iteration: the first solve ends after three, and no other is begun.
+    (solve,) = result.solves
+    assert solve.status.label == "not-converged"
+    assert "interrupted" in solve.message
+    assert not result.complete
+    assert result.status.value == "attention"
+    (diagnostic,) = [d for d in result.diagnostics if d.code.name == "interrupted"]
+    assert "1 of 4 solves" in diagnostic.message
+
+
+def test_solves_that_were_finished_stay():
+    whole = mbm.loads(DECAY.format(rows=ROWS, clause="(for-each e)", option="")).solve().result
+    iterations = sum(s.iterations for s in whole.solves[:2])
+    result = solved(clause="(for-each e)", after=iterations + 4)
+    assert 2 <= len(result.solves) < 4
+    for done, expected in zip(result.solves[:2], whole.solves, strict=False):
+        assert done.status.label == "converged"
+        assert done.cost == expected.cost
+
+
+@pytest.mark.parametrize("after", [1, 2, 5, 20])
+@pytest.mark.parametrize("option", [":starts (random 30)", ":starts (given ((a 2)) ((a 3)) ((b 0)))"])
+def test_a_search_answers_with_the_best_of_what_it_reached(option, after):
+    (solve,) = solved(option=option, after=after).solves
+    at_start = mbm.loads(DECAY.format(rows=ROWS, clause="", option="")).compile()
+    before = np.square(at_start.residuals(np.zeros(2))).sum()
+    assert solve.cost <= before
+    assert solve.status.label in ("not-converged", "converged")
