@@ -81,7 +81,7 @@ def ours(scenes: dict[str, list[dict[str, np.ndarray]]]) -> dict[str, tuple[list
                 turn = R.T @ one["R"]
                 step = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
                 step = np.append(step, one["t"] - np.array(pose["translation"]))
-                scaled.append(float(step @ np.linalg.solve(np.asarray(solved.covariance), step)))
+                scaled.append(float(step @ np.linalg.solve(np.asarray(solved.covariance.matrix), step)))
         found[kind] = (errors, 1e3 * (perf_counter() - began) / len(each), scaled)
     return found
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from mbm.data.readers import READERS
-from mbm.data.types import Reader
+from mbm.data.types import ManyReader, Reader
 from mbm.language.evaluator import Vocabulary
 from mbm.language.limits import Limits
 from mbm.shapes.vocabulary import vocabulary
@@ -56,7 +56,7 @@ class Registry:
     """
 
     vocabulary: Vocabulary
-    readers: Mapping[str, Reader] = field(default_factory=lambda: READERS)
+    readers: Mapping[str, Reader | ManyReader] = field(default_factory=lambda: READERS)
     backends: Mapping[str, Callable[[], Backend]] = field(default_factory=lambda: _BACKENDS)
     closed_forms: Callable[[], tuple[ClosedForm, ...]] = _closed_forms
     limits: Limits = field(default_factory=Limits)

@@ -7,6 +7,7 @@ Rows count from 1.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Protocol, TypeGuard
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from mbm.data import faults
 from mbm.data.cells import column_from_array, column_from_values
 from mbm.data.columns import check_names, columns_of_records, counted_table
-from mbm.data.types import RawTable
+from mbm.data.types import GivenColumns, RawTable
 from mbm.problem.tables import Column
 from mbm.text.types import DataPlace, MbmError
 
@@ -55,7 +56,8 @@ def table_from_given(name: str, given: object) -> RawTable:
         columns = columns_of_records(records, path)
     else:
         raise MbmError(faults.not_a_table(place, f"a value of type `{type(given).__name__}`"))
-    return counted_table(path, None, columns)
+    table = counted_table(path, None, columns)
+    return replace(table, key=given.key, groups=given.groups) if isinstance(given, GivenColumns) else table
 
 
 def _is_frame(given: object) -> TypeGuard[Frame]:

@@ -31,6 +31,15 @@ class RawTable:
     groups: Mapping[str, ColumnGroup] = field(default_factory=dict)
 
 
+class GivenColumns(dict[str, object]):
+    """Columns by name as a caller may give them, with the key and the groups that a format said they have."""
+
+    def __init__(self, columns: Mapping[str, object], key: str | None, groups: Mapping[str, ColumnGroup]) -> None:
+        super().__init__(columns)
+        self.key = key
+        self.groups = groups
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reader:
     """A file format: its name in a data clause, the endings of its files (``.csv``, lower case) and how to read it.

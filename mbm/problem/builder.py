@@ -33,7 +33,7 @@ from mbm.problem.reading.windows import read_window
 from mbm.problem.sampling import refuse_corrected
 from mbm.problem.scopes import ProblemScope
 from mbm.problem.tables import PairDeclaration, Table, TableDeclaration
-from mbm.problem.types import Block, Derived, Overrides, Problem, TablePlan, Unknown
+from mbm.problem.types import Block, Derived, Overrides, Problem, Request, TablePlan, Unknown
 from mbm.problem.vocabulary import NOT_YET, SPECIAL_FORMS
 from mbm.shapes.model import ModelLog, model_maker
 from mbm.text.types import Diagnostic, MbmError, Sequence, Span, Symbol
@@ -93,16 +93,10 @@ def elaborate(
     starts = _starts(work, declarations, constants, overrides)
     taken = {prior.name: prior.span for prior in priors}
     observed, concerns = _observed(work, clauses, taken, plans)
-    with work.collecting():
-        refuse_corrected(observed)
     blocks = (*observed, *priors)
     derived = _derived(work, clauses)
     blocks = (*blocks, *model_constraints(work, log, taken))
-    request = None
-    with work.collecting():
-        request = read_request(work, _all(clauses, "solve"), _all(clauses, "for-each"), declarations)
-        window = read_window(work, _all(clauses, "window"), request.for_each)
-        request = replace(request, window=window)
+    request = _request(work, clauses, declarations)
     if not declarations:
         if not work.undeclared:
             work.diagnostics.append(faults.no_unknowns(definition.span))
@@ -274,10 +268,19 @@ def _observed(
     work: Workspace, clauses: tuple[Sequence, ...], taken: dict[str, Span], plans: tuple[TablePlan, ...]
 ) -> tuple[tuple[Block, ...], tuple[Diagnostic, ...]]:
     """Observations and constraints with the errors that their columns share, and the warnings about those."""
-    blocks = _blocks(work, clauses, taken)
+    observed: tuple[tuple[Block, ...], tuple[Diagnostic, ...]] = _blocks(work, clauses, taken), ()
     with work.collecting():
-        return with_shared_errors(blocks, plans, work.tables)
-    return blocks, ()
+        observed = with_shared_errors(observed[0], plans, work.tables)
+        refuse_corrected(observed[0])
+    return observed
+
+
+def _request(work: Workspace, clauses: tuple[Sequence, ...], declarations: list[Declaration]) -> Request | None:
+    found = []
+    with work.collecting():
+        request = read_request(work, _all(clauses, "solve"), _all(clauses, "for-each"), declarations)
+        found.append(replace(request, window=read_window(work, _all(clauses, "window"), request.for_each)))
+    return found[0] if found else None
 
 
 def _derived(work: Workspace, clauses: tuple[Sequence, ...]) -> tuple[Derived, ...]:

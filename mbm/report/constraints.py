@@ -61,7 +61,7 @@ def _report(
     return ConstraintReport(
         name=block.name,
         kind=block.constraint.value if block.constraint is not None else "",
-        value=worst if equation else -worst,
+        value=worst if equation else 0.0 - worst,
         violation=violation if broken or not np.isfinite(violation) else 0.0,
         active=limiting,
         violated=broken,

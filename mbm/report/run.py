@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from mbm.problem.tables import Table
-from mbm.problem.types import GivenStarts, Overrides, Problem, RandomStarts
+from mbm.problem.types import BlockRole, Consensus, GivenStarts, Overrides, Problem, RandomStarts
 from mbm.report import faults
 from mbm.report.from_solution import failure_report, skipped_report, solve_report
 from mbm.report.initial import initial_option
@@ -53,6 +53,8 @@ def result_of(
             "max-iterations": request.max_iterations,
             "tolerance": request.tolerance,
             **_starts_option(request.starts),
+            **_robust_option(request.robust),
+            **_constraints_option(problem),
             **asked,
         },
         inputs=tuple(
@@ -61,6 +63,20 @@ def result_of(
         diagnostics=(*problem.warnings, *((faults.interrupted(len(reports), left),) if left else ())),
         complete=not left,
     )
+
+
+def _robust_option(consensus: Consensus | None) -> Mapping[str, object]:
+    """How outliers are looked for; nothing where they are not."""
+    if consensus is None:
+        return {}
+    given = {"trials": consensus.trials, "threshold": consensus.threshold}
+    return {"robust": {"kind": consensus.kind.value, **{name: x for name, x in given.items() if x is not None}}}
+
+
+def _constraints_option(problem: Problem) -> Mapping[str, object]:
+    """How constraints are met; nothing where there are none."""
+    bound = any(block.role is BlockRole.CONSTRAINT for block in problem.blocks)
+    return {"constraints": problem.request.constraints.value} if bound else {}
 
 
 def _starts_option(starts: RandomStarts | GivenStarts | None) -> Mapping[str, object]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import isfinite
 
 from mbm.report.digits import plain
 from mbm.report.types import Observability, ResidualSummary, SolveReport
@@ -99,7 +100,8 @@ def constraint_sentences(solve: SolveReport) -> Iterator[str]:
     for each in solve.constraints:
         rows = f" in {_rows(len(each.violated_rows))} of `{each.over}`" if each.violated_rows else ""
         if each.violated:
-            yield f"constraint `{each.name}` does not hold{rows}: violated by {plain(each.violation, 4)}"
+            by = f"violated by {plain(each.violation, 4)}" if isfinite(each.violation) else "it has no finite value"
+            yield f"constraint `{each.name}` does not hold{rows}: {by}"
 
 
 def diagnostic_sentence(diagnostic: Diagnostic) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from mbm.data.types import GivenColumns
 from mbm.expression.units import parse_unit
 from mbm.kernels.types import KernelSet
 from mbm.problem.builder import Elaborated
@@ -37,15 +38,20 @@ _QUANTITY = re.compile(r"(?P<number>\+?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?)\s*(?P<u
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedTable:
-    """A table with simulated columns, named and in units as its file has them; ``changed`` are their names there."""
+    """A table with simulated columns, named and in units as its file has them; ``changed`` are their names there.
+
+    ``origin`` is the table as it was read.
+    """
 
     name: str
     columns: tuple[Column, ...]
     changed: tuple[str, ...]
+    origin: Table
 
     def cells(self) -> dict[str, Any]:
         """The columns as arrays (texts as lists) by name."""
-        return {c.name: list(c.texts) if c.texts is not None else np.array(c.numbers) for c in self.columns}
+        found = {c.name: list(c.texts) if c.texts is not None else np.array(c.numbers) for c in self.columns}
+        return GivenColumns(found, self.origin.key, self.origin.groups)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -128,7 +134,7 @@ class Simulator:
             numbers[cells.rows - 1] = cells.numbers / factor
             columns[source] = replace(columns[source], numbers=numbers)
             changed.append(source)
-        return SimulatedTable(name=name, columns=tuple(columns.values()), changed=tuple(changed))
+        return SimulatedTable(name=name, columns=tuple(columns.values()), changed=tuple(changed), origin=origin)
 
 
 def _solve(problem: Problem, truth: Truth) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from posixpath import normpath
 
+from mbm.data.pose_graphs import with_measurements
 from mbm.data.writers import WRITERS
 from mbm.language.program import Program
 from mbm.problem.clauses import effective_clauses, select_problem
@@ -18,6 +19,7 @@ from mbm.text.reader import read, read_file
 from mbm.text.types import Numeral, Sequence, Source, Span, Symbol, Text
 
 TRUTH = "truth.json"
+GRAPH = "g2o"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +49,7 @@ def output_files(program: Program, problem: Problem, name: str | None, made: Sim
     forms = _source_forms(program, name)
     edits: list[_Edit] = []
     contents: dict[str, tuple[str, dict[str, Column], list[str]]] = {}
+    graphs: dict[str, str] = {}
     for plan in problem.plans:
         declaration = plan.declaration
         table = next(t for t in made.tables if t.name == declaration.name)
@@ -55,6 +58,12 @@ def output_files(program: Program, problem: Problem, name: str | None, made: Sim
             edits.extend(_inline_edits(form, table))
             continue
         path, kind = _destination(declaration)
+        if kind == GRAPH:
+            graph = _graph(graphs.get(path), table)
+            if graph is not None:
+                graphs[path] = graph
+                continue
+            path, kind = f"{declaration.name}.csv", "csv"
         columns = {column.name: column for column in table.columns}
         if path in contents and _rows(contents[path][1]) != _rows(columns):
             path, kind = f"{declaration.name}.csv", "csv"
@@ -69,6 +78,10 @@ def output_files(program: Program, problem: Problem, name: str | None, made: Sim
     files = [
         OutputFile(path=path, content=WRITERS[kind](tuple(columns.values())), summary=_summary(columns, changed))
         for path, (kind, columns, changed) in contents.items()
+    ]
+    files += [
+        OutputFile(path=path, content=text.encode("utf-8"), summary="a pose graph, its edges simulated")
+        for path, text in graphs.items()
     ]
     truth = json.dumps(made.truth, ensure_ascii=False, indent=1) + "\n"
     files.append(OutputFile(path=TRUTH, content=truth.encode("utf-8"), summary="the true values"))
@@ -88,11 +101,23 @@ def _source_forms(program: Program, name: str | None) -> Mapping[str, Symbol | S
 
 def _destination(declaration: TableDeclaration) -> tuple[str, str]:
     """Relative path and format of the file of a table."""
-    if declaration.path is not None and declaration.source in WRITERS:
+    if declaration.path is not None and (declaration.source in WRITERS or declaration.source == GRAPH):
         path = PurePosixPath(declaration.path)
         if not path.is_absolute() and ".." not in path.parts and not Path(declaration.path).is_absolute():
             return declaration.path, declaration.source
     return f"{declaration.name}.csv", "csv"
+
+
+def _graph(text: str | None, table: SimulatedTable) -> str | None:
+    """A pose graph file with simulated numbers; None if it is none. ``text`` is what was made of it so far."""
+    columns = {c.name: c.numbers for c in table.columns if c.name in table.changed and c.numbers is not None}
+    origin = table.origin.provenance
+    if text is None:
+        path = Path(origin.path)
+        if path.suffix != f".{GRAPH}" or not path.is_file():
+            return None
+        text = path.read_text(encoding="utf-8")
+    return with_measurements(text, origin.file_rows.tolist() if columns else (), columns)
 
 
 def _rows(columns: Mapping[str, Column]) -> int:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mbm.solution.agreement import Agreement
 from mbm.solution.assembly import Assembled
 from mbm.solution.batch import Batch
 from mbm.solution.solvers.batched import Batched
@@ -92,8 +93,11 @@ def _ranked(basins: Sequence[Basin]) -> Iterator[Basin]:
         left = left[len(equal) :]
 
 
-def without_twins(stack: Batch, basins: Sequence[Basin]) -> tuple[Basin, ...]:
-    """Basins that are another way to write a better one are joined to it; mirror images stay, and are marked."""
+def without_twins(stack: Batch, basins: Sequence[Basin], agree: Agreement) -> tuple[Basin, ...]:
+    """Basins that are another way to write a better one are joined to it; mirror images stay, and are marked.
+
+    Those of which derived quantities do not ``agree`` stay as well: somebody tells them apart.
+    """
     kept: list[Basin] = []
     for number, basin in enumerate(basins):
         found = _twin_among(stack, kept, basin) if number < COMPARED else None
@@ -101,8 +105,10 @@ def without_twins(stack: Batch, basins: Sequence[Basin]) -> tuple[Basin, ...]:
             kept.append(basin)
         elif found[1] is Twin.MIRRORED:
             kept.append(replace(basin, twin=Twin.MIRRORED))
-        else:
+        elif agree(kept[found[0]].minimum.point, basin.minimum.point):
             kept[found[0]] = _joined(kept[found[0]], basin)
+        else:
+            kept.append(basin)
     return tuple(kept)
 
 

@@ -15,13 +15,16 @@ import numpy as np
 from mbm.problem.types import BlockRole, Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.batch import batch
-from mbm.solution.dissection import Dissection, Mention, Part, dissected
-from mbm.solution.solvers.batched import Batched, minimise_all
+from mbm.solution.dissection import MAXIMUM_ROWS, Dissection, Mention, Part, dissected
+from mbm.solution.solvers.batched import Batched, joined, minimise_all
 from mbm.solution.types import Floats, Indices
 
 ITERATIONS = 60
 PART_ITERATIONS = 30
 """Steps of Marquardt's method for the whole problem and for a part of it; what needs more is left to the next stage."""
+
+TOGETHER = 500
+"""Starts that go through all stages together, and lend values to one another."""
 
 TRIES = 6
 """Values of other starts that a part tries where its own lead nowhere."""
@@ -40,7 +43,15 @@ class Descent:
     stopped: Callable[[], bool]
 
     def ends(self, starts: Floats) -> Batched:
-        """Where the starts (T, N) lead to; never worse than a start."""
+        """Where the starts (T, N) lead to, never worse than a start; only the first of them where it is stopped."""
+        parts: list[Batched] = []
+        for first in range(0, len(starts), TOGETHER):
+            if parts and self.stopped():
+                break
+            parts.append(self._ends(starts[first : first + TOGETHER]))
+        return joined(parts)
+
+    def _ends(self, starts: Floats) -> Batched:
         points = starts
         if self.order is not None:
             points = self._by_parts(starts, self.order)
@@ -102,14 +113,14 @@ class Descent:
         mine = np.zeros(len(layout.number), dtype=bool)
         mine[self.equations.free[columns]] = True
         plain = layout.number[mine]
-        found = [plain[plain >= 0]]
-        for curved in layout.curved:
-            found.append(curved.numbers[mine[curved.coordinates].all(axis=1)].ravel())
-        return np.concatenate(found)
+        turned = [c.numbers[mine[c.coordinates].all(axis=1)].ravel() for c in layout.curved]
+        return np.concatenate([plain[plain >= 0], *turned])
 
 
 def descent(equations: Assembled, problem: Problem, stopped: Callable[[], bool]) -> Descent:
     """The descent for these equations; ``stopped`` ends it early, with the points reached so far."""
+    if equations.count > MAXIMUM_ROWS:
+        return Descent(equations=equations, order=None, units=np.empty(0, dtype=np.int64), stopped=stopped)
     units, mentions = _mentions(equations, problem)
     order = dissected(mentions, equations.dimension)
     return Descent(equations=equations, order=order, units=units, stopped=stopped)

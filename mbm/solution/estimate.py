@@ -82,7 +82,7 @@ def estimate(
     equations, binder = assemble(problem, kernels, tables, starts, cache)
     robust = prepared(problem, equations, settings, starting_points(equations, settings, last))
     equations = robust.equations.with_factors(robust.factors)
-    found = search(equations, robust.starts, settings, problem)
+    found = search(equations, robust.starts, settings, problem, derived_agreement(problem, binder, kernels))
     found = challenged(equations, settings, found, problem, cache)
     run = _Run(problem, robust, settings, found)
     minimum, noise, factors = run.weighted()
@@ -192,7 +192,9 @@ class _Run:
     def _reweighted(self, factors: Floats) -> tuple[Floats, Floats]:
         minimum = self._minimise(self._row_factors(factors))
         observed = self._observed(minimum)
-        return self._robust.scattering(minimum.residuals), redundancy_numbers(minimum.jacobian, observed, minimum.blocks)
+        return self._robust.scattering(minimum.residuals), redundancy_numbers(
+            minimum.jacobian, observed, minimum.blocks
+        )
 
     def _observed(self, minimum: Minimum) -> Observability:
         return observed_at(minimum, self.equations.coordinates(minimum.point))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbm.problem.types import Method, Problem
+from mbm.solution.agreement import Agreement
 from mbm.solution.assembly import Assembled
 from mbm.solution.basins import Basin, ends_apart, equal_costs, merged, ways_down, without_twins
 from mbm.solution.batch import batch
@@ -17,7 +18,7 @@ from mbm.solution.settings import Settings
 from mbm.solution.solvers.batched import Batched
 from mbm.solution.starting import Beginning
 from mbm.solution.twins import Twin
-from mbm.solution.types import Floats, Minimum
+from mbm.solution.types import Floats, Minimum, Reason
 
 FEW = 3
 """Up to so many starts each is minimised by itself: a batch pays only for many."""
@@ -66,13 +67,16 @@ class Found:
     evaluations: int
 
 
-def search(equations: Assembled, starts: Sequence[Beginning], settings: Settings, problem: Problem) -> Found:
+def search(
+    equations: Assembled, starts: Sequence[Beginning], settings: Settings, problem: Problem, agree: Agreement
+) -> Found:
     """The best of the minima that the starts lead to, and the others in the order of their costs.
 
     A start that leads to a saddle goes on from there. Minima that differ in how they are written only (angles by whole
-    turns, Euler angles, unknowns that trade places) count as one.
+    turns, Euler angles, unknowns that trade places) count as one if derived quantities ``agree``. A search that is stopped answers with the best that
+    it has reached, and says that it was interrupted.
     """
-    seeker = _Seeker(equations, settings, problem)
+    seeker = _Seeker(equations, settings, problem, agree)
     if len(starts) == 1:
         return _alone(seeker.polished(starts[0].point), starts[0].origin)
     if len(starts) <= FEW or not seeker.batchable:
@@ -85,8 +89,9 @@ def search(equations: Assembled, starts: Sequence[Beginning], settings: Settings
     best = basins[0]
     converged = [b for b in basins if b.minimum.reason.converged]
     at_best = [b for b in converged if equal_costs(b.minimum.cost, best.minimum.cost)]
+    cut_short = settings.stopped()
     return Found(
-        minimum=best.minimum,
+        minimum=replace(best.minimum, reason=Reason.INTERRUPTED) if cut_short else best.minimum,
         alternatives=tuple(
             Alternative(
                 minimum=b.minimum,
@@ -98,7 +103,7 @@ def search(equations: Assembled, starts: Sequence[Beginning], settings: Settings
             if b is not best
         ),
         tally=Tally(
-            tried=len(starts),
+            tried=seeker.tried,
             converged=sum(len(b.starts) for b in converged),
             best_found=sum(len(b.starts) for b in at_best),
         ),
@@ -137,10 +142,12 @@ def _alone(minimum: Minimum, origin: str) -> Found:
 class _Seeker:
     """Minimises from many points and counts the work."""
 
-    def __init__(self, equations: Assembled, settings: Settings, problem: Problem) -> None:
+    def __init__(self, equations: Assembled, settings: Settings, problem: Problem, agree: Agreement) -> None:
         self._equations = equations
         self._settings = settings
         self._problem = problem
+        self._agree = agree
+        self.tried = 0
         self.iterations = 0
         self.evaluations = 0
         small = equations.count * equations.dimension <= LARGE
@@ -162,12 +169,14 @@ class _Seeker:
             if found and self._settings.stopped():
                 break
             found.append(Basin(minimum=self.polished(start.point), starts=np.array([number])))
+            self.tried += 1
         return found
 
     def together(self, points: Floats) -> list[Basin]:
         """A basin for each distinct end of a batch."""
         ends = descent(self._equations, self._problem, self._settings.stopped).ends(points)
         self._count(ends)
+        self.tried += len(ends.cost)
         found: list[Basin] = []
         for point, numbers in ends_apart(self._equations, ends):
             if len(found) == POLISHED or (found and self._settings.stopped()):
@@ -185,7 +194,7 @@ class _Seeker:
         left = [self._below(b) for b in found]
         if any(b is not a for a, b in zip(found, left, strict=True)):
             found = merged(self._equations, left)
-        return without_twins(stack, found)
+        return without_twins(stack, found, self._agree)
 
     def _below(self, basin: Basin) -> Basin:
         """The basin itself, or where it leads if it is a saddle."""

@@ -29,6 +29,9 @@ SAMPLES = 128
 KEPT = 24
 """How many of them, those that fit best, are started from."""
 
+LARGE, FEW = 20_000, 3
+"""Numbers in the Jacobian from which so few are kept: beyond, each start takes long, and many rarely help."""
+
 DIRECT_SEARCH = 30_000
 """Random points of `:method direct-search`: in Nishida's room 99 % of searches then see a point within 10 cm."""
 
@@ -156,7 +159,8 @@ def _random(
         with np.errstate(all="ignore"):
             points = np.stack([solved_linearly(equations, point, linear) for point in points])
     found = costs(equations, points)
-    order = [i for i in np.argsort(found, kind="stable")[:KEPT] if np.isfinite(found[i])]
+    kept = KEPT if equations.count * equations.dimension <= LARGE else FEW
+    order = [i for i in np.argsort(found, kind="stable")[:kept] if np.isfinite(found[i])]
     if not order:
         _refuse(equations.layout, missing)
     origin = "; ".join((*used, "random points"))

@@ -1,7 +1,7 @@
 """Python text of a restricted kind → the tree: solvers are written as Python functions that also run as they stand.
 
 What may be used: ``for i in range(…)``, ``while``, ``if``, ``break``, ``continue``, ``return``, assignments to names
-and to elements (also ``+= -= *= /=``), ``a[k:]`` for the array from an element on, arithmetic, comparisons, the intrinsic
+and to elements (also ``+= -= *= /=``), ``a[k:]`` for the array from an element on, arithmetic, comparisons, intrinsic
 functions, ``float(i)``, ``max(x, y)`` and ``min(x, y)`` of reals, and functions read before. Parameters and results are
 annotated with `Real`, `Integer`, `Reals`, `Integers`, `ConstantReals`, `ConstantIntegers`. A variable has the type of
 what is first assigned to it.

@@ -181,4 +181,4 @@ def test_shell_completion_knows_the_commands() -> None:
     finished = subprocess.run(
         [sys.executable, "-m", "mbm"], capture_output=True, text=True, env=environment, timeout=60, check=False
     )
-    assert finished.stdout == "plain,solve\n"
+    assert finished.stdout == "plain,solve\nplain,simulate\n"

@@ -56,7 +56,7 @@ def joint_optimum(residuals: Callable[[Floats], Floats], unknowns: Floats, other
 
 
 def york(x: Floats, wx: Floats, y: Floats, wy: Floats) -> tuple[float, float]:
-    """Intercept and slope of the line with errors in both coordinates (York et al. 2004, eq. 13), iterated to the end."""
+    """Intercept and slope of the line with errors in both coordinates (York et al. 2004, eq. 13), iterated."""
     slope = float(np.polyfit(x, y, 1)[0])
     for _ in range(200):
         weight = wx * wy / (wx + slope**2 * wy)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import math
-
 import numpy as np
 import pytest
 
 import mbm
-from tests.evidence.material import shared, shared_json
+from tests.evidence.material import shared_json
 from tests.evidence.skeleton import PATHS, POSE, joints_at
+from tests.evidence.skeleton_limits import write_example
 
 STARTS = 120
 
@@ -23,22 +21,8 @@ def expected():
 @pytest.fixture(scope="module")
 def solve(tmp_path_factory):
     """The shared example as it stands, with its data from the reference and fewer starts."""
-    folder = tmp_path_factory.mktemp("skeleton")
-    text = shared("examples", "skeleton.mbm").read_text("utf-8")
-    assert "(random 500 :seed 7)" in text
-    (folder / "skeleton.mbm").write_text(text.replace("(random 500", f"(random {STARTS}"), "utf-8")
-    with shared("reference", "skeleton", "joints.csv").open() as stream:
-        joints = [[row["joint"], PATHS[row["joint"]], row["X"], row["Y"]] for row in csv.DictReader(stream)]
-    given = shared_json("reference", "skeleton", "inputs.json")
-    truth = shared_json("reference", "skeleton", "truth.json")
-    limits = given["joint_limits_deg"]
-    angles = [n for n in given["unknowns"] if n not in POSE]
-    dofs = [[n, *limits[n], math.degrees(truth[n])] for n in angles]
-    heads = {"joints": ["joint", "path", "X", "Y"], "dofs": ["dof", "lo", "hi", "near"]}
-    for (name, head), rows in zip(heads.items(), (joints, dofs), strict=True):
-        with (folder / f"skeleton_{name}.csv").open("w", newline="", encoding="utf-8") as stream:
-            csv.writer(stream).writerows([head, *rows])
-    return mbm.load(folder / "skeleton.mbm").named("skeleton-limits").solve().first
+    path = write_example(tmp_path_factory.mktemp("skeleton"), STARTS)
+    return mbm.load(path).named("skeleton-limits").solve().first
 
 
 def posture(estimates):

@@ -219,12 +219,12 @@ def test_qualified_names_and_let_settle_ambiguity(estimate):
 @pytest.mark.parametrize(
     "clause",
     [
-        "(states :over frame (w))", "(dynamics (random-walk a))", "(window x :length 2 :step 1)",
-        "(pair s (t t) :by x)",
+        "(states :over frame (w))", "(dynamics (random-walk a))",
         "(solve :robust (lmeds))",
         "(constraints (<= a 1 :at first))", "(solve :constraints truncate)", "(camera c :model fisheye)",
         "(camera c :per t)", "(unknowns (r (rotation 3)))", "(unknowns (r direction))",
-        '(data u (g2o "x.g2o" :edges))', "(observe t (= y a) :bound 1)", "(derive (d (external \"m:f\" a :size 1)))",
+        '(data u (chessboard "x*.png" 9 6 25))',
+        "(observe t (= y a) :bound 1)", "(derive (d (external \"m:f\" a :size 1)))",
     ],
 )  # fmt: skip
 def test_what_comes_later_says_so_at_its_place(faults, clause):

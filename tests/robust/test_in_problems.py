@@ -1,4 +1,4 @@
-"""``:loss`` and ``:robust`` in problem files: optima against SciPy's, covariances against simulation, what is reported."""
+"""``:loss`` and ``:robust`` in problem files: optima against SciPy, covariances against simulation, the report."""
 
 from __future__ import annotations
 
@@ -88,13 +88,13 @@ def test_unknown_noise_beside_a_loss_is_that_of_the_good_rows():
 @pytest.mark.parametrize("outliers", [0, 5])
 def test_standard_deviations_are_those_of_repeated_measurements(options, solve, outliers):
     generator = np.random.default_rng(4)
-    epochs = [line(generator, count=50, outliers=outliers)[0] for _ in range(250)]
+    epochs = [line(generator, count=50, outliers=outliers)[0] for _ in range(120)]
     if "huber" in options:  # an outlier always on one side shifts Huber's estimate; on both sides it does not
         for data in epochs:
             far = np.abs(data["y"] - 1 - 2 * data["x"]) > 2
             data["y"] = np.where(far & (generator.random(50) < 0.5), data["y"] - 10.0, data["y"])
     table = {
-        "k": np.repeat(np.arange(250.0), 50),
+        "k": np.repeat(np.arange(120.0), 50),
         "x": np.concatenate([d["x"] for d in epochs]),
         "y": np.concatenate([d["y"] for d in epochs]),
     }
@@ -102,8 +102,8 @@ def test_standard_deviations_are_those_of_repeated_measurements(options, solve, 
     found = np.array([values(s) for s in result.solves])
     stated = np.array([[float(e.sigma) for e in s.estimates] for s in result.solves])
     ratio = np.sqrt(np.square(found - [1.0, 2.0]).mean(axis=0) / np.square(stated).mean(axis=0))
-    # A standard deviation of 250 values is known to 4.5 %; the benchmark looks closer.
-    assert (np.abs(ratio - 1.0) < 0.15).all()
+    # A standard deviation of 120 values is known to 6.5 %; the benchmark looks closer.
+    assert (np.abs(ratio - 1.0) < 0.2).all()
 
 
 def test_a_prior_is_no_outlier():

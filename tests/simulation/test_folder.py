@@ -117,3 +117,23 @@ def test_a_table_given_by_path_is_written_where_the_problem_looks_for_it(folder:
     other.write_text("station,range\nc,1\nd,1\n")
     out = simulate(folder, "--data", f"ranges={other}")
     assert json.loads((out / "ranges.json").read_text())["station"] == ["c", "d"]
+
+
+def test_pose_graphs_stay_pose_graphs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "square.g2o").write_text(
+        "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 1.5\n# a comment\nEDGE_SE2 0 1 0 0 0 100 0 0 100 0 400\nFIX 0\n"
+    )
+    (tmp_path / "square.mbm").write_text("""(problem square
+      (data nodes (g2o "square.g2o" :vertices))
+      (data edges (g2o "square.g2o" :edges))
+      (unknowns (T (pose 2) :per nodes :init (pose2 x y theta) :fixed (= fixed 1)))
+      (observe edges (= (pose2 dx dy dtheta) (between (T from) (T to))) :information information))""")
+    assert run(["simulate", str(tmp_path / "square.mbm"), "-o", str(tmp_path / "out"), "-q"]) == 0
+    lines = (tmp_path / "out" / "square.g2o").read_text().splitlines()
+    assert lines[:3] == (tmp_path / "square.g2o").read_text().splitlines()[:3]
+    words = lines[3].split()
+    assert words[:3] + words[6:] == ["EDGE_SE2", "0", "1", "100", "0", "0", "100", "0", "400"]
+    np.testing.assert_allclose([float(w) for w in words[3:6]], [1, 0, 1.5], atol=0.5)  # five deviations of 0.1
+    capsys.readouterr()
+    assert run(["solve", str(tmp_path / "out" / "square.mbm"), "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["solves"][0]["cost"] < 1e-12  # one edge, one free pose

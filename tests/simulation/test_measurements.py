@@ -248,3 +248,37 @@ def test_what_was_assumed_is_said() -> None:
 def test_an_unclear_equation_can_be_told_what_it_measures() -> None:
     made = line("(- (* a y) (* b x))").simulate(data=table(), seed=1, measured={"d": ["y"]})["d"]
     assert_standard_normal((2 * made["y"] + X) / 0.3)
+
+
+PAIR = """(problem paired
+  (data A external) (data B external)
+  (pair m (A B) :by t {option})
+  (unknowns (a :init 2))
+  (observe m (= {measured} (+ a {other})) :sigma 0.1))"""
+
+
+def test_paired_columns_are_simulated_in_the_table_that_holds_them() -> None:
+    t = np.arange(100.0)
+    given = {"A": {"t": t, "x": np.zeros(100)}, "B": {"t": t[::-1], "y": t[::-1]}}
+    made = mbm.loads(PAIR.format(option="", measured="A.x", other="B.y")).simulate(data=given, seed=1)
+    assert_standard_normal((made["A"]["x"] - 2 - t) / 0.1)
+    made = mbm.loads(PAIR.format(option="", measured="B.y", other="A.x")).simulate(data=given, seed=1)
+    assert_standard_normal((made["B"]["y"] - 2) / 0.1)
+
+
+def test_interpolated_columns_are_no_cells() -> None:
+    given = {"A": {"t": [0.5], "x": [0.0]}, "B": {"t": [0.0, 1.0], "y": [0.0, 1.0]}}
+    problem = mbm.loads(PAIR.format(option=":interpolate true", measured="B.y", other="A.x"))
+    with pytest.raises(mbm.MbmError, match="measured-elsewhere"):
+        problem.simulate(data=given, seed=1)
+
+
+def test_windows_are_simulated_together() -> None:
+    problem = mbm.loads("""(problem slid
+      (data d external)
+      (window x :length 1 :step 0.5)
+      (unknowns (a :init 2))
+      (observe d (= y a) :sigma 0.1))""")
+    made = problem.simulate(data=table(), at={"a": 3}, seed=1)
+    assert_standard_normal((made["d"]["y"] - 3) / 0.1)
+    assert len(made.truth["solves"]) == 1

@@ -100,4 +100,4 @@ def test_a_search_answers_with_the_best_of_what_it_reached(option, after):
     at_start = mbm.loads(DECAY.format(rows=ROWS, clause="", option="")).compile()
     before = np.square(at_start.residuals(np.zeros(2))).sum()
     assert solve.cost <= before
-    assert solve.status.label in ("not-converged", "converged")
+    assert solve.status.label == "not-converged" or solve.starts.tried == (30 if "random" in option else 3)

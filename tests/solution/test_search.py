@@ -7,6 +7,7 @@ import pytest
 
 import mbm
 from mbm.solution.interruption import Interruption
+from mbm.solution.solvers import batched
 
 QUARTIC = """
 (problem quartic "(x² - 1)² + y² + x/5: minima near -1 and 1, a saddle between."
@@ -96,6 +97,23 @@ def test_two_decays_that_trade_places_are_one_solution():
     assert all(a.cost > 1 for a in solve.alternatives)
 
 
+def test_what_is_derived_may_tell_twins_apart():
+    """The same two decays, with a quantity that names the first of them."""
+    rows = " ".join(f"({t} {np.exp(-t) + 3 * np.exp(-4 * t):.9f})" for t in np.arange(8) / 4)
+    text = f"""
+    (problem decays
+      (data d (table (t y) {rows}))
+      (unknowns (k :in (0.1 6)) (l :in (0.1 6)) (a :in (0 5)) (b :in (0 5)))
+      (observe d (= y (+ (* a (exp (- (* k t)))) (* b (exp (- (* l t)))))) :sigma 0.001)
+      (derive (quotient (/ k l)))
+      (solve :starts (random 40)))"""
+    solve = mbm.loads(text).solve().first
+    best = [a for a in solve.alternatives if a.cost < 1e-3]
+    assert len(best) == 1
+    values = [{e.quantity.name: float(e.value) for e in found} for found in (solve.estimates, best[0].estimates)]
+    assert values[0]["k"] == pytest.approx(values[1]["l"], rel=1e-4)
+
+
 def test_starts_differ_by_the_seed_and_documents_do_not_by_the_run():
     problem = mbm.loads(QUARTIC)
     first, again, other = (problem.solve(seed=s).document() for s in (3, 3, 4))
@@ -106,6 +124,16 @@ def test_starts_differ_by_the_seed_and_documents_do_not_by_the_run():
     assert first["solves"][0]["estimates"]["x"]["value"] == pytest.approx(
         other["solves"][0]["estimates"]["x"]["value"], rel=1e-9
     )
+
+
+def test_the_size_of_the_chunks_does_not_matter(monkeypatch):
+    """All trials at once, or two at a time: the same numbers to the last bit."""
+    whole = mbm.loads(QUARTIC).solve().document()
+    monkeypatch.setattr(batched, "MEMORY", 12)
+    parts = mbm.loads(QUARTIC).solve().document()
+    for document in (whole, parts):
+        document["solves"][0]["seconds"] = None
+    assert whole == parts
 
 
 def test_an_unknown_that_nothing_determines_makes_one_valley():

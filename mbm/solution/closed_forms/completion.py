@@ -48,8 +48,9 @@ def plans(situation: Situation, forms: Iterable[ClosedForm]) -> Iterator[Plan]:
     """The closed forms that fit some of the unknown numbers."""
     every = tuple(forms)
     for candidate in situation.candidates():
+        coupled = candidate.coupled
         for form in every:
-            plan = form.recognises(situation, candidate)
+            plan = form.recognises(situation, candidate) if form.joint or not coupled else None
             if plan is not None:
                 yield plan
 
@@ -57,6 +58,12 @@ def plans(situation: Situation, forms: Iterable[ClosedForm]) -> Iterator[Plan]:
 def _steps(situation: Situation, forms: tuple[ClosedForm, ...]) -> list[tuple[Floats, str]]:
     """The numbers after the first closed form that gives any: one vector for each of its solutions, best first."""
     for plan in plans(situation, forms):
+        if plan.form.joint:
+            whole = plan.form.solve(plan, np.arange(len(plan.rows))[None])[0]
+            answers = [w for w in whole if bool(np.isfinite(w).all())]
+            if answers:
+                return [(_filled(situation, plan, answer), plan.description) for answer in answers]
+            continue
         solved = solutions(plan)
         known = finite(solved, 2)
         if not bool(known.any()):
@@ -69,6 +76,12 @@ def _steps(situation: Situation, forms: tuple[ClosedForm, ...]) -> list[tuple[Fl
                 found.append((numbers, plan.description))
         return found
     return []
+
+
+def _filled(situation: Situation, plan: Plan, answer: Floats) -> Floats:
+    numbers = situation.numbers.copy()
+    numbers[plan.candidate.places.ravel()] = answer
+    return numbers
 
 
 def solutions(plan: Plan) -> Floats:

@@ -31,6 +31,7 @@ class Intersection:
     """The point nearest to all rays."""
 
     name: str = "intersection"
+    joint: bool = False
 
     def recognises(self, situation: Situation, candidate: Candidate) -> Plan | None:
         """Rows that know only the direction of the point from a place of their own."""

@@ -29,6 +29,7 @@ class Linear:
     """One step of least squares, where it determines everything."""
 
     name: str = "linear"
+    joint: bool = False
 
     def recognises(self, situation: Situation, candidate: Candidate) -> Plan | None:
         """Rows that are affine in the candidate's numbers, and enough of them."""

@@ -48,7 +48,7 @@ def minimal_solver(equations: Assembled, base: Floats, forms: Iterable[ClosedFor
     situation = Situation(layout=equations.layout, groups=equations.groups, numbers=numbers)
     wanted = int(np.isnan(numbers).sum())
     for plan in plans(situation, forms):
-        if plan.candidate.places.size == wanted and plan.candidate.members == 1:
+        if plan.candidate.places.size == wanted and plan.candidate.members == 1 and not plan.form.joint:
             row_of = np.full(int(plan.rows.unit.max()) + 1, -1, dtype=np.int64)
             row_of[plan.rows.unit] = np.arange(len(plan.rows))
             return MinimalSolver(plan=plan, base=base, row_of=row_of)

@@ -38,6 +38,7 @@ class Multilateration:
     """Linear differences of squared distances (Nishida et al., eqs 6–11), stations in a plane included."""
 
     name: str = "multilateration"
+    joint: bool = False
 
     def recognises(self, situation: Situation, candidate: Candidate) -> Plan | None:
         """Rows whose square, some constant added, is a parabola ``k² |p − s|²`` in two or three coordinates."""

@@ -35,6 +35,7 @@ class PoseFromPoints:
     """
 
     name: str = "pose-from-points"
+    joint: bool = False
 
     def recognises(self, situation: Situation, candidate: Candidate) -> Plan | None:
         """Rows that depend on a moved point through its direction alone."""

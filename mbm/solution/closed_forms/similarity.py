@@ -30,6 +30,7 @@ class Similarity:
     """Umeyama's closed form, weighted, with the determinant rule."""
 
     name: str = "umeyama"
+    joint: bool = False
 
     def recognises(self, situation: Situation, candidate: Candidate) -> Plan | None:
         """Rows whose residual is affine in the place of a moved point: with it, the point and its target are known."""

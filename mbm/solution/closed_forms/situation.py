@@ -133,6 +133,11 @@ class Candidate:
         return len(self.places)
 
     @property
+    def coupled(self) -> bool:
+        """Members share numbers, so that they can only be determined together."""
+        return len(np.unique(self.places)) != self.places.size
+
+    @property
     def flat(self) -> bool:
         """All numbers vary by addition."""
         return all(entry.unknown.manifold.flat for entry in self.entries)
@@ -223,7 +228,7 @@ class Situation:
                 yield candidate
 
     def candidate(self, entries: tuple[int, ...], members: list[tuple[int, ...]]) -> Candidate | None:
-        """The candidate of ``entries`` (numbers of unknowns) for some of their members; None if members overlap."""
+        """The candidate of ``entries`` (numbers of unknowns) for some of their members; None if a member has other numbers missing."""
         owners = tuple(self.layout.entries[e] for e in entries)
         chosen = np.array(members, dtype=np.int64).reshape(len(members), len(entries))
         places, coordinates = [], []
@@ -237,7 +242,7 @@ class Situation:
             places.append(entry.offset + column[:, None] * unknown.size + absent)
             coordinates.append(entry.first + column[:, None] * unknown.freedom + free)
         every = np.hstack(places)
-        if len(np.unique(every)) != every.size or not bool(np.isnan(self.numbers[every]).all()):
+        if not bool(np.isnan(self.numbers[every]).all()):
             return None
         lines = tuple(self._lines(every))
         return Candidate(situation=self, entries=owners, places=every, coordinates=np.hstack(coordinates), lines=lines)
@@ -247,15 +252,18 @@ class Situation:
         return tuple(g for g in self.groups if g.role is BlockRole.OBSERVATION and g.rows)
 
     def _lines(self, places: Indices) -> Iterator[tuple[Group, Indices, Indices]]:
-        """Rows of each group whose unknown numbers are all of one member, and that member."""
+        """Rows of each group whose unknown numbers are all of one member, or of all of them, and that member."""
         owner = np.full(len(self.numbers), -1, dtype=np.int64)
         owner[places] = np.arange(len(places))[:, None]
+        if len(places) > 1:
+            found, times = np.unique(places, return_counts=True)
+            owner[found[times > 1]] = -2
         missing = np.isnan(self.numbers)
         for group in self.observations():
             absent = missing[group.index]
             owners = np.where(absent, owner[group.index], -2)
             highest = owners.max(axis=1, initial=-2)
-            same = (~absent | (owners == highest[:, None])).all(axis=1) & (highest >= 0)
+            same = ((owners == -2) | (owners == highest[:, None])).all(axis=1) & (highest >= 0)
             rows = np.flatnonzero(same)
             if len(rows):
                 yield group, rows, highest[rows]

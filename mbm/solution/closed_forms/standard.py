@@ -5,8 +5,16 @@ from __future__ import annotations
 from mbm.solution.closed_forms.intersection import INTERSECTION
 from mbm.solution.closed_forms.linear import LINEAR
 from mbm.solution.closed_forms.multilateration import MULTILATERATION
+from mbm.solution.closed_forms.planar_calibration import PLANAR_CALIBRATION
 from mbm.solution.closed_forms.pose_from_points import POSE_FROM_POINTS
 from mbm.solution.closed_forms.similarity import SIMILARITY
 from mbm.solution.closed_forms.types import ClosedForm
 
-STANDARD: tuple[ClosedForm, ...] = (LINEAR, SIMILARITY, MULTILATERATION, POSE_FROM_POINTS, INTERSECTION)
+STANDARD: tuple[ClosedForm, ...] = (
+    LINEAR,
+    SIMILARITY,
+    MULTILATERATION,
+    POSE_FROM_POINTS,
+    INTERSECTION,
+    PLANAR_CALIBRATION,
+)

@@ -37,6 +37,14 @@ class ClosedForm(Protocol):
         """As in ``(solve :method NAME)`` and in ``mbm explain``."""
         ...
 
+    @property
+    def joint(self) -> bool:
+        """It solves all members of a candidate together, and may be given members that share numbers.
+
+        ``solve`` then answers for all: shape (T, S, K·s), member by member.
+        """
+        ...
+
     def recognises(self, situation: Situation, candidate: Candidate) -> Plan | None:
         """How to compute the candidate's numbers, or None if its equations are of another kind."""
         ...

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from mbm.solution.constrained.conflict import STILL, TOLERANCE, conflict_at
 from mbm.solution.constrained.linearise import linearise, met, violations
-from mbm.solution.constrained.penalised import least_violation, marquardt, penalised, updated
+from mbm.solution.constrained.penalised import Penalised, least_violation, marquardt, penalised, updated
 from mbm.solution.constrained.sequential import Iterate, begin, merit, run
 from mbm.solution.constrained.types import ConstrainedEquations, Stopped, never
 from mbm.solution.types import Conflict, Floats, Minimum, Reason
@@ -26,7 +26,8 @@ SHRINKS = 0.25
 """The weight grows where a round does not bring the violations to this share."""
 
 LOOSE = 1e-2
-"""Standard deviations to which a round is solved; the sequential steps give the digits."""
+TIGHTER = 0.3
+"""Standard deviations to which the first round is solved, and each after it; sequential steps give the digits."""
 
 FINISH = 30
 """Sequential steps that may follow a round."""
@@ -118,15 +119,20 @@ def _by_penalties(equations: ConstrainedEquations, first: Iterate, work: _Work) 
     start = point = first.place.point
     known = first.multipliers
     weight, worst, last = FIRST_WEIGHT, np.inf, first
-    for _ in range(ROUNDS):
+    for number in range(ROUNDS):
         unit = linearise(equations, point).unit
         penalties = penalised(equations, unit, known, weight)
-        found = marquardt(penalties, point, LOOSE, max(work.limit - work.iterations, 1), work.stopped)
+        near = max(LOOSE * TIGHTER**number, work.tolerance)
+        found = marquardt(penalties, point, near, max(work.limit - work.iterations, 1), work.stopped)
         work.count(found)
         point, known = found.point, updated(penalties, found.point)
         last = work.steps(equations, begin(equations, point, known))
         if last.reason is not None and (last.reason.converged or last.reason is Reason.INTERRUPTED):
             return work.end(last, last.reason)
+        if not known.any():
+            unheld = _unheld(equations, penalties, point, work)
+            if unheld is not None:
+                return unheld
         left = float((violations(equations.constraint_values(point), equations.equality) / unit).max(initial=0.0))
         if not left <= SHRINKS * worst:
             weight *= HEAVIER
@@ -142,6 +148,20 @@ def _by_penalties(equations: ConstrainedEquations, first: Iterate, work: _Work) 
         if work.iterations >= work.limit:
             break
     return work.end(_no_worse(equations, first, last), last.reason or Reason.MAX_ITERATIONS)
+
+
+def _unheld(
+    equations: ConstrainedEquations, penalties: Penalised, point: Floats, work: _Work
+) -> Constrained | None:
+    """The minimum if no constraint holds anything: the least squares solvers know more ways to it."""
+    found = marquardt(penalties, point, work.tolerance, max(work.limit - work.iterations, 1), work.stopped)
+    work.count(found)
+    there = begin(equations, found.point)
+    values = there.place.values
+    if there.reason is not None or not found.reason.converged or not bool((values < 0.0).all()):
+        return None
+    bounds = found.at_bound * there.place.scale
+    return work.end(replace(there, bounds=bounds, offset=found.offset), found.reason)
 
 
 def _no_worse(equations: ConstrainedEquations, first: Iterate, last: Iterate) -> Iterate:

@@ -15,6 +15,9 @@ SOFTNESS = 1e-8
 """Weight of a condition against the corrections, where the curvature along the conditions is asked for."""
 
 
+LEAST_DETERMINANT = 0.1
+
+
 def step(slopes: Floats, curvature: Floats | None, noisy: Mask, values: Floats, at: Floats) -> tuple[Floats, Floats]:
     """The next corrections (R, q) and the multipliers (R, k); not finite where a system has no solution.
 
@@ -24,7 +27,28 @@ def step(slopes: Floats, curvature: Floats | None, noisy: Mask, values: Floats, 
         return _by_corrections(slopes, curvature, values, at)
     if curvature is None:
         return _by_equations(slopes, noisy, values, at)
+    if slopes.shape[1:] == (1, 2):
+        found = _pairs(slopes[:, 0], curvature, noisy[:, 0], values[:, 0], at)
+        if found is not None:
+            return found
     return _whole(slopes, curvature, noisy, values, at)
+
+
+def _pairs(slopes: Floats, curvature: Floats, noisy: Mask, values: Floats, at: Floats) -> tuple[Floats, Floats] | None:
+    """One equation in two corrections, written out: what a curve in the plane asks for; None near a singular one."""
+    a, b, c = 1.0 + curvature[:, 0, 0], curvature[:, 0, 1], 1.0 + curvature[:, 1, 1]
+    determinant = a * c - b * b
+    if not (len(at) and float(np.abs(determinant).min()) > LEAST_DETERMINANT):
+        return None
+    p, q = slopes[:, 0], slopes[:, 1]
+    u, v = at[:, 0], at[:, 1]
+    turned = ((c * p - b * q) / determinant, (a * q - b * p) / determinant)  # (I + W)⁻¹ Bᵀ
+    kept = (u - (c * u - b * v) / determinant, v - (a * v - b * u) / determinant)  # (I + W)⁻¹ W u
+    multipliers = (values + p * (kept[0] - u) + q * (kept[1] - v)) / (p * turned[0] + q * turned[1] + noisy)
+    return (
+        np.stack([kept[0] - turned[0] * multipliers, kept[1] - turned[1] * multipliers], axis=1),
+        multipliers[:, None],
+    )
 
 
 def _by_equations(slopes: Floats, noisy: Mask, values: Floats, at: Floats) -> tuple[Floats, Floats]:

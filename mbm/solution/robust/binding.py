@@ -17,8 +17,8 @@ from mbm.solution.robust.units import STATED, Units
 from mbm.solution.solvers.batched import minimise_all
 from mbm.solution.types import Floats, Indices, Mask
 
-FIT_STEPS = 25
-"""Steps of the fit to one subset: nearly all need fewer than ten."""
+FIT_STEPS = 12
+"""Steps of the fit to one subset: those that need more are nearly degenerate."""
 
 EPSILON = float(np.finfo(np.float64).eps)
 

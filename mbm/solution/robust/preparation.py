@@ -102,7 +102,7 @@ def _scaled(problem: Problem, equations: Assembled, settings: Settings, starts: 
     if units.scalars == 0 or not equations.dimension:
         return Prepared(equations=equations, starts=starts)
     consensus = Consensus(kind=ConsensusKind.LMEDS)
-    found = agree(trials_of(equations, units), units, _points(starts), consensus, settings.seed)
+    found = agree(trials_of(equations, units, settings.closed_forms), units, _points(starts), consensus, settings.seed)
     factors, noise = _loss_noise(problem, equations, units, found)
     return Prepared(
         equations=equations,

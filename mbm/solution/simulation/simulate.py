@@ -32,7 +32,7 @@ def simulate(found: Elaborated, values: ValuesFinder, factors: FactorsFinder, as
     """The measurements that the model predicts at ``values``, with noise.
 
     Rows that no observation uses keep their cells. What a draw is depends on the seed, the observation's name and the
-    row's number only.
+    row's number only. Windows share rows, so all of them are simulated together, with one set of values.
 
     Raises:
         MbmError: an unknown without a value, an equation that cannot be solved for what it measures, a column that is
@@ -43,14 +43,14 @@ def simulate(found: Elaborated, values: ValuesFinder, factors: FactorsFinder, as
     equations, kept = measured_equations(problem, asked.measured)
     _refuse_other_uses(problem, equations)
     given = {name: np.asarray(numbers, dtype=np.float64) for name, numbers in found.starts.items()}
-    _, picked = selections(problem, found.tables)
+    _, picked = selections(replace(problem, request=replace(problem.request, window=None)), found.tables)
     runs = []
     for selection in picked:
         run = _Run(found=found, selection=selection, asked=asked, equations=equations)
         runs.append(run.done({**given, **values(selection.key)}, factors(selection.key)))
     notes = {note.message: note for run in runs for note in run.notes}
     return Simulation(
-        cells=_merged(tuple(cells for run in runs for cells in run.cells), problem),
+        cells=_merged(tuple(_at_origin(cells, found) for run in runs for cells in run.cells), problem),
         truths=tuple(truth for run in runs for truth in run.truths),
         notes=(*kept, *notes.values()),
     )
@@ -247,6 +247,24 @@ def _with_column(table: Table, name: str, positions: Indices, numbers: Floats) -
     changed[positions] = numbers
     made = TableColumn(name=name, numbers=changed, unit=column.unit)
     return replace(table, columns={**table.columns, name: made})
+
+
+def _at_origin(cells: Cells, found: Elaborated) -> Cells:
+    """Cells of the tables that were read, for cells of a table that pairs two of them.
+
+    Raises:
+        MbmError: a column that was interpolated, so that no cell holds it.
+
+    """
+    pairs = {pair.name: pair for pair in found.problem.pairs}
+    while cells.table in pairs:
+        pair = pairs[cells.table]
+        origin = found.tables[cells.table].provenance.origins[cells.column]
+        owner = pair.second if cells.column.startswith(f"{pair.second}.") else pair.first
+        if pair.interpolate and owner == pair.second:
+            raise MbmError(faults.measured_elsewhere(pair.span, cells.column, "interpolated between rows of its table"))
+        cells = Cells(table=owner, column=origin.column, rows=origin.rows[cells.rows - 1], numbers=cells.numbers)
+    return cells
 
 
 def _merged(cells: tuple[Cells, ...], problem: Problem) -> tuple[Cells, ...]:

@@ -7,7 +7,7 @@ business of the solvers for one point. A trial never ends worse than it began, a
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -118,6 +118,11 @@ def minimise_all(
                 break
             state.advance()
         parts.append(state.answer())
+    return joined(parts)
+
+
+def joined(parts: Sequence[Batched]) -> Batched:
+    """Trials one after the other; at least one part."""
     return Batched(
         points=np.concatenate([p.points for p in parts]),
         cost=np.concatenate([p.cost for p in parts]),

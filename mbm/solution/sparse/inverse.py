@@ -54,6 +54,8 @@ class LocalNull:
 class SparseInverse:
     """``factors`` of the pinned, scaled matrix; ``scale`` (columns,); ``null`` (columns, g) orthonormal, free.
 
+    Columns that are ``zero`` (columns,) in the Jacobian, or held, have no covariance.
+
     Coordinates of the public functions are the n estimated ones.
     """
 
@@ -61,6 +63,7 @@ class SparseInverse:
     scale: Floats
     null: Floats
     local: LocalNull
+    zero: Mask
 
     def solve(self, right: Floats) -> Floats:
         """The covariance times a right side (n, k)."""
@@ -76,10 +79,11 @@ class SparseInverse:
         """
         layout = self.factors.plan.structure
         rows = layout.padded(gradient.T) / self.scale[:, None]
-        length = np.sqrt(np.square(rows).sum(axis=0))
+        shares = np.divide(squares, np.square(length), out=np.zeros_like(squares), where=length > 0.0)
+        return np.asarray(np.sqrt(shares))
         squares = np.square(rows - self.local.removed(rows)).sum(axis=0)
         squares += np.square(common.T @ rows[layout.free]).sum(axis=0)
-        return np.sqrt(np.divide(squares, np.square(length), out=np.zeros_like(squares), where=length > 0.0))
+        return np.asarray(np.sqrt(np.divide(squares, np.square(length), out=np.zeros_like(squares), where=length > 0.0)), dtype=np.float64)
 
     def single(self) -> Mask:
         """Coordinates (n,) that free directions of single members touch."""
@@ -98,6 +102,7 @@ class SparseInverse:
             across = self.factors.solve(self.null)
             inner = self.null.T @ across
             found += np.einsum("ck,ck->c", self.null, self.null @ inner - 2.0 * across)
+        found[self.zero] = 0.0
         return (np.maximum(found, 0.0) / np.square(self.scale))[layout.free]
 
     def leverages(self, values: Values, fixed: Mask) -> Floats:
@@ -152,6 +157,7 @@ class SparseInverse:
         return found
 
     def _projected(self, x: Floats) -> Floats:
+        x = np.where(self.zero[:, None], 0.0, x)
         if self.null.shape[1]:
             x = x - self.null @ (self.null.T @ x)
         return self.local.removed(x)

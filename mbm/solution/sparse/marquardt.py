@@ -200,7 +200,7 @@ def _answer(state: State, reason: Reason) -> Minimum:
         point=state.point,
         residuals=residuals,
         jacobian=matrix,
-        blocks=None if place is None else BlockJacobian(plan=state.plan, values=place.values),
+        blocks=BlockJacobian(plan=state.plan, values=layout.zeros() if place is None else place.values),
         cost=float(residuals @ residuals),
         reason=reason,
         iterations=state.iterations,

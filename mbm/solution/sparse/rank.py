@@ -72,7 +72,7 @@ def decided(found: Plan, values: Values, held: Mask) -> Decision:
     if factors is None:
         message = "the scaled normal equations are not finite"
         raise ArithmeticError(message)
-    inverse = SparseInverse(factors=factors, scale=scale, null=null, local=local)
+    inverse = SparseInverse(factors=factors, scale=scale, null=null, local=local, zero=zero)
     return Decision(
         inverse=inverse, unused=zero & ~still, smallest=smallest, largest=_largest(matrix), complete=complete
     )

@@ -110,6 +110,10 @@ class Structure:
             parts.append(csr_array((self.count - reached, self.columns)))
         return parts[0] if len(parts) == 1 else vstack(parts, format="csr")
 
+    def zeros(self) -> list[Floats]:
+        """The values of a Jacobian that is zero everywhere."""
+        return [np.zeros((p.rows, p.outputs, p.width)) for p in self.pieces]
+
     def weighted(self, values: Values, factors: Floats) -> list[Floats]:
         """The Jacobian with each column multiplied by its factor (columns,)."""
         return [v * factors[i].reshape(v.shape) for v, i in zip(values, self._indices, strict=True)]

@@ -1,0 +1,153 @@
+"""The same problem solved through blocks and densely: same cost, estimates, sigmas, ranks and names."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import mbm
+from mbm.report.types import SolveStatus
+from mbm.solution.sparse import equations
+
+STATIONS, POINTS = 5, 14
+SAME = 1e-8
+"""Both stop where the next step is below 1e-10 standard deviations; sigmas of points seen from afar lose two digits."""
+
+PROBLEM = """
+(problem network
+  (data stations external :key station) (data points external :key point) (data seen external)
+  (unknowns
+    (K (pose 2) :per stations :init (pose2 x y heading) {station})
+    (q (vector 2) :per points :init [x y] {point}))
+  (observe angles seen (= angle (bearing (transform (inverse (K station)) (q point)))) {angles} {each})
+  (observe ranges seen (= range (norm (- (q point) (translation (K station))))) {ranges} {each})
+  (derive (apart (norm (- (q 3) (q 8)))) (first ((q 5) 1)) (from-first (norm (- (q point) (q 0))) :over points))
+  {more})
+"""
+VARIANTS = {
+    "fixed": {"station": ":fixed (> fix 0.5)"},
+    "priors": {"point": ":sigma 0.2"},
+    "bounds": {"station": ":fixed (> fix 0.5)", "point": ":in ([(- x 0.3) (- y 0.3)] [(+ x 0.3) (+ y 0.3)])"},
+    "one unknown noise": {"station": ":fixed (> fix 0.5)", "ranges": ":sigma (unknown 0.1)"},
+    "two unknown noises": {
+        "station": ":fixed (> fix 0.5)", "angles": ":sigma (unknown 0.01)", "ranges": ":sigma (unknown 0.1)",
+    },
+    "loss": {"station": ":fixed (> fix 0.5)", "each": ":loss (huber 1.5)"},
+    "filtered": {"station": ":fixed (> fix 0.5)", "each": ":when (> range 6)"},
+}  # fmt: skip
+
+
+def survey():
+    """Tables of a made-up survey: true places, noisy starts, angles to 2 mrad and ranges to 5 cm, some grossly wrong."""
+    generator = np.random.default_rng(3)
+    station = np.column_stack([generator.uniform(-20, 20, (STATIONS, 2)), generator.uniform(-3, 3, STATIONS)])
+    points = generator.uniform(-30, 30, (POINTS, 2))
+    of, to = (g.ravel() for g in np.mgrid[0:STATIONS, 0:POINTS])
+    difference = points[to] - station[of, :2]
+    angle = np.arctan2(difference[:, 1], difference[:, 0]) - station[of, 2] + generator.normal(0, 2e-3, len(of))
+    distance = np.hypot(*difference.T) + generator.normal(0, 0.05, len(of))
+    distance[::17] += 0.4
+    moved = station + np.where(np.arange(STATIONS)[:, None] < 2, 0.0, generator.normal(0, 0.1, station.shape))
+    began = points + generator.normal(0, 0.2, points.shape)
+    numbers = {"stations": np.arange(STATIONS), "points": np.arange(POINTS)}
+    x, y, heading = moved.T
+    return {
+        "stations": {"station": numbers["stations"], "x": x, "y": y, "heading": heading, "fix": numbers["stations"] < 2},
+        "points": {"point": numbers["points"], "x": began[:, 0], "y": began[:, 1]},
+        "seen": {"station": of, "point": to, "angle": angle, "range": distance},
+    }
+
+
+def solved(**clauses):
+    parts = {"station": "", "point": "", "angles": ":sigma 0.002", "ranges": ":sigma 0.05", "each": "", "more": ""}
+    data = {
+        name: {column: np.asarray(values, dtype=np.float64) for column, values in table.items()}
+        for name, table in survey().items()
+    }
+    return mbm.loads(PROBLEM.format(**(parts | clauses))).solve(data=data)
+
+
+@pytest.fixture
+def blockwise(monkeypatch):
+    def solve(**clauses):
+        with monkeypatch.context() as patched:
+            patched.setattr(equations, "LARGE", 0)
+            patched.setattr(equations, "SPARSE", 1.0)
+            return solved(**clauses)
+
+    return solve
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_same_answer(blockwise, variant):
+    sparse, dense = blockwise(**VARIANTS[variant]), solved(**VARIANTS[variant])
+    assert (sparse.first.method, dense.first.method) == ("lm-sparse", "lm")
+    assert sparse.first.status is dense.first.status
+    assert sparse.first.cost == pytest.approx(dense.first.cost, rel=SAME)
+    assert sparse.first.dof == dense.first.dof
+    assert sparse.observability.rank == dense.observability.rank
+    for factor, expected in zip(sparse.first.noise.values(), dense.first.noise.values(), strict=True):
+        assert factor == (None if expected is None else pytest.approx(expected, rel=SAME))
+    for own, other in zip(sparse.first.estimates, dense.first.estimates, strict=True):
+        np.testing.assert_allclose(own.value, other.value, atol=SAME)
+        np.testing.assert_allclose(own.sigma, other.sigma, rtol=SAME)
+    for own, other in zip(sparse.first.derived, dense.first.derived, strict=True):
+        np.testing.assert_allclose(own.value, other.value, atol=SAME)
+        np.testing.assert_allclose(own.sigma, other.sigma, rtol=SAME)
+    np.testing.assert_allclose(sparse.covariance.matrix, dense.covariance.matrix, rtol=1e-6, atol=1e-12)
+
+
+def test_free_motions_are_named_alike(blockwise):
+    sparse, dense = blockwise(), solved()
+    assert sparse.first.status is dense.first.status is SolveStatus.UNOBSERVABLE
+    motions = [(g.motion, g.dimensions, g.unknowns) for g in sparse.observability.gauge]
+    assert motions == [("translation", 2, ("K", "q")), ("rotation", 1, ("K", "q"))]
+    assert motions == [(g.motion, g.dimensions, g.unknowns) for g in dense.observability.gauge]
+    for found in (sparse, dense):
+        assert all("the whole scene (`K` and `q`)" in g.sentence for g in found.observability.gauge)
+        assert found.observability.unobservable
+        assert np.isnan(found["K"].sigma).all()
+        assert np.isnan(found["first"].sigma)
+    assert sparse["apart"].sigma == pytest.approx(dense["apart"].sigma, rel=SAME)
+
+
+def test_the_minimum_norm_datum(blockwise):
+    sparse, dense = blockwise(more="(solve :gauge free)"), solved(more="(solve :gauge free)")
+    assert sparse.first.status is dense.first.status is SolveStatus.CONVERGED
+    assert sparse.observability.unobservable == dense.observability.unobservable == ()
+    assert [g.motion for g in sparse.observability.gauge] == ["translation", "rotation"]
+    assert sparse["apart"].sigma == pytest.approx(dense["apart"].sigma, rel=SAME)
+    for found in (sparse, dense):
+        assert (found["q"].sigma > 0).all()
+
+
+@pytest.fixture
+def logarithms(monkeypatch):
+    """A family of one number each in ``1 = log a``, from given starts."""
+
+    def solve(starts):
+        monkeypatch.setattr(equations, "LARGE", 0)
+        monkeypatch.setattr(equations, "SPARSE", 1.0)
+        text = (
+            "(problem p (data d external :key k) (unknowns (a :per d :init x))"
+            " (observe d (= 1 (log (a k))) :sigma 1) (solve :method lm))"
+        )
+        data = {"d": {"k": np.arange(float(len(starts))), "x": np.array(starts)}}
+        return mbm.loads(text).solve(data=data)
+
+    return solve
+
+
+def test_a_start_without_a_value_is_told(logarithms):
+    found = logarithms([1.0, -1.0, 4.0])
+    assert found.first.method == "lm-sparse"
+    assert found.first.status is SolveStatus.NOT_CONVERGED
+    (warning,) = found.first.diagnostics
+    assert warning.code.name == "not-finite-at-start"
+    assert warning.labels[0].place.row == 2
+
+
+def test_trial_points_without_a_value_are_survived(logarithms):
+    found = logarithms([1.0, 20.0, 40.0])  # the whole first steps from the last two lead below zero
+    assert found.first.status is SolveStatus.CONVERGED
+    np.testing.assert_allclose(found["a"].value, np.e, rtol=1e-9)
