@@ -20,6 +20,8 @@ MOST_LABELS = 8
 
 def constraint_reports(problem: Problem, solution: Solution) -> tuple[ConstraintReport, ...]:
     """An entry for each constraint, in the order of the problem; those over a table gather their rows."""
+    if not solution.constraints:
+        return ()
     state = solution.minimum.constraints
     values = _values(solution) if state is None else state.values
     violated = _violation(values, _equality(problem, solution)) > 0.0 if state is None else state.violated
@@ -29,16 +31,16 @@ def constraint_reports(problem: Problem, solution: Solution) -> tuple[Constraint
 
 
 def _values(solution: Solution) -> Floats:
-    parts = [group.values(solution.numbers).ravel() for group in solution.constraints]
-    return np.concatenate(parts) if parts else np.empty(0)
+    return np.concatenate([group.values(solution.numbers).ravel() for group in solution.constraints])
 
 
 def _equality(problem: Problem, solution: Solution) -> Mask:
-    parts = [
-        np.full(group.count, problem.blocks[group.kernel.owner].constraint is ConstraintKind.EQUAL)
-        for group in solution.constraints
-    ]
-    return np.concatenate(parts) if parts else np.zeros(0, dtype=bool)
+    return np.concatenate(
+        [
+            np.full(group.count, problem.blocks[group.kernel.owner].constraint is ConstraintKind.EQUAL)
+            for group in solution.constraints
+        ]
+    )
 
 
 def _violation(values: Floats, equality: Mask | bool) -> Floats:

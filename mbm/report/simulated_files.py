@@ -68,7 +68,9 @@ def output_files(program: Program, problem: Problem, name: str | None, made: Sim
         if path in contents and _rows(contents[path][1]) != _rows(columns):
             path, kind = f"{declaration.name}.csv", "csv"
         if form is not None and (path != declaration.path or kind != declaration.source):
-            edits.append(_Edit(form.span, f"({kind} {json.dumps(path, ensure_ascii=False)})"))
+            key = table.origin.key if declaration.key is None else None  # what the format itself says of it
+            stated = "" if key is None else f" :key {json.dumps(key, ensure_ascii=False)}"
+            edits.append(_Edit(form.span, f"({kind} {json.dumps(path, ensure_ascii=False)}){stated}"))
         if path in contents:
             changed = {source: columns[source] for source in table.changed}
             contents[path][1].update(changed)

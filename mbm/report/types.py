@@ -233,10 +233,10 @@ class PriorReport:
 class ConstraintReport:
     """A constraint at the estimates.
 
-    ``kind`` is how it is written (``=``, ``<=`` …). ``value`` in SI is what is left to its limit, negative beyond it; of
-    an equation the difference of its sides, of several elements or rows the worst. ``violation`` is 0 where it holds as
-    far as the arithmetic can tell; ``active``: it is at its limit (equations always are). With a table ``over``, ``rows``
-    of it are constrained, and the lists hold rows from 1 of the unfiltered table.
+    ``kind`` is how it is written (``=``, ``<=`` …). ``value`` in SI is what is left to its limit, negative beyond it;
+    of an equation the difference of its sides, of several elements or rows the worst. ``violation`` is 0 where it holds
+    as far as the arithmetic can tell; ``active``: it is at its limit (equations always are). With a table ``over``,
+    ``rows`` of it are constrained, and the lists hold rows from 1 of the unfiltered table.
     """
 
     name: str

@@ -68,7 +68,7 @@ def ends_apart(equations: Assembled, ends: Batched) -> Iterator[tuple[Floats, In
 
 
 def merged(equations: Assembled, basins: Sequence[Basin]) -> tuple[Basin, ...]:
-    """The basins that differ, the lowest cost first.
+    """The basins that differ, the lowest cost first; those that do not meet the constraints come after all others.
 
     Of equal costs, those that converged come first, then those that the first starts led to.
     """
@@ -80,7 +80,8 @@ def merged(equations: Assembled, basins: Sequence[Basin]) -> tuple[Basin, ...]:
             kept.append(basin)
         else:
             kept[number] = _joined(kept[number], basin)
-    return tuple(_ranked(kept))
+    meeting = [b for b in kept if b.minimum.feasible]
+    return (*_ranked(meeting), *_ranked([b for b in kept if not b.minimum.feasible]))
 
 
 def _ranked(basins: Sequence[Basin]) -> Iterator[Basin]:

@@ -8,25 +8,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbm.expression.nodes import Column as ColumnNode
-from mbm.expression.nodes import ColumnMember, Component, LiteralMember, Member, RowChoice
+from mbm.expression.nodes import ColumnMember, Component, Member, RowChoice
 from mbm.kernels.types import Backend, Evaluation, Kernel, KernelSet
-from mbm.problem import faults as problem_faults
 from mbm.problem.checks import used_rows
 from mbm.problem.rows import Positions, chosen_number, column_numbers, keyed_rows, rows_of
-from mbm.problem.scopes import ROW
-from mbm.problem.tables import CellKey, Table
+from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Problem, Static
-from mbm.solution.layout import Entry, Layout
+from mbm.solution.layout import Layout
+from mbm.solution.layouts import Layouts
+from mbm.solution.members import picked_members
 from mbm.solution.robust.losses import LossFunction, loss_function
 from mbm.solution.sampling import Sampled, sampled_inputs, samplings
 from mbm.solution.scatter import Scatter, scatter
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.solution.whitening import Whitener, whitener
 from mbm.symbolic.types import ConstantInput, Parameter, Purpose, Slot
-from mbm.text.types import MbmError
 
 DENSE_PART = 20_000_000
 """Numbers in a dense Jacobian of some rows that is made at once: 160 MB."""
+
+
+MOST_PREPARED_ROWS = 1_000_000
+"""Rows of all prepared kernels together; growing windows would prepare every size there is."""
 
 
 class EvaluationCache:
@@ -39,12 +42,15 @@ class EvaluationCache:
     def __init__(self, backend: Backend) -> None:
         self.backend = backend
         self.without_closed_form: set[tuple[str, ...]] = set()
+        self.layouts = Layouts()
         self._prepared: dict[tuple[int, int], Evaluation] = {}
 
     def evaluation(self, number: int, kernel: Kernel, rows: int) -> Evaluation:
         """The evaluation of kernel ``number`` for ``rows`` rows."""
         found = self._prepared.get((number, rows))
         if found is None:
+            if sum(size for _, size in self._prepared) + rows > MOST_PREPARED_ROWS:
+                self._prepared.clear()
             found = self.backend.prepare(kernel, rows)
             self._prepared[number, rows] = found
         return found
@@ -335,39 +341,9 @@ class Binder:
         found = members.get((slot.unknown, slot.member))
         if found is None:
             entry = self.layout.entry(slot.unknown)
-            found = members[slot.unknown, slot.member] = self._members(entry, slot.member, table, positions)
+            found = picked_members(entry, slot.member, table, positions, self.tables)
+            members[slot.unknown, slot.member] = found
         return found
-
-    def _members(self, entry: Entry, member: Member, table: Table | None, positions: Positions | None) -> Indices | int:
-        """Numbers (from 0) of the members that ``member`` names, for each row."""
-        where = f"the family `{entry.unknown.name}`"
-        if isinstance(member, LiteralMember):
-            literal = entry.index.get(member.key)
-            if literal is None:
-                raise MbmError(problem_faults.dangling_key(entry.unknown.span, member.key, where, None, None))
-            return literal
-        cells = self._cells(member, table, positions)
-        found = np.array([entry.index.get(cell, -1) for cell in cells], dtype=np.int64)
-        if bool((found < 0).any()):
-            row = int(np.argmax(found < 0))
-            if table is None or positions is None or member.row is not RowChoice.EACH:
-                raise MbmError(problem_faults.dangling_key(entry.unknown.span, cells[row], where, None, None))
-            place = table.place(int(positions[row]), member.column)
-            raise MbmError(problem_faults.dangling_key(place, cells[row], where, None, entry.unknown.span))
-        return found
-
-    def _cells(self, member: ColumnMember, table: Table | None, positions: Positions | None) -> list[CellKey]:
-        if member.row is RowChoice.EACH and table is not None and positions is not None:
-            if member.column == ROW and ROW not in table.columns:
-                return [float(r) for r in table.rows[positions]]
-            keys = table.keys(member.column)
-            return [keys[i] for i in positions]
-        if member.row is RowChoice.EACH:
-            message = f"a key of `{member.table}.{member.column}` is wanted where there is no row"
-            raise TypeError(message)
-        other = self.tables[member.table]
-        keys = other.keys(member.column)
-        return [keys[0 if member.row is RowChoice.FIRST else -1]]
 
 
 def _differs(slot: Slot) -> bool:

@@ -14,11 +14,15 @@ from mbm.text.types import MbmError
 
 ORIGIN = "the last window"
 
+DEVIATIONS = 3.0
+"""Standard deviations of χ² that a cost may lie above its degrees of freedom and count as noise."""
+
 
 def carried_beginnings(equations: Assembled, settings: Settings, last: Solution | None) -> tuple[Beginning, ...]:
     """The points to start from; the last window's estimates come first if the equations fit them better.
 
-    They take the place of the one start, and stand before several.
+    They take the place of the one start, and stand before several. Where they were the only ones there, and fit the
+    rows as well as the stated noise lets expect, no other start is looked for.
 
     Raises:
         MbmError: no start is known, none can be found, and there is no last window that has one.
@@ -28,15 +32,17 @@ def carried_beginnings(equations: Assembled, settings: Settings, last: Solution 
         return beginnings(equations, settings)
     point = carried(equations.layout, last)
     usable = bool(np.isfinite(point).all())
+    start = Beginning(point=point, origin=ORIGIN)
+    if usable and _is_expected(equations, settings, last, point):
+        return (start,)
     try:
         own = beginnings(equations, settings)
     except MbmError:
         if not usable:
             raise
-        return (Beginning(point=point, origin=ORIGIN),)
+        return (start,)
     if not usable or not _cost(equations, point) < _cost(equations, own[0].point):
         return own
-    start = Beginning(point=point, origin=ORIGIN)
     return (start, *own) if len(own) > 1 else (start,)
 
 
@@ -62,6 +68,15 @@ def carried(layout: Layout, last: Solution) -> Floats:
         held = layout.fixed[curved.coordinates].all(axis=1)
         point[curved.numbers[held]] = layout.start[curved.numbers[held]]
     return point
+
+
+def _is_expected(equations: Assembled, settings: Settings, last: Solution, point: Floats) -> bool:
+    """Whether nothing speaks for another start: one minimum in the last window, and a cost that noise explains here."""
+    trusted = last.minimum.reason.converged and last.observability.observable and not last.alternatives
+    freedom = equations.count - equations.dimension
+    if not trusted or last.noise or settings.robust is not None or freedom <= 0:
+        return False
+    return _cost(equations, point) <= freedom + DEVIATIONS * float(np.sqrt(2 * freedom))
 
 
 def _cost(equations: Assembled, point: Floats) -> float:

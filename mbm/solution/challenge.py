@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import sqrt
 
 import numpy as np
 
@@ -11,28 +12,34 @@ from mbm.solution.assembly import Assembled
 from mbm.solution.binding import EvaluationCache
 from mbm.solution.closed_forms.completion import completions
 from mbm.solution.closed_forms.situation import Situation
+from mbm.solution.minimise import minimise
 from mbm.solution.random_starts import costs
-from mbm.solution.search import Found, search
+from mbm.solution.search import Found
 from mbm.solution.settings import Settings
-from mbm.solution.starting import GIVEN, Beginning
+from mbm.solution.starting import GIVEN
 
 LOWER = 1e-6
 """Share of the cost by which another minimum must be lower to take the place of the one that a given start leads to."""
 
 
+USUAL = 5.0
+"""Standard deviations of χ² within which a fit gives no cause for doubt."""
+
+
 def challenged(
-    equations: Assembled, settings: Settings, found: Found, problem: Problem, cache: EvaluationCache
+    equations: Assembled, settings: Settings, found: Found, problem: Problem, cache: EvaluationCache, *, many: bool
 ) -> Found:
     """``found``, or what a closed form for all unknowns leads to where that is a better fit.
 
     A closed form's answer costs more than the minimum that it lies near: it is followed only if it costs less than what
-    was found, or nothing was found. That no closed form applies is remembered in ``cache``, for the data sets to come.
+    was found, or nothing was found. Of ``many`` solves, those that fit as well as the stated noise lets expect are left
+    alone. That no closed form applies is remembered in ``cache``, for the data sets to come.
     """
     names = tuple(entry.unknown.name for entry in equations.layout.entries)
     iterative = settings.method not in (Method.CLOSED_FORM, Method.DIRECT_SEARCH)
     if found.origin != GIVEN or not iterative or equations.linear or equations.lossy or settings.robust is not None:
         return found
-    if equations.constraints or names in cache.without_closed_form:
+    if equations.constraints or names in cache.without_closed_form or (many and _plausible(equations, found, problem)):
         return found
     numbers = np.where(equations.moving(), np.nan, found.minimum.point)
     situation = Situation(layout=equations.layout, groups=equations.groups, numbers=numbers)
@@ -44,12 +51,20 @@ def challenged(
     best = int(np.argmin(fits))
     if not np.isfinite(fits[best]) or (found.minimum.reason.converged and not fits[best] < found.minimum.cost):
         return found
-    start = Beginning(point=complete[best].numbers, origin="; ".join(complete[best].used))
-    other = search(equations, (start,), settings, problem)
-    if not other.minimum.cost < (1 - LOWER) * found.minimum.cost and found.minimum.reason.converged:
-        return found
-    if not other.minimum.cost <= found.minimum.cost:
-        return found
+    other = minimise(equations, complete[best].numbers, settings, problem.span)
+    lower = other.cost < (1 - LOWER) * found.minimum.cost
+    rescued = not found.minimum.reason.converged and other.cost <= found.minimum.cost
     return replace(
-        other, iterations=found.iterations + other.iterations, evaluations=found.evaluations + other.evaluations
+        found,
+        minimum=other if lower or rescued else found.minimum,
+        origin="; ".join(complete[best].used) if lower or rescued else found.origin,
+        iterations=found.iterations + other.iterations,
+        evaluations=found.evaluations + other.evaluations,
     )
+
+
+def _plausible(equations: Assembled, found: Found, problem: Problem) -> bool:
+    """Whether the noise is stated, and the cost such as it gives."""
+    freedom = max(equations.count - equations.dimension, 1)
+    stated = not any(block.unknown_factor for block in problem.blocks)
+    return stated and found.minimum.reason.converged and found.minimum.cost < freedom + USUAL * sqrt(2.0 * freedom)

@@ -19,6 +19,7 @@ from mbm.solution.layout import layout
 from mbm.solution.minimise import solver_name
 from mbm.solution.selection import selections
 from mbm.solution.settings import Settings, settings_of
+from mbm.solution.sparse.equations import sparse_suits
 from mbm.solution.starting import GIVEN, beginnings
 
 
@@ -73,6 +74,8 @@ def _reason(equations: Assembled, method: Method) -> str:
         return f"there are constraints: {equal} equations and {len(equations.equality) - equal} inequalities"
     if equations.implicit is not None:
         return "measured columns have errors, whose corrections are eliminated"
+    if sparse_suits(equations):
+        return f"there are {equations.dimension} scalar unknowns, of which each equation touches few"
     if not equations.linear:
         return "the equations are not affine in the unknowns"
     if bool(equations.positive.any()):

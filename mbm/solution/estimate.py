@@ -12,12 +12,12 @@ from mbm.kernels.types import KernelSet
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 from mbm.solution import faults
+from mbm.solution.agreement import derived_agreement
 from mbm.solution.assembly import Assembled, blank, block_rows
 from mbm.solution.binding import Binder, EvaluationCache, mentioned
 from mbm.solution.challenge import challenged
 from mbm.solution.derived import Propagation
 from mbm.solution.gauge import with_gauge
-from mbm.solution.layout import layout
 from mbm.solution.minimise import minimise, solver_name
 from mbm.solution.motion import with_motions
 from mbm.solution.multistart import starting_points
@@ -28,6 +28,7 @@ from mbm.solution.robust.preparation import Prepared, outliers, prepared, robust
 from mbm.solution.search import Found, reweighted, search
 from mbm.solution.settings import Settings
 from mbm.solution.solution import Solution
+from mbm.solution.stationary import without_stationary
 from mbm.solution.statistics import statistics
 from mbm.solution.types import (
     Floats,
@@ -56,7 +57,7 @@ def assemble(
         MbmError: weights that are none, bounds the wrong way round.
 
     """
-    places = layout(problem, tables, starts)
+    places = cache.layouts.of(problem, tables, starts)
     binder = Binder(problem=problem, layout=places, tables=tables, cache=cache)
     return blank(binder, kernels), binder
 
@@ -83,7 +84,7 @@ def estimate(
     robust = prepared(problem, equations, settings, starting_points(equations, settings, last))
     equations = robust.equations.with_factors(robust.factors)
     found = search(equations, robust.starts, settings, problem, derived_agreement(problem, binder, kernels))
-    found = challenged(equations, settings, found, problem, cache)
+    found = challenged(equations, settings, found, problem, cache, many=bool(key))
     run = _Run(problem, robust, settings, found)
     minimum, noise, factors = run.weighted()
     weighted = equations.with_factors(factors)
@@ -106,7 +107,7 @@ def estimate(
         *_at_start(problem, tables, minimum, equations),
         *outcome.diagnostics,
         *rivals(problem, minimum, alternatives, outcome.fit, noise),
-        *doubts(problem, weighted, minimum, outcome.covariance, outcome.fit),
+        *doubts(propagation, minimum, derived),
     )
     return Solution(
         key=key,
@@ -200,6 +201,11 @@ class _Run:
         return observed_at(minimum, self.equations.coordinates(minimum.point))
 
     def _minimise(self, factors: Floats | None) -> Minimum:
+        minimum = self._minimum(factors)
+        spread = np.sqrt(minimum.cost / max(self.equations.count, 1)) if self.unknown else 1.0
+        return without_stationary(self.equations.with_factors(factors), minimum, float(spread))
+
+    def _minimum(self, factors: Floats | None) -> Minimum:
         if self._first is not None and _same(factors, self._robust.factors):
             first, self._first = self._first, None
             return first

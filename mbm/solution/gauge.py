@@ -50,11 +50,13 @@ def with_gauge(observed: Observability, layout: Layout, free: Indices, numbers: 
     directions, spare = _moving(observed)
     found: list[GaugeMotion] = []
     settled = 0
-    for scene in _scenes(layout):
-        if not directions.shape[1]:
+    while directions.shape[1]:
+        each = [_recognised(observed, scene, layout, free, numbers, directions) for scene in _scenes(layout)]
+        motions, left, taken = max(each, key=lambda one: one[2], default=([], directions, 0))
+        if not taken:
             break
-        motions, directions, taken = _recognised(observed, scene, layout, free, numbers, directions)
         found.extend(motions)
+        directions = left
         settled += taken
     if not found and observed.inverse is None:
         return observed

@@ -7,7 +7,9 @@ from dataclasses import replace
 from mbm.problem.types import Method
 from mbm.solution import faults
 from mbm.solution.constrained.solve import constrained_minimum, for_constrained, method_name, with_constraints
+from mbm.solution.constrained.types import ConstrainedEquations
 from mbm.solution.implicit.approach import approached
+from mbm.solution.nudging import SINGULAR, beside
 from mbm.solution.settings import Settings
 from mbm.solution.solvers.dogleg import DOGLEG
 from mbm.solution.solvers.gauss_newton import GAUSS_NEWTON
@@ -65,6 +67,17 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
     if (solver is not SPARSE_MARQUARDT or bound is not None) and size > DENSE_LIMIT:
         raise MbmError(faults.too_many_unknowns(equations.count, equations.dimension, DENSE_LIMIT, place))
     start = approached(equations, start, lambda plain, point: _roughly(plain, point, settings))
+    found = _from(equations, bound, solver, start, settings)
+    if found.reason in SINGULAR and solver is not STANDING:
+        others = (_from(equations, bound, solver, point, settings) for point in beside(equations, start))
+        found = next((other for other in others if other.reason not in SINGULAR), found)
+    return found
+
+
+def _from(
+    equations: Equations, bound: ConstrainedEquations | None, solver: Solver, start: Floats, settings: Settings
+) -> Minimum:
+    """Where the solver gets from the start; ``bound`` are the equations if they have constraints."""
     if solver is not STANDING and bound is not None:
         return constrained_minimum(bound, start, settings)
     state = solver.init(equations, start, settings.tolerance)

@@ -23,17 +23,17 @@ GIVEN = "a given start"
 def starting_points(equations: Assembled, settings: Settings, last: Solution | None) -> tuple[Beginning, ...]:
     """The points to start from, at least one; ``last`` as for `carried_beginnings`.
 
-    The first of random starts is the one that would be used without them: more starts are never worse than none.
+    The first of random starts are those that would be used without them: more starts are never worse than none.
 
     Raises:
         MbmError: no start is known and none can be found, or a given one does not fit its unknown.
 
     """
     if isinstance(settings.starts, RandomStarts):
-        own = beginnings(equations, settings)[0]
+        own = beginnings(equations, settings)[: settings.starts.count]
         seed = settings.seed if settings.starts.seed is None else settings.starts.seed
-        points = _random(equations, own.point, settings.starts.count - 1, seed)
-        return (own, *(Beginning(point=point, origin=RANDOM) for point in points))
+        points = _random(equations, own[0].point, settings.starts.count - len(own), seed)
+        return (*own, *(Beginning(point=point, origin=RANDOM) for point in points))
     if isinstance(settings.starts, GivenStarts):
         own = beginnings(equations, settings)[0]
         return tuple(_given(equations, own.point, start) for start in settings.starts.starts)

@@ -11,6 +11,7 @@ t and relative curvature.)
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,7 +47,7 @@ MANY_POINTS = 16
 """From so many points on the preparation of a batch pays."""
 
 MOST_COORDINATES = 100
-MOST_RESIDUALS = 200_000
+MOST_RESIDUALS = 60_000
 """Beyond so many residuals at all ends together the check would cost more than the solve; it is left out."""
 
 
@@ -67,54 +68,120 @@ class IntervalEnds:
         return _off(np.stack([self.lower, self.upper]), TOLERATED)
 
 
-@np.errstate(all="ignore")
-def interval_ends(equations: Equations, minimum: Minimum, estimated: Covariance) -> IntervalEnds | None:
-    """The ends of the 95 % intervals against the stated ones.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Surroundings:
+    """A minimum with its covariance: steps are ``factor @ c`` for c (k,), along which residuals change by ``tangent``.
 
-    None where there is nothing to find out or too much to do, and where the covariance is not the inverse of the normal
-    equations at hand (robust losses) or the cost not theirs (errors in the variables): they then say nothing about it.
+    ``tangent`` (m, k) is orthonormal, ``variance`` the s² in the covariance ``factor @ factor.T``.
     """
-    known = np.flatnonzero(np.isfinite(estimated.sigma) & (estimated.sigma > 0.0))
-    m = len(minimum.residuals)
-    if equations.linear or not known.size or equations.count != m or not minimum.reason.converged:
+
+    equations: Equations
+    minimum: Minimum
+    factor: Floats
+    tangent: Floats
+    variance: float
+
+    def points(self, along: Floats) -> Floats:
+        """The linear ends of intervals in the directions ``along`` (p, k), unit vectors: all lower, then all upper."""
+        steps = NORMAL_95 * (along @ self.factor.T)
+        return _moved(self.equations, self.minimum.point, np.vstack([-steps, steps]))
+
+    def ratios(self, along: Floats, points: Floats) -> Floats:
+        """The true ends (2, p) as multiples of the linear ones, where the cost grows on as it does up to those."""
+        residuals = _residuals(self.equations, points)
+        seen = residuals @ self.tangent
+        own = np.einsum("ij,ij->i", seen, np.vstack([along, along]))
+        least = np.square(residuals).sum(axis=1) - np.square(seen).sum(axis=1) + np.square(own)
+        grown = (least - self.minimum.cost) / self.variance
+        found = np.where(grown > 0.0, NORMAL_95 / np.sqrt(np.maximum(grown, 0.0)), np.inf)
+        return np.where(np.isfinite(least), found, 0.0).reshape(2, len(along))
+
+    def followed(self, along: Floats) -> tuple[float, float]:
+        """The true ends in the direction ``along`` (k,), a unit vector, found by following the profile."""
+        step = NORMAL_95 * (self.factor @ along)
+        others = self.factor @ _complement(along)
+        lower, upper = (
+            Profile(
+                equations=self.equations,
+                point=self.minimum.point,
+                least=self.minimum.cost,
+                direction=sign * step,
+                others=others,
+                level=NORMAL_95**2 * self.variance,
+            ).end()
+            for sign in (-1.0, 1.0)
+        )
+        return lower, upper
+
+
+@np.errstate(all="ignore")
+def surroundings(equations: Equations, minimum: Minimum, estimated: Covariance) -> Surroundings | None:
+    """What the ends of intervals are looked for in.
+
+    None where it would be too much to do, and where the covariance is not the inverse of the normal equations at hand
+    (robust losses) or the cost not theirs (sparse problems, a subset of the rows): then they say nothing about it.
+    """
+    m, k = minimum.residuals.shape[0], estimated.factor.shape[1] if estimated.factor.ndim == 2 else 0
+    if not k or equations.count != m or minimum.blocks is not None or not minimum.reason.converged:
         return None
-    if known.size > MOST_COORDINATES or 2 * known.size * m > MOST_RESIDUALS or minimum.blocks is not None:
+    if k > MOST_COORDINATES or 2 * k * m > MOST_RESIDUALS:
         return None
-    factor = estimated.factor
-    image = minimum.jacobian @ factor
+    image = minimum.jacobian @ estimated.factor
     gram = image.T @ image
-    variance = float(np.trace(gram)) / len(gram)
-    if not np.isfinite(variance) or np.abs(gram / variance - np.eye(len(gram))).max() > ORTHONORMAL:
+    variance = float(np.trace(gram)) / k
+    if not np.isfinite(variance) or np.abs(gram / variance - np.eye(k)).max() > ORTHONORMAL:
         return None
-    tangent = image / np.sqrt(variance)
-    along = factor[known] / estimated.sigma[known, None]
-    steps = NORMAL_95 * (along @ factor.T)
     centre = equations.residuals(minimum.point)
     if not abs(float(centre @ centre) - minimum.cost) <= SAME * max(minimum.cost, 1.0):
         return None
-    residuals = _residuals(equations, _moved(equations, minimum.point, np.vstack([-steps, steps])))
-    seen = residuals @ tangent
-    own = np.einsum("ij,ij->i", seen, np.vstack([along, along]))
-    profile = np.square(residuals).sum(axis=1) - np.square(seen).sum(axis=1) + np.square(own)
-    grown = (profile - minimum.cost) / variance
-    ratios = np.where(grown > 0.0, NORMAL_95 / np.sqrt(np.maximum(grown, 0.0)), np.inf)
-    ratios = np.where(np.isfinite(profile), ratios, 0.0)
-    ends = ratios.reshape(2, known.size)
-    for place in _off(ends, LOOKED_AT)[:MOST_FOLLOWED]:
-        others = factor @ _complement(along[place])
-        for side, sign in enumerate((-1.0, 1.0)):
-            profile = Profile(
-                equations=equations,
-                point=minimum.point,
-                least=minimum.cost,
-                direction=sign * steps[place],
-                others=others,
-                level=NORMAL_95**2 * variance,
-            )
-            ends[side, place] = profile.end()
+    return Surroundings(
+        equations=equations,
+        minimum=minimum,
+        factor=estimated.factor,
+        tangent=image / np.sqrt(variance),
+        variance=variance,
+    )
+
+
+@np.errstate(all="ignore")
+def interval_ends(found: Surroundings, estimated: Covariance) -> IntervalEnds:
+    """The ends of the 95 % intervals of all coordinates against the stated ones."""
     every = np.full((2, len(estimated.sigma)), np.nan)
-    every[:, known] = ends
+    known = np.flatnonzero(np.isfinite(estimated.sigma) & (estimated.sigma > 0.0))
+    if found.equations.linear:
+        every[:, known] = 1.0
+    elif known.size:
+        along = found.factor[known] / estimated.sigma[known, None]
+        ends = found.ratios(along, found.points(along))
+        for place in _off(ends, LOOKED_AT)[:MOST_FOLLOWED]:
+            ends[:, place] = found.followed(along[place])
+        every[:, known] = ends
     return IntervalEnds(lower=every[0], upper=every[1])
+
+
+@np.errstate(all="ignore")
+def derived_ends(
+    found: Surroundings, gradient: Floats, values: Callable[[Floats], Floats], angle: bool
+) -> IntervalEnds:
+    """The same for a quantity with the ``gradient`` (k, n) and the ``values`` (k,) at a point, by the quick look alone.
+
+    Beside the curvature of the model that of the quantity itself counts: how far it goes on the way to the linear ends;
+    minus infinity where it has turned back there.
+    """
+    image = gradient @ found.factor
+    sigma = np.sqrt(np.square(image).sum(axis=1))
+    along = image / sigma[:, None]
+    points = found.points(along)
+    grown = np.ones((2, len(along))) if found.equations.linear else found.ratios(along, points)
+    centre = values(found.minimum.point)
+    places = np.arange(len(points)) % len(along)
+    moves = np.array([values(point)[place] - centre[place] for point, place in zip(points, places, strict=True)])
+    if angle:
+        moves = moves - 2 * np.pi * np.round(moves / (2 * np.pi))
+    gone = moves.reshape(2, len(along)) / (np.array([[-1.0], [1.0]]) * NORMAL_95 * sigma)
+    gone = np.where(gone < 0.0, -np.inf, gone)
+    ends = np.where(np.isfinite(gone), gone * grown, np.where(np.isnan(gone), 0.0, gone))
+    return IntervalEnds(lower=ends[0], upper=ends[1])
 
 
 def _off(ends: Floats, limit: float) -> Indices:

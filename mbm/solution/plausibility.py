@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from mbm.problem.naming import scalar_name
 from mbm.problem.types import BlockRole, Problem
 from mbm.solution import faults
 from mbm.solution.assembly import Assembled
-from mbm.solution.nonlinearity import IntervalEnds, interval_ends
-from mbm.solution.types import Covariance, Fit, Floats, Minimum
+from mbm.solution.binding import Group, affine
+from mbm.solution.derived import Propagation
+from mbm.solution.nonlinearity import IntervalEnds, Surroundings, derived_ends, interval_ends, surroundings
+from mbm.solution.solution import DerivedSolution
+from mbm.solution.types import Covariance, Floats, Indices, Minimum
 from mbm.text.types import Diagnostic
 
 IMPROBABLE = 1e-6
@@ -20,27 +24,30 @@ STRAINED = 4.0
 """Distance of a prior from what the data say without it, in standard deviations of that distance: once in 16,000."""
 
 
+MOST_DERIVED = 20
+"""Derived numbers whose intervals are looked at."""
+
+
 @np.errstate(all="ignore")
-def doubts(
-    problem: Problem,
-    equations: Assembled,
-    minimum: Minimum,
-    estimated: Covariance,
-    fit: Fit,
-) -> tuple[Diagnostic, ...]:
-    """Warnings about a solve that converged; ``equations`` and ``estimated`` are those of the minimum."""
+def doubts(propagation: Propagation, minimum: Minimum, derived: tuple[DerivedSolution, ...]) -> tuple[Diagnostic, ...]:
+    """Warnings about a solve that converged; ``propagation`` holds the equations and covariance at the minimum."""
     if not minimum.reason.converged:
         return ()
-    found = [*_nonlinear(equations, interval_ends(equations, minimum, estimated))]
+    problem, equations, outcome = propagation.problem, propagation.equations, propagation.outcome
+    found: list[Diagnostic] = []
+    bent = not equations.linear or bool(derived)
+    around = surroundings(equations, minimum, outcome.covariance) if bent else None
+    if around is not None:
+        found += _nonlinear(equations, interval_ends(around, outcome.covariance))
+        found += _nonlinear_derived(propagation, around, derived)
+    fit = outcome.fit
     if fit.chi2_p is not None and fit.sigma0 is not None and fit.chi2_p < IMPROBABLE and not equations.lossy:
         found.append(faults.noise_against_data(problem.span, fit.sigma0, fit.chi2_p))
-    return (*found, *_strained(problem, equations, minimum, estimated))
+    return (*found, *_strained(problem, equations, minimum, outcome.covariance))
 
 
-def _nonlinear(equations: Assembled, ends: IntervalEnds | None) -> tuple[Diagnostic, ...]:
+def _nonlinear(equations: Assembled, ends: IntervalEnds) -> tuple[Diagnostic, ...]:
     """One warning for each unknown some of whose stated intervals miss the ends of the true ones."""
-    if ends is None:
-        return ()
     layout = equations.layout
     owners: dict[str, list[str]] = {}
     for place in ends.doubtful:
@@ -50,12 +57,51 @@ def _nonlinear(equations: Assembled, ends: IntervalEnds | None) -> tuple[Diagnos
     return tuple(faults.too_nonlinear(layout.entry(name).unknown.span, texts) for name, texts in owners.items())
 
 
+def _nonlinear_derived(
+    propagation: Propagation, around: Surroundings, derived: tuple[DerivedSolution, ...]
+) -> Iterator[Diagnostic]:
+    """The same for quantities that are derived once, and are numbers."""
+    left = MOST_DERIVED
+    equations = propagation.equations
+    free = np.zeros(len(equations.layout.number), dtype=bool)
+    free[equations.free] = True
+    for one in derived:
+        stated = propagation.problem.derived[one.owner]
+        count = one.sigma.size
+        if stated.table is not None or stated.kind is not None or one.gradient is None or count > left:
+            continue
+        groups = propagation.binder.derived(propagation.kernels, one.owner)
+        if len(groups) != 1 or (equations.linear and affine(groups[0], free)):
+            continue
+        left -= count
+        known = np.flatnonzero(np.isfinite(one.sigma.ravel()) & (one.sigma.ravel() > 0.0))
+        if not known.size:
+            continue
+        values = _picked(groups[0], known)
+        ends = derived_ends(around, one.gradient[known], values, stated.angle)
+        names = [scalar_name(stated.name, None, _index(stated.shape, int(i))) for i in known]
+        texts = [_ends(names[i], float(ends.lower[i]), float(ends.upper[i])) for i in ends.doubtful]
+        if texts:
+            yield faults.too_nonlinear(stated.span, texts)
+
+
+def _picked(group: Group, which: Indices) -> Callable[[Floats], Floats]:
+    return lambda point: group.values(point)[0, which]
+
+
+def _index(shape: tuple[int, ...], place: int) -> tuple[int, ...]:
+    """The index, from 1, of a number of a quantity of this shape."""
+    return tuple(int(i) + 1 for i in np.unravel_index(place, shape)) if shape else ()
+
+
 def _ends(name: str, lower: float, upper: float) -> str:
     """``b2`` 2.1 times as far above, 0.8 times as far below."""
     return f"`{name}` {_reach(lower)} below and {_reach(upper)} above"
 
 
 def _reach(ratio: float) -> str:
+    if ratio < 0.0:
+        return "turning back on the way"
     if not np.isfinite(ratio) or ratio > faults.FARTHEST:
         return f"more than {faults.FARTHEST:g} times as far"
     if ratio == 0.0:

@@ -71,7 +71,7 @@ def _numbers(equations: Assembled, base: Floats, plain: Indices, cube: Floats) -
     circle = layout.angle[plain] & ~(np.isfinite(low) & np.isfinite(high))
     low, high = np.where(circle, -np.pi, low), np.where(circle, np.pi, high)
     boxed = np.isfinite(low) & np.isfinite(high)
-    scale = scales(equations, base)[plain]
+    scale = scales(equations, base, plain)[plain]
     free = scale * np.tan(np.pi / 2 * WIDEST * (2 * cube - 1))
     positive = scale * 10.0 ** (POSITIVE_DECADES * (2 * cube - 1))
     free = np.where(layout.positive[plain], positive, free)
@@ -80,15 +80,17 @@ def _numbers(equations: Assembled, base: Floats, plain: Indices, cube: Floats) -
         return np.where(boxed, low + cube * (high - low), free)
 
 
-def scales(equations: Assembled, base: Floats) -> Floats:
+def scales(equations: Assembled, base: Floats, plain: Indices) -> Floats:
     """How large each coordinate (M,) may be: the median of the changes that would cancel single residuals.
 
-    Taken at points where the unknown numbers are 0, 1 and -1; 1 where no residual tells.
+    Taken at points where the unknown numbers, and those of the coordinates ``plain``, are 0, 1 and -1 (``base`` may fit
+    already, with nothing left to cancel); 1 where no residual tells.
     """
     layout = equations.layout
     free = equations.free
     found = []
     missing = np.isnan(base)
+    missing[layout.number[plain]] = True
     for value in (0.0, 1.0, -1.0):
         point = np.where(missing, value, base)
         for curved in layout.curved:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from mbm.problem.types import Method, Problem
 from mbm.solution.agreement import Agreement
 from mbm.solution.assembly import Assembled
 from mbm.solution.basins import Basin, ends_apart, equal_costs, merged, ways_down, without_twins
-from mbm.solution.batch import batch
+from mbm.solution.batch import Batch, batch
 from mbm.solution.descent import descent
 from mbm.solution.minimise import minimise
 from mbm.solution.settings import Settings
@@ -68,15 +69,15 @@ class Found:
 
 
 def search(
-    equations: Assembled, starts: Sequence[Beginning], settings: Settings, problem: Problem, agree: Agreement
+    equations: Assembled, starts: Sequence[Beginning], settings: Settings, problem: Problem, agrees: Agreement
 ) -> Found:
     """The best of the minima that the starts lead to, and the others in the order of their costs.
 
     A start that leads to a saddle goes on from there. Minima that differ in how they are written only (angles by whole
-    turns, Euler angles, unknowns that trade places) count as one if derived quantities ``agree``. A search that is stopped answers with the best that
-    it has reached, and says that it was interrupted.
+    turns, Euler angles, unknowns that trade places) count as one if what is derived from them ``agrees``. A search that
+    is stopped answers with the best that it has reached, and says that it was interrupted.
     """
-    seeker = _Seeker(equations, settings, problem, agree)
+    seeker = _Seeker(equations, settings, problem, agrees)
     if len(starts) == 1:
         return _alone(seeker.polished(starts[0].point), starts[0].origin)
     if len(starts) <= FEW or not seeker.batchable:
@@ -185,22 +186,26 @@ class _Seeker:
         return found
 
     def distinct(self, basins: Sequence[Basin]) -> tuple[Basin, ...]:
-        """The minima that differ; saddles are left downhill."""
-        usable = [b for b in basins if np.isfinite(b.minimum.cost)]
+        """The minima that differ; where several starts were asked for, saddles are left downhill."""
+        found = merged(self._equations, [b for b in basins if np.isfinite(b.minimum.cost)])
         if not self.batchable:
-            return merged(self._equations, usable)
-        stack = batch(self._equations)
-        found = merged(self._equations, usable)
-        left = [self._below(b) for b in found]
-        if any(b is not a for a, b in zip(found, left, strict=True)):
-            found = merged(self._equations, left)
-        return without_twins(stack, found, self._agree)
+            return found
+        if self._settings.starts is not None:
+            left = [self._below(b) for b in found]
+            if any(b is not a for a, b in zip(found, left, strict=True)):
+                found = merged(self._equations, left)
+        return found if len(found) < 2 else without_twins(self._stack, found, self._agree)
+
+    @cached_property
+    def _stack(self) -> Batch:
+        """The equations at many points."""
+        return batch(self._equations)
 
     def _below(self, basin: Basin) -> Basin:
         """The basin itself, or where it leads if it is a saddle."""
         if not basin.minimum.reason.converged or self._settings.stopped():
             return basin
-        sides = ways_down(self._equations, batch(self._equations), basin.minimum)
+        sides = ways_down(self._equations, self._stack, basin.minimum)
         lower = [self.polished(point) for point in sides]
         best = min(lower, key=lambda m: m.cost if np.isfinite(m.cost) else np.inf, default=None)
         if best is None or not best.cost < basin.minimum.cost:

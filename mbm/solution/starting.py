@@ -15,7 +15,7 @@ from mbm.problem.types import Method
 from mbm.solution import faults
 from mbm.solution.affine_part import affine_coordinates, solved_linearly
 from mbm.solution.assembly import Assembled
-from mbm.solution.closed_forms.completion import Completion, completions
+from mbm.solution.closed_forms.completion import ALIKE, Completion, completions
 from mbm.solution.closed_forms.situation import Situation
 from mbm.solution.layout import Layout
 from mbm.solution.random_starts import costs, random_points
@@ -178,6 +178,8 @@ def _sorted(equations: Assembled, found: list[Beginning]) -> tuple[Beginning, ..
         above = values[~equations.equality]
         violations.append(float(np.maximum(above, 0.0).sum()) if np.isfinite(above).all() else np.inf)
     fits = costs(equations, np.stack([each.point for each in found]))
+    lowest = fits.min()
+    fits = np.where(fits <= lowest * (1 + ALIKE) + ALIKE, lowest, fits)
     met = [v <= 1e-6 for v in violations]
     order = sorted(range(len(found)), key=lambda i: (not met[i], fits[i]))
     if any(met):

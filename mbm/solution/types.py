@@ -201,6 +201,11 @@ class Minimum:
     blocks: BlockJacobian | None = field(default=None, repr=False)
     trace: tuple[TraceEntry, ...] = field(default=(), repr=False)
 
+    @property
+    def feasible(self) -> bool:
+        """Every constraint holds."""
+        return self.constraints is None or not bool(self.constraints.violated.any())
+
 
 class Solver(Protocol):
     """An iterative method: ``state = init(…)``, then ``step`` until ``finished``; states are immutable values."""

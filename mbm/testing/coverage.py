@@ -44,10 +44,10 @@ class NumberCoverage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coverage:
-    """All numbers; ``pooled`` is the ratio of all of them together (root mean square of normalised errors, decorrelated
-    by the stated covariance), with ``pooled_error`` of chance. ``failures`` are runs without a trusted answer, which
-    are left out. ``cost_p`` is the probability of costs as far from χ² as these (None: the noise is not stated).
-    ``warned`` is the share of runs with the warning `too-nonlinear`.
+    """All numbers; ``pooled`` is the root mean square of their ratios, with ``pooled_error`` of chance.
+
+    ``failures`` are runs without a trusted answer, which are left out. ``cost_p`` is the probability of costs as far
+    from χ² as these (None: the noise is not stated). ``warned`` is the share of runs with the warning `too-nonlinear`.
     """
 
     runs: int
@@ -130,14 +130,9 @@ def _solved(compiled: CompiledProblem, made: Simulated, start_at_truth: bool) ->
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Run:
-    """Errors of one run; ``distance`` is the squared decorrelated error, scaled to a mean of ``dimension``.
-
-    With estimated noise it follows Fisher's F, whose mean is dof/(dof − 2).
-    """
+    """Errors of one run; ``cost`` is None where the noise is not stated, ``quantiles`` are half widths in sigmas."""
 
     errors: CoordinateErrors
-    distance: float
-    dimension: int
     cost: float | None
     dof: int
     quantiles: tuple[float, float]
@@ -146,15 +141,12 @@ class _Run:
 def _run(found: Elaborated, solve: SolveReport, made: Simulated) -> _Run:
     truth = made.truths[0]
     errors = estimate_errors(solve, truth)
-    distance, dimension = _distance(solve, errors)
     joined = errors.joined(derived_errors(found.problem, solve, truth, found.tables))
     stated = solve.chi2_p is not None
     dof = solve.dof or 0
     estimated = not stated and any(factor is not None for factor in solve.noise.values())
     return _Run(
         errors=joined,
-        distance=distance * (1 - 2 / dof) if estimated and dof > 2 else distance,
-        dimension=dimension,
         cost=solve.cost if stated else None,
         dof=dof,
         quantiles=_quantiles(dof if estimated else None),
@@ -170,40 +162,37 @@ def _quantiles(dof: int | None) -> tuple[float, float]:
     return float(found[0]), float(found[1])
 
 
-def _distance(solve: SolveReport, errors: CoordinateErrors) -> tuple[float, int]:
-    """Squared length of the errors in the metric of the stated covariance, and its dimension."""
-    matrix = solve.covariance.matrix if solve.covariance is not None else None
-    if matrix is None or solve.covariance is None:
-        return 0.0, 0
-    places = {name: i for i, name in enumerate(errors.names)}
-    usable = [i for i in range(len(matrix)) if matrix[i, i] > 0 and np.isfinite(matrix[i, i])]
-    error = np.array([errors.errors[places[solve.covariance.names[i]]] for i in usable])
-    part = matrix[np.ix_(usable, usable)]
-    scale = np.sqrt(np.diag(part))
-    values, vectors = np.linalg.eigh(part / np.outer(scale, scale))
-    kept = values > 1e-10 * values.max(initial=0.0)
-    return float(np.sum((vectors[:, kept].T @ (error / scale)) ** 2 / values[kept])), int(kept.sum())
-
-
 def _summary(found: list[_Run], runs: int, failures: int, warned: int) -> Coverage:
     names = found[0].errors.names if found else ()
     errors = np.array([run.errors.errors for run in found]).reshape(len(found), len(names))
     sigmas = np.array([run.errors.sigmas for run in found]).reshape(len(found), len(names))
     widths = np.array([run.quantiles for run in found]).reshape(len(found), 2)
     numbers = tuple(_number(name, errors[:, i], sigmas[:, i], widths) for i, name in enumerate(names))
-    squares = np.array([run.distance for run in found])
-    dimension = sum(run.dimension for run in found)
-    pooled = math.sqrt(squares.sum() / dimension) if dimension else math.nan
-    spread = float(np.std(squares, ddof=1)) * math.sqrt(len(found)) / dimension if dimension and len(found) > 1 else 0.0
+    pooled, pooled_error = _pooled(errors, sigmas)
     return Coverage(
         runs=runs,
         failures=failures,
         numbers=tuple(n for n in numbers if n is not None),
         pooled=pooled,
-        pooled_error=spread / (2 * pooled) if pooled else math.nan,
+        pooled_error=pooled_error,
         cost_p=_cost_probability(found),
         warned=warned / runs if runs else 0.0,
     )
+
+
+def _pooled(errors: Floats, sigmas: Floats) -> tuple[float, float]:
+    """The root mean square of the ratios of all numbers, and its standard deviation of chance."""
+    known = np.isfinite(errors) & np.isfinite(sigmas) & (sigmas > 0)
+    usable = known.sum(axis=0) > 1
+    if not bool(usable.any()):
+        return math.nan, math.nan
+    known, errors, sigmas = known[:, usable], errors[:, usable], sigmas[:, usable]
+    stated = np.sum(np.where(known, sigmas, 0.0) ** 2, axis=0) / known.sum(axis=0)
+    shares = np.where(known, errors, 0.0) ** 2 / stated / (known.mean(axis=0) * known.shape[1])
+    runs = shares.sum(axis=1)
+    pooled = math.sqrt(float(runs.mean()))
+    spread = float(runs.std(ddof=1)) / math.sqrt(len(runs))
+    return pooled, spread / (2 * pooled) if pooled > 0 else math.nan
 
 
 def _number(name: str, errors: Floats, sigmas: Floats, widths: Floats) -> NumberCoverage | None:

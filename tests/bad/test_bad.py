@@ -51,6 +51,7 @@ ELSEWHERE = {
     "unknown-backend": "bad/test_made.py",
     "unknown-observation": "simulation/test_measurements.py",
     "unreadable-file": "text/test_syntax_errors.py",
+    "values-against-constraint": "simulation/test_measurements.py",
 }
 """Codes that no problem file or table can produce by itself, or whose cases are too large to keep: their test."""
 

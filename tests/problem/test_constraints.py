@@ -120,6 +120,18 @@ def test_constraints_of_a_model_join_once_with_its_arguments(solve):
     assert names == ["top (<= 0 x 2)", "top (= y (* 2 x))", "top (> y 0)"]
 
 
+def test_functions_and_macros_may_give_constraints(solve):
+    text = """
+    (defun between (x lo hi) `(<= ,lo ,x ,hi))
+    (defmacro same (a b) `(= ,a ,b))
+    """ + problem("(same b (* 2 a)) (for (i 1 2) (between 'a 0 i))")
+    found = solve(text)
+    # 2a nearest to 5.1 and a to 2.1, equally well known: (2.1 + 2 · 5.1)/5, cut at 1.
+    assert [float(found[n].value) for n in "ab"] == pytest.approx([1, 2], rel=EXACT)
+    names = [c["name"] for c in found.document()["solves"][0]["constraints"]]
+    assert names == ["(= b (* 2 a))", "(<= 0 a 1) i=1", "(<= 0 a 2) i=2"]
+
+
 def test_what_holds_without_unknowns_leaves_no_constraint(solve):
     text = problem("(<= 1 2) (= 0.3 (* 3 0.1)) (<= 0 1 a)")
     assert len(solve(text).document()["solves"][0]["constraints"]) == 1

@@ -137,3 +137,20 @@ def test_pose_graphs_stay_pose_graphs(tmp_path: Path, capsys: pytest.CaptureFixt
     capsys.readouterr()
     assert run(["solve", str(tmp_path / "out" / "square.mbm"), "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["solves"][0]["cost"] < 1e-12  # one edge, one free pose
+
+
+def test_formats_that_cannot_be_written_become_csv_with_their_keys(tmp_path: Path) -> None:
+    camera = "\n".join(["0"] * 6 + ["100", "0", "0"])
+    (tmp_path / "scene.txt").write_text(f"1 1 1\n0 0 0.0 0.0\n{camera}\n1\n2\n-10\n")
+    (tmp_path / "scene.mbm").write_text("""(problem scene
+      (data cameras (bal "scene.txt" :cameras))
+      (data points (bal "scene.txt" :points))
+      (data seen (bal "scene.txt" :observations) :with (cameras camera))
+      (unknowns (p (vector 3) :per points :init [x y z] :fixed [false false true]))
+      (observe seen (= [u v] (* (/ cameras.f -10) [((p point) 1) ((p point) 2)])) :sigma 0.1))""")
+    assert run(["simulate", str(tmp_path / "scene.mbm"), "-o", str(tmp_path / "out"), "-q"]) == 0
+    assert '(data points (csv "points.csv") :key "point")' in (tmp_path / "out" / "scene.mbm").read_text()
+    header, row = (tmp_path / "out" / "seen.csv").read_text().splitlines()
+    found = dict(zip(header.split(","), map(float, row.split(",")), strict=True))
+    np.testing.assert_allclose([found["u"], found["v"]], [-10, -20], atol=0.5)  # five deviations
+    assert run(["solve", str(tmp_path / "out" / "scene.mbm"), "-q"]) == 0

@@ -282,3 +282,19 @@ def test_windows_are_simulated_together() -> None:
     made = problem.simulate(data=table(), at={"a": 3}, seed=1)
     assert_standard_normal((made["d"]["y"] - 3) / 0.1)
     assert len(made.truth["solves"]) == 1
+
+
+def test_values_that_the_problem_excludes_are_said() -> None:
+    problem = mbm.loads("""(problem p
+      (data d external)
+      (unknowns (a :init 2) (b :init 1))
+      (observe d (= y (+ a (* b x))) :sigma 1)
+      (constraints (<= a 3) (= (+ a b) 3)))""")
+
+    def codes(**at: float) -> list[str]:
+        notes = problem.simulate(data=table(), at=at, seed=1).notes
+        return [note.code.name for note in notes]
+
+    assert codes(a=2, b=1) == []
+    assert codes(a=2, b=2) == ["values-against-constraint"]
+    assert codes(a=4, b=0) == ["values-against-constraint"] * 2

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from scipy.optimize import brentq, least_squares
 import mbm
 from mbm.solution.covariance import covariance
 from mbm.solution.minimise import minimise
-from mbm.solution.nonlinearity import NORMAL_95, TOLERATED, IntervalEnds, interval_ends
+from mbm.solution.nonlinearity import NORMAL_95, TOLERATED, IntervalEnds, interval_ends, surroundings
 from mbm.solution.observability import observability
 from mbm.solution.settings import Settings
 from tests.solution.nist import MODELS
@@ -67,9 +67,9 @@ def checked(curve: Curve, start: np.ndarray) -> tuple[IntervalEnds, np.ndarray, 
     observed = observability(minimum.jacobian, minimum.point, minimum.at_bound != 0)
     variance = minimum.cost / (curve.count - curve.dimension)
     estimated = covariance(observed, variance)
-    ends = interval_ends(curve, minimum, estimated)
-    assert ends is not None
-    return ends, minimum.point, estimated.sigma, variance
+    found = surroundings(curve, minimum, estimated)
+    assert found is not None
+    return interval_ends(found, estimated), minimum.point, estimated.sigma, variance
 
 
 def profile_end(curve: Curve, x: np.ndarray, place: int, sigma: float, variance: float, sign: int) -> float:
@@ -150,16 +150,22 @@ def test_triangulation_at_short_range_does_not() -> None:
     assert not [d for d in sighted(3.0).first.diagnostics if d.code.name == "too-nonlinear"]
 
 
-def test_linear_models_and_far_too_large_ones_are_not_looked_at() -> None:
+def test_linear_models_end_where_it_is_stated() -> None:
     x = np.linspace(0, 1, 5)
-    straight = Curve(lambda b: b[0] + b[1] * x, x**2, 2, linear=True)
-    minimum = minimise(straight, np.zeros(2), Settings())
-    estimated = covariance(observability(minimum.jacobian, minimum.point, minimum.at_bound != 0))
-    assert interval_ends(straight, minimum, estimated) is None
     bent = Curve(lambda b: b[0] + b[1] * x, x**2, 2)
-    found = interval_ends(bent, minimum, estimated)
-    assert found is not None
-    np.testing.assert_allclose([found.lower, found.upper], 1.0, rtol=1e-9)  # linear after all: rounding only
+    found, *_ = checked(bent, np.zeros(2))
+    np.testing.assert_allclose([found.lower, found.upper], 1.0, rtol=1e-9)  # rounding only
+
+
+def test_nothing_is_said_where_the_cost_is_not_that_of_the_covariance() -> None:
+    """A covariance twice as large in one direction, as a robust loss gives, and a cost of other equations."""
+    curve, start = typed("Misra1d")
+    minimum = minimise(curve, start, Settings())
+    estimated = covariance(observability(minimum.jacobian, minimum.point, minimum.at_bound != 0))
+    assert surroundings(curve, minimum, estimated) is not None
+    other = replace(estimated, factor=estimated.factor * [1.0, 2.0])
+    assert surroundings(curve, minimum, other) is None
+    assert surroundings(curve, replace(minimum, cost=2 * minimum.cost), estimated) is None
 
 
 def test_an_end_without_a_value_of_the_model_counts_as_nearer() -> None:

@@ -56,3 +56,31 @@ def test_contradicting_priors_name_both() -> None:
     problem = mbm.loads(TEXT.format(prior="", sigma="10", more=more))
     found = problem.solve(data={"d": {"x": X, "y": 4 + NOISE}}).first.diagnostics
     assert [d.message.split("`")[1] for d in found if d.code.name == "prior-against-data"] == ["low", "high"]
+
+
+RECIPROCAL = """(problem p
+  (data d external)
+  (unknowns (b :init 1))
+  (observe d (= y b) :sigma {sigma})
+  (derive (reciprocal (/ 1 b)) (twice (* 2 b)) (both [(/ 1 b) b])))"""
+
+
+def derived_warnings(sigma: float) -> list[str]:
+    solved = mbm.loads(RECIPROCAL.format(sigma=sigma)).solve(data={"d": {"y": [1.0]}})
+    return [d.message for d in solved.first.diagnostics if d.code.name == "too-nonlinear"]
+
+
+def test_bent_derived_quantities_are_doubtful_though_the_model_is_linear() -> None:
+    """1/b with b = 1 ± 0.15 lies in 0.773 … 1.416: 0.772 and 1.416 of the ±0.294 stated."""
+    first, second = derived_warnings(0.15)
+    assert first.endswith("`reciprocal` 0.77 times as far below and 1.4 times as far above")
+    assert second.endswith("`both[1]` 0.77 times as far below and 1.4 times as far above")
+
+
+def test_nearly_straight_derived_quantities_are_not() -> None:
+    assert derived_warnings(0.05) == []
+
+
+def test_a_derived_quantity_that_turns_back_is_told_so() -> None:
+    """At 1 − 1.96·0.8 the reciprocal has passed infinity."""
+    assert "turning back on the way above" in derived_warnings(0.8)[0]

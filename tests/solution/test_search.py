@@ -81,6 +81,20 @@ def test_euler_angles_of_one_rotation_are_one_solution():
     assert solve.starts.best_found > 20
 
 
+def test_rotations_and_directions_have_one_best_value_from_anywhere():
+    """Aligned points have a single minimum over all rotations (Wahba's problem), and quaternions q and -q are one."""
+    text = """
+    (problem aligned
+      (data d (table (x y z u v w) (1 0 0 0.1 1 0.2) (0 1 0 -1 0.2 0.1) (0 0 1 0.3 0.1 1) (1 1 0 -1 1.3 0.2)))
+      (unknowns (T (pose 3)) (n direction))
+      (observe d (= [u v w] (transform T [x y z])) :sigma 0.1)
+      (observe e d (= z (dot n [u v w])) :sigma 0.3)
+      (solve :starts (random 40)))"""
+    solve = mbm.loads(text).solve().first
+    assert solve.alternatives == ()
+    assert (solve.starts.converged, solve.starts.best_found) == (40, 40)
+
+
 def test_two_decays_that_trade_places_are_one_solution():
     """The sum of two exponentials does not say which is the first."""
     t = np.arange(10) / 4

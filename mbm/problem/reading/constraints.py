@@ -15,7 +15,7 @@ from mbm.problem import faults
 from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.kinds import ConstraintKind, Relation
 from mbm.problem.options import split_options
-from mbm.problem.reading.equations import data_only
+from mbm.problem.reading.equations import data_only, expanded
 from mbm.problem.reading.relations import Pair, pairs, refuse_contradictions
 from mbm.problem.rows import rows_of
 from mbm.problem.tables import Table
@@ -23,11 +23,13 @@ from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKin
 from mbm.shapes.constraints import calls_with_constraints
 from mbm.shapes.model import ModelLog
 from mbm.shapes.types import ModelCall, ModelConstraint, Shape
+from mbm.text.printer import print_form
 from mbm.text.suggest import closest
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 
 USAGE = "(= a b …), (<= a b …), (normal form mean sigma) or (uniform form lo hi), each [:over TABLE] [:name n]"
 _RELATIONS = {kind.value: kind for kind in ConstraintKind}
+_HEADS = frozenset({*_RELATIONS, "normal"})
 _LONGEST_NAME = 60
 
 
@@ -59,8 +61,10 @@ def _unrolled(work: Workspace, form: Form, variables: tuple[tuple[str, int], ...
     with work.collecting():
         if not isinstance(form, Sequence) or form.head is None:
             raise MbmError(language_faults.bad_form(form.span, "a constraint is a list", USAGE))
-        if form.head != "for":
+        if form.head != "for" and (form.head in _HEADS or form.head not in work.evaluator.vocabulary.functions):
             return [_Bound(form, variables)]
+        if form.head != "for":
+            return _arrived(work, form, variables)
         header = form.items[1] if len(form.items) > 2 else None
         if not (isinstance(header, Sequence) and len(header.items) == 3 and isinstance(header.items[0], Symbol)):
             raise MbmError(
@@ -76,6 +80,18 @@ def _unrolled(work: Workspace, form: Form, variables: tuple[tuple[str, int], ...
             for inner in form.items[2:]:
                 found.extend(_unrolled(work, inner, (*variables, (counter, i))))
     return found
+
+
+def _arrived(work: Workspace, form: Sequence, variables: tuple[tuple[str, int], ...]) -> list[_Bound]:
+    """The constraints in the form that a function or macro gives."""
+    value = expanded(work.evaluator, form, _scope(work.scope, variables))
+    if not isinstance(value, Sequence):
+        raise MbmError(language_faults.bad_form(form.span, f"`{form.head}` gives no constraint", USAGE))
+    work.evaluator.budget.enter(form)
+    try:
+        return _unrolled(work, value, variables)
+    finally:
+        work.evaluator.budget.leave()
 
 
 def _scope(scope: Scope, variables: tuple[tuple[str, int], ...]) -> Scope:
@@ -209,8 +225,8 @@ def _name(form: Form | None, bound: _Bound, taken: dict[str, Span]) -> str:
 
 
 def _short(form: Form) -> str:
-    """The form as it is written, on one line; only its beginning where it is long."""
-    text = " ".join(form.span.text.split())
+    """The form on one line; only its beginning where it is long."""
+    text = print_form(form)
     return text if len(text) <= _LONGEST_NAME else text[: _LONGEST_NAME - 1] + "…"
 
 

@@ -62,7 +62,7 @@ def residuals(evaluator: Evaluator, form: Form, scope: Scope) -> list[Residual]:
             return _cond(evaluator, form, scope)
         if head == "=":
             return [_equation(evaluator, form, scope)]
-    value = _expanded(evaluator, form, scope)
+    value = expanded(evaluator, form, scope)
     if is_form(value) and not isinstance(value, Keyword):
         evaluator.budget.enter(form)
         try:
@@ -72,7 +72,7 @@ def residuals(evaluator: Evaluator, form: Form, scope: Scope) -> list[Residual]:
     return [Residual(tuple(_wrapped(e, form.span) for e in _elements(value, form.span)), None, form.span)]
 
 
-def _expanded(evaluator: Evaluator, form: Form, scope: Scope) -> Value:
+def expanded(evaluator: Evaluator, form: Form, scope: Scope) -> Value:
     """The value of a form; of a macro's call, the form that it stands for, which may be an equation."""
     if isinstance(form, Sequence) and form.head is not None:
         macro = evaluator.vocabulary.functions.get(form.head)

@@ -19,6 +19,10 @@ PLAUSIBLE = 1e3
 """Cost of another solution beside that of the best, above which it is not followed."""
 
 
+ALIKE = 1e-6
+"""Difference of costs, relative and absolute, below which solutions stay in the order in which they were given."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Completion:
     """Numbers (N,), NaN where no closed form applied, and what was used, in words."""
@@ -48,9 +52,9 @@ def plans(situation: Situation, forms: Iterable[ClosedForm]) -> Iterator[Plan]:
     """The closed forms that fit some of the unknown numbers."""
     every = tuple(forms)
     for candidate in situation.candidates():
-        coupled = candidate.coupled
+        together = candidate.coupled or candidate.paired
         for form in every:
-            plan = form.recognises(situation, candidate) if form.joint or not coupled else None
+            plan = form.recognises(situation, candidate) if form.joint or not together else None
             if plan is not None:
                 yield plan
 
@@ -60,7 +64,7 @@ def _steps(situation: Situation, forms: tuple[ClosedForm, ...]) -> list[tuple[Fl
     for plan in plans(situation, forms):
         if plan.form.joint:
             whole = plan.form.solve(plan, np.arange(len(plan.rows))[None])[0]
-            answers = [w for w in whole if bool(np.isfinite(w).all())]
+            answers = [w for w in whole if bool(np.isfinite(w).any())]
             if answers:
                 return [(_filled(situation, plan, answer), plan.description) for answer in answers]
             continue
@@ -129,6 +133,8 @@ def _ranked(plan: Plan, found: Floats) -> Floats:
     best = np.where(inside, costs, np.inf).min(axis=1, keepdims=True)
     any_inside = np.isfinite(best)
     dropped = ~usable | (any_inside & ~inside) | (costs > PLAUSIBLE * np.where(any_inside, best, np.inf) + PLAUSIBLE)
-    order = np.argsort(np.where(dropped, np.inf, costs), axis=1, kind="stable")
+    with np.errstate(invalid="ignore"):
+        alike = np.where(costs <= best * (1 + ALIKE) + ALIKE, best, costs)
+    order = np.argsort(np.where(dropped, np.inf, alike), axis=1, kind="stable")
     found = np.where(dropped[..., None], np.nan, found)
     return np.take_along_axis(found, order[..., None], axis=1)

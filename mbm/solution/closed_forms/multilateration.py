@@ -15,6 +15,10 @@ AGREEMENT = 1e-6
 """How well an equation must agree with what it was recognised as, beside its size."""
 
 
+NEAR = 30.0
+"""Extent of a scene about the origin in which probes within one unit of it lose no more than two digits."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Spheres:
     """Rows that say ``√(|p − station|² + extra) = length + slope · offset``, arrays over n rows.
@@ -77,7 +81,7 @@ class Multilateration:
 
 
 def _spheres(rows: Rows, point: tuple[int, ...], offset: int | None) -> Spheres | None:
-    """What the rows are as spheres; probed twice, the second time about the stations found first."""
+    """What the rows are as spheres; probed again about the stations if they turn out to be far from the origin."""
     generator = np.random.default_rng(0)
     middle, size = np.zeros(len(point)), 1.0
     found = None
@@ -88,6 +92,8 @@ def _spheres(rows: Rows, point: tuple[int, ...], offset: int | None) -> Spheres 
             return None
         middle = found.stations.mean(axis=0)
         size = 1.0 + float(np.abs(found.stations - middle).max()) + float(np.abs(found.length).max())
+        if size + float(np.abs(middle).max()) < NEAR:
+            break
     return found
 
 
@@ -102,8 +108,9 @@ def _squares(rows: Rows, point: tuple[int, ...], offset: int | None, probes: Flo
     count, d = probes.shape
     numbers = np.zeros((count, d + (offset is not None)))
     numbers[:, list(point)] = probes
-    values = np.stack([rows.values(x)[:, 0] for x in numbers], axis=1)
-    slopes = np.stack([rows.slopes(x)[:, 0] for x in numbers], axis=1)[..., list(point)]
+    probed = [rows.linearised(x) for x in numbers]
+    values = np.stack([value[:, 0] for value, _ in probed], axis=1)
+    slopes = np.stack([slope[:, 0] for _, slope in probed], axis=1)[..., list(point)]
     if not bool(np.isfinite(slopes).all() and np.isfinite(values).all()):
         return None
     moves = probes[1:] - probes[:1]
@@ -146,8 +153,9 @@ def _distances(rows: Rows, point: tuple[int, ...], offset: int | None, probes: F
     count, d = probes.shape
     numbers = np.zeros((count, d + (offset is not None)))
     numbers[:, list(point)] = probes
-    values = np.stack([rows.values(x)[:, 0] for x in numbers], axis=1)
-    every = np.stack([rows.slopes(x)[:, 0] for x in numbers], axis=1)
+    probed = [rows.linearised(x) for x in numbers]
+    values = np.stack([value[:, 0] for value, _ in probed], axis=1)
+    every = np.stack([slope[:, 0] for _, slope in probed], axis=1)
     slopes = every[..., list(point)]
     if not bool(np.isfinite(every).all() and np.isfinite(values).all()):
         return None

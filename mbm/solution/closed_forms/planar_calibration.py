@@ -137,13 +137,11 @@ def _views(situation: Situation, candidate: Candidate, pose: Entry, intrinsic: t
     sign = _sign(moved, probe, axes)
     seen = _pinhole(probe, axes) - sign * moved.values(probe)
     plane = (moved.points - origin) @ basis[:2].T
-    return Views(
-        moved=moved, intrinsic=intrinsic, plane=plane, image=seen, basis=basis.T, origin=origin, axes=axes
-    )
+    return Views(moved=moved, intrinsic=intrinsic, plane=plane, image=seen, basis=basis.T, origin=origin, axes=axes)
 
 
 def _pinhole(p: Floats, axes: tuple[int, int, int]) -> Floats:
-    return np.array([p[axes[0]], p[axes[1]]]) / p[axes[2]]
+    return np.asarray(p[list(axes[:2])] / p[axes[2]])
 
 
 def _sign(moved: MovedPoints, probe: Floats, axes: tuple[int, int, int]) -> float:
@@ -177,12 +175,12 @@ def _solved(plan: Plan, subset: Indices) -> Floats:
     focal, centre = camera_from_planes(homographies, known)
     if not bool(np.isfinite(focal).all()):
         return nothing
-    values = (focal[0], focal[1], focal.mean(), centre[0], centre[1])
+    values = np.array([focal[0], focal[1], focal.mean(), centre[0], centre[1]])
     result = np.empty(candidate.places.shape)
     pose = next(e for e in candidate.entries if e.unknown.kind is UnknownKind.POSE)
     place = _pose_columns(candidate, pose)
-    others = [i for i in range(result.shape[1]) if not place.start <= i < place.stop]
-    result[:, others] = [values[kind] for kind in views.intrinsic]
+    others = [i for i in range(candidate.places.shape[1]) if not place.start <= i < place.stop]
+    result[:, others] = values[list(views.intrinsic)]
     R, t = _poses(homographies, focal, np.where(known.centred, 0.0, centre), views)
     result[:, place] = views.moved.frame.numbers(np.ones(len(R)), R, t)
     return result.ravel()

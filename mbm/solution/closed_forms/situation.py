@@ -6,7 +6,7 @@ member, and all members are probed at once, since their rows do not meet.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,7 +14,9 @@ import numpy as np
 from mbm.problem.types import BlockRole
 from mbm.solution.binding import Group
 from mbm.solution.layout import Entry, Layout
+from mbm.solution.scatter import Scatter
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.symbolic.types import ColumnInput
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,6 +33,7 @@ class Piece:
     last: int
     inputs: Floats = field(repr=False)
     roles: Indices = field(repr=False)
+    scatter: Scatter = field(repr=False)
 
     def fill(self, points: Floats) -> None:
         """Put the candidate's numbers (r, s) of each row into the inputs of the kernel."""
@@ -70,15 +73,22 @@ class Rows:
 
     def slopes(self, points: Floats) -> Floats:
         """Derivatives (n, width, q) by the coordinates of the candidate's tangent space; points as for ``values``."""
+        return self.linearised(points)[1]
+
+    def linearised(self, points: Floats) -> tuple[Floats, Floats]:
+        """``values`` and ``slopes`` by one evaluation."""
         coordinates = int(self.columns.max()) + 1
-        found = np.empty((len(self), self.width, coordinates))
+        values = np.empty((len(self), self.width))
+        slopes = np.empty((len(self), self.width, coordinates))
         for piece, mine in self._parts():
             group = piece.group
             piece.fill(self._points(points)[mine])
+            found, nonzeros = group.evaluation.values_and_jacobian()
             dense = np.zeros((group.rows, group.kernel.outputs, coordinates))
-            group.scatter(self.columns).add(group.evaluation.values_and_jacobian()[1], dense)
-            found[mine] = dense[piece.lines, piece.first : piece.last]
-        return found
+            piece.scatter.add(nonzeros, dense)
+            values[mine] = found[piece.lines, piece.first : piece.last]
+            slopes[mine] = dense[piece.lines, piece.first : piece.last]
+        return values, slopes
 
     def _points(self, points: Floats) -> Floats:
         return np.broadcast_to(points, (len(self), points.shape[-1]))
@@ -88,6 +98,22 @@ class Rows:
         for piece in self.pieces:
             yield piece, slice(first, first + len(piece.lines))
             first += len(piece.lines)
+
+    def column(self, name: str) -> Floats:
+        """The numbers (n,) of a column that the equations use.
+
+        Raises:
+            LookupError: they use none of this name.
+
+        """
+        found = np.empty(len(self))
+        for piece, mine in self._parts():
+            names = [p.name if isinstance(p, ColumnInput) else None for p in piece.group.kernel.parameters]
+            if name not in names:
+                message = f"the equations use no column `{name}`"
+                raise LookupError(message)
+            found[mine] = piece.group.parameters[piece.lines, names.index(name)]
+        return found
 
     def of_member(self, member: int) -> Indices:
         """The rows of one member."""
@@ -112,7 +138,7 @@ class Rows:
 class Candidate:
     """Unknowns that are determined together, once for each of K members.
 
-    ``places`` (K, s) are the places of their numbers among all, unknown by unknown; ``coordinates`` (K, q) those of
+    ``paired``: the members of one family, which rows mention two at a time; they have no lines. ``places`` (K, s) are the places of their numbers among all, unknown by unknown; ``coordinates`` (K, q) those of
     their coordinates. ``lines`` holds the rows of each group that mention no other unknown number, with their member.
     """
 
@@ -121,6 +147,7 @@ class Candidate:
     places: Indices = field(repr=False)
     coordinates: Indices = field(repr=False)
     lines: tuple[tuple[Group, Indices, Indices], ...] = field(repr=False)
+    paired: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -169,18 +196,25 @@ class Candidate:
         numbers = self.situation.numbers
         role = np.full(len(numbers), -1, dtype=np.int64)
         role[self.places] = np.arange(self.places.shape[1])
+        columns = np.full(len(self.situation.layout.number), -1, dtype=np.int64)
+        columns[self.coordinates] = np.arange(self.coordinates.shape[1])
         for group, lines, member in self.lines:
             scale = _precision(group)
             index = group.index[lines]
             for first, last in ranges(group):
-                pieces.append(
-                    Piece(group=group, lines=lines, first=first, last=last, inputs=numbers[index], roles=role[index])
+                piece = Piece(
+                    group=group,
+                    lines=lines,
+                    first=first,
+                    last=last,
+                    inputs=numbers[index],
+                    roles=role[index],
+                    scatter=group.scatter(columns),
                 )
+                pieces.append(piece)
                 members.append(member)
                 units.append(group.units[lines, first])
                 weights.append(scale[lines, first:last].mean(axis=1))
-        columns = np.full(len(self.situation.layout.number), -1, dtype=np.int64)
-        columns[self.coordinates] = np.arange(self.coordinates.shape[1])
         return Rows(
             columns=columns,
             pieces=tuple(pieces),
@@ -221,14 +255,20 @@ class Situation:
             candidate = self.candidate(key, sorted(found[key]))
             if candidate is not None:
                 yield candidate
+        for number, entry in enumerate(self.layout.entries):
+            absent = np.flatnonzero(missing[entry.range].reshape(entry.members, -1).all(axis=1))
+            if entry.unknown.dimension and len(absent) > 1:
+                candidate = self.candidate((number,), [(int(m),) for m in absent])
+                if candidate is not None:
+                    yield replace(candidate, lines=(), paired=True)
         whole = self._together(missing)
         if whole is not None and whole not in found:
             candidate = self.candidate(whole, [(0,) * len(whole)])
             if candidate is not None:
                 yield candidate
 
-    def candidate(self, entries: tuple[int, ...], members: list[tuple[int, ...]]) -> Candidate | None:
-        """The candidate of ``entries`` (numbers of unknowns) for some of their members; None if a member has other numbers missing."""
+    def candidate(self, entries: tuple[int, ...], members: Sequence[tuple[int, ...]]) -> Candidate | None:
+        """The candidate of ``entries`` (numbers of unknowns) for some members; None if these miss different numbers."""
         owners = tuple(self.layout.entries[e] for e in entries)
         chosen = np.array(members, dtype=np.int64).reshape(len(members), len(entries))
         places, coordinates = [], []

@@ -7,6 +7,7 @@ from mbm.solution.closed_forms.linear import LINEAR
 from mbm.solution.closed_forms.multilateration import MULTILATERATION
 from mbm.solution.closed_forms.planar_calibration import PLANAR_CALIBRATION
 from mbm.solution.closed_forms.pose_from_points import POSE_FROM_POINTS
+from mbm.solution.closed_forms.relative_poses import RELATIVE_POSES
 from mbm.solution.closed_forms.similarity import SIMILARITY
 from mbm.solution.closed_forms.types import ClosedForm
 
@@ -17,4 +18,5 @@ STANDARD: tuple[ClosedForm, ...] = (
     POSE_FROM_POINTS,
     INTERSECTION,
     PLANAR_CALIBRATION,
+    RELATIVE_POSES,
 )

@@ -150,9 +150,7 @@ def _by_penalties(equations: ConstrainedEquations, first: Iterate, work: _Work) 
     return work.end(_no_worse(equations, first, last), last.reason or Reason.MAX_ITERATIONS)
 
 
-def _unheld(
-    equations: ConstrainedEquations, penalties: Penalised, point: Floats, work: _Work
-) -> Constrained | None:
+def _unheld(equations: ConstrainedEquations, penalties: Penalised, point: Floats, work: _Work) -> Constrained | None:
     """The minimum if no constraint holds anything: the least squares solvers know more ways to it."""
     found = marquardt(penalties, point, work.tolerance, max(work.limit - work.iterations, 1), work.stopped)
     work.count(found)

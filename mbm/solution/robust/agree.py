@@ -81,7 +81,7 @@ def agree(trials: Trials, units: Units, starts: Floats, consensus: Consensus, se
             points = np.concatenate((trials.fitted(np.repeat(starts, count, axis=0), each), starts))
     if consensus.kind is ConsensusKind.GNC or size >= LARGE_SUBSET:
         unknown = units.group != STATED
-        more = np.stack([graduated(trials, units, start, cut, unknown) for start in starts])
+        more = np.concatenate([graduated(trials, units, start, cut, unknown) for start in starts])
         points = more if consensus.kind is ConsensusKind.GNC else np.concatenate((points, more))
     if len(points) > CANDIDATES:
         points = _best_few(trials, units, points, consensus.kind, size, cut)

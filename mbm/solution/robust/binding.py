@@ -15,6 +15,7 @@ from mbm.solution.closed_forms.types import ClosedForm
 from mbm.solution.robust.trials import Trials
 from mbm.solution.robust.units import STATED, Units
 from mbm.solution.solvers.batched import minimise_all
+from mbm.solution.sparse.equations import sparse_suits
 from mbm.solution.types import Floats, Indices, Mask
 
 FIT_STEPS = 12
@@ -39,8 +40,9 @@ def units_of(equations: Assembled, problem: Problem, point: Floats, ruled: Calla
     number, first, of_row, sizes = np.unique(numbers[act], return_index=True, return_inverse=True, return_counts=True)
     rows = np.full(equations.whole, -1, dtype=np.int64)
     rows[act] = of_row
-    terms = np.abs(equations.plain_jacobian(point)) @ np.abs(equations.coordinates(point))
-    terms = terms + np.abs(equations.plain_residuals(point))
+    terms = np.abs(equations.plain_residuals(point))
+    if not sparse_suits(equations):
+        terms = terms + np.abs(equations.plain_jacobian(point)) @ np.abs(equations.coordinates(point))
     terms = np.where(np.isfinite(terms), terms, 0.0)[act]
     return Units(
         of_row=rows,
@@ -60,7 +62,13 @@ def trials_of(equations: Assembled, units: Units, closed_forms: tuple[ClosedForm
     if plain.implicit is not None:
         return _OneByOne(plain.roughly_corrected(), units)
     direct = minimal_solver(plain, plain.numbers, closed_forms) if closed_forms else None
-    return _Together(plain, units, batch(plain), direct)
+    return _Together(plain, units, batch(plain), np.unique(plain.units), direct)
+
+
+def trials_of_part(equations: Assembled, units: Units, numbers: Indices, columns: Indices) -> Trials:
+    """The equations of some units (``numbers``, ascending) in some coordinates; ``units`` are the ruled ones."""
+    plain = without_losses(equations)
+    return _Together(plain, units, batch(plain, columns=columns, units=numbers), numbers, None)
 
 
 def without_losses(equations: Assembled) -> Assembled:
@@ -75,12 +83,13 @@ class _Together:
     equations: Assembled
     units: Units
     whole: Batch
+    numbers: Indices
     direct: MinimalSolver | None
 
     @property
     def dimension(self) -> int:
         """n."""
-        return self.equations.dimension
+        return self.whole.dimension
 
     def residuals(self, points: Floats) -> Floats:
         """Whitened residuals (T, m)."""
@@ -113,9 +122,10 @@ class _Together:
     def _approached(self, starts: Floats, subsets: Indices) -> Floats:
         """The same by iteration."""
         filled = np.where(subsets >= 0, subsets, subsets[:, :1])  # a unit that counts twice still fits exactly
-        always = np.setdiff1d(self.equations.units, self.units.number)
+        always = np.setdiff1d(self.numbers, self.units.number)
         chosen = np.hstack((self.units.number[filled], np.tile(always, (len(subsets), 1))))
-        return minimise_all(batch(self.equations, units=chosen), starts, iterations=FIT_STEPS).points
+        stack = batch(self.equations, columns=self.whole.columns, units=chosen)
+        return minimise_all(stack, starts, iterations=FIT_STEPS).points
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,19 +21,32 @@ FITS = 50
 
 ROUNDS = 100
 
+ABSOLUTE_ROUNDS = 12
+"""Reweighted fits towards the least absolute deviations."""
+
 
 @np.errstate(all="ignore")
 def graduated(trials: Trials, units: Units, start: Floats, limits: Floats, unknown: Mask) -> Floats:
-    """The point (N,) where the weights have become 0 or 1; ``limits`` (U,) are those of the truncated loss.
+    """Points (2, N) where the weights have become 0 or 1, begun at least squares and at least absolute deviations.
 
-    The noise of the ``unknown`` units (U,) is taken from the median of their residuals, anew in each round.
+    ``limits`` (U,) are those of the truncated loss. The noise of the ``unknown`` units (U,) is taken from the median of
+    their residuals, anew in each round.
     """
-    point = _fit(trials, start[None], np.ones((1, units.count)), units, FITS)
+    squared = _fit(trials, start[None], np.ones((1, units.count)), units, FITS)
+    absolute = squared
+    for _ in range(ABSOLUTE_ROUNDS):
+        norms = np.sqrt(units.squares(trials.residuals(absolute)))
+        absolute = _fit(trials, absolute, 1.0 / np.maximum(norms, 1e-3 * np.median(norms) + 1e-300), units, 1)
+    return np.concatenate([_narrowed(trials, units, point, limits, unknown) for point in (squared, absolute)])
+
+
+def _narrowed(trials: Trials, units: Units, point: Floats, limits: Floats, unknown: Mask) -> Floats:
+    """The point (1, N) where the weights that begin at ``point`` have become 0 or 1."""
     squares = units.squares(trials.residuals(point))[0]
     wide = limits * _variances(squares, units, trials.dimension, unknown)
     control = float(np.min(wide / np.maximum(2.0 * squares - wide, 1e-300), where=np.isfinite(squares), initial=np.inf))
     if not 0.0 < control < np.inf:
-        return np.asarray(point[0])
+        return point
     for _ in range(ROUNDS):
         weights = _weights(squares, wide, control)
         point = _fit(trials, point, weights[None], units, 2)
@@ -42,7 +55,7 @@ def graduated(trials: Trials, units: Units, start: Floats, limits: Floats, unkno
         if bool(((weights < 1e-6) | (weights > 1.0 - 1e-6)).all()):
             break
         control *= GROWTH
-    return np.asarray(point[0])
+    return point
 
 
 def _variances(squares: Floats, units: Units, dimension: int, unknown: Mask) -> Floats:

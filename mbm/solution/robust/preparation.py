@@ -19,11 +19,12 @@ from mbm.solution.assembly import Assembled, loss_lines
 from mbm.solution.robust import faults
 from mbm.solution.robust.agree import Agreed, agree
 from mbm.solution.robust.binding import trials_of, units_of
+from mbm.solution.robust.many import MANY, agree_by_losses
+from mbm.solution.robust.parts import agree_in_parts, parts_of
 from mbm.solution.robust.scale import information_left
 from mbm.solution.robust.scores import STATED_CUT
 from mbm.solution.robust.units import STATED, Units, limits
 from mbm.solution.settings import Settings
-from mbm.solution.sparse.equations import sparse_suits
 from mbm.solution.starting import Beginning
 from mbm.solution.types import Floats, Mask, Minimum, Noise, NoiseState
 from mbm.text.types import Diagnostic
@@ -61,7 +62,7 @@ def prepared(problem: Problem, equations: Assembled, settings: Settings, starts:
     """The equations that count, and better starts; what was given where nothing is robust."""
     if settings.robust is not None:
         return _agreeing(problem, equations, settings, settings.robust, starts)
-    if equations.lossy and not sparse_suits(equations):  # trials with very many unknowns would never end
+    if equations.lossy:
         return _scaled(problem, equations, settings, starts)
     return Prepared(equations=equations, starts=starts)
 
@@ -73,7 +74,7 @@ def _agreeing(
     units = units_of(equations, problem, starts[0].point, lambda block: block.role is BlockRole.OBSERVATION)
     if units.scalars <= equations.dimension or not equations.dimension:
         return Prepared(equations=equations, starts=starts)
-    found = agree(trials_of(equations, units, settings.closed_forms), units, _points(starts), consensus, settings.seed)
+    found = _agreed(problem, equations, settings, consensus, units, starts)
     keep = np.ones(int(equations.units.max()) + 1, dtype=bool)
     keep[units.number] = found.inliers
     factors, noise = _loss_noise(problem, equations, units, found)
@@ -102,7 +103,7 @@ def _scaled(problem: Problem, equations: Assembled, settings: Settings, starts: 
     if units.scalars == 0 or not equations.dimension:
         return Prepared(equations=equations, starts=starts)
     consensus = Consensus(kind=ConsensusKind.LMEDS)
-    found = agree(trials_of(equations, units, settings.closed_forms), units, _points(starts), consensus, settings.seed)
+    found = _agreed(problem, equations, settings, consensus, units, starts)
     factors, noise = _loss_noise(problem, equations, units, found)
     return Prepared(
         equations=equations,
@@ -112,12 +113,27 @@ def _scaled(problem: Problem, equations: Assembled, settings: Settings, starts: 
     )
 
 
+def _agreed(
+    problem: Problem,
+    equations: Assembled,
+    settings: Settings,
+    consensus: Consensus,
+    units: Units,
+    starts: tuple[Beginning, ...],
+) -> Agreed:
+    """The units that agree: in one piece, part by part, or, with very many connected unknowns, by way of losses."""
+    points = np.stack([start.point for start in starts])
+    if equations.implicit is None and equations.dimension > 1:
+        parts = parts_of(equations)
+        if max(len(part.columns) for part in parts) > MANY:
+            return agree_by_losses(problem, equations, units, points[0], consensus, settings)
+        if len(parts) > 1:
+            return agree_in_parts(equations, units, parts, points[0], consensus, settings.seed)
+    return agree(trials_of(equations, units, settings.closed_forms), units, points, consensus, settings.seed)
+
+
 def _has_loss(block: Block) -> bool:
     return block.role is BlockRole.OBSERVATION and block.loss is not None
-
-
-def _points(starts: tuple[Beginning, ...]) -> Floats:
-    return np.stack([start.point for start in starts])
 
 
 def _loss_noise(
@@ -133,8 +149,9 @@ def _loss_noise(
         mine = units.group == number
         count = int(units.components[mine & found.inliers].sum())
         redundancy = count * (1.0 - equations.dimension / total) if total else 0.0
-        factor = sqrt(float(found.variances[mine][0]))
-        exact = found.variances[mine][0] <= units.rounding[mine].max()
+        variance = float(found.variances[mine].mean())
+        factor = sqrt(variance)
+        exact = variance <= units.rounding[mine].max()
         state = NoiseState.NO_REDUNDANCY if redundancy <= 0.0 else NoiseState.EXACT if exact else NoiseState.ESTIMATED
         if state is not NoiseState.ESTIMATED:
             factor = 1.0

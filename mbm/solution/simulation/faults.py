@@ -37,6 +37,12 @@ ASSUMED_NOISE = Code(
     "The noise of an observation is unknown, so that its factor is taken as 1 (a warning).",
     "Give it with `--noise OBSERVATION=value`, or simulate at a result document, which holds it.",
 )
+VALUES_AGAINST_CONSTRAINT = Code(
+    "values-against-constraint",
+    "The values to simulate at do not meet a constraint of the problem, so that no estimate that meets it can come "
+    "back to them (a warning).",
+    "Give values with `--at` that meet it: those of a solve do.",
+)
 KEPT_EQUATION = Code(
     "kept-equation",
     "An observation holds no column of data, so there is nothing to simulate in it: its text stays (a warning).",
@@ -116,6 +122,17 @@ def assumed_noise(span: Span, name: str) -> Diagnostic:
         message=f"the noise factor of `{name}` is unknown and taken as 1",
         place=span,
         hint=f"give it with `--noise {name}=value`",
+        severity=Severity.WARNING,
+    )
+
+
+def values_against_constraint(span: Span, name: str) -> Diagnostic:
+    """True values that violate the constraint ``name``."""
+    return Diagnostic(
+        code=VALUES_AGAINST_CONSTRAINT,
+        message=f"the values to simulate at do not meet the constraint `{name}`",
+        place=span,
+        hint=VALUES_AGAINST_CONSTRAINT.mend,
         severity=Severity.WARNING,
     )
 

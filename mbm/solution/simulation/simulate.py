@@ -18,6 +18,7 @@ from mbm.problem.types import BlockRole, Problem, RowValues, UncertainColumn
 from mbm.solution.layout import layout
 from mbm.solution.selection import Selection, selections
 from mbm.solution.simulation import faults
+from mbm.solution.simulation.demands import violated
 from mbm.solution.simulation.measured import Measured, measured_equations
 from mbm.solution.simulation.noise import outliers, root, stream
 from mbm.solution.simulation.places import Rows
@@ -101,6 +102,8 @@ class _Run:
         assumed = [e.unknown.name for e in places.entries if e.unknown.name not in values]
         if assumed:
             notes.append(faults.assumed_value(assumed))
+        demands = violated(problem, self.selection.tables, places)
+        notes.extend(faults.values_against_constraint(block.span, block.name) for block in demands)
         cells: list[Cells] = []
         hits: dict[str, set[int]] = {}
         tables = dict(self.selection.tables)

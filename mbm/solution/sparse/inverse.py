@@ -79,11 +79,11 @@ class SparseInverse:
         """
         layout = self.factors.plan.structure
         rows = layout.padded(gradient.T) / self.scale[:, None]
-        shares = np.divide(squares, np.square(length), out=np.zeros_like(squares), where=length > 0.0)
-        return np.asarray(np.sqrt(shares))
+        length = np.square(rows).sum(axis=0)
         squares = np.square(rows - self.local.removed(rows)).sum(axis=0)
         squares += np.square(common.T @ rows[layout.free]).sum(axis=0)
-        return np.asarray(np.sqrt(np.divide(squares, np.square(length), out=np.zeros_like(squares), where=length > 0.0)), dtype=np.float64)
+        shares: Floats = np.divide(squares, length, out=np.zeros_like(squares), where=length > 0.0)
+        return np.sqrt(shares)
 
     def single(self) -> Mask:
         """Coordinates (n,) that free directions of single members touch."""

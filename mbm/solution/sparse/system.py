@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbm.solution.sparse.cholesky import FrontFactor, factorise
+from mbm.solution.sparse.cholmod import CholmodFactor, Symbolic, symbolic
 from mbm.solution.sparse.elimination import Elimination, eliminable, elimination, squared
 from mbm.solution.sparse.fronts import Fronts, fronts
 from mbm.solution.sparse.normal import Normal, NormalPattern, normal_pattern
@@ -31,7 +32,7 @@ class Plan:
 
     The ``width`` columns that stay after the elimination (all without one) obey a matrix with entries at ``keys``
     (row · width + column, ascending, upper triangle); the blocks of the pairs that stay, flattened one after the other,
-    go to ``places``. ``tree`` None: the matrix is dense.
+    go to ``places``. ``tree`` None: the matrix is dense; ``library``: CHOLMOD takes the place of the fronts.
     """
 
     pattern: NormalPattern
@@ -43,6 +44,7 @@ class Plan:
     places: Indices
     diagonal: Indices
     tree: Fronts | None
+    library: Symbolic | None
 
     @property
     def structure(self) -> Structure:
@@ -90,6 +92,7 @@ def plan(found: Structure) -> Plan:
         places=np.searchsorted(keys, codes),
         diagonal=np.searchsorted(keys, np.arange(width) * (width + 1)),
         tree=tree,
+        library=None if tree is None else symbolic(keys, width, tree),
     )
 
 
@@ -109,13 +112,13 @@ class Factorised:
     """Factors of a matrix with the pattern of ``JᵀJ``; vectors are over the padded columns.
 
     ``roots`` (members, size, size) are the inverse lower triangles of the eliminated blocks, ``y`` their coupling;
-    ``rest`` the factor of what is left: by fronts, or the dense lower triangle.
+    ``rest`` the factor of what is left: sparse, or the dense lower triangle.
     """
 
     plan: Plan
     roots: Floats | None
     y: Any
-    rest: FrontFactor | Floats | None
+    rest: FrontFactor | CholmodFactor | Floats | None
 
     def solve(self, right: Floats) -> Floats:
         """The solution (columns, k) for a right side (columns, k)."""
@@ -139,7 +142,7 @@ class Factorised:
     def _rest(self, right: Floats) -> Floats:
         from scipy.linalg.blas import dtrsm
 
-        if isinstance(self.rest, FrontFactor):
+        if isinstance(self.rest, FrontFactor | CholmodFactor):
             return self.rest.solve(right)
         if self.rest is None:
             return right
@@ -166,7 +169,7 @@ class Factorised:
         from scipy.sparse import coo_array, triu
 
         width, keys = self.plan.width, self.plan.keys
-        if isinstance(self.rest, FrontFactor):
+        if isinstance(self.rest, FrontFactor | CholmodFactor):
             entries = self.rest.inverse(len(keys))
             if self.plan.elimination is None:
                 return entries, None
@@ -229,7 +232,7 @@ def factorised(found: Plan, normal: Normal, added: Floats) -> Factorised | None:
     return None if rest is None else Factorised(plan=found, roots=roots, y=y, rest=rest)
 
 
-def _rest_factor(found: Plan, data: Floats, y: Any) -> FrontFactor | Floats | None:
+def _rest_factor(found: Plan, data: Floats, y: Any) -> FrontFactor | CholmodFactor | Floats | None:
     width = found.width
     if found.tree is not None:
         if y is not None:
@@ -237,7 +240,7 @@ def _rest_factor(found: Plan, data: Floats, y: Any) -> FrontFactor | Floats | No
 
             product = triu(y.T @ y).tocoo()
             data[np.searchsorted(found.keys, product.row.astype(np.int64) * width + product.col)] -= product.data
-        return factorise(found.tree, data)
+        return factorise(found.tree, data) if found.library is None else found.library.factorise(data)
     matrix = np.zeros((width, width))
     row, column = (found.keys // width, found.keys % width) if width else (found.keys, found.keys)
     matrix[column, row] = data

@@ -1,4 +1,4 @@
-"""Poses from bearings: three points with all solutions, many points in general and in a plane, the plane's resection."""
+"""Poses from bearings: three points with all solutions, many points, points in a plane, resection in the plane."""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 from mbm.problem.types import ConstraintMethod
+from mbm.solution.constrained.minimise import by_penalties, by_sequential_steps
 from mbm.solution.minimise import minimise
 from mbm.solution.observability import observed_at
 from mbm.solution.settings import Settings
@@ -220,3 +221,13 @@ def test_inequalities_that_do_not_bind_leave_the_plain_minimum(seed, method):
     np.testing.assert_allclose(found.point, plain, rtol=1e-9, atol=1e-9)
     assert not found.constraints.active.any()
     assert observed_at(found, found.point).dimension == 4
+
+
+@pytest.mark.parametrize("search", [by_penalties, by_sequential_steps])
+def test_interruption_gives_the_best_point_so_far(search):
+    problem, start, _ = random_problem(1)
+    asked = iter([False, False, True])
+    found = search(problem, start, tolerance=1e-10, limit=100, stopped=lambda: next(asked, True))
+    assert found.reason is Reason.INTERRUPTED
+    assert 0 < found.iterations <= 2
+    assert np.isfinite(found.state.place.cost)

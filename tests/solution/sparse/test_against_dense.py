@@ -38,7 +38,7 @@ VARIANTS = {
 
 
 def survey():
-    """Tables of a made-up survey: true places, noisy starts, angles to 2 mrad and ranges to 5 cm, some grossly wrong."""
+    """Tables of a made-up survey: noisy starts, angles to 2 mrad and ranges to 5 cm, some of them grossly wrong."""
     generator = np.random.default_rng(3)
     station = np.column_stack([generator.uniform(-20, 20, (STATIONS, 2)), generator.uniform(-3, 3, STATIONS)])
     points = generator.uniform(-30, 30, (POINTS, 2))
@@ -49,11 +49,11 @@ def survey():
     distance[::17] += 0.4
     moved = station + np.where(np.arange(STATIONS)[:, None] < 2, 0.0, generator.normal(0, 0.1, station.shape))
     began = points + generator.normal(0, 0.2, points.shape)
-    numbers = {"stations": np.arange(STATIONS), "points": np.arange(POINTS)}
+    number = np.arange(STATIONS)
     x, y, heading = moved.T
     return {
-        "stations": {"station": numbers["stations"], "x": x, "y": y, "heading": heading, "fix": numbers["stations"] < 2},
-        "points": {"point": numbers["points"], "x": began[:, 0], "y": began[:, 1]},
+        "stations": {"station": number, "x": x, "y": y, "heading": heading, "fix": number < 2},
+        "points": {"point": np.arange(POINTS), "x": began[:, 0], "y": began[:, 1]},
         "seen": {"station": of, "point": to, "angle": angle, "range": distance},
     }
 

@@ -54,7 +54,7 @@ def _cube() -> Floats:
     axes = [np.eye(3)[list(p)] for p in ((0, 1, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1), (2, 1, 0), (1, 0, 2))]
     signs = [np.diag([a, b, c]) for a in (1.0, -1.0) for b in (1.0, -1.0) for c in (1.0, -1.0)]
     every = np.stack([s @ a for s in signs for a in axes])
-    return every[np.linalg.det(every) > 0] @ exponential(np.array([0.1, 0.2, 0.3]))
+    return np.asarray(every[np.linalg.det(every) > 0] @ exponential(np.array([0.1, 0.2, 0.3])))
 
 
 def _descended(R: Floats, root: Floats) -> Floats:

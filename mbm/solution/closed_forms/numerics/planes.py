@@ -18,7 +18,7 @@ class Knowledge:
 
 
 def homography(plane: Floats, image: Floats) -> Floats:
-    """H (3, 3) with ``(u, v, 1) ~ H (a, b, 1)`` from n ≥ 4 points (n, 2), by the normalised linear method; NaN if not."""
+    """H (3, 3) with ``(u, v, 1) ~ H (a, b, 1)`` from n ≥ 4 points (n, 2), by the normalised linear method."""
     T, a = _normalised(plane)
     S, u = _normalised(image)
     zero = np.zeros_like(a)

@@ -20,7 +20,7 @@ def positions(stations: Floats, squares: Floats, weights: Floats | None = None) 
     ``stations`` (…, n, d), ``squares`` (…, n), ``weights`` (…, n); d = 2 or 3. First, differences to the mean equation,
     which are linear in p (Nishida et al., eqs 6–11, with all stations as reference). Where the stations lie in a plane
     (on a line in two dimensions), or nearly so, the coordinate across it follows from the mean of the squares, with two
-    signs: the second and third positions. Three stations in space, two in the plane, are such a case.
+    signs: the second (below, seen along the axis that grows most) and third positions. Three stations in space, two in the plane, are such a case.
     """
     w = np.ones(squares.shape) if weights is None else weights
     w = w / w.sum(axis=-1, keepdims=True)
@@ -29,21 +29,24 @@ def positions(stations: Floats, squares: Floats, weights: Floats | None = None) 
     spread = np.einsum("...n,...ni,...nj->...ij", w, s, s)
     values, axes = np.linalg.eigh(np.where(np.isfinite(spread), spread, 0.0))
     squared = np.square(s).sum(axis=-1)
+    first = axes[..., 0]
+    largest = np.take_along_axis(first, np.argmax(np.abs(first), axis=-1)[..., None], axis=-1)
+    axes[..., 0] = np.where(largest < 0, -first, first)
     excess = squared - squares
     excess = excess - np.einsum("...n,...n->...", w, excess)[..., None]
     right = 0.5 * np.einsum("...n,...nd,...n->...d", w, s, excess)
     with np.errstate(invalid="ignore", divide="ignore"):
         local = np.einsum("...ji,...j->...i", axes, right) / values
-        largest = values[..., -1]
-        flatness = np.sqrt(np.maximum(values[..., 0], 0.0) / largest)
-        usable = (largest > 0) & (values[..., 1] > FLAT**2 * largest)
+        extent = values[..., -1]
+        flatness = np.sqrt(np.maximum(values[..., 0], 0.0) / extent)
+        usable = (extent > 0) & (values[..., 1] > FLAT**2 * extent)
     within = local.copy()
     within[..., 0] = 0.0
     mean_square = np.einsum("...n,...n->...", w, squares - squared)
     across = np.sqrt(np.maximum(mean_square - np.square(within).sum(axis=-1), 0.0))
     found = np.stack([local, within, within], axis=-2)
-    found[..., 1, 0] += across
-    found[..., 2, 0] -= across
+    found[..., 1, 0] -= across
+    found[..., 2, 0] += across
     flat = flatness < FLAT
     found[..., 0, :] = np.where((flat | ~usable)[..., None], np.nan, found[..., 0, :])
     found[..., 1:, :] = np.where((usable & (flatness < NEARLY_FLAT))[..., None, None], found[..., 1:, :], np.nan)

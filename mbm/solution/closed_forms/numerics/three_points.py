@@ -8,7 +8,6 @@ from mbm.solution.closed_forms.numerics.finite import finite
 from mbm.solution.closed_forms.numerics.quartic import real_roots
 from mbm.solution.types import Floats
 
-
 SYMMETRIC = 1e-6
 """Difference of the cosines between sights below which Grunert's fraction is nothing by nothing."""
 

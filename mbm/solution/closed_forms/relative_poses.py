@@ -1,0 +1,248 @@
+"""Motions measured between members of one family of poses: all of them, along a tree of measurements."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbm.problem.manifold import Piece as Manifold
+from mbm.problem.types import UnknownKind
+from mbm.solution.binding import Group
+from mbm.solution.closed_forms.numerics.finite import finite
+from mbm.solution.closed_forms.situation import Candidate, Rows, Situation
+from mbm.solution.closed_forms.types import Plan
+from mbm.solution.layout import Entry
+from mbm.solution.manifolds import hamilton, moved
+from mbm.solution.types import Floats, Indices
+
+NEWTON = 20
+SOLVED = 1e-9
+"""Residual at which a measured motion counts as found, beside one for motions far off."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pairs:
+    """Rows of a group that two members meet in: ``first``, ``second`` (n,), and the inputs that each gives.
+
+    ``roles`` (variables,) says which number of the two together (2 s) an input is, -1 for the others; ``columns``
+    (tangents,) the same for coordinates (2 q).
+    """
+
+    group: Group = field(repr=False)
+    lines: Indices
+    first: Indices
+    second: Indices
+    inputs: Floats
+    roles: Indices
+    columns: Indices
+
+    def linearised(self, first: Floats, second: Floats, coordinates: int) -> tuple[Floats, Floats]:
+        """Residuals (n, q) and their derivatives by the second member (n, q, q) at two members' numbers (n, s)."""
+        both = np.hstack([first, second])
+        evaluation, variables = self.group.evaluation, len(self.roles)
+        given = np.where(self.roles >= 0, both[:, np.maximum(self.roles, 0)], self.inputs)
+        evaluation.inputs[:, :variables] = np.nan
+        evaluation.inputs[self.lines, :variables] = given
+        evaluation.inputs[:, variables:] = self.group.parameters
+        values, nonzeros = evaluation.values_and_jacobian()
+        kernel = self.group.kernel
+        slopes = np.zeros((len(self.lines), kernel.outputs, coordinates))
+        for k, (i, j) in enumerate(zip(kernel.jacobian_rows, kernel.jacobian_columns, strict=True)):
+            column = int(self.columns[j]) - coordinates
+            if column >= 0:
+                slopes[:, i, column] += nonzeros[self.lines, k]
+        return values[self.lines].copy(), slopes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Edge:
+    """From one member to another, with the motion (s,) that takes the first one's frame to the second's."""
+
+    first: Indices
+    second: Indices
+    motion: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class RelativePoses:
+    """Poses or rotations composed along a tree that spans the measurements; the first one is the origin."""
+
+    name: str = "relative-poses"
+    joint: bool = True
+
+    def recognises(self, situation: Situation, candidate: Candidate) -> Plan | None:
+        """Rows that two members meet in, with as many components as a member has coordinates, and nothing else."""
+        entry = candidate.entries[0]
+        kinds = (UnknownKind.POSE, UnknownKind.ROTATION)
+        if len(candidate.entries) != 1 or entry.unknown.kind not in kinds or not candidate.paired:
+            return None
+        edges = [e for pairs in _pairs(situation, entry) if (e := _edge(pairs, entry)) is not None]
+        if not edges:
+            return None
+        whole = Edge(
+            first=np.concatenate([e.first for e in edges]),
+            second=np.concatenate([e.second for e in edges]),
+            motion=np.vstack([e.motion for e in edges]),
+        )
+        count = len(whole.first)
+        rows = Rows(
+            columns=np.empty(0, dtype=np.int64),
+            pieces=(),
+            width=entry.unknown.freedom,
+            member=np.zeros(count, dtype=np.int64),
+            unit=np.arange(count),
+            weight=np.ones(count),
+        )
+        return Plan(form=self, candidate=candidate, rows=rows, minimal=1, data=whole)
+
+    def solve(self, plan: Plan, subsets: Indices) -> Floats:
+        """One solution (T, 1, K·s) for each subset of the measured motions; NaN for members that they do not reach."""
+        return np.stack([_composed(plan, subset) for subset in subsets])[:, None, :]
+
+
+def _pairs(situation: Situation, entry: Entry) -> list[Pairs]:
+    """The rows of each group in which two members of the family, and no other unknown, have no value."""
+    found = []
+    missing = np.isnan(situation.numbers)
+    size, freedom = entry.unknown.size, entry.unknown.freedom
+    for group in situation.observations():
+        kernel = group.kernel
+        owned = [s.unknown == entry.unknown.name for s in kernel.variables]
+        members = list(dict.fromkeys(s.member for s, mine in zip(kernel.variables, owned, strict=True) if mine))
+        others = [j for j, mine in enumerate(owned) if not mine]
+        if len(members) != 2 or kernel.outputs != freedom or bool(missing[group.index[:, others]].any()):
+            continue
+        roles = np.array(
+            [members.index(s.member) * size + s.component if s.unknown == entry.unknown.name else -1
+             for s in kernel.variables]
+        )  # fmt: skip
+        columns = np.array(
+            [members.index(s.member) * freedom + s.component if s.unknown == entry.unknown.name else -1
+             for s in kernel.tangents]
+        )  # fmt: skip
+        numbers = [
+            (group.index[:, next(j for j, r in enumerate(roles) if r >= 0 and r // size == which)] - entry.offset) // size
+            for which in (0, 1)
+        ]
+        lines = np.flatnonzero(numbers[0] != numbers[1])
+        found.append(
+            Pairs(
+                group=group,
+                lines=lines,
+                first=numbers[0][lines],
+                second=numbers[1][lines],
+                inputs=situation.numbers[group.index[lines]],
+                roles=roles,
+                columns=columns,
+            )
+        )
+    return [pairs for pairs in found if len(pairs.lines)]
+
+
+def _edge(pairs: Pairs, entry: Entry) -> Edge | None:
+    """The measured motions: where the second member is when the first is the origin, and the residual vanishes."""
+    count, freedom = len(pairs.lines), entry.unknown.freedom
+    origin = np.tile(_origin(entry), (count, 1))
+    motion = origin.copy()
+    with np.errstate(all="ignore"):
+        for _ in range(NEWTON):
+            values, slopes = pairs.linearised(origin, motion, freedom)
+            usable = finite(slopes, (1, 2)) & finite(values, 1)
+            safe = np.where(usable[:, None, None], slopes, np.eye(freedom))
+            usable &= np.abs(np.linalg.det(safe)) > 0
+            if not bool(usable.all()):
+                return None
+            motion = _stepped(entry, motion, -np.linalg.solve(safe, values[..., None])[..., 0])
+            if float(np.abs(values).max()) <= SOLVED:
+                break
+    generator = np.random.default_rng(0)
+    other = _stepped(entry, origin, generator.uniform(-1, 1, size=(count, freedom)))
+    left = np.abs(pairs.linearised(other, _product(entry, other, motion), freedom)[0]).max(axis=1)
+    apart = np.abs(pairs.linearised(other, motion, freedom)[0]).max(axis=1)
+    if not bool((left <= 1e-6 * (1.0 + apart)).all()):
+        return None
+    return Edge(first=pairs.first, second=pairs.second, motion=motion)
+
+
+def _composed(plan: Plan, subset: Indices) -> Floats:
+    edges: Edge = plan.data
+    entry = plan.candidate.entries[0]
+    size = entry.unknown.size
+    places = plan.candidate.places
+    member = (places[:, 0] - entry.offset) // size
+    result = np.full((entry.members, size), np.nan)
+    result[member[0]] = _origin(entry)
+    back = _inverse(entry, edges.motion[subset])
+    neighbours: dict[int, list[tuple[int, Floats]]] = {}
+    for i, k in enumerate(subset):
+        a, b = int(edges.first[k]), int(edges.second[k])
+        neighbours.setdefault(a, []).append((b, edges.motion[k]))
+        neighbours.setdefault(b, []).append((a, back[i]))
+    waiting = deque([int(member[0])])
+    while waiting:
+        here = waiting.popleft()
+        for there, motion in neighbours.get(here, ()):
+            if np.isnan(result[there, 0]):
+                result[there] = _product(entry, result[here : here + 1], motion[None])[0]
+                waiting.append(there)
+    return result[member].ravel()
+
+
+def _origin(entry: Entry) -> Floats:
+    found = np.zeros(entry.unknown.size)
+    if entry.unknown.dimension == 3:
+        found[0] = 1.0
+    return found
+
+
+def _stepped(entry: Entry, numbers: Floats, step: Floats) -> Floats:
+    """Numbers (n, s) after steps (n, q) of their coordinates."""
+    result = numbers.copy()
+    for piece, number, coordinate in entry.unknown.manifold.spans():
+        if piece is Manifold.QUATERNION:
+            result[:, number : number + 4] = moved(piece, numbers[:, number : number + 4], step[:, coordinate : coordinate + 3])
+        else:
+            result[:, number] += step[:, coordinate]
+    return result
+
+
+def _product(entry: Entry, first: Floats, second: Floats) -> Floats:
+    """The motions (n, s) first ∘ second."""
+    if entry.unknown.dimension == 3:
+        q = hamilton(first[:, :4], second[:, :4])
+        shift = _rotated(first[:, :4], second[:, 4:]) + first[:, 4:] if second.shape[1] > 4 else second[:, 4:]
+        return np.hstack([q, shift])
+    c, s = np.cos(first[:, 0]), np.sin(first[:, 0])
+    result = np.empty_like(second)
+    result[:, 0] = np.remainder(first[:, 0] + second[:, 0] + np.pi, 2 * np.pi) - np.pi
+    if second.shape[1] > 1:
+        x, y = second[:, 1], second[:, 2]
+        result[:, 1], result[:, 2] = first[:, 1] + c * x - s * y, first[:, 2] + s * x + c * y
+    return result
+
+
+def _inverse(entry: Entry, numbers: Floats) -> Floats:
+    """The inverse motions (n, s)."""
+    result = numbers.copy()
+    if entry.unknown.dimension == 3:
+        result[:, 1:4] *= -1.0
+        if numbers.shape[1] > 4:
+            result[:, 4:] = -_rotated(result[:, :4], numbers[:, 4:])
+        return result
+    result[:, 0] *= -1.0
+    if numbers.shape[1] > 1:
+        c, s = np.cos(result[:, 0]), np.sin(result[:, 0])
+        result[:, 1] = -(c * numbers[:, 1] - s * numbers[:, 2])
+        result[:, 2] = -(s * numbers[:, 1] + c * numbers[:, 2])
+    return result
+
+
+def _rotated(q: Floats, v: Floats) -> Floats:
+    """Vectors (n, 3) turned by unit quaternions (n, 4)."""
+    twice = 2.0 * np.cross(q[:, 1:], v)
+    return np.asarray(v + q[:, :1] * twice + np.cross(q[:, 1:], twice))
+
+
+RELATIVE_POSES = RelativePoses()

@@ -1,0 +1,53 @@
+"""Layouts of many solves of one problem: made once where no option of an unknown looks into a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from mbm.expression.nodes import Column, leaves
+from mbm.problem.tables import Table
+from mbm.problem.types import Problem, Unknown
+from mbm.solution.layout import Layout, layout
+from mbm.solution.types import Floats
+
+
+class Layouts:
+    """Remembers the last layout. Local to one compiled problem in one thread, as the kernels that are prepared."""
+
+    def __init__(self) -> None:
+        self._unknowns: tuple[Unknown, ...] | None = None
+        self._shared = False
+        self._last: tuple[Mapping[str, Floats], Layout] | None = None
+
+    def of(self, problem: Problem, tables: Mapping[str, Table], starts: Mapping[str, Floats]) -> Layout:
+        """The layout for these tables and starts; faults as `layout` has them."""
+        if self._unknowns is not problem.unknowns:
+            self._unknowns, self._last = problem.unknowns, None
+            self._shared = not any(_reads_tables(unknown) for unknown in problem.unknowns)
+        if not self._shared:
+            return layout(problem, tables, starts)
+        if self._last is None or not _same(self._last[0], starts):
+            self._last = (dict(starts), layout(problem, tables, starts))
+        return self._last[1]
+
+
+def _reads_tables(unknown: Unknown) -> bool:
+    """Whether members, starts, bounds or what is fixed follow from the rows of a table."""
+    options = (
+        unknown.start,
+        unknown.lower,
+        unknown.upper,
+        unknown.start_lower,
+        unknown.start_upper,
+        unknown.fixed,
+    )
+    nodes = tuple(v for values in options if values is not None for case in values.cases for v in case.values)
+    return unknown.family is not None or any(isinstance(leaf, Column) for leaf in leaves(nodes))
+
+
+def _same(some: Mapping[str, Floats], others: Mapping[str, Floats]) -> bool:
+    return some.keys() == others.keys() and all(
+        np.array_equal(numbers, others[name], equal_nan=True) for name, numbers in some.items()
+    )

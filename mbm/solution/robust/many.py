@@ -1,0 +1,110 @@
+"""Consensus with very many connected unknowns: no subset is clean, so losses lead from least squares to the inliers.
+
+The Geman-McClure loss is narrowed by degrees (Black and Rangarajan 1996), each minimum starting where the wider one
+ended; then inliers are chosen and fitted until they stay the same. Any solver does, sparse ones included.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.problem.kinds import LossKind
+from mbm.problem.types import Consensus, Problem
+from mbm.solution.assembly import Assembled
+from mbm.solution.minimise import minimise
+from mbm.solution.robust.agree import Agreed
+from mbm.solution.robust.losses import LossFunction
+from mbm.solution.robust.scale import noise_variances
+from mbm.solution.robust.scores import cuts, variances_at
+from mbm.solution.robust.units import STATED, Units
+from mbm.solution.settings import Settings
+from mbm.solution.types import Floats, Mask
+
+MANY = 60
+"""Connected unknowns from which on subsets are not tried."""
+
+WIDTHS = (64.0, 16.0, 8.0, 4.0, 2.0, 1.0)
+"""Parameters of the loss one after the other, in multiples of the limit."""
+
+NARROW = (2.0, 1.0)
+"""… and where the start is so good that it tells wrong equations from good ones, which the wide losses would spoil."""
+
+FEW_STEPS = 30
+"""Iterations of a minimum that is only on the way."""
+
+ROUNDS = 10
+
+
+def agree_by_losses(
+    problem: Problem, equations: Assembled, units: Units, start: Floats, consensus: Consensus, settings: Settings
+) -> Agreed:
+    """The units that agree, from a start (N,) that is not too far off."""
+    cut = cuts(units, consensus.threshold)
+    way = replace(settings, max_iterations=FEW_STEPS, robust=None)
+    plain = replace(equations, groups=tuple(replace(g, losses=()) for g in equations.groups))
+    acting = np.zeros(equations.whole, dtype=bool)
+    acting[units.of_row >= 0] = True
+
+    def narrowed(widths: tuple[float, ...]) -> Agreed:
+        point = start
+        squares = units.squares(plain.plain_residuals(point))
+        for width in widths:
+            variances = _variances(squares, units, equations.dimension)
+            factors = _by_row(np.sqrt(variances), units, plain)
+            lossy = _with_loss(plain, acting, width * float(np.sqrt(cut.max()))).with_factors(factors)
+            point = minimise(lossy, point, way, problem.span).point
+            squares = units.squares(plain.plain_residuals(point))
+        return _settled(problem, plain, units, point, cut, way)
+
+    candidates = [narrowed(WIDTHS), narrowed(NARROW)]
+    counts = [int(units.components[c.inliers].sum()) for c in candidates]
+    return candidates[int(np.argmax(counts))]
+
+
+def _settled(
+    problem: Problem, plain: Assembled, units: Units, point: Floats, cut: Floats, settings: Settings
+) -> Agreed:
+    """Fits to the inliers until they stay the same."""
+    before = None
+    squares = units.squares(plain.plain_residuals(point))
+    for _ in range(ROUNDS):
+        variances = _variances(squares, units, plain.dimension)
+        inliers = squares <= cut * variances
+        if before is not None and bool((inliers == before).all()):
+            break
+        before = inliers
+        keep = np.ones(int(plain.units.max()) + 1, dtype=bool)
+        keep[units.number] = inliers
+        weighted = plain.with_factors(_by_row(np.sqrt(variances), units, plain)).kept(keep)
+        point = minimise(weighted, point, settings, problem.span).point
+        squares = units.squares(plain.plain_residuals(point))
+    limits = cut * variances
+    return Agreed(
+        point=point,
+        inliers=inliers,
+        limits=limits,
+        variances=noise_variances(squares, limits, variances, units, plain.dimension),
+        trials=0,
+        ambiguous=False,
+    )
+
+
+def _variances(squares: Floats, units: Units, dimension: int) -> Floats:
+    """Stated ones are 1; the median of squared norms tells the others, with its correction for few residuals."""
+    return variances_at(squares, units, dimension) if bool((units.group != STATED).any()) else np.ones(units.count)
+
+
+def _by_row(deviations: Floats, units: Units, equations: Assembled) -> Floats:
+    found = units.expanded(deviations)
+    return found if equations.factors is None else found * equations.factors
+
+
+def _with_loss(equations: Assembled, acting: Mask, scale: float) -> Assembled:
+    """The equations with a Geman-McClure loss on the blocks that the rule acts on."""
+    loss = LossFunction(kind=LossKind.GEMAN_MCCLURE, scale=scale)
+    groups = tuple(
+        replace(g, losses=(loss,) * len(g.whiteners)) if g.count and acting[g.first] else g for g in equations.groups
+    )
+    return replace(equations, groups=groups, linear=False)

@@ -1,0 +1,113 @@
+"""Problems that fall apart: unknowns that no equation connects are brought to agreement one part after the other.
+
+Sixty places from twelve ranges each need sixty clean triples: no trial has them all, but each part has its own at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbm.problem.types import Consensus
+from mbm.solution.assembly import Assembled
+from mbm.solution.robust.agree import Agreed, agree
+from mbm.solution.robust.binding import trials_of_part
+from mbm.solution.robust.units import STATED, Units
+from mbm.solution.types import Floats, Indices, Mask
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """Coordinates ``columns`` (positions among all), and the residuals ``rows`` (of all) that touch them alone."""
+
+    columns: Indices
+    rows: Indices
+
+
+def parts_of(equations: Assembled) -> tuple[Part, ...]:
+    """The parts, in the order of their first coordinate; residuals that touch nothing are in none."""
+    place = np.full(len(equations.layout.number), -1, dtype=np.int64)
+    place[equations.free] = np.arange(equations.dimension)
+    touched = [place[group.columns] for group in (*equations.groups, *equations.constraints)]
+    label = np.arange(equations.dimension)
+    while True:
+        before = label.copy()
+        for columns in touched:
+            lowest = _lowest(label, columns)
+            for column in columns.T:
+                inside = column >= 0
+                np.minimum.at(label, column[inside], lowest[inside])
+        label = label[label]
+        if bool((label == before).all()):
+            break
+    of_row = np.full(equations.whole, -1, dtype=np.int64)
+    for group, columns in zip(equations.groups, touched, strict=False):
+        lowest = _lowest(label, columns)
+        lowest[lowest == equations.dimension] = -1
+        of_row[group.first : group.first + group.count] = np.repeat(lowest, group.kernel.outputs)
+    return tuple(
+        Part(columns=equations.free[label == each], rows=np.flatnonzero(of_row == each))
+        for each in np.unique(label).tolist()
+    )
+
+
+def _lowest(label: Indices, columns: Indices) -> Indices:
+    """The lowest label that each row (R, k) touches; n where it touches nothing."""
+    padded = np.append(label, len(label))
+    return np.asarray(padded[columns].min(axis=1, initial=len(label)), dtype=np.int64)
+
+
+def agree_in_parts(
+    equations: Assembled, units: Units, parts: tuple[Part, ...], start: Floats, consensus: Consensus, seed: int
+) -> Agreed:
+    """The units that agree, part by part; noise that parts share is found first, then all parts are judged by it."""
+    found = _each(equations, units, parts, start, consensus, seed)
+    unknown = units.group != STATED
+    if not unknown.any():
+        return found
+    common = np.ones(units.count)
+    for group in np.unique(units.group[unknown]).tolist():
+        mine = units.group == group
+        common[mine] = float(np.median(found.variances[mine]))
+    known = replace(units, group=np.full(units.count, STATED), rounding=units.rounding / common)
+    factors = np.ones(equations.whole) if equations.factors is None else equations.factors.copy()
+    ruled = units.of_row >= 0
+    factors[ruled] *= np.sqrt(common[units.of_row[ruled]])
+    again = _each(equations.with_factors(factors), known, parts, start, consensus, seed)
+    return replace(again, variances=again.variances * common, limits=again.limits * common)
+
+
+def _each(
+    equations: Assembled, units: Units, parts: tuple[Part, ...], start: Floats, consensus: Consensus, seed: int
+) -> Agreed:
+    inliers = np.ones(units.count, dtype=bool)
+    limits, variances = np.full(units.count, np.inf), np.ones(units.count)
+    point, trials, ambiguous = start, 0, False
+    for part, (own, mine) in zip(parts, _units_of_parts(units, parts), strict=True):
+        if own.scalars <= len(part.columns):
+            continue
+        trying = trials_of_part(equations, own, np.unique(equations.units[part.rows]), part.columns)
+        found = agree(trying, own, point[None], consensus, seed)
+        inliers[mine], limits[mine], variances[mine] = found.inliers, found.limits, found.variances
+        point, trials, ambiguous = found.point, trials + found.trials, ambiguous or found.ambiguous
+    return Agreed(
+        point=point, inliers=inliers, limits=limits, variances=variances, trials=trials, ambiguous=ambiguous
+    )  # fmt: skip
+
+
+def _units_of_parts(units: Units, parts: tuple[Part, ...]) -> Iterator[tuple[Units, Mask]]:
+    """The units of each part as if they were all, and which of all units (U,) they are."""
+    for part in parts:
+        numbers, of_row = np.unique(units.of_row[part.rows], return_inverse=True)
+        outside = int(numbers.size > 0 and numbers[0] < 0)
+        chosen = numbers[outside:]
+        own = Units(
+            of_row=np.asarray(of_row - outside, dtype=np.int64),
+            components=units.components[chosen],
+            group=units.group[chosen],
+            number=units.number[chosen],
+            rounding=units.rounding[chosen],
+        )
+        yield own, np.isin(np.arange(units.count), chosen)

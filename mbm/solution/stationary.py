@@ -1,0 +1,59 @@
+"""Unknowns that no residual feels to first order: a derivative that is rounding, or vanishes beside the curvature.
+
+The cosine of an angle at half a turn has the derivative 1e-16 in floating point, and ``1/J`` is no standard deviation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.solution.types import Equations, Minimum
+
+FAR = 1e4
+"""Conditional standard deviations above so many times the coordinate's size are looked into."""
+
+ROUNDING = 1e-12
+"""A derivative that vanishes nearer to the estimate than this share of its size is zero."""
+
+FAINT = 1e-8
+"""``J² / |∂J/∂x|``, in standard deviations: where the curvature moves the residuals by one, ``J`` moves them by the
+root of twice this at most. A parabola y = x² whose x is ten thousand times less certain than large comes to 1e-4."""
+
+STEP = 1e-4
+LEAST = 1e-6
+"""Share of the size over which the derivative is differenced, and the least size."""
+
+
+def without_stationary(equations: Equations, minimum: Minimum, spread: float = 1.0) -> Minimum:
+    """The minimum with the columns of the Jacobian that are zero to first order set to zero; dense problems only.
+
+    Looks closer, with one more Jacobian each, only at columns whose standard deviation would be absurd. ``spread`` is
+    the standard deviation of the residuals.
+    """
+    jacobian = minimum.jacobian
+    if minimum.blocks is not None or not np.isfinite(minimum.cost) or not jacobian.size or not spread > 0.0:
+        return minimum
+    length = np.sqrt(np.einsum("mn,mn->n", jacobian, jacobian))
+    coordinates = np.abs(equations.coordinates(minimum.point))
+    size = np.where(coordinates > 0.0, coordinates, 1.0)
+    suspect = np.flatnonzero((length > 0.0) & (minimum.at_bound == 0) & (length * FAR * size < spread))
+    zero = [column for column in suspect if _stationary(equations, minimum, int(column), size[column], spread)]
+    if not zero:
+        return minimum
+    kept = jacobian.copy()
+    kept[:, zero] = 0.0
+    return replace(minimum, jacobian=kept)
+
+
+@np.errstate(all="ignore")
+def _stationary(equations: Equations, minimum: Minimum, column: int, size: float, spread: float) -> bool:
+    """Whether the column is zero beside what a small step makes of it."""
+    step = np.zeros(minimum.jacobian.shape[1])
+    here = minimum.jacobian[:, column]
+    length = float(np.linalg.norm(here))
+    step[column] = STEP * max(size, LEAST)
+    there = equations.jacobian(equations.retract(minimum.point, step))[:, column]
+    bend = float(np.linalg.norm(there - here)) / float(step[column])
+    return length <= ROUNDING * size * bend or length * length <= FAINT * bend * spread

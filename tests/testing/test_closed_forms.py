@@ -1,0 +1,148 @@
+"""mbm's own closed forms keep what the conformance suite asks, and the suite notices those that do not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from mbm.solution.closed_forms.intersection import INTERSECTION
+from mbm.solution.closed_forms.linear import LINEAR
+from mbm.solution.closed_forms.multilateration import MULTILATERATION
+from mbm.solution.closed_forms.planar_calibration import PLANAR_CALIBRATION
+from mbm.solution.closed_forms.pose_from_points import POSE_FROM_POINTS
+from mbm.solution.closed_forms.similarity import SIMILARITY
+from mbm.solution.closed_forms.types import ClosedForm, Plan
+from mbm.solution.types import Floats, Indices
+from mbm.testing.closed_forms import ClosedFormSample, check_closed_form
+from mbm.testing.requirement import NotConformingError
+
+GENERATOR = np.random.default_rng(1)
+POINTS = GENERATOR.uniform(-1, 1, size=(9, 3))
+PLACE = np.array([0.5, 2.0, 3.0])
+TURNED = np.stack([-POINTS[:, 1], POINTS[:, 0], POINTS[:, 2]], axis=1)
+"""A quarter of a turn about z: the quaternion (√½ 0 0 √½)."""
+
+QUARTER = [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
+
+
+def table(**columns: Floats) -> dict[str, object]:
+    return {"d": columns}
+
+
+def _calibration() -> ClosedFormSample:
+    """Four views of a grid, turned about x and y; focal lengths 500 and 510, centre (320 240)."""
+    grid = np.array([[a, b, 0.0] for a in range(4) for b in range(3)])
+    columns: dict[str, list[float]] = {name: [] for name in ("view", "x", "y", "u", "v")}
+    numbers = []
+    for view, (first, second) in enumerate(((0.3, 0.0), (0.0, 0.4), (-0.3, 0.2), (0.2, -0.5))):
+        q = np.array([np.cos(first / 2) * np.cos(second / 2), np.sin(first / 2) * np.cos(second / 2),
+                      np.cos(first / 2) * np.sin(second / 2), np.sin(first / 2) * np.sin(second / 2)])  # fmt: skip
+        cf, sf, cs, ss = np.cos(first), np.sin(first), np.cos(second), np.sin(second)
+        R = np.array([[1, 0, 0], [0, cf, -sf], [0, sf, cf]]) @ np.array([[cs, 0, ss], [0, 1, 0], [-ss, 0, cs]])
+        t = np.array([-1.0, -1.5, 8.0 + view])
+        seen = grid @ R.T + t
+        numbers.append([*q, *t])
+        columns["view"] += [float(view)] * len(grid)
+        columns["x"] += list(grid[:, 0])
+        columns["y"] += list(grid[:, 1])
+        columns["u"] += list(500 * seen[:, 0] / seen[:, 2] + 320)
+        columns["v"] += list(510 * seen[:, 1] / seen[:, 2] + 240)
+    camera = {"fx": 500.0, "fy": 510.0, "cx": 320.0, "cy": 240.0}
+    return ClosedFormSample(
+        text="""(problem p (data d external) (camera cam :focal (fx fy) :center (cx cy))
+          (unknowns (fx) (fy) (cx) (cy) (T (pose 3) :per d.view))
+          (observe d (= [u v] (project cam (transform (T view) [x y 0])))))""",
+        numbers={**{n: np.array(v) for n, v in camera.items()}, "T": np.array(numbers)},
+        data=table(**{n: np.array(v) for n, v in columns.items()}),
+    )
+
+
+SAMPLES: dict[str, tuple[ClosedForm, ClosedFormSample]] = {
+    "linear": (
+        LINEAR,
+        ClosedFormSample(
+            text="(problem p (data d external) (unknowns (a) (b)) (observe d (= y (+ a (* b x)))))",
+            numbers={"a": np.array(2.0), "b": np.array(-3.0)},
+            data=table(x=np.arange(5.0), y=2 - 3 * np.arange(5.0)),
+        ),
+    ),
+    "ranges": (
+        MULTILATERATION,
+        ClosedFormSample(
+            text="(problem p (data d external) (unknowns (p (vector 3))) (observe d (= r (distance p [x y z]))))",
+            numbers={"p": PLACE},
+            data=table(
+                x=POINTS[:, 0], y=POINTS[:, 1], z=POINTS[:, 2], r=np.sqrt(np.square(POINTS - PLACE).sum(axis=1))
+            ),
+        ),
+    ),
+    "pairs": (
+        SIMILARITY,
+        ClosedFormSample(
+            text="""(problem p (data d external) (unknowns (S (similarity 3)))
+              (observe d (= [u v w] (transform S [x y z]))))""",
+            numbers={"S": np.array([*QUARTER, *PLACE, 2.0])},
+            data=table(**dict(zip("xyzuvw", (*POINTS.T, *(2 * TURNED + PLACE).T), strict=True))),
+        ),
+    ),
+    "images": (
+        POSE_FROM_POINTS,
+        ClosedFormSample(
+            text="""(problem p (data d external) (camera cam :focal (500 500) :center (320 240))
+              (unknowns (T (pose 3))) (observe d (= [u v] (project cam (transform T [x y z])))))""",
+            numbers={"T": np.array([*QUARTER, *PLACE])},
+            data=table(
+                x=POINTS[:, 0],
+                y=POINTS[:, 1],
+                z=POINTS[:, 2],
+                u=500 * (TURNED + PLACE)[:, 0] / (TURNED + PLACE)[:, 2] + 320,
+                v=500 * (TURNED + PLACE)[:, 1] / (TURNED + PLACE)[:, 2] + 240,
+            ),
+        ),
+    ),
+    "bearings": (
+        INTERSECTION,
+        ClosedFormSample(
+            text="""(problem p (data d external) (unknowns (p (vector 2)))
+              (observe d (= a (atan2 (- (p 2) y) (- (p 1) x)))))""",
+            numbers={"p": PLACE[:2]},
+            data=table(x=POINTS[:, 0], y=POINTS[:, 1], a=np.arctan2(PLACE[1] - POINTS[:, 1], PLACE[0] - POINTS[:, 0])),
+        ),
+    ),
+    "calibration": (PLANAR_CALIBRATION, _calibration()),
+}
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_mbms_own_conform(name: str) -> None:
+    check_closed_form(*SAMPLES[name])
+
+
+@dataclass(frozen=True, slots=True)
+class Wrong:
+    """Multilateration that answers one metre beside."""
+
+    name: str = "wrong"
+    joint: bool = False
+
+    recognises = MULTILATERATION.recognises
+
+    def solve(self, plan: Plan, subsets: Indices) -> Floats:
+        return MULTILATERATION.solve(plan, subsets) + 1.0
+
+
+def test_a_wrong_one_does_not() -> None:
+    with pytest.raises(NotConformingError, match="give their truth back"):
+        check_closed_form(Wrong(), SAMPLES["ranges"][1])
+
+
+def test_one_that_does_not_know_the_sample_does_not() -> None:
+    with pytest.raises(NotConformingError, match="recognises the sample"):
+        check_closed_form(SIMILARITY, SAMPLES["ranges"][1])
+
+
+def test_one_without_a_name_does_not() -> None:
+    with pytest.raises(NotConformingError, match="has a name"):
+        check_closed_form(replace(MULTILATERATION, name=""), SAMPLES["ranges"][1])
