@@ -15,7 +15,7 @@ import mbm
 from benchmarks.machine import best, machine, show
 from tests.evidence.implicit_reference import joint_optimum
 
-COUNTS = (20, 100, 500)
+COUNTS = (20, 50, 150)
 SIGMA = 0.02
 TRUTH = np.array([1.0, -0.5, 2.0, 1.0, 0.4])
 START = [0.0, 0.0, 1.5, 1.2, 0.0]

@@ -19,6 +19,7 @@ from mbm.solution.layout import layout
 from mbm.solution.minimise import solver_name
 from mbm.solution.selection import selections
 from mbm.solution.settings import Settings, settings_of
+from mbm.solution.sparse.description import solved_how
 from mbm.solution.sparse.equations import sparse_suits
 from mbm.solution.starting import GIVEN, beginnings
 
@@ -75,7 +76,7 @@ def _reason(equations: Assembled, method: Method) -> str:
     if equations.implicit is not None:
         return "measured columns have errors, whose corrections are eliminated"
     if sparse_suits(equations):
-        return f"there are {equations.dimension} scalar unknowns, of which each equation touches few"
+        return solved_how(equations)
     if not equations.linear:
         return "the equations are not affine in the unknowns"
     if bool(equations.positive.any()):

@@ -9,9 +9,11 @@ import pytest
 
 from mbm.solution.closed_forms.intersection import INTERSECTION
 from mbm.solution.closed_forms.linear import LINEAR
+from mbm.solution.closed_forms.measured import MEASURED
 from mbm.solution.closed_forms.multilateration import MULTILATERATION
 from mbm.solution.closed_forms.planar_calibration import PLANAR_CALIBRATION
 from mbm.solution.closed_forms.pose_from_points import POSE_FROM_POINTS
+from mbm.solution.closed_forms.relative_poses import RELATIVE_POSES
 from mbm.solution.closed_forms.similarity import SIMILARITY
 from mbm.solution.closed_forms.types import ClosedForm, Plan
 from mbm.solution.types import Floats, Indices
@@ -29,6 +31,24 @@ QUARTER = [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
 
 def table(**columns: Floats) -> dict[str, object]:
     return {"d": columns}
+
+
+def _graph() -> ClosedFormSample:
+    """Four poses of the plane round a square of 2 m, each a quarter turn on; measured round, and once across."""
+    poses = np.array([[0.0, 0, 0], [np.pi / 2, 2, 0], [np.pi, 2, 2], [-np.pi / 2, 0, 2]])
+    columns = {"a": [], "b": [], "dx": [], "dy": [], "turn": []}
+    for a, b in ((0, 1), (1, 2), (3, 2), (0, 2)):
+        c, s = np.cos(poses[a, 0]), np.sin(poses[a, 0])
+        dx, dy = poses[b, 1:] - poses[a, 1:]
+        for name, number in zip(columns, (a, b, c * dx + s * dy, c * dy - s * dx, poses[b, 0] - poses[a, 0]), strict=True):
+            columns[name].append(float(number))
+    return ClosedFormSample(
+        text="""(problem p (data nodes (table (id) (0) (1) (2) (3)) :key id) (data d external)
+          (unknowns (T (pose 2) :per nodes))
+          (observe d (= (pose2 dx dy turn) (between (T a) (T b)))))""",
+        numbers={"T": poses},
+        data=table(**{name: np.array(values) for name, values in columns.items()}),
+    )
 
 
 def _calibration() -> ClosedFormSample:
@@ -112,6 +132,18 @@ SAMPLES: dict[str, tuple[ClosedForm, ClosedFormSample]] = {
         ),
     ),
     "calibration": (PLANAR_CALIBRATION, _calibration()),
+    "graph": (RELATIVE_POSES, _graph()),
+    "poses": (
+        MEASURED,
+        ClosedFormSample(
+            text="""(problem p (data d external) (unknowns (T (pose 3)))
+              (observe d (= (pose3 (axis-angle [a b c]) [x y z]) T)))""",
+            numbers={"T": np.array([*QUARTER, *PLACE])},
+            data=table(
+                a=np.zeros(3), b=np.zeros(3), c=np.full(3, np.pi / 2), **{n: np.full(3, v) for n, v in zip("xyz", PLACE)}
+            ),
+        ),
+    ),
 }
 
 

@@ -7,14 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mbm.problem.manifold import Piece as Manifold
 from mbm.problem.types import UnknownKind
 from mbm.solution.binding import Group
+from mbm.solution.closed_forms.motions import inverse, origin, product, stepped
 from mbm.solution.closed_forms.numerics.finite import finite
 from mbm.solution.closed_forms.situation import Candidate, Rows, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.layout import Entry
-from mbm.solution.manifolds import hamilton, moved
 from mbm.solution.types import Floats, Indices
 
 NEWTON = 20
@@ -67,7 +66,7 @@ class Edge:
 
 @dataclass(frozen=True, slots=True)
 class RelativePoses:
-    """Poses or rotations composed along a tree that spans the measurements; the first one is the origin."""
+    """Poses or rotations composed along a tree that spans the measurements, from those known, else from the first."""
 
     name: str = "relative-poses"
     joint: bool = True
@@ -103,7 +102,7 @@ class RelativePoses:
 
 
 def _pairs(situation: Situation, entry: Entry) -> list[Pairs]:
-    """The rows of each group in which two members of the family, and no other unknown, have no value."""
+    """The rows of each group that two members of the family meet in, and no other unknown without a value."""
     found = []
     missing = np.isnan(situation.numbers)
     size, freedom = entry.unknown.size, entry.unknown.freedom
@@ -144,22 +143,22 @@ def _pairs(situation: Situation, entry: Entry) -> list[Pairs]:
 def _edge(pairs: Pairs, entry: Entry) -> Edge | None:
     """The measured motions: where the second member is when the first is the origin, and the residual vanishes."""
     count, freedom = len(pairs.lines), entry.unknown.freedom
-    origin = np.tile(_origin(entry), (count, 1))
-    motion = origin.copy()
+    start = np.tile(origin(entry), (count, 1))
+    motion = start.copy()
     with np.errstate(all="ignore"):
         for _ in range(NEWTON):
-            values, slopes = pairs.linearised(origin, motion, freedom)
+            values, slopes = pairs.linearised(start, motion, freedom)
             usable = finite(slopes, (1, 2)) & finite(values, 1)
             safe = np.where(usable[:, None, None], slopes, np.eye(freedom))
             usable &= np.abs(np.linalg.det(safe)) > 0
             if not bool(usable.all()):
                 return None
-            motion = _stepped(entry, motion, -np.linalg.solve(safe, values[..., None])[..., 0])
+            motion = stepped(entry, motion, -np.linalg.solve(safe, values[..., None])[..., 0])
             if float(np.abs(values).max()) <= SOLVED:
                 break
     generator = np.random.default_rng(0)
-    other = _stepped(entry, origin, generator.uniform(-1, 1, size=(count, freedom)))
-    left = np.abs(pairs.linearised(other, _product(entry, other, motion), freedom)[0]).max(axis=1)
+    other = stepped(entry, start, generator.uniform(-1, 1, size=(count, freedom)))
+    left = np.abs(pairs.linearised(other, product(entry, other, motion), freedom)[0]).max(axis=1)
     apart = np.abs(pairs.linearised(other, motion, freedom)[0]).max(axis=1)
     if not bool((left <= 1e-6 * (1.0 + apart)).all()):
         return None
@@ -172,77 +171,25 @@ def _composed(plan: Plan, subset: Indices) -> Floats:
     size = entry.unknown.size
     places = plan.candidate.places
     member = (places[:, 0] - entry.offset) // size
-    result = np.full((entry.members, size), np.nan)
-    result[member[0]] = _origin(entry)
-    back = _inverse(entry, edges.motion[subset])
+    result = plan.candidate.situation.numbers[entry.range].reshape(entry.members, size).copy()
+    known = np.flatnonzero(finite(result, 1))
+    if not len(known):
+        known = member[:1]
+        result[known] = origin(entry)
+    back = inverse(entry, edges.motion[subset])
     neighbours: dict[int, list[tuple[int, Floats]]] = {}
     for i, k in enumerate(subset):
         a, b = int(edges.first[k]), int(edges.second[k])
         neighbours.setdefault(a, []).append((b, edges.motion[k]))
         neighbours.setdefault(b, []).append((a, back[i]))
-    waiting = deque([int(member[0])])
+    waiting = deque(known.tolist())
     while waiting:
         here = waiting.popleft()
         for there, motion in neighbours.get(here, ()):
             if np.isnan(result[there, 0]):
-                result[there] = _product(entry, result[here : here + 1], motion[None])[0]
+                result[there] = product(entry, result[here : here + 1], motion[None])[0]
                 waiting.append(there)
     return result[member].ravel()
-
-
-def _origin(entry: Entry) -> Floats:
-    found = np.zeros(entry.unknown.size)
-    if entry.unknown.dimension == 3:
-        found[0] = 1.0
-    return found
-
-
-def _stepped(entry: Entry, numbers: Floats, step: Floats) -> Floats:
-    """Numbers (n, s) after steps (n, q) of their coordinates."""
-    result = numbers.copy()
-    for piece, number, coordinate in entry.unknown.manifold.spans():
-        if piece is Manifold.QUATERNION:
-            result[:, number : number + 4] = moved(piece, numbers[:, number : number + 4], step[:, coordinate : coordinate + 3])
-        else:
-            result[:, number] += step[:, coordinate]
-    return result
-
-
-def _product(entry: Entry, first: Floats, second: Floats) -> Floats:
-    """The motions (n, s) first ∘ second."""
-    if entry.unknown.dimension == 3:
-        q = hamilton(first[:, :4], second[:, :4])
-        shift = _rotated(first[:, :4], second[:, 4:]) + first[:, 4:] if second.shape[1] > 4 else second[:, 4:]
-        return np.hstack([q, shift])
-    c, s = np.cos(first[:, 0]), np.sin(first[:, 0])
-    result = np.empty_like(second)
-    result[:, 0] = np.remainder(first[:, 0] + second[:, 0] + np.pi, 2 * np.pi) - np.pi
-    if second.shape[1] > 1:
-        x, y = second[:, 1], second[:, 2]
-        result[:, 1], result[:, 2] = first[:, 1] + c * x - s * y, first[:, 2] + s * x + c * y
-    return result
-
-
-def _inverse(entry: Entry, numbers: Floats) -> Floats:
-    """The inverse motions (n, s)."""
-    result = numbers.copy()
-    if entry.unknown.dimension == 3:
-        result[:, 1:4] *= -1.0
-        if numbers.shape[1] > 4:
-            result[:, 4:] = -_rotated(result[:, :4], numbers[:, 4:])
-        return result
-    result[:, 0] *= -1.0
-    if numbers.shape[1] > 1:
-        c, s = np.cos(result[:, 0]), np.sin(result[:, 0])
-        result[:, 1] = -(c * numbers[:, 1] - s * numbers[:, 2])
-        result[:, 2] = -(s * numbers[:, 1] + c * numbers[:, 2])
-    return result
-
-
-def _rotated(q: Floats, v: Floats) -> Floats:
-    """Vectors (n, 3) turned by unit quaternions (n, 4)."""
-    twice = 2.0 * np.cross(q[:, 1:], v)
-    return np.asarray(v + q[:, :1] * twice + np.cross(q[:, 1:], twice))
 
 
 RELATIVE_POSES = RelativePoses()

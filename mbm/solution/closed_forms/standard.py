@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mbm.solution.closed_forms.intersection import INTERSECTION
 from mbm.solution.closed_forms.linear import LINEAR
+from mbm.solution.closed_forms.measured import MEASURED
 from mbm.solution.closed_forms.multilateration import MULTILATERATION
 from mbm.solution.closed_forms.planar_calibration import PLANAR_CALIBRATION
 from mbm.solution.closed_forms.pose_from_points import POSE_FROM_POINTS
@@ -18,5 +19,6 @@ STANDARD: tuple[ClosedForm, ...] = (
     POSE_FROM_POINTS,
     INTERSECTION,
     PLANAR_CALIBRATION,
+    MEASURED,
     RELATIVE_POSES,
 )

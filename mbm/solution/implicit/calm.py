@@ -11,8 +11,11 @@ from mbm.solution.types import Floats
 MOST = 8
 """Steps; where Newton's method goes well it needs three or four from the measured values."""
 
-LAST = 1e-8
-"""A step shorter than this, beside 1 + |u| standard deviations, is the last: its square is below rounding."""
+NEAR = 1e-2
+"""… if the last one was as short as this at least."""
+
+LAST = 1e-10
+"""The search is over where the next step would be shorter than this, beside 1 + |u| standard deviations."""
 
 
 def calm_feet(conditions: Conditions, start: Floats, multipliers: Floats) -> Feet | None:
@@ -27,9 +30,10 @@ def calm_feet(conditions: Conditions, start: Floats, multipliers: Floats) -> Fee
         size = float(np.abs(target - here).max(initial=0.0))
         if not size < 0.5 * last:
             return None
+        coming = size * (size / last) ** 2  # Newton's method converges quadratically
         here, last = target, size
         local = conditions.at(here, multipliers)
-        if size <= LAST * (1.0 + float(np.abs(here).max(initial=0.0))):
+        if coming <= LAST * (1.0 + float(np.abs(here).max(initial=0.0))) and size < NEAR:
             break
     else:
         return None

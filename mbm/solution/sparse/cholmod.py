@@ -67,8 +67,7 @@ def symbolic(keys: Indices, width: int, tree: Fronts) -> Symbolic | None:
     if not hasattr(cholmod, "analyze"):  # from scikit-sparse 0.5 on functions have other names
         return None
     columns, indices = np.divmod(keys, width)
-    pointers = np.searchsorted(columns, np.arange(width + 1)).astype(np.int32)
-    indices = indices.astype(np.int32)
+    pointers = np.asarray(np.searchsorted(columns, np.arange(width + 1)))
     matrix = _lower(np.ones(len(keys)), pointers, indices, width)
     return Symbolic(analysed=cholmod.analyze(matrix), pointers=pointers, indices=indices, tree=tree)
 
@@ -76,4 +75,4 @@ def symbolic(keys: Indices, width: int, tree: Fronts) -> Symbolic | None:
 def _lower(entries: Floats, pointers: Indices, indices: Indices, size: int) -> Any:
     from scipy.sparse import csc_matrix
 
-    return csc_matrix((entries, indices, pointers), shape=(size, size))
+    return csc_matrix((entries, indices.astype(np.int32), pointers.astype(np.int32)), shape=(size, size))
