@@ -11,7 +11,7 @@ import resource
 import subprocess
 import sys
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 
 from benchmarks.machine import machine, show
 
@@ -42,6 +42,7 @@ def run_one(name: str) -> dict[str, object]:
         "status": solve.status.name.lower(),
         "solve": solve.seconds,
         "whole": seconds,
+        "processor": process_time(),
         "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
 
@@ -68,10 +69,12 @@ def main() -> None:
                 one["status"],
                 f"{one['solve']:.2f}",
                 f"{one['whole']:.2f}",
+                f"{one['processor']:.2f}",
                 f"{one['memory']:.0f}",
             ]
         )
-    show(["problem", "unknowns", "Σr²", "iterations", "status", "solve, s", "with reading, s", "memory, MB"], lines)
+    heads = ["problem", "unknowns", "Σr²", "iterations", "status", "solve, s", "with reading, s", "processor, s"]
+    show([*heads, "memory, MB"], lines)
 
 
 if __name__ == "__main__":

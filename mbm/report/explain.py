@@ -10,6 +10,7 @@ from mbm.problem.builder import Elaborated
 from mbm.problem.kinds import ConstraintKind
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, NoiseKind, Problem, UncertainColumn, Unknown
+from mbm.report.robust import consensus_text, loss_text
 from mbm.solution.binding import EvaluationCache
 from mbm.solution.choice import chosen_solver
 from mbm.solution.closed_forms.types import ClosedForm
@@ -86,6 +87,8 @@ def _block(
     yield f"{word} {name}{over}"
     if block.role is not BlockRole.CONSTRAINT:
         yield f"  noise: {_noise(block)}"
+        if block.loss is not None:
+            yield f"  loss: {loss_text(block.loss)}"
         if block.errors:
             yield f"  errors in measured columns, corrected: {', '.join(map(_uncertain, block.errors))}"
     sign = "=" if block.constraint in (None, ConstraintKind.EQUAL) else _NOT_BELOW[latex]
@@ -160,6 +163,8 @@ def _solver(
     else:
         yield f"{_SOLVERS.get(choice.solver, choice.solver)}: {choice.reason}"
         yield f"start: {choice.start}"
+    if found.problem.request.robust is not None:
+        yield f"outliers: {consensus_text(found.problem.request.robust)}"
     if found.problem.request.for_each:
         yield f"one solve for each value of {', '.join(found.problem.request.for_each)}"
 

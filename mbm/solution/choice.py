@@ -77,6 +77,8 @@ def _reason(equations: Assembled, method: Method) -> str:
         return "measured columns have errors, whose corrections are eliminated"
     if sparse_suits(equations):
         return solved_how(equations)
+    if equations.lossy:
+        return "the loss makes the equations count for less the less they fit"
     if not equations.linear:
         return "the equations are not affine in the unknowns"
     if bool(equations.positive.any()):

@@ -84,9 +84,8 @@ def estimate(
     run = Weighing(problem, robust, settings, found)
     minimum, noise, factors = run.weighted()
     weighted = equations.with_factors(factors)
-    alternatives = found.alternatives
-    if factors is not robust.factors:
-        alternatives = reweighted(weighted, alternatives, settings, problem) if alternatives else ()
+    changed = factors is not robust.factors and bool(found.alternatives)
+    others = reweighted(weighted, found.alternatives, settings, problem) if changed else found.alternatives
     observed = _observed(equations, weighted, minimum, robust, settings)
     outcome = statistics(problem, equations, minimum, observed, noise, factors)
     propagation = Propagation(
@@ -94,6 +93,7 @@ def estimate(
     )
     derived, derived_covariance = propagation.all_derived()
     whole = weighted.everything().plain_residuals(minimum.point)
+    warnings = (*rivals(problem, minimum, others, outcome.fit, noise), *doubts(propagation, minimum, derived))
     return Solution(
         key=key,
         tables=tables,
@@ -107,7 +107,7 @@ def estimate(
         weights=unit_weights(weighted, whole),
         outliers=outliers(weighted, whole),
         robust_cost=robust_cost(weighted, minimum),
-        alternatives=alternatives,
+        alternatives=others,
         tally=found.tally,
         origin=found.origin,
         observability=observed,
@@ -128,8 +128,7 @@ def estimate(
             *robust.diagnostics,
             *_at_start(problem, tables, minimum, equations),
             *outcome.diagnostics,
-            *rivals(problem, minimum, alternatives, outcome.fit, noise),
-            *doubts(propagation, minimum, derived),
+            *warnings,
         ),
     )
 

@@ -25,7 +25,8 @@ DENSE_LIMIT = 200_000_000
 """Numbers in a dense Jacobian: 1.6 GB, and as much again while it is decomposed."""
 
 ROUGH = 20
-"""Iterations of a fit whose end is only a start."""
+ROUGHLY = 0.05
+"""Iterations and relative offset of a fit whose end is only a start."""
 
 METHODS: dict[Method, Solver] = {
     Method.MARQUARDT: MARQUARDT,
@@ -96,4 +97,5 @@ def _from(
 
 def _roughly(equations: Equations, start: Floats, settings: Settings) -> Floats:
     """Where a few iterations lead."""
-    return minimise(equations, start, replace(settings, max_iterations=min(ROUGH, settings.max_iterations))).point
+    short = replace(settings, max_iterations=min(ROUGH, settings.max_iterations), tolerance=ROUGHLY)
+    return minimise(equations, start, short).point

@@ -186,3 +186,16 @@ def test_none_is_least_squares(solve):
     found = solved(":sigma 0.1 :loss none", solve, **data)
     np.testing.assert_allclose(values(found), np.polyfit(data["x"], data["y"], 1)[::-1], atol=1e-10)
     assert found.robust_cost is None
+
+
+def test_the_explanation_names_loss_and_consensus():
+    text = """
+    (problem p
+      (data t (table (y) (1) (2) (3)))
+      (unknowns (a))
+      (observe t (= y a) :sigma 1 :loss (barron -1 2))
+      (solve :robust (ransac :threshold 2.5 :trials 7)))
+    """
+    explained = mbm.loads(text).explain()
+    assert "loss: barron with exponent -1, beyond 2 standard deviations" in explained
+    assert "outliers: RANSAC: as many measurements as possible, 7 trials, within 2.5 standard deviations" in explained

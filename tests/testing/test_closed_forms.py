@@ -34,13 +34,15 @@ def table(**columns: Floats) -> dict[str, object]:
 
 
 def _graph() -> ClosedFormSample:
-    """Four poses of the plane round a square of 2 m, each a quarter turn on; measured round, and once across."""
-    poses = np.array([[0.0, 0, 0], [np.pi / 2, 2, 0], [np.pi, 2, 2], [-np.pi / 2, 0, 2]])
+    """Four poses of the plane round a square of 2 m, each about a quarter turn on; measured round, and once across."""
+    poses = np.array([[0.0, 0, 0], [1.5, 2, 0], [3.0, 2, 2], [-1.5, 0, 2]])
     columns = {"a": [], "b": [], "dx": [], "dy": [], "turn": []}
     for a, b in ((0, 1), (1, 2), (3, 2), (0, 2)):
         c, s = np.cos(poses[a, 0]), np.sin(poses[a, 0])
         dx, dy = poses[b, 1:] - poses[a, 1:]
-        for name, number in zip(columns, (a, b, c * dx + s * dy, c * dy - s * dx, poses[b, 0] - poses[a, 0]), strict=True):
+        for name, number in zip(
+            columns, (a, b, c * dx + s * dy, c * dy - s * dx, poses[b, 0] - poses[a, 0]), strict=True
+        ):
             columns[name].append(float(number))
     return ClosedFormSample(
         text="""(problem p (data nodes (table (id) (0) (1) (2) (3)) :key id) (data d external)
@@ -140,7 +142,10 @@ SAMPLES: dict[str, tuple[ClosedForm, ClosedFormSample]] = {
               (observe d (= (pose3 (axis-angle [a b c]) [x y z]) T)))""",
             numbers={"T": np.array([*QUARTER, *PLACE])},
             data=table(
-                a=np.zeros(3), b=np.zeros(3), c=np.full(3, np.pi / 2), **{n: np.full(3, v) for n, v in zip("xyz", PLACE)}
+                a=np.zeros(3),
+                b=np.zeros(3),
+                c=np.full(3, np.pi / 2),
+                **{n: np.full(3, v) for n, v in zip("xyz", PLACE)},
             ),
         ),
     ),

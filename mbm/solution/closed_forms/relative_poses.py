@@ -122,7 +122,8 @@ def _pairs(situation: Situation, entry: Entry) -> list[Pairs]:
              for s in kernel.tangents]
         )  # fmt: skip
         numbers = [
-            (group.index[:, next(j for j, r in enumerate(roles) if r >= 0 and r // size == which)] - entry.offset) // size
+            (group.index[:, next(j for j, r in enumerate(roles) if r >= 0 and r // size == which)] - entry.offset)
+            // size
             for which in (0, 1)
         ]
         lines = np.flatnonzero(numbers[0] != numbers[1])

@@ -30,7 +30,7 @@ def calm_feet(conditions: Conditions, start: Floats, multipliers: Floats) -> Fee
         size = float(np.abs(target - here).max(initial=0.0))
         if not size < 0.5 * last:
             return None
-        coming = size * (size / last) ** 2  # Newton's method converges quadratically
+        coming = size * (size / last) ** 2 if last < np.inf else size  # Newton's method converges quadratically
         here, last = target, size
         local = conditions.at(here, multipliers)
         if coming <= LAST * (1.0 + float(np.abs(here).max(initial=0.0))) and size < NEAR:
