@@ -24,12 +24,14 @@ def free_directions(solution: Solution, names: tuple[str, ...]) -> tuple[FreeDir
 
 
 def _whole(solution: Solution) -> list[FreeDirection]:
-    """The common motions, where they are not among the combinations: coefficients of all unknowns would say nothing."""
-    if solution.observability.inverse is None or solution.observability.datum:
+    """The common motions of a scene, which no combination is: coefficients of all unknowns would say nothing."""
+    found = solution.observability
+    if found.datum:
         return []
     return [
         FreeDirection(sentence=common.sentence, unknowns=common.unknowns, coefficients={})
-        for common in common_directions(solution)
+        for motion, common in zip(found.gauge, common_directions(solution), strict=True)
+        if not motion.numbers
     ]
 
 
@@ -57,11 +59,15 @@ def _common(motion: GaugeMotion, *, settled: bool) -> CommonDirection:
     if motion.axes:
         which = " and ".join(_AXES[axis] for axis in motion.axes)
         along = f" {'along' if motion.motion is CommonMotion.TRANSLATION else 'about'} {which}"
-    sentence = f"the whole scene ({listed(list(motion.unknowns))}) may {_MOTIONS[motion.motion]}{along}: "
+    subject, mend = f"the whole scene ({listed(list(motion.unknowns))})", _MENDS[motion.motion]
+    if motion.numbers:
+        subject, mend = f"all of {listed(list(motion.unknowns))}", "fix one of them"
+        along = " by one amount"
+    sentence = f"{subject} may {_MOTIONS[motion.motion]}{along}: "
     if settled:
         sentence += "it is held by the minimum-norm datum"
     else:
-        sentence += f"{_MENDS[motion.motion]} (`:fixed` or a prior), or take the minimum-norm datum (`:gauge free`)"
+        sentence += f"{mend} (`:fixed` or a prior), or take the minimum-norm datum (`:gauge free`)"
     return CommonDirection(
         sentence=sentence, motion=motion.motion.value, dimensions=motion.dimensions, unknowns=motion.unknowns
     )

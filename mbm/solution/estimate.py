@@ -25,7 +25,7 @@ from mbm.solution.observability import observed_at
 from mbm.solution.plausibility import doubts
 from mbm.solution.rivals import rivals
 from mbm.solution.robust.preparation import Prepared, outliers, prepared, robust_cost, unit_weights
-from mbm.solution.search import reweighted, search
+from mbm.solution.search import search
 from mbm.solution.settings import Settings
 from mbm.solution.solution import Solution
 from mbm.solution.statistics import statistics
@@ -36,7 +36,7 @@ from mbm.solution.types import (
     Observability,
     Reason,
 )
-from mbm.solution.weighing import Weighing
+from mbm.solution.weighing import reached
 from mbm.text.types import Diagnostic
 
 
@@ -81,19 +81,16 @@ def estimate(
     equations = robust.equations.with_factors(robust.factors)
     found = search(equations, robust.starts, settings, problem, derived_agreement(problem, binder, kernels))
     found = challenged(equations, settings, found, problem, cache, many=bool(key))
-    run = Weighing(problem, robust, settings, found)
-    minimum, noise, factors = run.weighted()
-    weighted = equations.with_factors(factors)
-    changed = factors is not robust.factors and bool(found.alternatives)
-    others = reweighted(weighted, found.alternatives, settings, problem) if changed else found.alternatives
+    end = reached(problem, robust, settings, found)
+    minimum, weighted = end.minimum, end.equations
     observed = _observed(equations, weighted, minimum, robust, settings)
-    outcome = statistics(problem, equations, minimum, observed, noise, factors)
+    outcome = statistics(problem, equations, minimum, observed, end.noise, end.factors)
     propagation = Propagation(
         problem=problem, kernels=kernels, binder=binder, equations=weighted, numbers=minimum.point, outcome=outcome
     )
     derived, derived_covariance = propagation.all_derived()
     whole = weighted.everything().plain_residuals(minimum.point)
-    warnings = (*rivals(problem, minimum, others, outcome.fit, noise), *doubts(propagation, minimum, derived))
+    warnings = (*rivals(problem, minimum, end.others, outcome.fit, end.noise), *doubts(propagation, minimum, derived))
     return Solution(
         key=key,
         tables=tables,
@@ -107,7 +104,7 @@ def estimate(
         weights=unit_weights(weighted, whole),
         outliers=outliers(weighted, whole),
         robust_cost=robust_cost(weighted, minimum),
-        alternatives=others,
+        alternatives=end.others,
         tally=found.tally,
         origin=found.origin,
         observability=observed,
@@ -115,14 +112,14 @@ def estimate(
         derived_covariance=derived_covariance,
         derived=derived,
         fit=outcome.fit,
-        noise=noise,
-        factors=factors,
+        noise=end.noise,
+        factors=end.factors,
         sigma_known=outcome.sigma_known,
         unused=_unused(equations),
         corrections=() if weighted.implicit is None else weighted.implicit.corrected(minimum.point),
         method=solver_name(equations, settings),
-        iterations=run.iterations,
-        evaluations=run.evaluations,
+        iterations=end.iterations,
+        evaluations=end.evaluations,
         seconds=time.perf_counter() - began,
         diagnostics=(
             *robust.diagnostics,

@@ -1,8 +1,9 @@
 """Free directions that are motions of everything at once: named, and settled by the minimum-norm datum if asked.
 
 Coordinates of points and poses mean something beside each other only: no equation between them notices if all are
-shifted, turned or (for directions alone) enlarged together. Such motions are made for the geometric unknowns there are
-and looked for in the null space of the Jacobian; unknowns of any other kind may take part without being understood.
+shifted, turned or (for directions alone) enlarged together; heights and clock readings beside each other only, if all
+are shifted. Such motions are made for the unknowns there are and looked for in the null space of the Jacobian; unknowns
+of any other kind may take part without being understood.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from mbm.problem.types import Gauge, UnknownKind
 from mbm.solution.freedom import free_combinations
 from mbm.solution.layout import Entry, Layout
-from mbm.solution.manifolds import matrix_of_quaternion
+from mbm.solution.manifolds import matrix_of_quaternion, tangent_axes
 from mbm.solution.sparse.observability import touched_by
 from mbm.solution.types import CommonMotion, Floats, GaugeMotion, Indices, Observability
 
@@ -30,11 +31,14 @@ SAID = 20
 """Free directions of very large problems that are put into words."""
 
 POSES = (UnknownKind.POSE, UnknownKind.SIMILARITY)
+ORIENTED = (*POSES, UnknownKind.ROTATION)
+NUMBERS = (UnknownKind.REAL, UnknownKind.ANGLE)
+LINE = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Scene:
-    """Geometric unknowns of one space; ``inverse``: their poses lead from the scene to something, not into it."""
+    """Unknowns of one space; ``inverse``: their poses lead from the scene to something, not into it."""
 
     entries: tuple[Entry, ...]
     dimension: int
@@ -48,22 +52,18 @@ def with_gauge(observed: Observability, layout: Layout, free: Indices, numbers: 
     in the datum in which their corrections have the least norm (in column-scaled coordinates).
     """
     directions, spare = _moving(observed)
-    found: list[GaugeMotion] = []
-    settled = 0
-    while directions.shape[1]:
-        each = [_recognised(observed, scene, layout, free, numbers, directions) for scene in _scenes(layout)]
-        motions, left, taken = max(each, key=lambda one: one[2], default=([], directions, 0))
-        if not taken:
-            break
-        found.extend(motions)
-        directions = left
-        settled += taken
-    if not found and observed.inverse is None:
+    found, left = _settled(observed, layout, free, numbers, directions, (3, 2))
+    numbered, rest = _settled(observed, layout, free, numbers, left, (LINE,))
+    if not found and not numbered and observed.inverse is None:
         return observed
     point = np.where(layout.number[free] >= 0, numbers[layout.number[free]], 0.0)
     combinations = observed.combinations
     if observed.inverse is not None:
-        combinations = (*combinations, *free_combinations(directions[:, :SAID], observed.scale, point))
+        combinations = (*combinations, *free_combinations(left[:, :SAID], observed.scale, point))
+    elif found:
+        combinations = free_combinations(left, observed.scale, point)
+    settled = directions.shape[1] - rest.shape[1]
+    found, directions = [*found, *numbered], rest
     if gauge is not Gauge.FREE:
         return replace(observed, gauge=tuple(found), combinations=combinations)
     if observed.inverse is None:
@@ -82,6 +82,27 @@ def with_gauge(observed: Observability, layout: Layout, free: Indices, numbers: 
     )
 
 
+def _settled(
+    observed: Observability,
+    layout: Layout,
+    free: Indices,
+    numbers: Floats,
+    directions: Floats,
+    dimensions: tuple[int, ...],
+) -> tuple[list[GaugeMotion], Floats]:
+    """The common motions of scenes of these dimensions among the ``directions`` (n, k), and the directions left."""
+    found: list[GaugeMotion] = []
+    while directions.shape[1]:
+        scenes = list(_scenes(layout, dimensions))
+        each = [_recognised(observed, scene, layout, free, numbers, directions) for scene in scenes]
+        motions, left, taken = max(each, key=lambda one: one[2], default=([], directions, 0))
+        if not taken:
+            break
+        found.extend(motions)
+        directions = left
+    return found, directions
+
+
 def _moving(observed: Observability) -> tuple[Floats, Floats]:
     """The null space (n, k) without the coordinates that nothing depends on, and with those alone."""
     if observed.inverse is not None:
@@ -90,30 +111,31 @@ def _moving(observed: Observability) -> tuple[Floats, Floats]:
     return observed.null_space[:, spare:], observed.null_space[:, :spare]
 
 
-def _scenes(layout: Layout) -> Iterator[_Scene]:
+def _scenes(layout: Layout, dimensions: tuple[int, ...]) -> Iterator[_Scene]:
     """All geometric unknowns of a space together, then each family by itself, its poses either way round."""
-    for dimension in (3, 2):
+    for dimension in dimensions:
         entries = tuple(e for e in layout.entries if _space(e) == dimension)
-        if sum(e.members for e in entries) < 2:
-            continue
-        yield _Scene(entries=entries, dimension=dimension, inverse=False)
+        if dimension != LINE and sum(e.members for e in entries) >= 2:
+            yield _Scene(entries=entries, dimension=dimension, inverse=False)
         for entry in sorted(entries, key=lambda e: -e.members):
             if entry.members < 2:
                 continue
-            if len(entries) > 1:
+            if len(entries) > 1 or dimension == LINE:
                 yield _Scene(entries=(entry,), dimension=dimension, inverse=False)
-            if entry.unknown.kind in POSES:
+            if entry.unknown.kind in ORIENTED:
                 yield _Scene(entries=(entry,), dimension=dimension, inverse=True)
 
 
 def _space(entry: Entry) -> int:
-    """2 or 3 for points and poses, 0 for anything else."""
+    """2 or 3 for points, poses, rotations and directions, 1 for families of numbers, 0 for anything else."""
     unknown = entry.unknown
-    if unknown.kind in POSES:
+    if unknown.kind in ORIENTED:
         return unknown.dimension
+    if unknown.kind is UnknownKind.DIRECTION:
+        return 3
     if unknown.kind is UnknownKind.VECTOR and unknown.shape in ((2,), (3,)):
         return unknown.shape[0]
-    return 0
+    return LINE if unknown.kind in NUMBERS and entry.keys is not None else 0
 
 
 def _recognised(
@@ -129,9 +151,10 @@ def _recognised(
     every = every * observed.scale[lines, None]
     length = np.sqrt(np.square(every).sum(axis=0))
     part = directions[lines]
-    if not len(lines) or not bool((length > 0.0).all()):
+    moving = length > 0.0
+    if not len(lines) or not bool(moving.any()):
         return [], directions, 0
-    basis, triangle = np.linalg.qr(every / length)
+    basis, triangle = np.linalg.qr(every[:, moving] / length[moving])
     left, singular, right = np.linalg.svd(part, full_matrices=False)
     kept = singular > INDEPENDENT
     inside = left[:, kept]
@@ -141,7 +164,8 @@ def _recognised(
     shared = basis @ turned[missed <= WITHIN].T
     if not shared.shape[1]:
         return [], directions, 0
-    weights = np.linalg.lstsq(triangle, basis.T @ shared, rcond=None)[0]
+    weights = np.zeros((len(length), shared.shape[1]))
+    weights[moving] = np.linalg.lstsq(triangle, basis.T @ shared, rcond=None)[0]
     chosen = right[kept].T @ ((inside.T @ shared) / singular[kept, None])
     names = _names(layout, free, directions @ chosen)
     rest = np.linalg.svd(chosen, full_matrices=True)[0][:, chosen.shape[1] :]
@@ -158,6 +182,8 @@ def _names(layout: Layout, free: Indices, moving: Floats) -> tuple[str, ...]:
 def _motions(entry: Entry, scene: _Scene, numbers: Floats) -> Floats:
     """Steps of an unknown's coordinates (members · freedom, q) under the q motions: shifts, turns, growth."""
     unknown, d = entry.unknown, scene.dimension
+    if d == LINE:
+        return np.ones((entry.members, 1))
     values = numbers[entry.range].reshape(entry.members, unknown.size)
     turns = 3 if d == 3 else 1
     steps = np.zeros((entry.members, unknown.freedom, d + turns + 1))
@@ -166,16 +192,21 @@ def _motions(entry: Entry, scene: _Scene, numbers: Floats) -> Floats:
         steps[:, :, d : d + turns] = _turned(values)
         steps[:, :, -1] = values
         return steps.reshape(-1, steps.shape[2])
+    if unknown.kind is UnknownKind.DIRECTION:
+        steps[:, :, d : d + turns] = np.stack(tangent_axes(values), axis=1) @ _turned(values)
+        return steps.reshape(-1, steps.shape[2])
     held = 4 if d == 3 else 1
     position = values[:, held : held + d]
     rotation = matrix_of_quaternion(values[:, :4]) if d == 3 else _plane_rotations(values[:, 0])
     place = slice(turns, turns + d)
     if scene.inverse:
-        steps[:, place, :d] = -rotation
         steps[:, :turns, d : d + turns] = -np.eye(turns)
     else:
-        steps[:, place, :d] = np.eye(d)
         steps[:, :turns, d : d + turns] = rotation.transpose(0, 2, 1) if d == 3 else 1.0
+    if unknown.kind is UnknownKind.ROTATION:
+        return steps.reshape(-1, steps.shape[2])
+    steps[:, place, :d] = -rotation if scene.inverse else np.eye(d)
+    if not scene.inverse:
         steps[:, place, d : d + turns] = _turned(position)
     steps[:, place, -1] = position
     if unknown.kind is UnknownKind.SIMILARITY:
@@ -202,6 +233,9 @@ def _turned(points: Floats) -> Floats:
 def _named(weights: Floats, d: int, names: tuple[str, ...]) -> Iterator[GaugeMotion]:
     """What the motions with these weights (q, k) are: shifts first, then what turns, then what grows."""
     count = weights.shape[1]
+    if d == LINE:
+        yield GaugeMotion(motion=CommonMotion.TRANSLATION, dimensions=count, unknowns=names, numbers=True)
+        return
     turning, growing = weights[d:-1], weights[-1:]
     grow = _rank(growing)
     beside = _rank(weights[d:])

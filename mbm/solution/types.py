@@ -273,13 +273,14 @@ class GaugeMotion:
     """A motion of the whole scene that no equation notices, in ``dimensions`` directions; ``unknowns`` take part.
 
     ``axes`` are the directions where not all of them are free: the coordinate axes (from 0) of a translation, or the
-    axis of a rotation.
+    axis of a rotation. ``numbers``: a family of numbers that shift by one amount, no scene.
     """
 
     motion: CommonMotion
     dimensions: int
     unknowns: tuple[str, ...]
     axes: tuple[int, ...] = ()
+    numbers: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

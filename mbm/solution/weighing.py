@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbm.problem.types import Problem
-from mbm.solution.assembly import block_rows
+from mbm.solution.assembly import Assembled, block_rows
 from mbm.solution.minimise import minimise
 from mbm.solution.observability import observed_at
 from mbm.solution.robust.preparation import Prepared
-from mbm.solution.search import Found
+from mbm.solution.search import Alternative, Found, reweighted
 from mbm.solution.settings import Settings
 from mbm.solution.stationary import without_stationary
 from mbm.solution.types import Floats, Minimum, Noise, Observability
@@ -22,7 +22,40 @@ REWEIGHTED_ITERATIONS = 500
 """Iterations that the rounds of the variance components may take together; those left over get one each."""
 
 
-class Weighing:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Reached:
+    """The minimum with the final weights, and the equations with them; ``factors`` (all residuals,), None: all 1.
+
+    ``noise`` has the factor of each block whose noise is unknown; ``others`` are the other minima with these weights.
+    """
+
+    minimum: Minimum
+    noise: Mapping[int, Noise]
+    factors: Floats | None
+    equations: Assembled
+    others: tuple[Alternative, ...]
+    iterations: int
+    evaluations: int
+
+
+def reached(problem: Problem, robust: Prepared, settings: Settings, found: Found) -> Reached:
+    """From the minimum with the noise as stated to that with the noise as it is."""
+    run = _Weighing(problem, robust, settings, found)
+    minimum, noise, factors = run.weighted()
+    equations = robust.equations.with_factors(factors)
+    changed = factors is not robust.factors and bool(found.alternatives)
+    return Reached(
+        minimum=minimum,
+        noise=noise,
+        factors=factors,
+        equations=equations,
+        others=reweighted(equations, found.alternatives, settings, problem) if changed else found.alternatives,
+        iterations=run.iterations,
+        evaluations=run.evaluations,
+    )
+
+
+class _Weighing:
     """Minimisations of one data set, again for each round of the variance components; counts the work.
 
     ``found`` is the minimum with the noise as stated.

@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import mbm
+from mbm.cli.main import run
 
 LINE = """
 (problem line
@@ -188,14 +189,24 @@ def test_none_is_least_squares(solve):
     assert found.robust_cost is None
 
 
-def test_the_explanation_names_loss_and_consensus():
-    text = """
-    (problem p
-      (data t (table (y) (1) (2) (3)))
-      (unknowns (a))
-      (observe t (= y a) :sigma 1 :loss (barron -1 2))
-      (solve :robust (ransac :threshold 2.5 :trials 7)))
-    """
-    explained = mbm.loads(text).explain()
+def test_the_explanation_names_loss_and_consensus(tmp_path, capsys):
+    path = tmp_path / "p.mbm"
+    path.write_text(
+        "(problem p (data t (table (y) (1) (2) (3))) (unknowns (a))\n"
+        "  (observe t (= y a) :sigma 1 :loss (barron -1 2)) (solve :robust (ransac :threshold 2.5 :trials 7)))"
+    )
+    assert run(["explain", str(path)]) == 0
+    explained = capsys.readouterr().out
     assert "loss: barron with exponent -1, beyond 2 standard deviations" in explained
     assert "outliers: RANSAC: as many measurements as possible, 7 trials, within 2.5 standard deviations" in explained
+
+
+def test_a_loss_so_wide_that_it_does_nothing_gives_least_squares():
+    """The sandwich of least squares is s² (JᵀJ)⁻¹ with s² = SSE/(n − p)."""
+    data, _ = line(np.random.default_rng(8), outliers=0)
+    solve = solved(":sigma 0.1 :loss (huber 1e6)", **data)
+    design = np.column_stack([np.ones(30), data["x"]])
+    expected, squares, *_ = np.linalg.lstsq(design, data["y"], rcond=None)
+    covariance = float(squares[0]) / 28 * np.linalg.inv(design.T @ design)
+    np.testing.assert_allclose(values(solve), expected, atol=1e-9)
+    np.testing.assert_allclose(solve.covariance.matrix, covariance, rtol=1e-8)

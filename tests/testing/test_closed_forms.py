@@ -145,7 +145,7 @@ SAMPLES: dict[str, tuple[ClosedForm, ClosedFormSample]] = {
                 a=np.zeros(3),
                 b=np.zeros(3),
                 c=np.full(3, np.pi / 2),
-                **{n: np.full(3, v) for n, v in zip("xyz", PLACE)},
+                **{n: np.full(3, v) for n, v in zip("xyz", PLACE, strict=True)},
             ),
         ),
     ),

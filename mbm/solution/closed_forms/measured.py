@@ -1,4 +1,4 @@
-"""Rotations, poses, similarities and directions that are themselves measured: the value at which the residual vanishes."""
+"""Rotations, poses, similarities, directions that are themselves measured: the value at which a residual vanishes."""
 
 from __future__ import annotations
 

@@ -158,7 +158,7 @@ def _edge(pairs: Pairs, entry: Entry) -> Edge | None:
             if float(np.abs(values).max()) <= SOLVED:
                 break
     generator = np.random.default_rng(0)
-    other = stepped(entry, start, generator.uniform(-1, 1, size=(count, freedom)))
+    other = stepped(entry, start, np.asarray(generator.uniform(-1.0, 1.0, size=(count, freedom)), dtype=np.float64))
     left = np.abs(pairs.linearised(other, product(entry, other, motion), freedom)[0]).max(axis=1)
     apart = np.abs(pairs.linearised(other, motion, freedom)[0]).max(axis=1)
     if not bool((left <= 1e-6 * (1.0 + apart)).all()):
