@@ -71,9 +71,7 @@ def estimate(
 ) -> Solution:
     """Solve one data set; ``last`` is the solution of the window before, whose estimates may be the better start.
 
-    Raises:
-        MbmError: it cannot be set up, or no start is known and none can be found.
-
+    Raises MbmError: it cannot be set up, or no start is known and none can be found.
     """
     began = time.perf_counter()
     equations, binder = assemble(problem, kernels, tables, starts, cache)

@@ -30,7 +30,7 @@ KEPT = 24
 """How many of them, those that fit best, are started from."""
 
 LARGE, FEW = 20_000, 3
-"""Numbers in the Jacobian from which so few are kept: beyond, each start takes long, and many rarely help."""
+"""Numbers in the Jacobian from which so few are kept, as where measured values are corrected: each start takes long."""
 
 DIRECT_SEARCH = 30_000
 """Random points of `:method direct-search`: in Nishida's room 99 % of searches then see a point within 10 cm."""
@@ -159,7 +159,8 @@ def _random(
         with np.errstate(all="ignore"):
             points = np.stack([solved_linearly(equations, point, linear) for point in points])
     found = costs(equations, points)
-    kept = KEPT if equations.count * equations.dimension <= LARGE else FEW
+    slow = equations.count * equations.dimension > LARGE or equations.implicit is not None
+    kept = FEW if slow else KEPT
     order = [i for i in np.argsort(found, kind="stable")[:kept] if np.isfinite(found[i])]
     if not order:
         _refuse(equations.layout, missing)

@@ -138,8 +138,9 @@ class Rows:
 class Candidate:
     """Unknowns that are determined together, once for each of K members.
 
-    ``paired``: the members of one family, which rows mention two at a time; they have no lines. ``places`` (K, s) are the places of their numbers among all, unknown by unknown; ``coordinates`` (K, q) those of
+    ``places`` (K, s) are the places of their numbers among all, unknown by unknown; ``coordinates`` (K, q) those of
     their coordinates. ``lines`` holds the rows of each group that mention no other unknown number, with their member.
+    ``paired``: these are the members of one family, which rows mention two at a time; they have no lines.
     """
 
     situation: Situation = field(repr=False)

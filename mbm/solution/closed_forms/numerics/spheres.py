@@ -20,7 +20,8 @@ def positions(stations: Floats, squares: Floats, weights: Floats | None = None) 
     ``stations`` (…, n, d), ``squares`` (…, n), ``weights`` (…, n); d = 2 or 3. First, differences to the mean equation,
     which are linear in p (Nishida et al., eqs 6–11, with all stations as reference). Where the stations lie in a plane
     (on a line in two dimensions), or nearly so, the coordinate across it follows from the mean of the squares, with two
-    signs: the second (below, seen along the axis that grows most) and third positions. Three stations in space, two in the plane, are such a case.
+    signs: the second (below, seen along the axis that grows most) and third positions. Three stations in space, two in
+    the plane, are such a case.
     """
     w = np.ones(squares.shape) if weights is None else weights
     w = w / w.sum(axis=-1, keepdims=True)
