@@ -260,9 +260,11 @@ def missing_units(
         pure = unknown.kind in (UnknownKind.ANGLE, UnknownKind.ROTATION, UnknownKind.DIRECTION)
         if unknown.unit is None and not pure:
             found["unknown", unknown.name] = faults.missing_unit(unknown.span, f"the unknown `{unknown.name}`")
-    equations = [e for block in blocks for case in block.cases for e in case.equations]
-    for equation in equations:
-        for leaf in leaves((*equation.components, *equation.noise)):
+    forms = [(*e.components, *e.noise) for block in blocks for case in block.cases for e in case.equations]
+    sigmas = [error.sigma for block in blocks for error in block.errors if error.sigma is not None]
+    forms += [case.values for sigma in sigmas for case in sigma.cases]
+    for form in forms:
+        for leaf in leaves(form):
             column = tables[leaf.table].columns.get(leaf.name) if isinstance(leaf, Column) else None
             if isinstance(leaf, Column) and column is not None and column.unit is None:
                 fault = faults.missing_unit(leaf.span, f"column `{leaf.name}`")

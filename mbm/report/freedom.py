@@ -24,9 +24,10 @@ def free_directions(solution: Solution, names: tuple[str, ...]) -> tuple[FreeDir
 
 
 def _whole(solution: Solution) -> list[FreeDirection]:
-    """The common motions of a scene, which no combination is: coefficients of all unknowns would say nothing."""
+    """The common motions of a scene, where they are not among the combinations: coefficients of turns say nothing."""
     found = solution.observability
-    if found.datum:
+    turning = any(motion.motion is CommonMotion.ROTATION for motion in found.gauge)
+    if found.datum or (found.inverse is None and not turning):
         return []
     return [
         FreeDirection(sentence=common.sentence, unknowns=common.unknowns, coefficients={})

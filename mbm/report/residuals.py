@@ -74,7 +74,7 @@ def _used_rows(solution: Solution, group: Group) -> int:
     if solution.weights is None:
         return group.rows
     lines = solution.weights[group.first : group.first + group.count]
-    return int((lines.reshape(group.rows, -1) > 0.0).any(axis=1).sum())
+    return int((lines.reshape(group.rows, group.kernel.outputs) > 0.0).any(axis=1).sum())
 
 
 def _outlier_positions(solution: Solution, owner: int) -> list[int]:
@@ -84,7 +84,7 @@ def _outlier_positions(solution: Solution, owner: int) -> list[int]:
         if solution.outliers is None or group.kernel.owner != owner:
             continue
         lines = solution.outliers[group.first : group.first + group.count]
-        bad = np.flatnonzero(lines.reshape(group.rows, -1).any(axis=1))
+        bad = np.flatnonzero(lines.reshape(group.rows, group.kernel.outputs).any(axis=1))
         found.extend([0] * len(bad) if group.positions is None else group.positions[bad].tolist())
     return found
 

@@ -8,7 +8,7 @@ from mbm.solution.assembly import Assembled
 from mbm.solution.layout import Layout
 from mbm.solution.settings import Settings
 from mbm.solution.solution import Solution
-from mbm.solution.starting import Beginning, beginnings
+from mbm.solution.starting import Beginning, beginnings, with_idle_ones
 from mbm.solution.types import Floats
 from mbm.text.types import MbmError
 
@@ -30,7 +30,7 @@ def carried_beginnings(equations: Assembled, settings: Settings, last: Solution 
     """
     if last is None:
         return beginnings(equations, settings)
-    point = carried(equations.layout, last)
+    point = with_idle_ones(equations, carried(equations.layout, last))
     usable = bool(np.isfinite(point).all())
     start = Beginning(point=point, origin=ORIGIN)
     if usable and _is_expected(equations, settings, last, point):

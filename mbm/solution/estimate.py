@@ -83,8 +83,9 @@ def estimate(
     minimum, weighted = end.minimum, end.equations
     observed = _observed(equations, weighted, minimum, robust, settings)
     outcome = statistics(problem, equations, minimum, observed, end.noise, end.factors)
+    numbers = _known(equations, minimum.point)
     propagation = Propagation(
-        problem=problem, kernels=kernels, binder=binder, equations=weighted, numbers=minimum.point, outcome=outcome
+        problem=problem, kernels=kernels, binder=binder, equations=weighted, numbers=numbers, outcome=outcome
     )
     derived, derived_covariance = propagation.all_derived()
     whole = weighted.everything().plain_residuals(minimum.point)
@@ -95,7 +96,7 @@ def estimate(
         layout=equations.layout,
         groups=equations.groups,
         constraints=equations.constraints,
-        numbers=minimum.point,
+        numbers=numbers,
         free=equations.free,
         minimum=minimum if robust.agreed else replace(minimum, reason=Reason.NO_AGREEMENT),
         residuals=whole,
@@ -144,6 +145,21 @@ def _unused(equations: Assembled) -> Indices:
     return np.flatnonzero(~used & ~layout.fixed)
 
 
+def _known(equations: Assembled, numbers: Floats) -> Floats:
+    """``numbers`` (N,) with NaN for what has neither a start nor an equation: the place it was put in says nothing."""
+    layout = equations.layout
+    idle = np.isnan(layout.start)
+    if not bool(idle.any()):
+        return numbers
+    moved = np.zeros(len(layout.number), dtype=bool)
+    moved[_unused(equations)] = True
+    unused = np.zeros(len(numbers), dtype=bool)
+    unused[layout.number[moved & (layout.number >= 0)]] = True
+    for curved in layout.curved:
+        unused[curved.numbers[moved[curved.coordinates].all(axis=1)]] = True
+    return np.where(idle & unused, np.nan, numbers)
+
+
 def _at_start(
     problem: Problem, tables: Mapping[str, Table], minimum: Minimum, equations: Assembled
 ) -> tuple[Diagnostic, ...]:
@@ -160,5 +176,7 @@ def _at_start(
             place = None
             if table is not None and group.positions is not None:
                 place = tables[table].place(int(group.positions[row]))
-            return (faults.not_finite_at_start(group.kernel.span, group.kernel.name, place),)
+            corrected = group.kernel.corrections is not None
+            fault = faults.no_corrections_at_start if corrected else faults.not_finite_at_start
+            return (fault(group.kernel.span, group.kernel.name, place),)
     return ()

@@ -19,8 +19,9 @@ NO_UNKNOWNS = Code(
 )
 TOO_MANY_UNKNOWNS = Code(
     "too-many-unknowns",
-    "The Jacobian is held as a dense matrix here, and this one would not fit in the memory it may take.",
-    "Solve in parts (`for-each`, `window`), or fix or drop unknowns.",
+    "The Jacobian is held as a dense matrix where equations touch many of the unknowns, with constraints, `:errors`, and "
+    "methods other than `auto` and `lm`; this one would not fit in the memory it may take.",
+    "Use `:method auto`, solve in parts (`for-each`, `window`), or fix or drop unknowns.",
 )
 NO_CLOSED_FORM = Code(
     "no-closed-form",
@@ -37,6 +38,11 @@ NOT_FINITE_AT_START = Code(
     "not-finite-at-start",
     "An equation has no finite value at the initial values: a logarithm of a negative number, a division by zero.",
     "Give other initial values with `:init`, or bounds with `:in`.",
+)
+NO_CORRECTIONS_AT_START = Code(
+    "no-corrections-at-start",
+    "At the initial values no corrections of the measured values that have errors make an equation hold.",
+    "Give initial values nearer to the solution, or `:sigma`, noise of the equation itself.",
 )
 NOISE_NOT_ESTIMATED = Code(
     "noise-not-estimated",
@@ -128,6 +134,18 @@ def not_finite_at_start(span: Span, name: str, place: Place | None) -> Diagnosti
         place=span,
         labels=(Label(place, "for this row"),) if place is not None else (),
         hint=NOT_FINITE_AT_START.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def no_corrections_at_start(span: Span, name: str, place: Place | None) -> Diagnostic:
+    """An equation that corrections of its measured values cannot meet."""
+    return Diagnostic(
+        code=NO_CORRECTIONS_AT_START,
+        message=f"no corrections of the measured values meet an equation of `{name}` at the initial values",
+        place=span,
+        labels=(Label(place, "for this row"),) if place is not None else (),
+        hint=NO_CORRECTIONS_AT_START.mend,
         severity=Severity.WARNING,
     )
 

@@ -60,7 +60,7 @@ def with_gauge(observed: Observability, layout: Layout, free: Indices, numbers: 
     combinations = observed.combinations
     if observed.inverse is not None:
         combinations = (*combinations, *free_combinations(left[:, :SAID], observed.scale, point))
-    elif found:
+    elif any(motion.motion is CommonMotion.ROTATION for motion in found):
         combinations = free_combinations(left, observed.scale, point)
     settled = directions.shape[1] - rest.shape[1]
     found, directions = [*found, *numbered], rest

@@ -45,7 +45,8 @@ def solutions(
     """The solves that the problem's ``for-each`` and ``window`` ask for; one without them.
 
     One of several solves that cannot be set up is a ``Failure``, and the others go on. A window starts from the last
-    one where that is better; one with too few rows is ``Skipped``. An ``interruption`` ends the solve at work, and makes no further ones.
+    one where that is better; one with too few rows is ``Skipped``. An ``interruption`` ends the solve at work, and
+    makes no further ones.
 
     Raises:
         MbmError: the only solve cannot be set up.

@@ -18,7 +18,10 @@ from mbm.solution.windows import Windows, windows
 from mbm.text.types import MbmError
 
 MAXIMUM_SOLVES = 1_000_000
-"""Combinations of keys from different tables, and windows, that are tried; rows that have all keys are not limited."""
+"""Combinations of keys from different tables that are tried; rows of one table that has all columns are not limited."""
+
+MAXIMUM_WINDOWS = 100_000
+"""Windows that are tried: more than anybody looks at, and a slip in the step shows at once."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,8 +55,8 @@ def selections(problem: Problem, tables: Mapping[str, Table]) -> tuple[int, Iter
         return len(chosen), made
     slid = [(key, windows(problem, window, base, rows)) for key, rows in chosen]
     count = sum(each.count for _, each in slid)
-    if count > MAXIMUM_SOLVES:
-        raise MbmError(faults.too_many_windows(window.span, count, MAXIMUM_SOLVES))
+    if count > MAXIMUM_WINDOWS:
+        raise MbmError(faults.too_many_windows(window.span, count, MAXIMUM_WINDOWS))
     return count, (selection for key, each in slid for selection in _slid(key, each, base, problem))
 
 

@@ -76,9 +76,13 @@ def beginnings(equations: Assembled, settings: Settings) -> tuple[Beginning, ...
 
 
 def _with_idle_ones(equations: Assembled) -> Floats:
-    """The starts, with something for members that no equation mentions; they stay without an estimate."""
+    return with_idle_ones(equations, equations.layout.start)
+
+
+def with_idle_ones(equations: Assembled, starts: Floats) -> Floats:
+    """The starts (N,), with something for members that no equation mentions; they stay without an estimate."""
     layout = equations.layout
-    numbers = layout.start.copy()
+    numbers = starts.copy()
     idle = np.isnan(numbers) & ~equations.moving()
     numbers[idle] = 0.0
     for curved in layout.curved:
@@ -159,7 +163,8 @@ def _random(
         with np.errstate(all="ignore"):
             points = np.stack([solved_linearly(equations, point, linear) for point in points])
     found = costs(equations, points)
-    slow = equations.count * equations.dimension > LARGE or equations.implicit is not None
+    corrected = any(group.kernel.corrections is not None for group in equations.groups)
+    slow = equations.count * equations.dimension > LARGE or corrected
     kept = FEW if slow else KEPT
     order = [i for i in np.argsort(found, kind="stable")[:kept] if np.isfinite(found[i])]
     if not order:

@@ -42,6 +42,13 @@ class Whitener:
         exact = None if self.exact is None else self.exact[rows]
         return Whitener(self.first, self.last, self.weights[rows], exact)
 
+    def without(self, rows: Mask) -> Whitener:
+        """The whitener with the equation left out in some ``rows``: its residuals and derivatives are zero there."""
+        weights = self.weights.copy()
+        weights[rows] = 0.0
+        exact = None if self.exact is None else self.exact & ~rows[:, None]
+        return Whitener(self.first, self.last, weights, exact)
+
     def apply(self, values: Floats) -> Floats:
         """Whitened values, shape (rows, k), from outputs of shape (rows, outputs)."""
         part = values[:, self.first : self.last]

@@ -261,3 +261,58 @@ def test_rows_that_disagree_are_left_out_by_consensus() -> None:
     )
     names = ("b1", "b2", "b3", "b4", "b5")
     np.testing.assert_allclose(value(solved, *names), value(plain, *names), atol=1e-9)
+
+
+TRANSFORM = """
+(problem explicit
+  (data pts external :key id)
+  (unknowns (t (vector 2) :init [0 0]) (turn angle :init 0) (grow positive :init 1)
+    (p (vector 2) :per pts :init [x y] :sigma 0.03))
+  (observe pts (= [u v] (+ t (* grow (mulmv (rot2 turn) (p id))))) :covariance [[4e-4 1e-4] [1e-4 9e-4]]))
+(problem corrected
+  (data pts external)
+  (unknowns (t (vector 2) :init [0 0]) (turn angle :init 0) (grow positive :init 1))
+  (observe pts (= [u v] (+ t (* grow (mulmv (rot2 turn) [x y]))))
+    :errors ((x 0.03) (y 0.03)) :covariance [[4e-4 1e-4] [1e-4 9e-4]]))
+"""
+
+
+def test_errors_on_both_sides_beside_a_covariance() -> None:
+    """Two equations a row, with a full matrix of their own: against the true points as unknowns with priors."""
+    random = np.random.default_rng(6)
+    places = random.uniform(-1, 1, (12, 2))
+    cosine, sine = np.cos(0.6), np.sin(0.6)
+    seen = 1.7 * places @ np.array([[cosine, sine], [-sine, cosine]]) + [0.3, -0.2]
+    seen += random.multivariate_normal([0, 0], [[4e-4, 1e-4], [1e-4, 9e-4]], 12)
+    measured = places + 0.03 * random.normal(size=(12, 2))
+    table = {"id": np.arange(12), "x": measured[:, 0], "y": measured[:, 1], "u": seen[:, 0], "v": seen[:, 1]}
+    reference = mbm.loads(TRANSFORM).named("explicit").solve(data={"pts": table})
+    solved = mbm.loads(TRANSFORM).named("corrected").solve(data={"pts": table})
+    assert solved.first.cost == pytest.approx(reference.first.cost, rel=1e-10)
+    assert solved.first.dof == reference.first.dof == 20
+    np.testing.assert_allclose(solved["t"].value, reference["t"].value, atol=1e-10)
+    np.testing.assert_allclose(value(solved, "turn", "grow"), value(reference, "turn", "grow"), atol=1e-10)
+    np.testing.assert_allclose(solved["t"].sigma, reference["t"].sigma, rtol=1e-7)
+    np.testing.assert_allclose(sigma(solved, "turn", "grow"), sigma(reference, "turn", "grow"), rtol=1e-7)
+    moved = measured + np.stack([corrections(solved, "pts", c) for c in "xy"], axis=1)
+    np.testing.assert_allclose(moved, reference["p"].value, atol=1e-9)
+
+
+def test_every_method_ends_at_the_same_minimum() -> None:
+    x, wx, y, wy = PEARSON.T
+    data = {"pts": {"x": x, "y": y, "sx": wx**-0.5, "sy": wy**-0.5}}
+    for option in (":method dogleg", ":method gauss-newton", ":method ipopt", ":starts (random 4)", ":robust gnc"):
+        text = LINE.replace("(a) (b)", "(a :in (0 10)) (b :in (-3 3))").rstrip()[:-1] + f" (solve {option}))"
+        solved = mbm.loads(text).solve(data=data)
+        np.testing.assert_allclose(value(solved, "a", "b"), [5.47991022, -0.480533407], rtol=1e-8)
+
+
+def test_constraints_hold_beside_errors() -> None:
+    x, wx, y, wy = PEARSON.T
+    data = {"pts": {"x": x, "y": y, "sx": wx**-0.5, "sy": wy**-0.5}}
+    text = LINE.rstrip()[:-1] + " (constraints (= b -0.5)))"
+    solved = mbm.loads(text).solve(data=data)
+    # with the slope known the equations are linear in a: the weighted mean of y + x/2
+    weight = 1 / (1 / wy + 0.25 / wx)
+    assert float(solved["a"].value) == pytest.approx(np.average(y + 0.5 * x, weights=weight), rel=1e-9)
+    assert float(solved["a"].sigma) == pytest.approx(weight.sum() ** -0.5, rel=1e-7)

@@ -67,6 +67,8 @@ class Problems(Forms):
             self.for_each,
             self.table,
             self.unknowns,
+            self.pair,
+            self.window,
         )
         if self.astray():
             return self.wild(3)
@@ -110,6 +112,22 @@ class Problems(Forms):
         if len(columns) == 3:
             self.tables.append(name)
         return f"(data {name} (table ({' '.join(columns)}) {' '.join(rows)}))"
+
+    def pair(self) -> str:
+        tables = " ".join(
+            self.choices.one_of(["readings", "nodes"] if not self.astray() else self.tables) for _ in "ab"
+        )
+        by = self.choices.one_of(["x", "x", "id", "zzz"] if self.astray() else ["x"])
+        options = self.options(
+            (":tolerance 1", ":interpolate true"), (":tolerance 0", ":tolerance zzz", ":interpolate 1", ":by"), one_in=3
+        )
+        return f"(pair {self.name('pair')} ({tables}) :by {by} {options})"
+
+    def window(self) -> str:
+        options = self.options(
+            (":min-rows 2",), (":min-rows 0", ":length 0", ":step 1e-9", ":step 1e-300", ":length zzz"), one_in=2
+        )
+        return f"(window x :length {self.choices.one_of(['1', '2.5', '100'])} :step 1 {options})"
 
     def _cell(self) -> str:
         return self.choices.one_of(DOUBTFUL_CELLS if self.astray() else CELLS)

@@ -42,7 +42,8 @@ def read_window(work: Workspace, clauses: list[Sequence], for_each: tuple[str, .
     if column.name in for_each:
         raise MbmError(language_faults.duplicate_definition(column.span, column.name, clause.span))
     rows = options.get("min-rows")
-    count = 1 if rows is None else integer(work.evaluator.wanted(rows, work.scope), rows.span, "`:min-rows`")
+    wanted = "a whole number (`:min-rows`)"
+    count = 1 if rows is None else integer(work.evaluator.wanted(rows, work.scope), rows.span, wanted)
     if not 1 <= count <= MOST_ROWS_WANTED:
         where = rows.span if rows is not None else clause.span
         raise MbmError(language_faults.bad_form(where, "`:min-rows` is a whole number from 1 on", USAGE))

@@ -36,7 +36,7 @@ class Rows:
 
 
 class Builder:
-    """Makes the systems of one data set; ``kept`` has, for each group with corrections, the rows in use (None: all)."""
+    """Makes the systems of one data set; ``kept`` (rows, outputs) says which equations of a group count (None: all)."""
 
     def __init__(
         self,
@@ -66,7 +66,7 @@ class Builder:
     def _rows(self, number: int) -> Indices:
         if self._kept is None:
             return np.arange(self._groups[number].rows)
-        return np.flatnonzero(self._kept[number])
+        return np.flatnonzero(self._kept[number].any(axis=1))
 
     def _alone(self, number: int, rows: Indices) -> System:
         ids = self._measured.ids[number][rows]
@@ -112,7 +112,7 @@ class Builder:
         lines = group.first + rows.rows[:, None] * group.kernel.outputs + outputs
         places = np.where(rows.corrections >= 0, rows.components[:, None] * q + rows.corrections, -1)
         return Part(
-            group=group if len(rows.rows) == group.rows else self._some(group, rows.rows),
+            group=self._some(rows.group, rows.rows),
             evaluation=self._cache.evaluation(-1 - group.number, corrections.kernel, len(rows.rows)),
             sigma=self._measured.sigma[ids],
             ids=ids,
@@ -122,8 +122,15 @@ class Builder:
             alone=alone,
         )
 
-    def _some(self, group: Group, rows: Indices) -> Group:
-        """A group with some of its rows."""
+    def _some(self, number: int, rows: Indices) -> Group:
+        """A group with some of its rows, and some of their equations."""
+        group = self._groups[number]
+        whiteners = tuple(w.some(rows) for w in group.whiteners)
+        if self._kept is not None:
+            counts = self._kept[number][rows]
+            whiteners = tuple(w.without(~counts[:, w.first]) for w in whiteners)
+        elif len(rows) == group.rows:
+            return group
         return replace(
             group,
             evaluation=self._cache.evaluation(group.number, group.kernel, len(rows)),
@@ -131,7 +138,7 @@ class Builder:
             index=group.index[rows],
             columns=group.columns[rows],
             parameters=group.parameters[rows],
-            whiteners=tuple(w.some(rows) for w in group.whiteners),
+            whiteners=whiteners,
         )
 
     def _finished(self, parts: tuple[Part, ...], count: int, k: int, q: int) -> System:

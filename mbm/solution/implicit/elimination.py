@@ -75,8 +75,8 @@ class Elimination:
         kept = {}
         for number in self.measured.ids:
             group = self.groups[number]
-            lines = residuals[group.first : group.first + group.count].reshape(group.rows, group.kernel.outputs)
-            kept[number] = np.asarray(lines.any(axis=1), dtype=bool)
+            lines = residuals[group.first : group.first + group.count]
+            kept[number] = lines.reshape(group.rows, group.kernel.outputs)
         systems = Builder(self.problem, self.groups, self.measured, self.cache, kept).systems()
         return replace(self, systems=systems, _scatters=(), _whole=self._whole or self, _memory=_Memory()).over(columns)
 

@@ -11,6 +11,9 @@ import numpy as np
 
 from mbm.solution.types import Floats, Mask
 
+LEVEL = 1.0 + 1e-6
+"""A cost that is level along the conditions counts as growing: from the middle of a circle every foot is nearest."""
+
 SOFTNESS = 1e-8
 """Weight of a condition against the corrections, where the curvature along the conditions is asked for."""
 
@@ -106,7 +109,7 @@ def curved_up(slopes: Floats, curvature: Floats, noisy: Mask, asked: Mask) -> Ma
     for i in np.flatnonzero(bent & asked):
         held = slopes[i].T @ (slopes[i] / np.where(noisy[i], 1.0, SOFTNESS)[:, None])
         try:
-            np.linalg.cholesky(np.eye(slopes.shape[2]) + curvature[i] + held)
+            np.linalg.cholesky(LEVEL * np.eye(slopes.shape[2]) + curvature[i] + held)
         except np.linalg.LinAlgError:
             continue
         result[i] = True

@@ -75,7 +75,7 @@ def _pool(loss: LossFunction, parts: list[Indices], residuals: Floats, along: Fl
         slopes.append(np.repeat(traces / size, size))
     every = np.concatenate(slopes)
     mean = float(every.mean()) if every.size else 1.0
-    bend = float(every.var()) / mean**2 if mean > 0.0 else 0.0
+    bend = float(every.var()) / mean**2 if every.size and mean > 0.0 else 0.0
     safe = max(total, 1e-300)
     return _Pool(information=information, slope=slope / safe, spread=spread / safe, count=every.size, bend=bend)
 

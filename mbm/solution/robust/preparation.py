@@ -75,6 +75,8 @@ def _agreeing(
     if units.scalars <= equations.dimension or not equations.dimension:
         return Prepared(equations=equations, starts=starts)
     found = _agreed(problem, equations, settings, consensus, units, starts)
+    if not found.inliers.any():  # no equation has a value anywhere near: the minimisation says which
+        return Prepared(equations=equations, starts=starts)
     keep = np.ones(int(equations.units.max()) + 1, dtype=bool)
     keep[units.number] = found.inliers
     factors, noise = _loss_noise(problem, equations, units, found)

@@ -20,6 +20,10 @@ SPARSE = 0.1
 """A row that touches more than this share of the unknowns makes the equations dense."""
 
 
+WIDEST = 12
+"""Coordinates of an unknown that stay together in one block; those of longer vectors and arrays are blocks of one."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GroupPlace:
     """A group that has a piece: nonzero ``chosen[k]`` of its kernel goes to place ``target[k]`` of a row's values.
@@ -151,7 +155,7 @@ def sparse_suits(equations: Equations) -> bool:
 
 
 def blocked(equations: Assembled) -> Blocked:
-    """The blocks of equations: one family for each unknown that is not wholly fixed, one piece for each group."""
+    """The blocks of equations: a family for each unknown that is not wholly fixed, a piece for each group."""
     layout = equations.layout
     free = np.zeros(len(layout.number), dtype=bool)
     free[equations.free] = True
@@ -163,15 +167,21 @@ def blocked(equations: Assembled) -> Blocked:
         if not free[entry.coordinates].any():
             continue
         number[entry.unknown.name] = len(families)
-        family = BlockFamily(first=reached, members=entry.members, size=entry.unknown.freedom)
-        families.append(family)
-        column[entry.coordinates] = reached + np.arange(family.members * family.size)
-        reached += family.members * family.size
+        total = entry.members * entry.unknown.freedom
+        size = _block_size(entry)
+        families.append(BlockFamily(first=reached, members=total // size, size=size))
+        column[entry.coordinates] = reached + np.arange(total)
+        reached += total
     placed = [_place(equations, group, number, free) for group in equations.groups if group.rows]
     places = tuple(place for place in placed if place is not None)
     pieces = [place.piece for place in places]
     found = structure(families, pieces, column[equations.free], equations.whole, equations.rows)
     return Blocked(equations=equations, found=found, places=places)
+
+
+def _block_size(entry: Entry) -> int:
+    freedom = entry.unknown.freedom
+    return freedom if freedom <= WIDEST else 1
 
 
 def _place(equations: Assembled, group: Group, number: dict[str, int], free: Mask) -> GroupPlace | None:
@@ -186,17 +196,19 @@ def _place(equations: Assembled, group: Group, number: dict[str, int], free: Mas
     for j, slot in enumerate(group.kernel.tangents):
         if slot.unknown not in number:
             continue
-        key = (slot.unknown, slot.member)
+        entry = equations.layout.entry(slot.unknown)
+        size = _block_size(entry)
+        block, component = divmod(slot.component, size)
+        key = (slot.unknown, slot.member, block)
         if key not in local:
-            entry: Entry = equations.layout.entry(slot.unknown)
             local[key] = len(starts)
             starts.append(width)
             families.append(number[slot.unknown])
-            first = group.columns[:, j] - entry.first - slot.component
-            members.append(first // entry.unknown.freedom)
-            kept.append(free[entry.first + first[:, None] + np.arange(entry.unknown.freedom)])
-            width += entry.unknown.freedom
-        place[j] = starts[local[key]] + slot.component
+            first = group.columns[:, j] - entry.first - component
+            members.append(first // size)
+            kept.append(free[entry.first + first[:, None] + np.arange(size)])
+            width += size
+        place[j] = starts[local[key]] + component
     if not starts:
         return None
     columns = place[group.kernel.jacobian_columns]

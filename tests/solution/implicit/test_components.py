@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import mbm
+from mbm.solution.estimate import assemble
 from mbm.solution.implicit import components
 
 CHAIN = """
@@ -66,3 +67,31 @@ def test_what_is_too_large_to_solve_at_once_is_refused(monkeypatch: pytest.Monke
     with pytest.raises(mbm.MbmError) as refused:
         mbm.loads(CHAIN).solve(data=steps([(1, 2), (2, 3), (3, 4)]))
     assert [d.code.name for d in refused.value.diagnostics] == ["too-many-shared-errors"]
+
+
+def test_equations_that_are_left_out_pull_at_no_correction() -> None:
+    """Two equations a row, and all second ones but one left out: as a problem without them."""
+    text = """
+    (problem p (data t external) (unknowns (a :init 1) (b :init 0))
+      (observe t (= y (+ b (* a x))) (= z (* 2 x)) :errors ((x 0.1)) :sigma 0.2))
+    """
+    random = np.random.default_rng(1)
+    x = np.arange(6.0)
+    table = {"x": x, "y": 1.2 * x + 0.2 * random.normal(size=6), "z": 2 * x + random.normal(size=6)}
+    compiled = mbm.loads(text).compile(data={"t": table})
+    found = compiled.elaborated
+    equations, _ = assemble(found.problem, compiled.kernels, found.tables, {}, compiled.cache)
+    units = np.tile([True, False], 6)
+    units[1] = True
+    kept = equations.kept(units)
+    point = np.array([1.1, 0.3])
+    misfit = table["y"] - 0.3 - 1.1 * x
+    expected = misfit**2 / (0.04 + 0.0121)
+    # the first row has both: S = B Bᵀ + Σ with B = 0.1 (1.1, 2)
+    both, slopes = np.array([misfit[0], table["z"][0] - 2 * x[0]]), 0.1 * np.array([[1.1], [2.0]])
+    expected[0] = both @ np.linalg.solve(slopes @ slopes.T + 0.04 * np.eye(2), both)
+    residuals = kept.residuals(point)
+    assert residuals.shape == (7,)
+    assert residuals @ residuals == pytest.approx(expected.sum(), rel=1e-12)
+    assert kept.everything().residuals(point).shape == (12,)
+    assert kept.jacobian(point).shape == (7, 2)

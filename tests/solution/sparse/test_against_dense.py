@@ -151,3 +151,19 @@ def test_trial_points_without_a_value_are_survived(logarithms):
     found = logarithms([1.0, 20.0, 40.0])  # the whole first steps from the last two lead below zero
     assert found.first.status is SolveStatus.CONVERGED
     np.testing.assert_allclose(found["a"].value, np.e, rtol=1e-9)
+
+
+def test_the_elements_of_a_long_array_are_blocks_of_their_own(monkeypatch):
+    text = """(problem curve (data d external) (unknowns (a (array 30) :init 0))
+      (observe d (= y (* (a k) (a k))) :sigma 0.1)
+      (constraints (for (i 1 28) (normal (+ (a i) (* -2 (a (+ i 1))) (a (+ i 2))) 0 0.01)) (normal (a 1) 1 0.1)))"""
+    k = np.repeat(np.arange(1.0, 31.0), 2)
+    data = {"d": {"k": k, "y": 1.0 + np.sin(k / 9.0) / 2}}
+    start = {"a": np.ones(30)}
+    dense = mbm.loads(text).solve(data=data, init=start)
+    monkeypatch.setattr(equations, "LARGE", 0)
+    monkeypatch.setattr(equations, "SPARSE", 1.0)
+    sparse = mbm.loads(text).solve(data=data, init=start)
+    assert (sparse.first.method, dense.first.method) == ("lm-sparse", "lm")
+    np.testing.assert_allclose(sparse["a"].value, dense["a"].value, atol=SAME)
+    np.testing.assert_allclose(sparse["a"].sigma, dense["a"].sigma, rtol=SAME)
