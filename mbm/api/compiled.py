@@ -111,7 +111,9 @@ class CompiledProblem:
     def result(self, settings: SolveSettings, data: Mapping[str, object] | None = None) -> Result:
         """The report of a solve, as the command line writes it."""
         now = self._for(data)
-        return compiler.solved(now.elaborated, now.kernels, self.inputs, settings, now.cache, self.origin.file, self.origin.registry)
+        return compiler.solved(
+            now.elaborated, now.kernels, self.inputs, settings, now.cache, self.origin.file, self.origin.registry
+        )
 
     def residuals(self, x: ArrayLike, *, data: Mapping[str, object] | None = None) -> NDArray[np.float64]:
         """Whitened residuals (m,) at tangent coordinates ``x`` (n,) about the start, in covariance order.

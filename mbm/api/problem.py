@@ -29,13 +29,11 @@ from mbm.text.reader import read_file
 from mbm.text.types import Diagnostic, MbmError, Source
 
 if TYPE_CHECKING:
-    from mbm.solution.closed_forms.types import ClosedForm
     from mbm.report.simulated import Simulated, Simulator
+    from mbm.solution.closed_forms.types import ClosedForm
 
 
-def load(
-    path: str | Path, *, sandbox: str | Path | None = None, closed_forms: Sequence[ClosedForm] = ()
-) -> Problem:
+def load(path: str | Path, *, sandbox: str | Path | None = None, closed_forms: Sequence[ClosedForm] = ()) -> Problem:
     """The problem in a file (the only one, or choose with ``.named``).
 
     Args:

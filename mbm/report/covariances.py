@@ -11,6 +11,7 @@ from mbm.report.geometric import coordinate_factors as geometric_factors
 from mbm.report.quantities import coordinate_factors, derived_quantity
 from mbm.report.types import CovarianceMatrix, DerivedValue, Floats
 from mbm.solution.solution import Solution
+from mbm.solution.sparse.observability import whole_covariance
 
 LARGEST_COVARIANCE = 200
 """Rows of a covariance matrix that is kept without being asked for: 200 rows are about 1 MB of text."""
@@ -35,7 +36,9 @@ def estimates_covariance(
     if unknown is not None:
         return _matrix(chosen, factors, np.full((len(chosen),) * 2, np.nan), unknown)
     held = solution.minimum.at_bound != 0
-    matrix = solution.covariance.matrix
+    matrix = whole_covariance(solution.observability, solution.covariance)
+    if matrix is None:
+        return _matrix(chosen, factors, None, f"{len(chosen)} scalars are too many")
     if not bool(held.any()):
         return _matrix(chosen, factors, matrix, None)
     return _matrix(chosen, factors, np.where(np.logical_or.outer(held, held), np.nan, matrix), None)

@@ -328,7 +328,7 @@ class Covariance:
     ``matrix`` (n, n) holds NaN in the rows and columns of coordinates that a free combination touches and 0 for those
     fixed at a bound; ``sigma`` (n,) its root diagonal; ``factor`` (n, rank) with ``factor @ factor.T`` the covariance
     on the estimable subspace (minimum norm in the scaled metric), from which derived quantities are propagated.
-    ``variance`` is the estimated s² in it. Of sparse problems ``factor`` is empty, and ``matrix`` where it is large.
+    ``variance`` is the estimated s² in it. Of sparse problems ``factor`` and ``matrix`` are empty.
     """
 
     matrix: Floats

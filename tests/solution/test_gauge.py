@@ -102,3 +102,67 @@ def test_the_minimum_norm_datum_is_the_pseudo_inverse():
     scale = np.linalg.norm(jacobian, axis=0)
     expected = np.sqrt(np.diag(np.linalg.pinv((jacobian / scale).T @ (jacobian / scale), rcond=1e-10)))
     np.testing.assert_allclose(found["p"].sigma.ravel(), expected / scale, rtol=1e-6)  # two pseudo-inverses
+
+
+TURNS = {1: [0.3, -0.2, 0.5], 2: [1.1, 0.4, -0.7], 3: [-0.6, 0.9, 0.2], 4: [0.1, 2.0, -1.0]}
+ROTATIONS = """(problem g (data t (table (k) (1) (2) (3) (4)) :key k) (data u external)
+  (unknowns (R (rotation 3) :per t))
+  (observe u (= (axis-angle [a b c]) (between (R i) (R j))) :sigma 0.01)
+  (derive (d (between (R 1) (R 3)))) {solve})"""
+
+
+def between_turns():
+    """Relative rotations of all pairs but (1, 4), each off by some 0.01 rad."""
+    rotation = pytest.importorskip("scipy.spatial.transform").Rotation
+    pairs = [(1, 2), (2, 3), (3, 4), (1, 3), (2, 4)]
+    errors = 0.01 * np.random.default_rng(1).normal(size=(5, 3))
+    vectors = np.array([
+        (rotation.from_rotvec(TURNS[i]).inv() * rotation.from_rotvec(TURNS[j]) * rotation.from_rotvec(e)).as_rotvec()
+        for (i, j), e in zip(pairs, errors, strict=True)
+    ])  # fmt: skip
+    i, j = np.array(pairs, dtype=np.float64).T
+    return {"i": i, "j": j, "a": vectors[:, 0], "b": vectors[:, 1], "c": vectors[:, 2]}
+
+
+def test_rotations_beside_each_other_only_may_turn_together():
+    found = mbm.loads(ROTATIONS.format(solve="")).solve(data={"u": between_turns()})
+    assert [(g.motion, g.dimensions, g.unknowns) for g in found.observability.gauge] == [("rotation", 3, ("R",))]
+    assert found.first.status is SolveStatus.UNOBSERVABLE
+    assert len(found.observability.unobservable) == 1  # said once, not once for each of the three directions
+    assert "be turned" in found.observability.unobservable[0].sentence
+
+
+def test_rotations_are_settled_by_the_datum():
+    found = mbm.loads(ROTATIONS.format(solve="(solve :gauge free)")).solve(data={"u": between_turns()})
+    assert found.first.status is SolveStatus.CONVERGED
+    fixed = ROTATIONS.format(solve="").replace(":per t)", ":per t :init (axis-angle [0 0 0]) :fixed (= k 1))")
+    held = mbm.loads(fixed).solve(data={"u": between_turns()})
+    np.testing.assert_allclose(found["d"].sigma, held["d"].sigma, rtol=1e-6)  # the same fit, found from other starts
+
+
+def test_rotations_and_directions_turn_together():
+    text = """(problem g (data t (table (k) (1) (2)) :key k) (data l (table (k) (1) (2) (3)) :key k) (data u external)
+      (unknowns (R (rotation 3) :per t) (d direction :per l))
+      (observe u (= [x y z] (rotate (inverse (R i)) (d j))) :sigma 0.01) (solve :gauge free))"""
+    rows = {"i": [1.0, 1, 1, 2, 2, 2], "j": [1.0, 2, 3, 1, 2, 3],
+            "x": [1.0, 0, 0, 0, -1, 0], "y": [0.0, 1, 0, 1, 0, 0], "z": [0.0, 0, 1, 0, 0, 1]}  # fmt: skip
+    found = mbm.loads(text).solve(data={"u": {k: np.array(v) for k, v in rows.items()}})
+    assert [(g.motion, g.dimensions, g.unknowns) for g in found.observability.gauge] == [("rotation", 3, ("R", "d"))]
+    assert found.first.status is SolveStatus.CONVERGED
+
+
+LEVELS = """(problem g (data t (table (k) (1) (2) (3)) :key k)
+  (data u (table (i j d) (1 2 1.02) (2 3 0.49) (1 3 1.5)))
+  (unknowns (h :per t :init 0)) (observe u (= d (- (h j) (h i))) :sigma 0.01) {solve})"""
+
+
+def test_heights_beside_each_other_only():
+    found = mbm.loads(LEVELS.format(solve="")).solve()
+    assert [(g.motion, g.dimensions, g.unknowns) for g in found.observability.gauge] == [("translation", 1, ("h",))]
+    assert "only their differences are determined" in found.observability.unobservable[0].sentence
+    assert "fix one of them" in found.observability.gauge[0].sentence
+    settled = mbm.loads(LEVELS.format(solve="(solve :gauge free)")).solve()
+    assert settled.first.status is SolveStatus.CONVERGED
+    design = np.array([[-1, 1, 0], [0, -1, 1], [-1, 0, 1]]) / 0.01  # all columns are of one length
+    np.testing.assert_allclose(settled["h"].sigma, np.sqrt(np.diag(np.linalg.pinv(design.T @ design))), rtol=1e-9)
+    np.testing.assert_allclose(settled["h"].value, np.linalg.pinv(design) @ ([102.0, 49, 150]), atol=1e-12)

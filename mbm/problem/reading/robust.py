@@ -19,7 +19,7 @@ from mbm.text.types import Form, MbmError, Sequence, Symbol
 LOSS_USAGE = ":loss none | huber | (huber c) | soft-l1 | cauchy | tukey | geman-mcclure | (barron a [c])"
 CONSENSUS_USAGE = ":robust none | lmeds | (lmeds :trials n) | (ransac :threshold t :trials n) | (msac …) | (gnc …)"
 NONE = "none"
-MAXIMUM_TRIALS = 1_000_000
+MAXIMUM_TRIALS = 100_000
 LARGEST_BARRON = 2.0
 
 

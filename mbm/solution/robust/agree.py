@@ -21,7 +21,7 @@ from mbm.solution.robust.subsets import minimal_subsets
 from mbm.solution.robust.trials import Trials
 from mbm.solution.robust.units import STATED, Units, consistency, robust_variance
 from mbm.solution.robust.units import limits as deviation_limits
-from mbm.solution.types import Floats, Mask
+from mbm.solution.types import Floats, Indices, Mask
 
 CANDIDATES = 10
 """Trials that are improved."""
@@ -103,17 +103,21 @@ def agree(trials: Trials, units: Units, starts: Floats, consensus: Consensus, se
 def _best_few(trials: Trials, units: Units, points: Floats, kind: ConsensusKind, size: int, cut: Floats) -> Floats:
     """The points with the lowest scores, best first."""
     step = max(TOGETHER // max(len(units.of_row), 1), 1)
-    parts = [units.squares(trials.residuals(points[i : i + step])) for i in range(0, len(points), step)]
-    squares = np.concatenate(parts)
-    by_median = np.argsort(scores(ConsensusKind.LMEDS, squares, units, size, cut, cut), kind="stable")
+    chunks = [points[first : first + step] for first in range(0, len(points), step)]
+
+    def ranked(rule: ConsensusKind, variances: Floats) -> Indices:
+        parts = [scores(rule, units.squares(trials.residuals(c)), units, size, cut, variances) for c in chunks]
+        return np.argsort(np.concatenate(parts), kind="stable")[:CANDIDATES]
+
+    by_median = ranked(ConsensusKind.LMEDS, cut)
     if kind is ConsensusKind.LMEDS:
-        return np.asarray(points[by_median[:CANDIDATES]])
-    variances = variances_at(squares[by_median[0]], units, 0)
-    by_rule = np.argsort(scores(kind, squares, units, size, cut, variances), kind="stable")
+        return np.asarray(points[by_median])
+    variances = variances_at(units.squares(trials.residuals(points[by_median[:1]]))[0], units, 0)
+    by_rule = ranked(kind, variances)
     if bool((units.group == STATED).all()):
-        return np.asarray(points[by_rule[:CANDIDATES]])
+        return np.asarray(points[by_rule])
     # The rule needs the noise; where that is unknown, trials with the least median may be the ones that know it.
-    both = np.stack((by_rule[:CANDIDATES], by_median[:CANDIDATES]), axis=1).ravel()
+    both = np.stack((by_rule, by_median), axis=1).ravel()
     return np.asarray(points[np.unique(both)])
 
 

@@ -25,6 +25,9 @@ LEAST_TRIALS, MOST_TRIALS = 100, 3000
 INDEPENDENT = 1e-5
 """A row whose part outside the rows before it is below this share of it says nothing new."""
 
+MEMORY = 4_000_000
+"""Numbers in the orders, and in the bases, of the trials that are drawn together."""
+
 WHOLE_ORDER = 1000
 """Up to so many units they are shuffled; more are drawn with replacement (one drawn again says nothing new)."""
 
@@ -56,7 +59,11 @@ def minimal_subsets(jacobian: Floats, units: Units, asked: int | None, seed: int
         every = np.array(list(combinations(range(units.count), size)), dtype=np.int64)
         found = _drawn(rows, every, rank)
         return np.asarray(found[_ranks(rows, found) == rank])
-    return _drawn(rows, _orders(generator, trials, units.count), rank)
+    together = max(MEMORY // max(min(units.count, WHOLE_ORDER), rank * rank), 1)
+    sizes = [min(together, trials - first) for first in range(0, trials, together)]
+    parts = [_drawn(rows, _orders(generator, count, units.count), rank) for count in sizes]
+    width = max(part.shape[1] for part in parts)
+    return np.concatenate([np.pad(p, ((0, 0), (0, width - p.shape[1])), constant_values=-1) for p in parts])
 
 
 def unit_rows(jacobian: Floats, units: Units) -> Floats:
@@ -83,7 +90,7 @@ def _orders(generator: np.random.Generator, trials: int, units: int) -> Indices:
     """The order (trials, L) in which each trial looks at the units."""
     if units <= WHOLE_ORDER:
         return np.asarray(generator.permuted(np.tile(np.arange(units), (trials, 1)), axis=1), dtype=np.int64)
-    return np.asarray(generator.integers(units, size=(trials, 4 * WHOLE_ORDER)), dtype=np.int64)
+    return np.asarray(generator.integers(units, size=(trials, WHOLE_ORDER)), dtype=np.int64)
 
 
 def _drawn(rows: Floats, orders: Indices, rank: int) -> Indices:

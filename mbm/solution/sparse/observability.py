@@ -12,8 +12,8 @@ from mbm.solution.types import Covariance, Floats, FreeCombination, Mask, Minimu
 NAMED = 20
 """Free directions of single members that are put into words; the others are counted."""
 
-HELD = 2000
-"""Coordinates up to which the covariance matrix is made."""
+HELD = 5000
+"""Coordinates up to which the covariance matrix is made, if it is asked for: 200 MB."""
 
 PART = 4_000_000
 """Numbers in the right sides that are solved for at once."""
@@ -74,22 +74,32 @@ def _single(found: Decision, scale: Floats, point: Floats) -> tuple[FreeCombinat
 
 
 def sparse_covariance(observed: Observability, variance: float) -> Covariance:
-    """Standard deviations of all coordinates; the matrix only of few, else it is empty, as the factor is."""
+    """Standard deviations of all coordinates; the matrix is left empty, as the factor is."""
     inverse = observed.inverse
     if inverse is None:
         message = "the problem is not sparse"
         raise TypeError(message)
     undetermined = ~observed.estimable & ~observed.fixed
-    count = len(observed.scale)
-    matrix = np.zeros((0, 0))
     variances = inverse.variances() * variance
-    if count <= HELD:
-        matrix = inverse.solve(np.eye(count)) * variance
-        matrix = (matrix + matrix.T) / 2.0
-        matrix[undetermined, :] = np.nan
-        matrix[:, undetermined] = np.nan
     sigma = np.where(undetermined, np.nan, np.where(observed.fixed, 0.0, np.sqrt(variances)))
-    return Covariance(matrix=matrix, sigma=sigma, factor=np.zeros((count, 0)), variance=variance)
+    factor = np.zeros((len(observed.scale), 0))
+    return Covariance(matrix=np.zeros((0, 0)), sigma=sigma, factor=factor, variance=variance)
+
+
+@np.errstate(all="ignore")
+def whole_covariance(observed: Observability, estimated: Covariance) -> Floats | None:
+    """The covariance matrix (n, n), with NaN as in ``Covariance``; None where it would be too large."""
+    inverse, count = observed.inverse, len(observed.scale)
+    if inverse is None or len(estimated.matrix) == count:
+        return estimated.matrix
+    if count > HELD:
+        return None
+    matrix = inverse.solve(np.eye(count)) * estimated.variance
+    matrix = (matrix + matrix.T) / 2.0
+    undetermined = ~observed.estimable & ~observed.fixed
+    matrix[undetermined, :] = np.nan
+    matrix[:, undetermined] = np.nan
+    return matrix
 
 
 @np.errstate(all="ignore")
