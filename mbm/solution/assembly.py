@@ -72,6 +72,11 @@ class Assembled:
         return self.layout.positive[self.free]
 
     @property
+    def turning(self) -> Mask | None:
+        """Coordinates of rotations, directions and scales (n,); None where there is none."""
+        return self.layout.number[self.free] < 0 if self.layout.curved else None
+
+    @property
     def profiled(self) -> bool:
         """The Jacobian is not the derivative of the residuals, though it gives the exact gradient."""
         return self.implicit is not None

@@ -79,6 +79,16 @@ class Equations(Protocol):
 
 
 @runtime_checkable
+class Turning(Protocol):
+    """What equations have besides where some coordinates are those of rotations, directions and scales."""
+
+    @property
+    def turning(self) -> Mask | None:
+        """Which coordinates (n,) are; None where none is."""
+        ...
+
+
+@runtime_checkable
 class Profiled(Protocol):
     """What equations have besides where corrections of measured values may have been eliminated from them.
 
@@ -328,13 +338,15 @@ class Covariance:
     ``matrix`` (n, n) holds NaN in the rows and columns of coordinates that a free combination touches and 0 for those
     fixed at a bound; ``sigma`` (n,) its root diagonal; ``factor`` (n, rank) with ``factor @ factor.T`` the covariance
     on the estimable subspace (minimum norm in the scaled metric), from which derived quantities are propagated.
-    ``variance`` is the estimated s² in it. Of sparse problems ``factor`` and ``matrix`` are empty.
+    ``variance`` is the estimated s² in it. Of sparse problems ``factor`` and ``matrix`` are empty, and
+    ``inverse`` times ``variance`` is the covariance.
     """
 
     matrix: Floats
     sigma: Floats
     factor: Floats
     variance: float = 1.0
+    inverse: SparseInverse | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -6,7 +6,7 @@ import numpy as np
 
 from mbm.solution.constrained.types import ConstrainedEquations, Linearised
 from mbm.solution.metric import metric
-from mbm.solution.solvers.scaled import EPSILON, column_norms
+from mbm.solution.solvers.scaled import EPSILON, column_norms, magnitudes
 from mbm.solution.types import Floats, Mask
 
 NOISE = 4.0
@@ -27,7 +27,7 @@ def linearise(equations: ConstrainedEquations, x: Floats, before: Linearised | N
     scale = metric(jacobian, slopes)
     if before is not None:
         scale = np.maximum(scale, before.scale)
-    size = np.abs(equations.coordinates(x))
+    size = magnitudes(equations, equations.coordinates(x))
     terms = column_norms(jacobian) * size
     noise = NOISE * EPSILON * float(np.sqrt(terms @ terms) + np.sqrt(residuals @ residuals))
     lengths = np.sqrt(np.square(slopes / scale).sum(axis=1))

@@ -9,7 +9,7 @@ import numpy as np
 from mbm.solution.constrained.linearise import violations
 from mbm.solution.constrained.types import ConstrainedEquations, Stopped, never
 from mbm.solution.solvers.marquardt import MARQUARDT
-from mbm.solution.types import Equations, Floats, Mask, Minimum, Profiled, Reason
+from mbm.solution.types import Equations, Floats, Mask, Minimum, Profiled, Reason, Turning
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,6 +47,11 @@ class Penalised:
     def linear(self) -> bool:
         """Never promised: inequalities have a kink."""
         return False
+
+    @property
+    def turning(self) -> Mask | None:
+        """As the equations have it."""
+        return self.equations.turning if isinstance(self.equations, Turning) else None
 
     @property
     def profiled(self) -> bool:

@@ -7,7 +7,7 @@ one that explains the data best is fitted to its inliers until those stay the sa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
@@ -86,7 +86,21 @@ def agree(trials: Trials, units: Units, starts: Floats, consensus: Consensus, se
     if len(points) > CANDIDATES:
         points = _best_few(trials, units, points, consensus.kind, size, cut)
     candidates, best, variances = _improved(trials, units, points, starts[0], cut, size)
-    point, squares, variances = _settled(trials, units, candidates.points[best], cut, variances)
+    found = _finished(trials, units, candidates.points[best], consensus, variances)
+    return replace(found, trials=count, ambiguous=_ambiguous(candidates, best, cut * variances))
+
+
+@np.errstate(all="ignore")
+def agree_near(trials: Trials, units: Units, point: Floats, consensus: Consensus) -> Agreed:
+    """The units that agree with a point (N,) that is a consensus already, of some of the units."""
+    squares = units.squares(trials.residuals(point[None]))[0]
+    return _finished(trials, units, point, consensus, variances_at(squares, units, trials.dimension))
+
+
+def _finished(trials: Trials, units: Units, point: Floats, consensus: Consensus, variances: Floats) -> Agreed:
+    """The fixed point of fit, noise and inliers that is reached from a point."""
+    cut = cuts(units, consensus.threshold)
+    point, squares, variances = _settled(trials, units, point, cut, variances)
     limits = cut * variances
     if consensus.threshold is None and (units.group != STATED).any():
         point, squares, limits = _widened(trials, units, point, squares, limits, variances)
@@ -95,8 +109,8 @@ def agree(trials: Trials, units: Units, starts: Floats, consensus: Consensus, se
         inliers=squares <= limits,
         limits=limits,
         variances=noise_variances(squares, limits, variances, units, trials.dimension),
-        trials=count,
-        ambiguous=_ambiguous(candidates, best, limits),
+        trials=0,
+        ambiguous=False,
     )
 
 

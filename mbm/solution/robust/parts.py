@@ -85,7 +85,7 @@ def _each(
     inliers = np.ones(units.count, dtype=bool)
     limits, variances = np.full(units.count, np.inf), np.ones(units.count)
     point, trials, ambiguous = start, 0, False
-    for part, (own, mine) in zip(parts, _units_of_parts(units, parts), strict=True):
+    for part, (own, mine) in zip(parts, units_of_parts(units, parts), strict=True):
         if own.scalars <= len(part.columns):
             continue
         trying = trials_of_part(equations, own, np.unique(equations.units[part.rows]), part.columns)
@@ -97,7 +97,7 @@ def _each(
     )  # fmt: skip
 
 
-def _units_of_parts(units: Units, parts: tuple[Part, ...]) -> Iterator[tuple[Units, Mask]]:
+def units_of_parts(units: Units, parts: tuple[Part, ...]) -> Iterator[tuple[Units, Mask]]:
     """The units of each part as if they were all, and which of all units (U,) they are."""
     for part in parts:
         numbers, of_row = np.unique(units.of_row[part.rows], return_inverse=True)

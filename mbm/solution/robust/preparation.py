@@ -8,7 +8,7 @@ all (the M-step of MM-estimation, Yohai 1987): estimated together with the loss 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import sqrt
 from types import MappingProxyType
 
@@ -17,10 +17,10 @@ import numpy as np
 from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Problem
 from mbm.solution.assembly import Assembled, loss_lines
 from mbm.solution.robust import faults
-from mbm.solution.robust.agree import Agreed, agree
-from mbm.solution.robust.binding import trials_of, units_of
+from mbm.solution.robust.agree import Agreed, agree, agree_near
+from mbm.solution.robust.binding import trials_of, trials_of_part, units_of
 from mbm.solution.robust.many import MANY, agree_by_losses
-from mbm.solution.robust.parts import agree_in_parts, parts_of
+from mbm.solution.robust.parts import Part, agree_in_parts, parts_of, units_of_parts
 from mbm.solution.robust.scale import information_left
 from mbm.solution.robust.scores import STATED_CUT
 from mbm.solution.robust.units import STATED, Units, limits
@@ -28,6 +28,10 @@ from mbm.solution.settings import Settings
 from mbm.solution.starting import Beginning
 from mbm.solution.types import Floats, Mask, Minimum, Noise, NoiseState
 from mbm.text.types import Diagnostic
+
+SAMPLE = 10_000
+"""With more units the trials are judged by so many, drawn at random: the best of them is the best of all but for luck
+that the last fits, to all units, do not depend on."""
 
 LEAST_SHARE = 0.5
 """A solution that fewer units than this share agree with explains nothing."""
@@ -131,7 +135,27 @@ def _agreed(
             return agree_by_losses(problem, equations, units, points[0], consensus, settings)
         if len(parts) > 1:
             return agree_in_parts(equations, units, parts, points[0], consensus, settings.seed)
+        if units.count > SAMPLE:
+            return _agreed_from_sample(equations, settings, consensus, units, points)
     return agree(trials_of(equations, units, settings.closed_forms), units, points, consensus, settings.seed)
+
+
+def _agreed_from_sample(
+    equations: Assembled, settings: Settings, consensus: Consensus, units: Units, starts: Floats
+) -> Agreed:
+    """Consensus of a sample of the units, then all units that agree with it."""
+    generator = np.random.Generator(np.random.PCG64(settings.seed))
+    chosen = np.sort(generator.choice(units.count, SAMPLE, replace=False))
+    rows = np.flatnonzero((units.of_row < 0) | np.isin(units.of_row, chosen))
+    part = Part(columns=equations.free, rows=rows)
+    own, _ = next(units_of_parts(units, (part,)))
+    sample = trials_of_part(equations, own, np.unique(equations.units[rows]), part.columns)
+    found = agree(sample, own, starts, consensus, settings.seed)
+    return replace(
+        agree_near(trials_of(equations, units), units, found.point, consensus),
+        trials=found.trials,
+        ambiguous=found.ambiguous,
+    )
 
 
 def _has_loss(block: Block) -> bool:

@@ -11,7 +11,7 @@ from math import inf, sqrt
 import numpy as np
 
 from mbm.solution.triangle import triangle
-from mbm.solution.types import Floats
+from mbm.solution.types import Equations, Floats, Turning
 
 TALL = 4
 LARGE = 3000
@@ -22,6 +22,13 @@ EPSILON = float(np.finfo(np.float64).eps)
 TINY = 1e-140
 HUGE = 1e150
 """Column norms below and above are taken with care: their squares leave the range of the numbers."""
+
+
+def magnitudes(equations: Equations, coordinates: Floats) -> Floats:
+    """The size (n,) of what rounds: ``|coordinates|``, 1 for rotations and directions, whose numbers are about 1."""
+    turning = equations.turning if isinstance(equations, Turning) else None
+    size = np.abs(coordinates)
+    return size if turning is None else np.where(turning, 1.0, size)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

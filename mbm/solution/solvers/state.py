@@ -9,7 +9,7 @@ import numpy as np
 
 from mbm.solution.solvers.box import Box, Step, box_of, boxed_step
 from mbm.solution.solvers.curvature import newton_step
-from mbm.solution.solvers.scaled import EPSILON, Scaled, column_norms, decompose
+from mbm.solution.solvers.scaled import EPSILON, Scaled, column_norms, decompose, magnitudes
 from mbm.solution.types import Equations, Floats, Mask, Minimum, Reason, TraceEntry
 
 UNSCALED = 1e-3
@@ -130,7 +130,7 @@ def place_at(
     peak = norms if before is None else np.maximum(norms, before.peak)
     scale = _metric(peak, x)
     cost = float(residuals @ residuals)
-    terms = norms * x
+    terms = norms * magnitudes(equations, x)
     size = sqrt(float(terms @ terms))
     noise = NOISE * EPSILON * (size + sqrt(cost))
     if not isfinite(cost):

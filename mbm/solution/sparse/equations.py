@@ -95,6 +95,11 @@ class Blocked:
         """The point after a step (n,)."""
         return self.equations.retract(x, step)
 
+    @property
+    def turning(self) -> Mask | None:
+        """Coordinates of rotations, directions and scales (n,)."""
+        return self.equations.turning
+
     def coordinates(self, x: Floats) -> Floats:
         """The numbers that steps add to (n,)."""
         return self.equations.coordinates(x)

@@ -83,14 +83,14 @@ def sparse_covariance(observed: Observability, variance: float) -> Covariance:
     variances = inverse.variances() * variance
     sigma = np.where(undetermined, np.nan, np.where(observed.fixed, 0.0, np.sqrt(variances)))
     factor = np.zeros((len(observed.scale), 0))
-    return Covariance(matrix=np.zeros((0, 0)), sigma=sigma, factor=factor, variance=variance)
+    return Covariance(matrix=np.zeros((0, 0)), sigma=sigma, factor=factor, variance=variance, inverse=inverse)
 
 
 @np.errstate(all="ignore")
 def whole_covariance(observed: Observability, estimated: Covariance) -> Floats | None:
     """The covariance matrix (n, n), with NaN as in ``Covariance``; None where it would be too large."""
-    inverse, count = observed.inverse, len(observed.scale)
-    if inverse is None or len(estimated.matrix) == count:
+    inverse, count = estimated.inverse, len(observed.scale)
+    if inverse is None:
         return estimated.matrix
     if count > HELD:
         return None
@@ -105,7 +105,7 @@ def whole_covariance(observed: Observability, estimated: Covariance) -> Floats |
 @np.errstate(all="ignore")
 def sparse_propagate(gradient: Floats, observed: Observability, estimated: Covariance) -> Propagated:
     """Covariance of k derived quantities with the gradient (k, n)."""
-    inverse = observed.inverse
+    inverse = estimated.inverse
     if inverse is None:
         message = "the problem is not sparse"
         raise TypeError(message)

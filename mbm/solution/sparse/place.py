@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from mbm.solution.solvers.scaled import magnitudes
 from mbm.solution.sparse.normal import Normal
 from mbm.solution.sparse.structure import Structure, Values
 from mbm.solution.sparse.system import Plan
@@ -73,7 +74,7 @@ def place_at(equations: BlockEquations, found: Plan, point: Floats, residuals: F
     if held.any():
         normal = found.pattern.accumulate(layout.weighted(values, np.where(held, 0.0, 1.0)))
         gradient = np.where(held, 0.0, gradient)
-    terms = np.sqrt(squares[layout.free]) * coordinates
+    terms = np.sqrt(squares[layout.free]) * magnitudes(equations, coordinates)
     cost = float(residuals @ residuals)
     size = sqrt(float(terms @ terms))
     noise = NOISE * (size + sqrt(cost))
