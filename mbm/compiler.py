@@ -80,7 +80,7 @@ def elaborated(program: Program, name: str | None, inputs: Inputs, registry: Reg
             Front(
                 vocabulary=registry.vocabulary,
                 limits=registry.limits,
-                routines=tuple(form.name for form in registry.closed_forms()),
+                routines=lambda: tuple(form.name for form in registry.closed_forms()),
             ),
             inputs.overrides,
             lambda declarations: _loaded(declarations, program, inputs, registry),
@@ -153,7 +153,7 @@ def solved(
         seed=settings.seed,
         method=settings.method,
         starts=settings.starts,
-        routines=tuple(form.name for form in forms),
+        routines=lambda: tuple(form.name for form in forms),
     )
     found = replace(found, problem=asked)
     return result_of(

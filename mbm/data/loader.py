@@ -53,7 +53,10 @@ def load_all(
         except MbmError as error:
             found.extend(error.diagnostics)
     if found:
-        raise MbmError(*found)
+        once: dict[tuple[object, ...], Diagnostic] = {}
+        for fault in found:  # a file of several tables is wrong once, however many clauses read it
+            once.setdefault((fault.code, fault.message, fault.place), fault)
+        raise MbmError(*once.values())
     return tables
 
 

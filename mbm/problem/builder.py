@@ -16,7 +16,7 @@ from mbm.problem import faults
 from mbm.problem.checks import check_data
 from mbm.problem.clauses import effective_clauses
 from mbm.problem.dimensions import infer
-from mbm.problem.elaboration import Workspace
+from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.joining import filtered, joined
 from mbm.problem.pairing import paired
 from mbm.problem.reading.cameras import read_camera
@@ -48,7 +48,7 @@ class Front:
 
     vocabulary: Vocabulary
     limits: Limits
-    routines: tuple[str, ...] = ()
+    routines: Routines = tuple
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

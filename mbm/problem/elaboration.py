@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequenc
 MAXIMUM_CASES = 20_000
 """Groups of rows with different static values that one clause may have; each is compiled on its own."""
 
+Routines: TypeAlias = Callable[[], tuple[str, ...]]
+"""The names of the registered closed forms: a call, since most problems name none and need not load them."""
+
 T = TypeVar("T")
 
 
@@ -33,13 +36,13 @@ T = TypeVar("T")
 class Workspace:
     """The elaboration at work: local to one call, handed from clause to clause. ``diagnostics`` collects the errors.
 
-    ``routines`` names the registered closed forms, which may be asked for as methods.
+    ``routines`` gives the names of the registered closed forms, which may be asked for as methods.
     """
 
     evaluator: Evaluator
     scope: ProblemScope
     tables: dict[str, Table]
-    routines: tuple[str, ...] = ()
+    routines: Routines = tuple
     diagnostics: list[Diagnostic] = field(default_factory=list)
     undeclared: set[str] = field(default_factory=set)
 

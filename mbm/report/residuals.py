@@ -58,8 +58,16 @@ def residual_summaries(problem: Problem, solution: Solution) -> Mapping[str, Res
 
 def _file_rows(table: Table, positions: list[int]) -> tuple[int, ...]:
     """Rows of the file, ascending; 0 where the table stands in the problem or was given as arrays."""
+    lines = table.provenance.file_rows
+    if any(_shares_its_line(lines, int(table.rows[p]) - 1) for p in positions):
+        return (0,) * len(positions)
     places = (table.place(p) for p in positions)
     return tuple(sorted(p.row or 0 if isinstance(p, DataPlace) else 0 for p in places))
+
+
+def _shares_its_line(lines: np.ndarray, row: int) -> bool:
+    """Whether a row (from 0) of a table written in the problem stands on one line with another, which names neither."""
+    return lines[row] in (*lines[max(row - 1, 0) : row], *lines[row + 1 : row + 2])
 
 
 def _counted(solution: Solution) -> Mask:

@@ -82,7 +82,8 @@ def estimate(
     end = reached(problem, robust, settings, found)
     minimum, weighted = end.minimum, end.equations
     observed = _observed(equations, weighted, minimum, robust, settings)
-    outcome = statistics(problem, equations, minimum, observed, end.noise, end.factors)
+    tested = None if robust.truncation is None else float(np.square(robust.scattering(minimum.residuals)).sum())
+    outcome = statistics(problem, equations, minimum, observed, end.noise, end.factors, tested)
     numbers = _known(equations, minimum.point)
     propagation = Propagation(
         problem=problem, kernels=kernels, binder=binder, equations=weighted, numbers=numbers, outcome=outcome

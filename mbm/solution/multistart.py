@@ -30,10 +30,10 @@ def starting_points(equations: Assembled, settings: Settings, last: Solution | N
 
     """
     if isinstance(settings.starts, RandomStarts):
-        own = beginnings(equations, settings)[: settings.starts.count]
+        first = beginnings(equations, settings)[: settings.starts.count]
         seed = settings.seed if settings.starts.seed is None else settings.starts.seed
-        points = _random(equations, own[0].point, settings.starts.count - len(own), seed)
-        return (*own, *(Beginning(point=point, origin=RANDOM) for point in points))
+        points = _random(equations, first[0].point, settings.starts.count - len(first), seed)
+        return (*first, *(Beginning(point=point, origin=RANDOM) for point in points))
     if isinstance(settings.starts, GivenStarts):
         own = beginnings(equations, settings)[0]
         return tuple(_given(equations, own.point, start) for start in settings.starts.starts)

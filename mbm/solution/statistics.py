@@ -45,8 +45,12 @@ def statistics(
     observed: Observability,
     noise: Mapping[int, Noise],
     factors: Floats | None,
+    tested: float | None = None,
 ) -> Statistics:
-    """Cost, degrees of freedom and covariance; a single unknown factor counts as σ = 1 in the cost (CONTRACT §2)."""
+    """Cost, degrees of freedom and covariance; a single unknown factor counts as σ = 1 in the cost (CONTRACT §2).
+
+    ``tested`` as for `fit_statistics`.
+    """
     plain = equations.plain_residuals(minimum.point) if equations.lossy else minimum.residuals
     cost, variance, known = float(plain @ plain) if equations.lossy else minimum.cost, 1.0, True
     if len(noise) == 1 and factors is not None:
@@ -83,6 +87,7 @@ def statistics(
             observed.rank,
             noise_stated=not noise and not equations.lossy,
             equalities=observed.equalities,
+            tested=tested,
         ),
         sigma_known=known,
         diagnostics=diagnostics,

@@ -28,14 +28,19 @@ VANISHED = 1e-12
 """A factor that falls below this share of its first value belongs to a group that is fitted exactly."""
 
 
-def fit_statistics(cost: float, rows: int, rank: int, noise_stated: bool, equalities: int = 0) -> Fit:
-    """Statistics of a minimum: ``dof = rows + equalities - rank``; no χ² test where any noise is unknown."""
+def fit_statistics(
+    cost: float, rows: int, rank: int, noise_stated: bool, equalities: int = 0, tested: float | None = None
+) -> Fit:
+    """Statistics of a minimum: ``dof = rows + equalities - rank``; no χ² test where any noise is unknown.
+
+    ``tested`` is what stands against χ² where the cost lacks something: the tails that consensus cut off.
+    """
     dof = rows + equalities - rank
     return Fit(
         cost=cost,
         dof=dof,
         sigma0=sqrt(cost / dof) if dof > 0 else None,
-        chi2_p=chi_square_tail(cost, dof) if dof > 0 and noise_stated else None,
+        chi2_p=chi_square_tail(cost if tested is None else tested, dof) if dof > 0 and noise_stated else None,
     )
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gzip
+from pathlib import Path
 
 import pytest
 
+import mbm
 from mbm.data.readers import READERS
 from mbm.data.types import ManyReader
 from mbm.text.types import MbmError
@@ -69,3 +71,14 @@ def test_an_archive_of_nothing_is_empty(tmp_path):
     path.write_bytes(gzip.compress(b""))
     with pytest.raises(MbmError, match="is empty"):
         READERS["tum"].read(path)
+
+
+def test_what_is_wrong_with_a_file_of_two_tables_is_said_once(tmp_path: Path) -> None:
+    (tmp_path / "graph.g2o").write_text("FOO 1 2\n")
+    (tmp_path / "p.mbm").write_text("""(problem p
+      (data nodes (g2o "graph.g2o" :vertices)) (data edges (g2o "graph.g2o" :edges))
+      (unknowns (T (pose 2) :per nodes :init (pose2 x y theta)))
+      (observe edges (= (pose2 dx dy dtheta) (between (T from) (T to))) :information information))""")
+    with pytest.raises(MbmError) as error:
+        mbm.load(tmp_path / "p.mbm").solve()
+    assert [d.code.name for d in error.value.diagnostics] == ["malformed-record"]

@@ -18,6 +18,8 @@ import mbm
 from mbm import compiler
 from mbm.kernels.derive import kernel_of
 from mbm.solution.estimate import assemble
+from mbm.solution.settings import settings_of
+from mbm.solution.starting import beginnings
 from mbm.symbolic.conversion import Finite
 from mbm.symbolic.printing import named_subexpressions
 
@@ -126,8 +128,9 @@ def blocks_of(problem: Any, data: Mapping[str, object] | None = None) -> Iterato
     equations, binder = assemble(found.problem, compiled.kernels, found.tables, starts, compiled.cache)
     random = np.random.default_rng(1)
     # Off the start by some per cent: starts are often special points (zero angles, equal members).
-    away = random.uniform(-0.03, 0.03, len(equations.numbers))
-    moved = equations.numbers * (1 + away) + np.where(np.abs(equations.numbers) < 1, 0.01 * away, 0)
+    start = beginnings(equations, settings_of(found.problem.request))[0].point
+    away = random.uniform(-0.03, 0.03, len(start))
+    moved = start * (1 + away) + np.where(np.abs(start) < 1, 0.01 * away, 0)
     owners = range(len(found.problem.derived))
     groups = (*equations.groups, *(g for o in owners for g in binder.derived(compiled.kernels, o)))
     by_kernel_id = {id(group.kernel): group for group in groups}

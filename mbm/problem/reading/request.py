@@ -8,7 +8,7 @@ from dataclasses import replace
 from mbm.language import faults as language_faults
 from mbm.language.coerce import integer, static_number
 from mbm.problem import faults
-from mbm.problem.elaboration import Workspace
+from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.options import split_options
 from mbm.problem.reading.robust import read_consensus
 from mbm.problem.reading.starts import LARGEST_SEED, MAXIMUM_STARTS, read_starts
@@ -89,12 +89,12 @@ def requested(
     seed: int | None,
     method: str | None,
     starts: int | None = None,
-    routines: tuple[str, ...] = (),
+    routines: Routines = tuple,
 ) -> Problem:
     """``problem`` with the seed, method and number of random starts that the caller asks for; None: as in the file.
 
-    ``routines`` are the registered closed forms, which may be methods too. A seed from outside takes the place of all
-    seeds in the file.
+    ``routines`` gives the names of the registered closed forms, which may be methods too. A seed from outside takes
+    the place of all seeds in the file.
     """
     request = problem.request
     if seed is not None:
@@ -114,7 +114,7 @@ def requested(
     return replace(problem, request=request)
 
 
-def _method(form: Form | None, routines: tuple[str, ...]) -> tuple[Method, str | None]:
+def _method(form: Form | None, routines: Routines) -> tuple[Method, str | None]:
     """The method, and the registered closed form that it is, if it is one."""
     if form is None:
         return Method.AUTO, None
@@ -122,15 +122,16 @@ def _method(form: Form | None, routines: tuple[str, ...]) -> tuple[Method, str |
     return _named_method(name or form.span.text, form.span, routines)
 
 
-def _named_method(name: str, span: Span | None, routines: tuple[str, ...]) -> tuple[Method, str | None]:
+def _named_method(name: str, span: Span | None, routines: Routines) -> tuple[Method, str | None]:
     if name in _METHODS_LATER:
         raise MbmError(language_faults.not_available_yet(span, f"`:method {name}`", "other solvers"))
     method = next((m for m in Method if m.value == name), None)
     if method is not None:
         return method, None
-    if name in routines:
+    registered = routines()
+    if name in registered:
         return Method.CLOSED_FORM, name
-    known = (*(m.value for m in Method if m.value not in _METHODS_LATER), *routines)
+    known = (*(m.value for m in Method if m.value not in _METHODS_LATER), *registered)
     raise MbmError(faults.unknown_method(span, name, closest(name, known), known))
 
 

@@ -126,6 +126,11 @@ def _ranked(plan: Plan, found: Floats) -> Floats:
     inside = np.ones((members, width), dtype=bool)
     if plan.candidate.flat:
         lower, upper = layout.lower[plan.candidate.coordinates], layout.upper[plan.candidate.coordinates]
+        turning = (plan.candidate.angles & np.isfinite(lower) & np.isfinite(upper))[:, None]
+        with np.errstate(invalid="ignore"):
+            middle = ((lower + upper) / 2)[:, None]
+            turned = middle + np.remainder(found - middle + np.pi, 2 * np.pi) - np.pi
+        found = np.where(turning, turned, found)
         inside &= ((found >= lower[:, None]) & (found <= upper[:, None])).all(axis=2)
         positive = layout.positive[plan.candidate.coordinates][:, None]
         usable &= (~positive | (found > 0)).all(axis=2)

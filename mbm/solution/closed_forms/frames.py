@@ -11,9 +11,9 @@ import numpy as np
 
 from mbm.problem.types import UnknownKind
 from mbm.solution.closed_forms.numerics.finite import finite
-from mbm.solution.closed_forms.numerics.rotations import euler_angles, from_euler, planar
+from mbm.solution.closed_forms.numerics.rotations import cross_matrix, euler_angles, from_euler, planar
 from mbm.solution.closed_forms.situation import Candidate
-from mbm.solution.manifolds import quaternion_of_matrix
+from mbm.solution.manifolds import quaternion_of_matrix, vector_of_quaternion
 from mbm.solution.types import Floats
 
 
@@ -142,6 +142,37 @@ class SeparateFrame:
         )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RotationVectorFrame:
+    """A rotation vector and a position in space as six plain numbers, in this order of columns."""
+
+    vector: tuple[int, ...]
+    position: tuple[int, ...]
+    dimension: int = 3
+    moves: bool = True
+    scales: bool = False
+
+    def numbers(self, c: Floats, R: Floats, t: Floats) -> Floats:
+        """The rotation vector, no longer than π, and the position, each in its columns."""
+        del c
+        found = np.full((*t.shape[:-1], 6), np.nan)
+        found[..., list(self.vector)] = vector_of_quaternion(_rotation_numbers(R, 3))
+        found[..., list(self.position)] = t
+        return found
+
+    def slopes(self, derivatives: Floats, R: Floats) -> Slopes:
+        """By ω in ``Exp(r) Exp(ω)``: the inverse of the right Jacobian of SO(3)."""
+        r = vector_of_quaternion(quaternion_of_matrix(R))
+        angle, K = float(np.linalg.norm(r)), cross_matrix(r)
+        factor = 1 / 12 if angle < 1e-4 else 1 / angle**2 - (1 + np.cos(angle)) / (2 * angle * np.sin(angle))
+        inverse = np.eye(3) + 0.5 * K + factor * (K @ K)
+        return Slopes(
+            rotation=derivatives[..., list(self.vector)] @ inverse,
+            translation=derivatives[..., list(self.position)],
+            scale=None,
+        )
+
+
 def frames_of(candidate: Candidate) -> Iterator[Frame]:
     """The motions that a candidate's numbers may hold, likelier ones first."""
     kinds = [entry.unknown.kind for entry in candidate.entries]
@@ -160,6 +191,9 @@ def frames_of(candidate: Candidate) -> Iterator[Frame]:
     if len(angles) == 1 and len(others) == 3:
         for scale in others:
             yield SeparateFrame(angles=tuple(angles), position=tuple(i for i in others if i != scale), scale=scale)
+    if not angles and len(others) == 6:
+        yield RotationVectorFrame(vector=tuple(others[:3]), position=tuple(others[3:]))
+        yield RotationVectorFrame(vector=tuple(others[3:]), position=tuple(others[:3]))
     if len(angles) == 3 and len(others) == 3:
         for order in permutations(angles):
             yield SeparateFrame(angles=order, position=tuple(others))

@@ -154,7 +154,7 @@ def _edge(pairs: Pairs, entry: Entry) -> Edge | None:
             usable &= np.abs(np.linalg.det(safe)) > 0
             if not bool(usable.all()):
                 return None
-            motion = stepped(entry, motion, -np.linalg.solve(safe, values[..., None])[..., 0])
+            motion = stepped(entry, motion, np.asarray(-np.linalg.solve(safe, values[..., None])[..., 0]))
             if float(np.abs(values).max()) <= SOLVED:
                 break
     generator = np.random.default_rng(0)

@@ -29,6 +29,12 @@ CANDIDATES = 10
 LARGE_SUBSET = 7
 """From so many units in a subset on, trials free of outliers are rare: graduated non-convexity gives one more."""
 
+MOST_FITS = 4000
+"""Several starts are tried with each subset, up to so many fits; beyond, subsets and starts are paired off."""
+
+FEW_STARTS = 8
+"""Starts of graduated non-convexity."""
+
 TOGETHER = 4_000_000
 """Numbers that the residuals of the trials which are scored together may take."""
 
@@ -77,11 +83,13 @@ def agree(trials: Trials, units: Units, starts: Floats, consensus: Consensus, se
         subsets = minimal_subsets(jacobian, units, consensus.trials, seed)
         count, size = subsets.shape
         if count:
-            each = np.tile(subsets, (len(starts), 1))
-            points = np.concatenate((trials.fitted(np.repeat(starts, count, axis=0), each), starts))
+            fits = max(count, min(count * len(starts), MOST_FITS))
+            of = np.arange(fits) % count
+            begun = starts[(np.arange(fits) // count + of) % len(starts)]
+            points = np.concatenate((trials.fitted(begun, subsets[of]), starts))
     if consensus.kind is ConsensusKind.GNC or size >= LARGE_SUBSET:
         unknown = units.group != STATED
-        more = np.concatenate([graduated(trials, units, start, cut, unknown) for start in starts])
+        more = np.concatenate([graduated(trials, units, start, cut, unknown) for start in starts[:FEW_STARTS]])
         points = more if consensus.kind is ConsensusKind.GNC else np.concatenate((points, more))
     if len(points) > CANDIDATES:
         points = _best_few(trials, units, points, consensus.kind, size, cut)

@@ -49,7 +49,7 @@ def _narrowed(trials: Trials, units: Units, point: Floats, limits: Floats, unkno
         return point
     for _ in range(ROUNDS):
         weights = _weights(squares, wide, control)
-        point = _fit(trials, point, weights[None], units, 2)
+        point = _fit(trials, point, weights[None], units, 1)
         squares = units.squares(trials.residuals(point))[0]
         wide = np.minimum(wide, limits * _variances(squares, units, trials.dimension, unknown))
         if bool(((weights < 1e-6) | (weights > 1.0 - 1e-6)).all()):

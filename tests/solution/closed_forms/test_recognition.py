@@ -99,14 +99,16 @@ def test_directions_turned() -> None:
     np.testing.assert_allclose(found["matrix"], TURN, atol=EXACT)
 
 
-def test_a_pose_of_the_plane_as_three_numbers() -> None:
-    points, angle = cloud(5, 4)[:, :2], 2.5
+@pytest.mark.parametrize(("angle", "range_"), [(2.5, ""), (3.3, ":in (170deg 200deg)"), (-3.0, "")])
+def test_a_pose_of_the_plane_as_three_numbers(angle: float, range_: str) -> None:
+    points = cloud(5, 4)[:, :2]
     R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     seen = (points - [1.0, 2.0]) @ R
     data = dict(zip("xyuv", (*points.T, *seen.T), strict=True))
-    text = "(unknowns (px) (py) (h angle)) (observe d (= [u v] (rotate (rot2 (- h)) (- [x y] [px py]))))"
+    text = f"(unknowns (px) (py) (h angle {range_})) (observe d (= [u v] (rotate (rot2 (- h)) (- [x y] [px py]))))"
     found = solved(text, "umeyama", **data)
-    np.testing.assert_allclose([found["px"], found["py"], found["h"]], [1, 2, angle], atol=EXACT)
+    reported = np.angle(np.exp(1j * angle))  # angles are reported in (-π, π]
+    np.testing.assert_allclose([found["px"], found["py"], found["h"]], [1, 2, reported], atol=EXACT)
 
 
 def distorted(x: Floats, y: Floats) -> tuple[Floats, Floats]:
@@ -146,6 +148,18 @@ def test_euler_angles_and_a_position_before_the_camera_of_the_paper() -> None:
       (observe d (= [u v] (perse (trans [xg yg zg] (rotate [phi theta psi] [x y z])))))"""
     found = solved(text, "pose-from-points", **data)
     np.testing.assert_allclose([found[n] for n in truth], list(truth.values()), atol=1e-7)
+
+
+def test_a_rotation_vector_and_a_position() -> None:
+    axis = np.array([0.2, 1.0, -0.5])
+    vector = 1.2 * axis / np.linalg.norm(axis)
+    points = cloud(7, 7)
+    seen = points @ TURN.T + SHIFT
+    u, v = seen[:, 0] / seen[:, 2], seen[:, 1] / seen[:, 2]
+    text = """(camera cam :focal (1 1) :center (0 0)) (unknowns (r (vector 3)) (t (vector 3)))
+      (observe d (= [u v] (project cam (+ t (rotate (axis-angle r) [x y z])))))"""
+    found = solved(text, "pose-from-points", **dict(zip("xyzuv", (*points.T, u, v), strict=True)))
+    np.testing.assert_allclose([*found["r"], *found["t"]], [*vector, *SHIFT], atol=1e-7)
 
 
 def test_a_point_seen_from_known_places() -> None:
