@@ -316,5 +316,13 @@ def describe(value: Value) -> str:
     return f"the function `{value.name}`"
 
 
+def described_with_space(value: Value) -> str:
+    """`describe`, and for rotations, poses and similarities the space that they move."""
+    if not isinstance(value, RotationValue | PoseValue):
+        return describe(value)
+    rotation = value if isinstance(value, RotationValue) else value.rotation
+    return f"{describe(value)} of {'the plane' if rotation.dimension == 2 else 'space'}"
+
+
 SpecialForm: TypeAlias = "Callable[[Evaluator, Sequence, Scope], Value]"
 FunctionTable: TypeAlias = Mapping[str, Callable_]

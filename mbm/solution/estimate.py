@@ -82,7 +82,7 @@ def estimate(
     end = reached(problem, robust, settings, found)
     minimum, weighted = end.minimum, end.equations
     observed = _observed(equations, weighted, minimum, robust, settings)
-    tested = None if robust.truncation is None else float(np.square(robust.scattering(minimum.residuals)).sum())
+    tested = robust.tested(minimum.residuals)
     outcome = statistics(problem, equations, minimum, observed, end.noise, end.factors, tested)
     numbers = _known(equations, minimum.point)
     propagation = Propagation(
@@ -90,7 +90,11 @@ def estimate(
     )
     derived, derived_covariance = propagation.all_derived()
     whole = weighted.everything().plain_residuals(minimum.point)
-    warnings = (*rivals(problem, minimum, end.others, outcome.fit, end.noise), *doubts(propagation, minimum, derived))
+    warnings = (
+        *robust.diagnostics,
+        *rivals(problem, minimum, end.others, outcome.fit, end.noise),
+        *doubts(propagation, minimum, derived),
+    )
     return Solution(
         key=key,
         tables=tables,
@@ -121,12 +125,7 @@ def estimate(
         iterations=end.iterations,
         evaluations=end.evaluations,
         seconds=time.perf_counter() - began,
-        diagnostics=(
-            *robust.diagnostics,
-            *_at_start(problem, tables, minimum, equations),
-            *outcome.diagnostics,
-            *warnings,
-        ),
+        diagnostics=(*_at_start(problem, tables, minimum, equations), *outcome.diagnostics, *warnings),
     )
 
 

@@ -220,3 +220,19 @@ def test_the_chi_square_test_makes_up_for_tails_that_consensus_cut_off():
     solve = solved(":sigma 0.1", "(solve :robust (msac :threshold 2))", x=x, y=y)
     assert solve.cost < 0.85 * solve.dof
     assert 0.001 < solve.chi2_p < 0.999
+
+
+def test_asked_starts_look_for_other_solutions_of_the_measurements_that_agree():
+    # Stations on a line see a point and its mirror image alike; one range is off by 4 m.
+    x = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    d = np.hypot(1.0 - x, 1.0)
+    d[5] += 4.0
+    text = """(problem place (data r external) (unknowns (p (vector 2) :init [3 2]))
+      (observe r (= d (norm (- p [x 0]))) :sigma 1mm) (solve :robust lmeds :starts (random 20)))"""
+    solve = mbm.loads(text).solve(data={"r": {"x": x, "d": d}}).solves[0]
+    assert solve.starts.tried == 20
+    assert solve.residual_summaries["r"].outliers == (6,)
+    # The data are exact up to rounding, far below the micrometre.
+    np.testing.assert_allclose(solve.estimates[0].value, [1.0, 1.0], rtol=0, atol=1e-6)
+    (mirrored,) = solve.alternatives
+    np.testing.assert_allclose(mirrored.estimates[0].value, [1.0, -1.0], rtol=0, atol=1e-6)

@@ -17,7 +17,9 @@ import sympy
 import mbm
 from mbm import compiler
 from mbm.kernels.derive import kernel_of
+from mbm.problem.manifold import Piece
 from mbm.solution.estimate import assemble
+from mbm.solution.manifolds import hamilton, tangent_axes
 from mbm.solution.settings import settings_of
 from mbm.solution.starting import beginnings
 from mbm.symbolic.conversion import Finite
@@ -96,7 +98,7 @@ def by_sympy(block: Any, point: Mapping[sympy.Symbol, float]) -> tuple[np.ndarra
 def by_kernel(kernel: Any, inputs: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     """Values (m,) and dense Jacobian (m, n) of a kernel by CasADi's own virtual machine."""
     both = np.asarray(kernel.jacobian_function(np.asarray(inputs, dtype=float))).reshape(-1)
-    jacobian = np.zeros((kernel.outputs, len(kernel.variables)))
+    jacobian = np.zeros((kernel.outputs, len(kernel.tangents)))
     jacobian[kernel.jacobian_rows, kernel.jacobian_columns] = both[kernel.outputs :]
     return both[: kernel.outputs], jacobian
 
@@ -153,6 +155,24 @@ def single(text: str, names: str = "a b", columns: str = "x y z") -> tuple[Any, 
     return block, kernel_of(block)
 
 
+def tangent_map(kernel: Any, inputs: np.ndarray) -> np.ndarray:
+    """How the inputs vary with the coordinates of their tangent spaces (variables, tangents): R Exp(ω), c exp(s)."""
+    found = np.zeros((len(kernel.variables), len(kernel.tangents)))
+    for chart in kernel.charts:
+        numbers = inputs[list(chart.variables)]
+        if chart.piece is Piece.SCALE:
+            slopes = numbers[:, None]
+        elif chart.piece is Piece.QUATERNION:
+            pure = np.hstack([np.zeros((3, 1)), np.eye(3)])
+            slopes = 0.5 * hamilton(np.tile(numbers, (3, 1)), pure).T
+        elif chart.piece is Piece.SPHERE:
+            slopes = np.stack(tangent_axes(numbers), axis=1)
+        else:
+            slopes = np.ones((1, 1))
+        found[np.ix_(chart.variables, chart.tangents)] = slopes
+    return found
+
+
 def point_of(block: Any, values: Mapping[str, float]) -> list[float]:
     """The inputs of a block by name."""
     return [values[s.name] for s in (*block.variable_symbols, *block.parameter_symbols)]
@@ -161,7 +181,9 @@ def point_of(block: Any, values: Mapping[str, float]) -> list[float]:
 def check(block: Any, kernel: Any, inputs: np.ndarray) -> None:
     """Kernel = SymPy = differences at one row's inputs."""
     symbols = (*block.variable_symbols, *block.parameter_symbols)
+    tangents = tangent_map(kernel, inputs)
     values, jacobian = by_sympy(block, dict(zip(symbols, inputs, strict=True)))
+    jacobian = jacobian @ tangents
     found, slopes = by_kernel(kernel, inputs)
     # Rounding of the kernel's some hundred operations; cancellation loses what the largest entries are rounded by.
     scale = max(1.0, np.abs(values).max(initial=0))
@@ -170,5 +192,9 @@ def check(block: Any, kernel: Any, inputs: np.ndarray) -> None:
     np.testing.assert_allclose(slopes, jacobian, rtol=1e-11, atol=1e-12 * steep, err_msg=block.name)
     # Differences with steps of 5e-4 are good to some 1e-11 of the values, divided by the step.
     np.testing.assert_allclose(
-        by_differences(kernel, inputs), jacobian, rtol=1e-6, atol=1e-7 * max(steep, scale), err_msg=block.name
+        by_differences(kernel, inputs) @ tangents,
+        jacobian,
+        rtol=1e-6,
+        atol=1e-7 * max(steep, scale),
+        err_msg=block.name,
     )

@@ -11,7 +11,7 @@ from mbm.expression.algebra import add, apply, divide, dot, multiply, negate, nu
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
-from mbm.language.values import Array, PoseValue, RotationValue, Value, describe
+from mbm.language.values import Array, PoseValue, RotationValue, Value, describe, described_with_space
 from mbm.language.vocabulary.vectors import norm_of, product, transposed
 from mbm.text.types import MbmError, Span
 
@@ -222,7 +222,7 @@ def geometric_difference(measured: Value, model: Value, span: Span) -> tuple[Exp
     if not (isinstance(measured, RotationValue | PoseValue) or isinstance(model, RotationValue | PoseValue)):
         return None
     if _kind(measured) != _kind(model):
-        raise MbmError(faults.length_clash(span, describe(measured), describe(model)))
+        raise MbmError(faults.length_clash(span, described_with_space(measured), described_with_space(model)))
     first, second = pose(measured, span), pose(model, span)
     back = inverse_rotation(first.rotation, span)
     turned = logarithm(compose_rotations(back, second.rotation, span), span)

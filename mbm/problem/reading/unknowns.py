@@ -10,7 +10,7 @@ from mbm.expression.units import Unit, parse_unit, refused_unit
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, integer, static_number, vector
 from mbm.language.scope import Scope
-from mbm.language.values import Array, FamilyValue, PoseValue, RotationValue, TextColumn, Value, describe
+from mbm.language.values import Array, FamilyValue, PoseValue, RotationValue, TextColumn, Value, described_with_space
 from mbm.language.vocabulary.rigid import (
     direction_difference,
     geometric_difference,
@@ -266,7 +266,7 @@ def _stated(declaration: Declaration, value: Value, span: Span) -> tuple[Express
     rotation = given if isinstance(given, RotationValue) else given.rotation
     if rotation.dimension != declaration.dimension:
         wanted = f"`({kind.value} {declaration.dimension})`"
-        raise MbmError(language_faults.length_clash(span, describe(value), wanted))
+        raise MbmError(language_faults.length_clash(span, described_with_space(given), wanted))
     if isinstance(given, RotationValue):
         return given.matrix.elements
     numbers = (*rotation.matrix.elements, *given.translation)

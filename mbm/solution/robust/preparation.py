@@ -14,7 +14,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Problem
+from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Problem, RandomStarts
 from mbm.solution.assembly import Assembled, loss_lines
 from mbm.solution.robust import faults
 from mbm.solution.robust.agree import Agreed, agree, agree_near
@@ -61,6 +61,10 @@ class Prepared:
         """Residuals (m,) that scatter as the noise does, without the loss of the tails."""
         return residuals if self.truncation is None else residuals / np.sqrt(self.equations.picked(self.truncation))
 
+    def tested(self, residuals: Floats) -> float | None:
+        """The sum of squares (of residuals (m,)) that follows the χ² law where tails were cut off; None: as it is."""
+        return None if self.truncation is None else float(np.square(self.scattering(residuals)).sum())
+
 
 def prepared(problem: Problem, equations: Assembled, settings: Settings, starts: tuple[Beginning, ...]) -> Prepared:
     """The equations that count, and better starts; what was given where nothing is robust."""
@@ -91,7 +95,7 @@ def _agreeing(
         diagnostics.append(faults.ambiguous_consensus(problem.span))
     return Prepared(
         equations=equations.kept(keep),
-        starts=(Beginning(point=found.point, origin=f"consensus ({consensus.kind.value})"),),
+        starts=_from_agreement(found, consensus, settings, starts),
         factors=factors,
         noise=noise,
         truncation=_truncation(equations, units, information_left(found.limits, found.variances, units)),
@@ -113,7 +117,7 @@ def _scaled(problem: Problem, equations: Assembled, settings: Settings, starts: 
     factors, noise = _loss_noise(problem, equations, units, found)
     return Prepared(
         equations=equations,
-        starts=(Beginning(point=found.point, origin="consensus (lmeds)"),),
+        starts=_from_agreement(found, consensus, settings, starts),
         factors=factors,
         noise=noise,
     )
@@ -156,6 +160,16 @@ def _agreed_from_sample(
         trials=found.trials,
         ambiguous=found.ambiguous,
     )
+
+
+def _from_agreement(
+    found: Agreed, consensus: Consensus, settings: Settings, starts: tuple[Beginning, ...]
+) -> tuple[Beginning, ...]:
+    """Where units agree; then the points of `:starts`, for other minima (the first random one is what it would be)."""
+    agreeing = Beginning(point=found.point, origin=f"consensus ({consensus.kind.value})")
+    if settings.starts is None:
+        return (agreeing,)
+    return (agreeing, *(starts[1:] if isinstance(settings.starts, RandomStarts) else starts))
 
 
 def _has_loss(block: Block) -> bool:
