@@ -14,6 +14,10 @@ from mbm.text.types import DataPlace, MbmError, Place
 LARGEST_FILE = 2_000_000_000
 """The size in bytes from which on a file is refused: its table would not fit the memory of an ordinary machine."""
 
+UNPACKED, PACKED_SHARE = 100_000_000, 100
+"""Bytes to which a small file may unpack, and how many times its own size a larger one: measurements written as text
+shrink to a tenth or so; what shrinks to a thousandth was made to fill the memory."""
+
 COMPRESSED = (".gz", ".bz2", ".xz")
 """Endings of compressed files; the ending before it tells the format."""
 
@@ -64,18 +68,19 @@ def read_bytes(path: Path, *, largest: int = LARGEST_FILE) -> tuple[bytes, str]:
 
 
 def _unpacked(content: bytes, path: Path, largest: int) -> bytes:
-    """The content of a compressed file; never more than ``largest`` bytes are unpacked."""
+    """The content of a compressed file; never more than ``largest`` bytes are unpacked, nor UNPACKED of a small one."""
     import lzma
     import zlib
 
     place = DataPlace(file=path.as_posix())
+    largest = min(largest, max(UNPACKED, PACKED_SHARE * len(content)))
     try:
         with _packed_stream(content, path.suffix.lower()) as stream:
             unpacked = stream.read(largest + 1)
     except (OSError, EOFError, ValueError, zlib.error, lzma.LZMAError) as error:
         raise MbmError(faults.damaged_archive(place, str(error))) from None
     if len(unpacked) > largest:
-        raise MbmError(faults.file_too_large(place, place.file, len(unpacked), largest))
+        raise MbmError(faults.unpacks_too_large(place, len(content), largest))
     return unpacked
 
 

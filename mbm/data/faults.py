@@ -169,6 +169,12 @@ def file_too_large(place: Place, path: str, size: int, largest: int) -> Diagnost
     return Diagnostic(code=FILE_TOO_LARGE, message=message, place=place)
 
 
+def unpacks_too_large(place: DataPlace, packed: int, largest: int) -> Diagnostic:
+    """A compressed file of ``packed`` bytes with more than ``largest`` bytes in it."""
+    message = f"the {packed:,} bytes of `{place.file}` unpack to more than the {largest:,} that are read of them"
+    return Diagnostic(code=FILE_TOO_LARGE, message=message, place=place)
+
+
 def empty_file(place: DataPlace) -> Diagnostic:
     """Nothing in the file."""
     return Diagnostic(code=EMPTY_FILE, message=f"the file `{place.file}` is empty", place=place)

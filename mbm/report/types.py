@@ -156,7 +156,7 @@ class CommonDirection:
 class Observability:
     """The rank decision. ``unused`` names unknowns (or members, ``cam["left"]``) that no equation mentions.
 
-    ``condition`` is that of the scaled Jacobian on its estimable part. ``gauge`` names the common motions that are free.
+    ``condition`` is that of the scaled Jacobian on its estimable part. ``gauge`` names the free common motions.
     """
 
     rank: int

@@ -116,7 +116,7 @@ class Assembled:
         return layout.retract(x, every)
 
     def chart_slopes(self, x: Floats, step: Floats) -> Floats:
-        """How a step at ``retract(x, step)`` varies with the step at x, shape (n, n); the identity for plain numbers."""
+        """How a step at ``retract(x, step)`` varies with the step at x (n, n); the identity for plain numbers."""
         every = np.zeros(len(self.layout.number))
         every[self.free] = step
         result = np.eye(len(every))

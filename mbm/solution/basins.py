@@ -12,6 +12,7 @@ from mbm.solution.agreement import Agreement
 from mbm.solution.assembly import Assembled
 from mbm.solution.batch import Batch
 from mbm.solution.solvers.batched import Batched
+from mbm.solution.solvers.scaled import ROUNDED, turning
 from mbm.solution.twins import Twin, separation, twin_of
 from mbm.solution.types import Floats, Indices, Minimum
 
@@ -169,7 +170,7 @@ def _same(equations: Assembled, one: Minimum, other: Minimum) -> bool:
     within = apart * length <= FINE * spread + EQUAL * size * length
     if within.all():
         return True
-    if one.residuals.shape != other.residuals.shape or not _flat(one):
+    if one.residuals.shape != other.residuals.shape or not _flat(equations, one):
         return False
     return bool((np.abs(one.residuals - other.residuals) <= FINE * spread).all())
 
@@ -182,14 +183,16 @@ def _lengths(minimum: Minimum) -> Floats:
     return np.asarray(np.linalg.norm(minimum.jacobian, axis=0))
 
 
-def _flat(minimum: Minimum) -> bool:
+def _flat(equations: Assembled, minimum: Minimum) -> bool:
     """The equations do not determine all unknowns at the minimum; with many unknowns nobody asks."""
     if minimum.blocks is not None:
         return False
     free = minimum.at_bound == 0
     columns = minimum.jacobian[:, free]
     length = np.linalg.norm(columns, axis=0)
-    if not (length > 0.0).all():
+    curved = turning(equations)
+    least = 0.0 if curved is None else np.where(curved[free], ROUNDED * length[curved[free]].max(initial=0.0), 0.0)
+    if not (length > least).all():
         return True
     return bool(np.linalg.matrix_rank(columns / length, tol=EQUAL * FINE) < free.sum())
 

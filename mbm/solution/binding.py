@@ -35,13 +35,13 @@ MOST_PREPARED_ROWS = 1_000_000
 class EvaluationCache:
     """Prepared kernels by number of rows, so that a stream of data sets of one size prepares them once.
 
-    Local to one compiled problem in one thread; an evaluation is filled anew before each use. Sets of unknowns that no
-    closed form gives are remembered too.
+    Local to one compiled problem in one thread; an evaluation is filled anew before each use. Sets of unknowns and
+    numbers of rows for which no closed form is made are remembered too.
     """
 
     def __init__(self, backend: Backend) -> None:
         self.backend = backend
-        self.without_closed_form: set[tuple[str, ...]] = set()
+        self.without_closed_form: set[tuple[str | int, ...]] = set()
         self.layouts = Layouts()
         self._prepared: dict[tuple[int, int], Evaluation] = {}
 

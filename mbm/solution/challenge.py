@@ -10,7 +10,7 @@ import numpy as np
 from mbm.problem.types import Method, Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import EvaluationCache
-from mbm.solution.closed_forms.completion import completions
+from mbm.solution.closed_forms.completion import completions, plans
 from mbm.solution.closed_forms.situation import Situation
 from mbm.solution.minimise import minimise
 from mbm.solution.random_starts import costs
@@ -33,19 +33,22 @@ def challenged(
 
     A closed form's answer costs more than the minimum that it lies near: it is followed only if it costs less than what
     was found, or nothing was found. Of ``many`` solves, those that fit as well as the stated noise lets expect are left
-    alone. That no closed form applies is remembered in ``cache``, for the data sets to come.
+    alone. That no closed form is made for such equations is remembered in ``cache``, for the data sets to come; one that
+    fails on the numbers of this data set may succeed on those of the next.
     """
-    names = tuple(entry.unknown.name for entry in equations.layout.entries)
+    kind = (*(e.unknown.name for e in equations.layout.entries), *(group.rows for group in equations.groups))
     iterative = settings.method not in (Method.CLOSED_FORM, Method.DIRECT_SEARCH)
     if found.origin != GIVEN or not iterative or equations.linear or equations.lossy or settings.robust is not None:
         return found
-    if equations.constraints or names in cache.without_closed_form or (many and _plausible(equations, found, problem)):
+    if equations.constraints or kind in cache.without_closed_form or (many and _plausible(equations, found, problem)):
         return found
     numbers = np.where(equations.moving(), np.nan, found.minimum.point)
     situation = Situation(layout=equations.layout, groups=equations.groups, numbers=numbers)
-    complete = [c for c in completions(situation, settings.closed_forms) if not bool(np.isnan(c.numbers).any())]
+    reached = completions(situation, settings.closed_forms)
+    complete = [c for c in reached if not bool(np.isnan(c.numbers).any())]
     if not complete:
-        cache.without_closed_form.add(names)
+        if not any(_recognised(situation.with_numbers(c.numbers), settings) for c in reached):
+            cache.without_closed_form.add(kind)
         return found
     fits = costs(equations, np.stack([c.numbers for c in complete]))
     best = int(np.argmin(fits))
@@ -61,6 +64,11 @@ def challenged(
         iterations=found.iterations + other.iterations,
         evaluations=found.evaluations + other.evaluations,
     )
+
+
+def _recognised(situation: Situation, settings: Settings) -> bool:
+    """Whether a closed form is made for some of the unknowns, whatever the data say."""
+    return next(plans(situation, settings.closed_forms), None) is not None
 
 
 def _plausible(equations: Assembled, found: Found, problem: Problem) -> bool:

@@ -19,8 +19,8 @@ NO_UNKNOWNS = Code(
 )
 TOO_MANY_UNKNOWNS = Code(
     "too-many-unknowns",
-    "The Jacobian is held as a dense matrix where equations touch many of the unknowns, with constraints, `:errors`, and "
-    "methods other than `auto` and `lm`; this one would not fit in the memory it may take.",
+    "The Jacobian is held as a dense matrix where equations touch many of the unknowns, with constraints, `:errors`, "
+    "and methods other than `auto` and `lm`; this one would not fit in the memory it may take.",
     "Use `:method auto`, solve in parts (`for-each`, `window`), or fix or drop unknowns.",
 )
 NO_CLOSED_FORM = Code(
@@ -79,8 +79,8 @@ PRIOR_AGAINST_DATA = Code(
 )
 ANOTHER_SOLUTION = Code(
     "another-solution",
-    "Several starts were tried, and another minimum fits the data as well as the one that is reported, or so nearly that "
-    "the noise may have decided between them (a warning). It stands among the `alternatives`.",
+    "Several starts were tried, and another minimum fits the data as well as the one that is reported, or so nearly "
+    "that the noise may have decided between them (a warning). It stands among the `alternatives`.",
     "Measure something that tells the two apart, or exclude one with `:in` or a constraint.",
 )
 FARTHEST = 10.0

@@ -226,7 +226,7 @@ def _fill(entry: Entry, values: RowValues | None, tables: Mapping[str, Table], t
     if values is not None:
         numbers = _checked(entry, row_values(values, tables), values)
         places = bounded_coordinates(entry.unknown.manifold)
-        part = target[entry.coordinates].reshape(entry.members, -1)
+        part = target[entry.coordinates].reshape(entry.members, entry.unknown.freedom)
         part[:, places] = numbers.reshape(-1, len(places))
         target[entry.coordinates] = part.ravel()
 
@@ -247,7 +247,7 @@ def _start(entry: Entry, tables: Mapping[str, Table], starts: Mapping[str, Float
         return given
     values = entry.unknown.start
     _checked(entry, row_values(values, tables), values)
-    stated = row_values(values, tables).reshape(entry.members if entry.keys is not None else 1, -1)
+    stated = row_values(values, tables)
     numbers = numbers_of_stated(entry.unknown.kind, entry.unknown.dimension, stated).reshape(-1)
     return np.where(np.isnan(given), numbers, given)
 
@@ -288,6 +288,6 @@ def free_positions(found: Layout, used: Mask) -> Indices:
     free = ~found.fixed
     for entry in found.entries:
         if entry.keys is not None and bool(used[entry.coordinates].any()):
-            mentioned = used[entry.coordinates].reshape(entry.members, -1).any(axis=1)
+            mentioned = used[entry.coordinates].reshape(entry.members, entry.unknown.freedom).any(axis=1)
             free[entry.coordinates] &= np.repeat(mentioned, entry.unknown.freedom)
     return np.flatnonzero(free)

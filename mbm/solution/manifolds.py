@@ -13,7 +13,6 @@ from mbm.problem.manifold import Manifold, Piece
 from mbm.problem.types import UnknownKind
 from mbm.solution.types import Floats, Indices
 
-
 SMALL_ANGLE = 1e-3
 """Below it the slopes are taken from two terms of their series: the third is below 1e-14."""
 

@@ -151,6 +151,11 @@ def _ended(equations: Assembled, completion: Completion, settings: Settings) -> 
     linear = affine_coordinates(equations, missing)
     if bool((linear == missing).all()):
         return (Beginning(point=solved_linearly(equations, numbers, linear), origin="; ".join((*used, "linear"))),)
+    if bool(middle.any()):
+        # What is drawn at random for the others would fit the middle only: the ranges are drawn from as well.
+        numbers, used = completion.numbers, completion.used
+        missing = replace(layout, start=numbers).missing()
+        linear = affine_coordinates(equations, missing)
     return _random(equations, numbers, missing, linear, settings, used)
 
 

@@ -112,7 +112,7 @@ def _reflection(first: Floats, second: Floats, moving: Indices, turning: Mask) -
 
 
 def _holds(stack: Batch, candidate: _Map, about: Floats, places: Indices, angle: Mask) -> bool:
-    """Whether the map leaves all residuals as they are, at points scattered about one of the minima."""
+    """Whether the map leaves all residuals as they are, up to their signs, at points scattered about one minimum."""
     random = np.random.default_rng(len(places))
     reach = np.where(angle, ANGLE, SHARE * np.abs(about[places]))
     probes = np.tile(about, (PROBES, 1))
@@ -123,7 +123,9 @@ def _holds(stack: Batch, candidate: _Map, about: Floats, places: Indices, angle:
     if finite.sum() < 2:
         return False
     before, after = before[finite], after[finite]
-    return bool((np.abs(before - after) <= AGREE * (1.0 + np.abs(before).max())).all())
+    allowed = AGREE * (1.0 + np.abs(before).max())
+    kept, turned = (np.abs(before - sign * after).max(axis=0) <= allowed for sign in (1.0, -1.0))
+    return bool((kept | turned).all())
 
 
 def separation(equations: Assembled, point: Floats, others: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""Points on an ellipse with errors in both coordinates: seeded, and fitted with the place of each point as an unknown."""
+"""Points on an ellipse with errors in both coordinates: seeded, and fitted with the place of each as an unknown."""
 
 from __future__ import annotations
 

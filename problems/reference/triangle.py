@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from problems.reference.least_squares import Array, estimate, fit, table, write_expected, write_table
@@ -37,7 +39,7 @@ def main() -> None:
 
     found = fit(residuals, [measured[0], measured[1], lengths[0] / np.sin(measured[0])])
 
-    def both(function):  # type: ignore[no-untyped-def]
+    def both(function: Callable[[Array], Array]) -> tuple[Array, Array]:
         values = function(found.x)
         sigmas = [found.sigma_of(lambda x, i=i: function(x)[i]) for i in range(len(values))]
         return values, np.array(sigmas)

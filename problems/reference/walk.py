@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from problems.reference.least_squares import estimate, table, write_expected, write_table
+from problems.reference.least_squares import Array, estimate, table, write_expected, write_table
 
 LENGTH, STEP, LEAST = 30.0, 15.0, 10
 SECONDS = 121
@@ -17,7 +19,7 @@ def measure() -> None:
     random = np.random.default_rng(2002)
     times = np.arange(0, SECONDS - 1 + 0.2, 0.4)
 
-    def place(t):  # type: ignore[no-untyped-def]
+    def place(t: Array) -> Array:
         return 6 * np.cos(0.07 * t) + 4j * np.sin(0.11 * t) + 0.05 * t
 
     map_times = np.arange(SECONDS) + 0.013
@@ -54,11 +56,11 @@ def main() -> None:
     write_expected("walk", {"walk": {"solves": solves}})
 
 
-def _place(row):  # type: ignore[no-untyped-def]
+def _place(row: dict[str, str]) -> complex:
     return complex(float(row["x"]), float(row["y"]))
 
 
-def _solve(rows, end):  # type: ignore[no-untyped-def]
+def _solve(rows: list[tuple[float, complex, complex]], end: float) -> dict[str, Any]:
     """``w = a z + b`` with unit weights, and the spread of (angle, b, log |a|) in real numbers."""
     w = np.array([r[1] for r in rows])
     z = np.array([r[2] for r in rows])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 
 import pytest
@@ -92,6 +93,14 @@ def test_a_file_that_grows_while_it_is_read(tmp_path, monkeypatch, faults_of):
     assert fault.code.name == "file-too-large"
     monkeypatch.undo()
     check_file(path, DataPlace(file="d.csv"), largest=4)
+
+
+def test_a_small_file_that_unpacks_to_fill_the_memory(tmp_path, faults_of):
+    path = tmp_path / "d.csv.gz"
+    path.write_bytes(gzip.compress(b"1,1\n" * 26_000_000, compresslevel=1))
+    (fault,) = faults_of(read_bytes, path)
+    assert fault.code.name == "file-too-large"
+    assert f"the {path.stat().st_size:,} bytes of" in fault.message
 
 
 @pytest.mark.parametrize("path", ["../d.csv", "link.csv", "out/d.csv"])

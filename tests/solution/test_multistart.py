@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import mbm
+from mbm.report.types import SolveStatus
 
 ROOM = """(problem m (data st (table (id x y z) (1 0 0 2) (2 4 0 2) (3 0 5 2)) :key id)
   (data r (table (s range) (1 1.9) (2 3.8) (3 4.6)) :with (st s))
@@ -25,3 +27,34 @@ def test_the_mirror_image_below_coplanar_stations(init, count):
     assert heights == pytest.approx([2 - height, 2 + height], rel=1e-9)
     assert "mirror image" in solve.alternatives[0].remark
     assert solve.starts.tried == count
+
+
+def test_points_on_a_line_leave_one_rotation_and_one_solution():
+    """Poses of a straight rod: the turn about it is free to any extent, which is one solution and not many."""
+    text = """(problem p (data d (table (x u v w) (1 2 0 0) (2 3 0 0) (3 4 0 0))) (unknowns (T (pose 3)))
+      (observe d (= [u v w] (transform T [x 0 0])) :sigma 0.01))"""
+    found = mbm.loads(text).solve()
+    assert found.first.status is SolveStatus.UNOBSERVABLE
+    assert found.first.starts.converged == found.first.starts.tried
+    assert found.first.alternatives == ()
+    assert (found.observability.rank, found.observability.dimension) == (5, 6)
+    assert found["T"].value[4:] == pytest.approx([1, 0, 0], abs=1e-9)
+
+
+def test_a_line_written_with_the_opposite_direction_is_one_solution():
+    """(α + π, −ρ) turns the signs of all residuals and is the same line."""
+    text = """(problem p (data d (table (x y) (0 1.01) (1 1.49) (2 2.01) (3 2.5))) (unknowns (al angle) (rho))
+      (observe d (- (- (* y (cos al)) (* x (sin al))) rho) :sigma 0.01))"""
+    solve = mbm.loads(text).solve().first
+    assert solve.alternatives == ()
+    assert solve.starts.best_found == solve.starts.tried
+
+
+def test_a_range_is_drawn_from_where_others_are_drawn_at_random():
+    """From the middle of the range, a frequency of 2.75, no phase leads to the 2.1 of the data."""
+    x = np.linspace(0, 9, 40)
+    text = """(problem p (data d external) (unknowns (a) (w :in (0.5 5)) (ph angle) (c))
+      (observe d (= y (+ c (* a (sin (+ (* w x) ph))))) :sigma 0.02))"""
+    found = mbm.loads(text).solve(data={"d": {"x": x, "y": 1 + 5 * np.sin(2.1 * x + 0.4)}})
+    assert float(found["w"].value) == pytest.approx(2.1, rel=1e-9)
+    assert float(abs(found["a"].value)) == pytest.approx(5, rel=1e-9)

@@ -15,8 +15,11 @@ from mbm.solution.types import Equations, Floats, Minimum, Reason, Solver
 from mbm.testing.requirement import NotConformingError
 from mbm.testing.solvers import check_solver, samples
 
+ITERATIVE = [m for m in METHODS.values() if m.name != "closed-form"]
+"""All but the answers of closed forms, which stay where they are."""
 
-@pytest.mark.parametrize("solver", [LINEAR, *METHODS.values()], ids=lambda solver: solver.name)
+
+@pytest.mark.parametrize("solver", [LINEAR, *ITERATIVE], ids=lambda solver: solver.name)
 def test_our_solvers_conform(solver: Solver) -> None:
     check_solver(solver)
 

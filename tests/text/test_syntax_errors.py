@@ -47,7 +47,7 @@ def test_each_code_points_at_its_place_and_comes_alone(code):
 
 def test_every_code_of_the_stage_has_a_test():
     codes = {value.name for value in vars(faults).values() if isinstance(value, Code)}
-    elsewhere = {"missing-file", "not-a-file", "unreadable-file", "text-too-large", "more-faults"}
+    elsewhere = {"missing-file", "not-a-file", "unreadable-file", "text-too-large", "more-faults", "missing-extra"}
     assert codes == CASES.keys() | elsewhere
 
 

@@ -59,9 +59,9 @@ def errors_unused(span: Span, name: str, observation: str) -> Diagnostic:
 
 def errors_with_unknown_noise(span: Span, observation: str, column: str, declared: Span | None) -> Diagnostic:
     """Noise of unknown size beside errors of known size; ``declared`` is where another observation states them."""
-    labels = (Label(declared, "its errors are stated here, and it is corrected wherever it is used"),)
+    note = "its errors are stated here, and it is corrected wherever it is used"
     return Diagnostic(
-        code=ERRORS_WITH_UNKNOWN_NOISE, place=span, labels=labels if declared is not None else (),
+        code=ERRORS_WITH_UNKNOWN_NOISE, place=span, labels=(Label(declared, note),) if declared is not None else (),
         message=f"`{observation}` uses `{column}`, which has errors, and has unknown noise of its own",
         hint="state `:sigma`",
     )  # fmt: skip

@@ -257,7 +257,7 @@ class Situation:
             if candidate is not None:
                 yield candidate
         for number, entry in enumerate(self.layout.entries):
-            absent = np.flatnonzero(missing[entry.range].reshape(entry.members, -1).all(axis=1))
+            absent = np.flatnonzero(missing[entry.range].reshape(entry.members, entry.unknown.size).all(axis=1))
             if entry.unknown.dimension and entry.members > 1 and len(absent):
                 candidate = self.candidate((number,), [(int(m),) for m in absent])
                 if candidate is not None:

@@ -11,13 +11,16 @@ from math import inf, sqrt
 import numpy as np
 
 from mbm.solution.triangle import triangle
-from mbm.solution.types import Equations, Floats, Turning
+from mbm.solution.types import Equations, Floats, Mask, Turning
 
 TALL = 4
 LARGE = 3000
 """From this ratio of rows to columns and this size on the QR reduction is cheaper than the whole SVD (measured)."""
 
 EPSILON = float(np.finfo(np.float64).eps)
+
+ROUNDED = 1e-13
+"""A column of a rotation below this share of the largest one is rounding: derivatives carry a few 1e-16."""
 
 TINY = 1e-140
 HUGE = 1e150
@@ -26,9 +29,14 @@ HUGE = 1e150
 
 def magnitudes(equations: Equations, coordinates: Floats) -> Floats:
     """The size (n,) of what rounds: ``|coordinates|``, 1 for rotations and directions, whose numbers are about 1."""
-    turning = equations.turning if isinstance(equations, Turning) else None
     size = np.abs(coordinates)
-    return size if turning is None else np.where(turning, 1.0, size)
+    curved = turning(equations)
+    return size if curved is None else np.where(curved, 1.0, size)
+
+
+def turning(equations: Equations) -> Mask | None:
+    """Which coordinates (n,) are those of rotations, directions and scales; None where there is none."""
+    return equations.turning if isinstance(equations, Turning) else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

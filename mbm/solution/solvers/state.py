@@ -9,7 +9,7 @@ import numpy as np
 
 from mbm.solution.solvers.box import Box, Step, box_of, boxed_step
 from mbm.solution.solvers.curvature import newton_step
-from mbm.solution.solvers.scaled import EPSILON, Scaled, column_norms, decompose, magnitudes
+from mbm.solution.solvers.scaled import EPSILON, ROUNDED, Scaled, column_norms, decompose, magnitudes, turning
 from mbm.solution.types import Equations, Floats, Mask, Minimum, Reason, TraceEntry
 
 UNSCALED = 1e-3
@@ -128,7 +128,7 @@ def place_at(
     x = equations.coordinates(point)
     norms = column_norms(jacobian)
     peak = norms if before is None else np.maximum(norms, before.peak)
-    scale = _metric(peak, x)
+    scale = _held(_metric(peak, x), turning(equations))
     cost = float(residuals @ residuals)
     terms = norms * magnitudes(equations, x)
     size = sqrt(float(terms @ terms))
@@ -166,6 +166,17 @@ def place_at(
         noise=noise,
         ending=ending,
     )
+
+
+def _held(scale: Floats, curved: Mask | None) -> Floats:
+    """``scale`` with the columns of rotations that are rounding beside the others held: no step along them counts.
+
+    Along a number such a step would do no harm, however long; a rotation by it spoils those about the other axes.
+    """
+    if curved is None:
+        return scale
+    largest = float(scale[curved].max(initial=0.0))
+    return np.where(curved & (scale < ROUNDED * largest), largest, scale)
 
 
 def _metric(peak: Floats, x: Floats) -> Floats:
