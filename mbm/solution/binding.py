@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -32,6 +33,10 @@ MOST_PREPARED_ROWS = 1_000_000
 """Rows of all prepared kernels together; growing windows would prepare every size there is."""
 
 
+Kind: TypeAlias = tuple[tuple[str, ...], tuple[int, ...]]
+"""Names of the unknowns and numbers of rows of the kernels: what decides which closed forms are made for equations."""
+
+
 class EvaluationCache:
     """Prepared kernels by number of rows, so that a stream of data sets of one size prepares them once.
 
@@ -41,7 +46,7 @@ class EvaluationCache:
 
     def __init__(self, backend: Backend) -> None:
         self.backend = backend
-        self.without_closed_form: set[tuple[str | int, ...]] = set()
+        self.without_closed_form: set[Kind] = set()
         self.layouts = Layouts()
         self._prepared: dict[tuple[int, int], Evaluation] = {}
 

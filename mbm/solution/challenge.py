@@ -9,7 +9,7 @@ import numpy as np
 
 from mbm.problem.types import Method, Problem
 from mbm.solution.assembly import Assembled
-from mbm.solution.binding import EvaluationCache
+from mbm.solution.binding import EvaluationCache, Kind
 from mbm.solution.closed_forms.completion import completions, plans
 from mbm.solution.closed_forms.situation import Situation
 from mbm.solution.minimise import minimise
@@ -33,10 +33,11 @@ def challenged(
 
     A closed form's answer costs more than the minimum that it lies near: it is followed only if it costs less than what
     was found, or nothing was found. Of ``many`` solves, those that fit as well as the stated noise lets expect are left
-    alone. That no closed form is made for such equations is remembered in ``cache``, for the data sets to come; one that
-    fails on the numbers of this data set may succeed on those of the next.
+    alone. That no closed form is made for such equations is remembered in ``cache``, for the data sets to come; one
+    that fails on the numbers of this data set may succeed on those of the next.
     """
-    kind = (*(e.unknown.name for e in equations.layout.entries), *(group.rows for group in equations.groups))
+    names = tuple(entry.unknown.name for entry in equations.layout.entries)
+    kind: Kind = (names, tuple(group.rows for group in equations.groups))
     iterative = settings.method not in (Method.CLOSED_FORM, Method.DIRECT_SEARCH)
     if found.origin != GIVEN or not iterative or equations.linear or equations.lossy or settings.robust is not None:
         return found
