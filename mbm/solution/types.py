@@ -79,16 +79,6 @@ class Equations(Protocol):
 
 
 @runtime_checkable
-class Turning(Protocol):
-    """What equations have besides where some coordinates are those of rotations, directions and scales."""
-
-    @property
-    def turning(self) -> Mask | None:
-        """Which coordinates (n,) are; None where none is."""
-        ...
-
-
-@runtime_checkable
 class Profiled(Protocol):
     """What equations have besides where corrections of measured values may have been eliminated from them.
 

@@ -15,13 +15,14 @@ import numpy as np
 
 from mbm.expression.algebra import add, divide, number, subtract, wrap
 from mbm.expression.evaluate import evaluate
-from mbm.expression.nodes import Component, Expression, leaves
+from mbm.expression.nodes import Component, Expression, Number, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, scalar, vector
 from mbm.language.values import SCALARS, Array, ListValue, Value, describe
 from mbm.language.vocabulary.rigid import geometric_difference
 from mbm.problem import faults
 from mbm.problem.kinds import ConstraintKind
+from mbm.problem.reading.vanishing import vanishing
 from mbm.problem.rows import Positions, lookup
 from mbm.problem.tables import Table
 from mbm.text.types import MbmError, Span
@@ -78,7 +79,16 @@ def _equal(left: Value, right: Value, span: Span) -> list[Pair]:
     geometric = geometric_difference(right, left, span)
     if geometric is not None:
         return [Pair(each, number(0, span), each) for each in geometric]
-    return [Pair(a, b, difference(a, b, span)) for a, b in zip(*_elements((left, right), span), strict=True)]
+    return [pair for a, b in zip(*_elements((left, right), span), strict=True) for pair in _equal_numbers(a, b, span)]
+
+
+def _equal_numbers(left: Expression, right: Expression, span: Span) -> list[Pair]:
+    for one, other in ((left, right), (right, left)):
+        if isinstance(other, Number) and other.value == 0 and holds_unknown(one):
+            roots = tuple(root for root in vanishing(one) if not (isinstance(root, Number) and root.value == 0))
+            if roots != (one,) and all(holds_unknown(root) for root in roots):
+                return [Pair(root, other, difference(root, number(0, span), span)) for root in roots]
+    return [Pair(left, right, difference(left, right, span))]
 
 
 def _elements(values: Sequence[Value], span: Span) -> list[tuple[Expression, ...]]:

@@ -9,7 +9,8 @@ import numpy as np
 from mbm.solution.constrained.linearise import violations
 from mbm.solution.constrained.types import ConstrainedEquations, Stopped, never
 from mbm.solution.solvers.marquardt import MARQUARDT
-from mbm.solution.types import Equations, Floats, Mask, Minimum, Profiled, Reason, Turning
+from mbm.solution.solvers.scaled import turning
+from mbm.solution.types import Equations, Floats, Mask, Minimum, Profiled, Reason
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,7 +52,7 @@ class Penalised:
     @property
     def turning(self) -> Mask | None:
         """As the equations have it."""
-        return self.equations.turning if isinstance(self.equations, Turning) else None
+        return turning(self.equations)
 
     @property
     def profiled(self) -> bool:

@@ -122,7 +122,8 @@ def step(equations: ConstrainedEquations, box: Box, state: Iterate, tolerance: f
     everything = solved.feasible and bool(met(here, equality, EXACT).all())
     if everything and offset <= tolerance:
         return _last(equations, box, state, solved, Reason.SMALL_OFFSET)
-    if everything and _no_movement(here, solved, equations):
+    # Constraints that contradict one another by less than MET (coordinates rounded when typed) get no better than this.
+    if solved.feasible and bool(met(here, equality).all()) and _no_movement(here, solved, equations):
         return _last(equations, box, state, solved, Reason.ROUNDING)
     state = replace(state, weights=_weights(here, state.weights, solved.multipliers))
     return _searched(equations, box, state, problem, solved)

@@ -11,7 +11,7 @@ from math import inf, sqrt
 import numpy as np
 
 from mbm.solution.triangle import triangle
-from mbm.solution.types import Equations, Floats, Mask, Turning
+from mbm.solution.types import Equations, Floats, Mask
 
 TALL = 4
 LARGE = 3000
@@ -35,8 +35,13 @@ def magnitudes(equations: Equations, coordinates: Floats) -> Floats:
 
 
 def turning(equations: Equations) -> Mask | None:
-    """Which coordinates (n,) are those of rotations, directions and scales; None where there is none."""
-    return equations.turning if isinstance(equations, Turning) else None
+    """Which coordinates (n,) are those of rotations, directions and scales; None where there is none.
+
+    Only equations that have any need an attribute ``turning``; an instance check of a protocol would cost as much as
+    the rest of a small step.
+    """
+    found: Mask | None = getattr(equations, "turning", None)
+    return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
