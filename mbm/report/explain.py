@@ -9,7 +9,7 @@ from mbm.kernels.types import KernelSet
 from mbm.problem.builder import Elaborated
 from mbm.problem.kinds import ConstraintKind
 from mbm.problem.tables import Table
-from mbm.problem.types import Block, BlockRole, Equation, NoiseKind, Problem, UncertainColumn, Unknown
+from mbm.problem.types import Block, BlockRole, Equation, NoiseKind, Problem, UncertainColumn, Unknown, UnknownKind
 from mbm.report.robust import consensus_text, loss_text
 from mbm.solution.binding import EvaluationCache
 from mbm.solution.choice import chosen_solver
@@ -58,7 +58,9 @@ def explanation(
 
 def _unknown(unknown: Unknown, tables: Mapping[str, Table]) -> Iterator[str]:
     kind = unknown.kind.value
-    if unknown.shape:
+    if unknown.dimension:
+        kind = kind if unknown.kind is UnknownKind.DIRECTION else f"({kind} {unknown.dimension})"
+    elif unknown.shape:
         kind = f"({kind} {' '.join(map(str, unknown.shape))})"
     text = f"{unknown.name}  {kind}"
     if unknown.family is not None:

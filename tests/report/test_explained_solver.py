@@ -34,3 +34,12 @@ def test_what_cannot_be_solved_is_still_explained(tmp_path: Path) -> None:
     path = tmp_path / "p.mbm"
     path.write_text("(problem p (data t (table (y s) (1 -1))) (unknowns (a)) (observe t (= y a) :sigma s))")
     assert "  none: " in explain(path)
+
+
+@pytest.mark.parametrize(
+    "kind", ["(rotation 2)", "(rotation 3)", "(pose 2)", "(pose 3)", "(similarity 2)", "direction", "(vector 3)"]
+)
+def test_an_unknown_is_named_as_it_was_declared(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "p.mbm"
+    path.write_text(f"(problem p (unknowns (T {kind}) (a)) (observe o (= 1 a) :sigma 1))")
+    assert f"\n  T  {kind}\n" in explain(path)
