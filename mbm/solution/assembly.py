@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,12 +12,14 @@ from mbm.kernels.types import KernelSet
 from mbm.problem.kinds import Relation
 from mbm.problem.types import Problem
 from mbm.solution.binding import Binder, Group, affine, mentioned
-from mbm.solution.implicit.elimination import Elimination, elimination
 from mbm.solution.layout import Layout, free_positions
 from mbm.solution.manifolds import chart_slopes
 from mbm.solution.robust.losses import LossFunction, rooted, rooted_jacobian
 from mbm.solution.scatter import Scatter
 from mbm.solution.types import Floats, Indices, Mask
+
+if TYPE_CHECKING:
+    from mbm.solution.implicit.elimination import Elimination
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -268,9 +271,19 @@ def blank(binder: Binder, kernels: KernelSet) -> Assembled:
         equality=equality_mask(binder.problem, constraints),
         numbers=places.start,
         free=free,
-        implicit=elimination(binder.problem, binder.tables, groups, binder.cache),
+        implicit=_eliminated(binder, groups),
     )
     return found.freed(free, places.start)
+
+
+def _eliminated(binder: Binder, groups: tuple[Group, ...]) -> Elimination | None:
+    """The elimination of corrections, where a group has some."""
+    if all(group.kernel.corrections is None for group in groups):
+        return None
+    # Loaded by the problems that need it only, so that the others start at once.
+    from mbm.solution.implicit.elimination import elimination
+
+    return elimination(binder.problem, binder.tables, groups, binder.cache)
 
 
 def rooted_residuals(equations: Assembled, plain: Floats) -> Floats:

@@ -20,7 +20,7 @@ from mbm.solution.minimise import solver_name
 from mbm.solution.selection import selections
 from mbm.solution.settings import Settings, settings_of
 from mbm.solution.sparse.description import solved_how
-from mbm.solution.sparse.equations import sparse_suits
+from mbm.solution.sparsity import sparse_suits
 from mbm.solution.starting import GIVEN, beginnings
 
 

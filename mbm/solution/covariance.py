@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.solution.sparse.observability import sparse_covariance, sparse_propagate
 from mbm.solution.types import Covariance, Floats, Observability, Propagated
 
 ORTHOGONAL = 1e-6
@@ -23,14 +22,24 @@ def covariance(observed: Observability, variance: float = 1.0) -> Covariance:
     touches have no variance: NaN. All others keep theirs, whatever else is free.
     """
     if observed.inverse is not None:
+        # Here and below: loaded by sparse problems only, so that the others start at once.
+        from mbm.solution.sparse.observability import sparse_covariance
+
         return sparse_covariance(observed, variance)
     rank = observed.row_space.shape[1]
     factor = observed.row_space / observed.singular_values[:rank] / observed.scale[:, None] * np.sqrt(variance)
+    factor = in_datum(factor, observed)
     matrix = factor @ factor.T
     undetermined = ~observed.estimable & ~observed.fixed
     matrix[undetermined, :] = np.nan
     matrix[:, undetermined] = np.nan
     return Covariance(matrix=matrix, sigma=np.sqrt(np.diag(matrix)), factor=factor, variance=variance)
+
+
+def in_datum(vectors: Floats, observed: Observability) -> Floats:
+    """Vectors (n, k) without their part along the free motions: the minimum-norm datum, where one was asked for."""
+    space = observed.datum_space
+    return vectors if space is None else vectors - space @ (space.T @ vectors)
 
 
 @np.errstate(all="ignore")
@@ -41,6 +50,8 @@ def propagate(gradient: Floats, observed: Observability, estimated: Covariance) 
     is made of have none; any other has NaN.
     """
     if observed.inverse is not None:
+        from mbm.solution.sparse.observability import sparse_propagate
+
         return sparse_propagate(gradient, observed, estimated)
     image = gradient @ estimated.factor
     matrix = image @ image.T

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.solution.types import Floats, FreeCombination
+from mbm.solution.types import Floats, FreeCombination, Mask
 
 TOUCHED = 1e-6
 """A coordinate whose share in an orthonormal free direction is below this is not touched by it."""
@@ -51,3 +51,11 @@ def free_combination(direction: Floats, scale: Floats, point: Floats) -> FreeCom
         coefficients=tuple(float(v) for v in movement / largest),
         relative=tuple(float(v) for v in relative / largest),
     )
+
+
+def touched_by(directions: Floats) -> Mask:
+    """Which coordinates (n,) the free directions (n, k) move, beside the most that each of them moves."""
+    if not directions.shape[1]:
+        return np.zeros(len(directions), dtype=bool)
+    peaks = np.abs(directions).max(axis=0)
+    return np.asarray((np.abs(directions) > TOUCHED * peaks).any(axis=1))

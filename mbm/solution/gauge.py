@@ -15,10 +15,9 @@ from typing import Any, cast
 import numpy as np
 
 from mbm.problem.types import Gauge, UnknownKind
-from mbm.solution.freedom import free_combinations
+from mbm.solution.freedom import free_combinations, touched_by
 from mbm.solution.layout import Entry, Layout
 from mbm.solution.manifolds import matrix_of_quaternion, tangent_axes
-from mbm.solution.sparse.observability import touched_by
 from mbm.solution.types import CommonMotion, Floats, GaugeMotion, Indices, Observability
 
 WITHIN = 1e-6
@@ -49,9 +48,11 @@ def with_gauge(observed: Observability, layout: Layout, free: Indices, numbers: 
     """``observed`` with the common motions among what is free; ``numbers`` (N,) the estimates, ``free`` (n,) as there.
 
     With ``Gauge.FREE`` they are taken out of the null space: the coordinates that nothing else moves are then estimable
-    in the datum in which their corrections have the least norm (in column-scaled coordinates).
+    in the datum in which their corrections have the least norm, in SI (inner constraints, Meissl 1965; the covariance is
+    then the pseudo-inverse of ``JᵀJ``).
     """
     directions, spare = _moving(observed)
+    every = directions
     found, left = _settled(observed, layout, free, numbers, directions, (3, 2))
     numbered, rest = _settled(observed, layout, free, numbers, left, (LINE,))
     if not found and not numbered and observed.inverse is None:
@@ -76,6 +77,7 @@ def with_gauge(observed: Observability, layout: Layout, free: Indices, numbers: 
         observed,
         gauge=tuple(found),
         datum=settled,
+        datum_space=np.linalg.qr(every / observed.scale[:, None])[0] if settled else None,
         combinations=combinations,
         null_space=np.hstack([spare, directions]),
         estimable=~touched & ~observed.fixed,

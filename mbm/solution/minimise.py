@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from mbm.problem.types import Method
 from mbm.solution import faults
-from mbm.solution.constrained.solve import constrained_minimum, for_constrained, method_name, with_constraints
-from mbm.solution.constrained.types import ConstrainedEquations
-from mbm.solution.implicit.approach import approached
 from mbm.solution.nudging import SINGULAR, beside
 from mbm.solution.settings import Settings
 from mbm.solution.solvers.dogleg import DOGLEG
@@ -16,10 +14,12 @@ from mbm.solution.solvers.gauss_newton import GAUSS_NEWTON
 from mbm.solution.solvers.linear import LINEAR
 from mbm.solution.solvers.marquardt import MARQUARDT
 from mbm.solution.solvers.standing import STANDING
-from mbm.solution.sparse.equations import sparse_suits
-from mbm.solution.sparse.marquardt import SPARSE_MARQUARDT
-from mbm.solution.types import Equations, Floats, Minimum, Reason, Solver
+from mbm.solution.sparsity import sparse_suits
+from mbm.solution.types import Correctable, Equations, Floats, Minimum, Reason, Solver
 from mbm.text.types import MbmError, Place
+
+if TYPE_CHECKING:
+    from mbm.solution.constrained.types import ConstrainedEquations
 
 DENSE_LIMIT = 200_000_000
 """Numbers in a dense Jacobian: 1.6 GB, and as much again while it is decomposed."""
@@ -40,7 +40,10 @@ METHODS: dict[Method, Solver] = {
 
 def solver_for(equations: Equations, settings: Settings) -> Solver:
     """The solver that ``settings`` names; `auto` is one step for linear equations without bounds, else Marquardt."""
-    if settings.method in (Method.AUTO, Method.MARQUARDT) and sparse_suits(equations):
+    if _sparse(equations, settings):
+        # Here and below: methods that few problems need are loaded by those that do, so that small ones start at once.
+        from mbm.solution.sparse.marquardt import SPARSE_MARQUARDT
+
         return SPARSE_MARQUARDT
     if settings.method is not Method.AUTO:
         return METHODS[settings.method]
@@ -50,7 +53,11 @@ def solver_for(equations: Equations, settings: Settings) -> Solver:
 def solver_name(equations: Equations, settings: Settings) -> str:
     """The name of the method that ``minimise`` takes."""
     solver = solver_for(equations, settings)
-    return solver.name if solver is STANDING or for_constrained(equations, settings) is None else method_name(settings)
+    if solver is STANDING or _bound(equations, settings) is None:
+        return solver.name
+    from mbm.solution.constrained.solve import method_name
+
+    return method_name(settings)
 
 
 def minimise(equations: Equations, start: Floats, settings: Settings, place: Place | None = None) -> Minimum:
@@ -64,15 +71,33 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
         raise MbmError(faults.no_equations(equations.dimension, place))
     solver = solver_for(equations, settings)
     size = max(equations.count, equations.dimension) * equations.dimension
-    bound = for_constrained(equations, settings)
-    if (solver is not SPARSE_MARQUARDT or bound is not None) and size > DENSE_LIMIT:
+    bound = _bound(equations, settings)
+    if (not _sparse(equations, settings) or bound is not None) and size > DENSE_LIMIT:
         raise MbmError(faults.too_many_unknowns(equations.count, equations.dimension, DENSE_LIMIT, place))
-    start = approached(equations, start, lambda plain, point: _roughly(plain, point, settings))
+    if isinstance(equations, Correctable) and equations.profiled:
+        from mbm.solution.implicit.approach import approached
+
+        start = approached(equations, start, lambda plain, point: _roughly(plain, point, settings))
     found = _from(equations, bound, solver, start, settings)
     if found.reason in SINGULAR and solver is not STANDING:
-        others = (_from(equations, bound, solver, point, settings) for point in beside(equations, start))
+        others = (_from(equations, bound, solver, point, settings) for point in beside(equations, start, settings.seed))
         found = next((other for other in others if other.reason not in SINGULAR), found)
     return found
+
+
+def _sparse(equations: Equations, settings: Settings) -> bool:
+    """Whether the sparse solver is taken."""
+    return settings.method in (Method.AUTO, Method.MARQUARDT) and sparse_suits(equations)
+
+
+def _bound(equations: Equations, settings: Settings) -> ConstrainedEquations | None:
+    """The equations if a method for constraints is to take them."""
+    equality = getattr(equations, "equality", None)
+    if equality is None or (not equality.size and settings.method is not Method.IPOPT):
+        return None
+    from mbm.solution.constrained.solve import for_constrained
+
+    return for_constrained(equations, settings)
 
 
 def _from(
@@ -80,6 +105,8 @@ def _from(
 ) -> Minimum:
     """Where the solver gets from the start; ``bound`` are the equations if they have constraints."""
     if solver is not STANDING and bound is not None:
+        from mbm.solution.constrained.solve import constrained_minimum
+
         return constrained_minimum(bound, start, settings)
     state = solver.init(equations, start, settings.tolerance)
     reason = solver.finished(state)
@@ -92,7 +119,11 @@ def _from(
         iterations += 1
         reason = solver.finished(state)
     found = solver.minimum(state, reason or Reason.MAX_ITERATIONS)
-    return found if bound is None else with_constraints(bound, found)
+    if bound is None:
+        return found
+    from mbm.solution.constrained.solve import with_constraints
+
+    return with_constraints(bound, found)
 
 
 def _roughly(equations: Equations, start: Floats, settings: Settings) -> Floats:

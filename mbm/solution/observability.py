@@ -8,7 +8,6 @@ import numpy as np
 
 from mbm.solution.freedom import TOUCHED, free_combinations
 from mbm.solution.metric import metric
-from mbm.solution.sparse.observability import sparse_observability
 from mbm.solution.triangle import triangle
 from mbm.solution.types import Floats, Indices, Mask, Minimum, Observability
 
@@ -103,6 +102,9 @@ def observed_at(minimum: Minimum, point: Floats, jacobian: Floats | None = None)
     ``jacobian`` (m, n) stands in for the minimum's own.
     """
     if minimum.blocks is not None:
+        # Loaded by sparse problems only, so that the others start at once.
+        from mbm.solution.sparse.observability import sparse_observability
+
         return sparse_observability(minimum, minimum.blocks, point)
     surface, held = None, minimum.constraints
     if held is not None and bool(held.forcing.any()):

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbm.problem.tables import CellKey, Table
 from mbm.solution.binding import Group
-from mbm.solution.implicit.types import CorrectedColumn
 from mbm.solution.layout import Layout
 from mbm.solution.search import Alternative, Tally
 from mbm.solution.types import Covariance, Fit, Floats, Indices, Mask, Minimum, Noise, Observability
 from mbm.text.types import Diagnostic
+
+if TYPE_CHECKING:
+    from mbm.solution.implicit.types import CorrectedColumn
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

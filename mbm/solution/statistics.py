@@ -12,9 +12,6 @@ from mbm.solution import faults
 from mbm.solution.assembly import Assembled, loss_lines
 from mbm.solution.covariance import covariance
 from mbm.solution.observability import observed_at
-from mbm.solution.robust.covariance import sandwich
-from mbm.solution.sparse.equations import blocked
-from mbm.solution.sparse.sandwich import sparse_sandwich
 from mbm.solution.types import Covariance, Fit, Floats, Mask, Minimum, Noise, NoiseState, Observability
 from mbm.solution.variance import fit_statistics
 from mbm.text.types import Diagnostic
@@ -63,9 +60,15 @@ def statistics(
         variance = only.factor**2 if only.state is NoiseState.ESTIMATED else 0.0
         known = only.state is not NoiseState.NO_REDUNDANCY
     if equations.lossy and minimum.blocks is not None:
+        # Here and below: loaded by problems with losses only, so that the others start at once.
+        from mbm.solution.sparse.equations import blocked
+        from mbm.solution.sparse.sandwich import sparse_sandwich
+
         jacobian = replace(minimum.blocks, values=blocked(equations).plain_block_jacobian(minimum.point))
         estimated, observed = sparse_sandwich(loss_lines(equations), plain, jacobian, observed)
     elif equations.lossy:
+        from mbm.solution.robust.covariance import sandwich
+
         estimated = sandwich(loss_lines(equations), plain, equations.plain_jacobian(minimum.point), observed)
     else:
         estimated = covariance(observed, variance)

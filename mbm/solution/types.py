@@ -295,7 +295,7 @@ class Observability:
     (n, k) orthonormal bases in scaled coordinates ``scale · step``; ``estimable`` (n,) False where a free
     combination or an unused coordinate touches; ``fixed`` (n,) the coordinates held at a bound. ``gauge`` names the
     common motions among what is free; ``datum`` of their dimensions were settled by the minimum-norm datum, and are in
-    no ``null_space`` any more.
+    no ``null_space`` any more: ``datum_space`` (n, k) is an orthonormal basis of what was free before, not scaled.
     ``inverse`` stands in for ``row_space`` (then empty) where there are very many coordinates.
     """
 
@@ -313,6 +313,7 @@ class Observability:
     equalities: int = 0
     gauge: tuple[GaugeMotion, ...] = ()
     datum: int = 0
+    datum_space: Floats | None = None
     inverse: SparseInverse | None = field(default=None, repr=False)
 
     @property

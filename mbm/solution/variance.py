@@ -8,7 +8,6 @@ from math import sqrt
 import numpy as np
 
 from mbm.solution.gamma import chi_square_tail
-from mbm.solution.sparse.structure import BlockJacobian
 from mbm.solution.types import Components, Fit, Floats, Indices, Noise, NoiseState, Observability
 
 Reweighted = Callable[[Floats], tuple[Floats, Floats]]

@@ -16,10 +16,8 @@ Minimise = Callable[[Equations, Floats], Floats]
 """From equations and a start to the point of a rough minimum."""
 
 
-def approached(equations: Equations, start: Floats, rough: Minimise) -> Floats:
+def approached(equations: Correctable, start: Floats, rough: Minimise) -> Floats:
     """The start (N,), or where ``rough`` leads from it with exact columns if that fits better."""
-    if not (isinstance(equations, Correctable) and equations.profiled):
-        return start
     compared = equations.roughly_corrected()
     cost = _cost(compared, start)
     if cost <= FAR**2 * equations.count:

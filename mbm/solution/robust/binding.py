@@ -15,7 +15,7 @@ from mbm.solution.closed_forms.types import ClosedForm
 from mbm.solution.robust.trials import Trials
 from mbm.solution.robust.units import STATED, Units
 from mbm.solution.solvers.batched import minimise_all
-from mbm.solution.sparse.equations import sparse_suits
+from mbm.solution.sparsity import sparse_suits
 from mbm.solution.types import Floats, Indices, Mask
 
 FIT_STEPS = 12

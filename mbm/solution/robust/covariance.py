@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbm.solution.covariance import in_datum
 from mbm.solution.robust.losses import LossFunction
 from mbm.solution.types import Covariance, Floats, Indices, Mask, Observability
 
@@ -54,7 +55,7 @@ def sandwich(
         spread += _corrected(pool, inverse) * pool.information
     lengths, axes = np.linalg.eigh(spread)
     factor = basis @ inverse @ (axes * np.sqrt(np.maximum(lengths, 0.0)))
-    return _covariance(factor, ~observed.estimable & ~observed.fixed)
+    return _covariance(in_datum(factor, observed), ~observed.estimable & ~observed.fixed)
 
 
 def _pool(loss: LossFunction, parts: list[Indices], residuals: Floats, along: Floats) -> _Pool:

@@ -11,14 +11,7 @@ from mbm.solution.binding import Group
 from mbm.solution.layout import Entry
 from mbm.solution.robust.losses import rooted_jacobian
 from mbm.solution.sparse.structure import BlockFamily, Piece, Structure, structure
-from mbm.solution.types import Equations, Floats, Indices, Mask
-
-LARGE = 300
-"""Unknowns up to which the dense solvers are as fast, and tell more."""
-
-SPARSE = 0.1
-"""A row that touches more than this share of the unknowns makes the equations dense."""
-
+from mbm.solution.types import Floats, Indices, Mask
 
 WIDEST = 12
 """Coordinates of an unknown that stay together in one block; those of longer vectors and arrays are blocks of one."""
@@ -148,15 +141,6 @@ class Blocked:
         if place.counted is not None:
             result *= place.counted[:, :, None]
         return result
-
-
-def sparse_suits(equations: Equations) -> bool:
-    """Whether there are many unknowns of which each equation touches few, and no constraints or errors in columns."""
-    if not isinstance(equations, Assembled) or equations.dimension <= LARGE:
-        return False
-    if equations.constraints or equations.implicit is not None:
-        return False
-    return all(group.columns.shape[1] <= SPARSE * equations.dimension for group in equations.groups if group.rows)
 
 
 def blocked(equations: Assembled) -> Blocked:

@@ -1,7 +1,8 @@
 """The covariance of very many estimates without ever having it: its diagonal, and its products with a few vectors.
 
 In column-scaled coordinates it is the pseudo-inverse of ``JᵀJ``: the factor of that matrix with pins that hold what is
-free, between two projections along the free directions (Baarda's S-transformation to the minimum-norm datum).
+free, between two projections along the free directions (Baarda's S-transformation). With a ``datum`` it is projected once
+more, to the least norm in the coordinates themselves.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class LocalNull:
 class SparseInverse:
     """``factors`` of the pinned, scaled matrix; ``scale`` (columns,); ``null`` (columns, g) orthonormal, free.
 
-    Columns that are ``zero`` (columns,) in the Jacobian, or held, have no covariance.
+    Columns that are ``zero`` (columns,) in the Jacobian, or held, have no covariance. ``datum`` (n, g) is orthonormal.
 
     Coordinates of the public functions are the n estimated ones.
     """
@@ -64,9 +65,16 @@ class SparseInverse:
     null: Floats
     local: LocalNull
     zero: Mask
+    datum: Floats | None = None
 
     def solve(self, right: Floats) -> Floats:
         """The covariance times a right side (n, k)."""
+        if self.datum is None:
+            return self._solved(right)
+        found = self._solved(right - self.datum @ (self.datum.T @ right))
+        return np.asarray(found - self.datum @ (self.datum.T @ found))
+
+    def _solved(self, right: Floats) -> Floats:
         layout = self.factors.plan.structure
         scaled = self._projected(layout.padded(right) / self.scale[:, None])
         found = self._projected(self.factors.solve(scaled)) / self.scale[:, None]
@@ -103,7 +111,12 @@ class SparseInverse:
             inner = self.null.T @ across
             found += np.einsum("ck,ck->c", self.null, self.null @ inner - 2.0 * across)
         found[self.zero] = 0.0
-        return (np.maximum(found, 0.0) / np.square(self.scale))[layout.free]
+        result: Floats = (np.maximum(found, 0.0) / np.square(self.scale))[layout.free]
+        if self.datum is not None:
+            image = self._solved(self.datum)
+            inner = self.datum.T @ image
+            result = result + np.einsum("ck,ck->c", self.datum, self.datum @ inner - 2.0 * image)
+        return np.maximum(result, 0.0)
 
     def leverages(self, values: Values, fixed: Mask) -> Floats:
         """The diagonal of ``J Σ Jᵀ`` (m,): how much each residual determines its own fitted value.

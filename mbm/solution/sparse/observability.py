@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from mbm.solution.freedom import TOUCHED, free_combination
+from mbm.solution.freedom import free_combination, touched_by
 from mbm.solution.sparse.rank import Decision, decided
 from mbm.solution.sparse.structure import BlockJacobian
 from mbm.solution.types import Covariance, Floats, FreeCombination, Mask, Minimum, Observability, Propagated
@@ -52,14 +54,6 @@ def sparse_observability(minimum: Minimum, blocks: BlockJacobian, point: Floats)
     )
 
 
-def touched_by(directions: Floats) -> Mask:
-    """Which coordinates (n,) the free directions (n, k) move, beside the most that each of them moves."""
-    if not directions.shape[1]:
-        return np.zeros(len(directions), dtype=bool)
-    peaks = np.abs(directions).max(axis=0)
-    return np.asarray((np.abs(directions) > TOUCHED * peaks).any(axis=1))
-
-
 def _single(found: Decision, scale: Floats, point: Floats) -> tuple[FreeCombination, ...]:
     """The first few free directions of single members."""
     local, layout = found.inverse.local, found.inverse.factors.plan.structure
@@ -79,6 +73,7 @@ def sparse_covariance(observed: Observability, variance: float) -> Covariance:
     if inverse is None:
         message = "the problem is not sparse"
         raise TypeError(message)
+    inverse = replace(inverse, datum=observed.datum_space)
     undetermined = ~observed.estimable & ~observed.fixed
     variances = inverse.variances() * variance
     sigma = np.where(undetermined, np.nan, np.where(observed.fixed, 0.0, np.sqrt(variances)))
