@@ -147,13 +147,12 @@ def solved(
     from mbm.report.run import asked_options, result_of
     from mbm.solution.run import solutions
 
-    forms = registry.closed_forms()
     asked = requested(
         found.problem,
         seed=settings.seed,
         method=settings.method,
         starts=settings.starts,
-        routines=lambda: tuple(form.name for form in forms),
+        routines=lambda: tuple(form.name for form in registry.closed_forms()),
     )
     found = replace(found, problem=asked)
     return result_of(
@@ -165,7 +164,7 @@ def solved(
             cache,
             given_starts(found.problem, found.tables, settings.init),
             settings.interruption,
-            forms,
+            registry.closed_forms,
         ),
         file=file,
         asked=asked_options(cache.backend.name, inputs.overrides, inputs.paths, settings.init),

@@ -17,6 +17,8 @@ from mbm.shapes.vocabulary import vocabulary
 if TYPE_CHECKING:
     from mbm.kernels.types import Backend
     from mbm.solution.closed_forms.types import ClosedForm
+    from mbm.solution.robust.estimators.types import ConsensusEstimator
+    from mbm.solution.robust.losses.types import RobustLoss
 
 
 def _casadi() -> Backend:
@@ -43,6 +45,18 @@ def _closed_forms() -> tuple[ClosedForm, ...]:
     return STANDARD
 
 
+def _losses() -> tuple[RobustLoss, ...]:
+    from mbm.solution.robust.losses.standard import STANDARD
+
+    return STANDARD
+
+
+def _estimators() -> tuple[ConsensusEstimator, ...]:
+    from mbm.solution.robust.estimators.standard import STANDARD
+
+    return STANDARD
+
+
 _BACKENDS: Mapping[str, Callable[[], Backend]] = MappingProxyType(
     {"auto": _automatic, "casadi": _casadi, "numpy": _numpy}
 )
@@ -52,13 +66,16 @@ _BACKENDS: Mapping[str, Callable[[], Backend]] = MappingProxyType(
 class Registry:
     """Vocabulary, readers by name, what makes a backend by the name that ``--backend`` gives it, and the closed forms.
 
-    What gives the closed forms is called where they are needed: a warm start does without them.
+    What gives the closed forms is called where they are needed: a warm start does without them. ``losses`` and
+    ``estimators`` list what ``:loss`` and ``:robust`` name; the language fixes those names, so nothing adds to them.
     """
 
     vocabulary: Vocabulary
     readers: Mapping[str, Reader | ManyReader] = field(default_factory=lambda: READERS)
     backends: Mapping[str, Callable[[], Backend]] = field(default_factory=lambda: _BACKENDS)
     closed_forms: Callable[[], tuple[ClosedForm, ...]] = _closed_forms
+    losses: Callable[[], tuple[RobustLoss, ...]] = _losses
+    estimators: Callable[[], tuple[ConsensusEstimator, ...]] = _estimators
     limits: Limits = field(default_factory=Limits)
 
 

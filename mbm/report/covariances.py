@@ -11,7 +11,6 @@ from mbm.report.geometric import coordinate_factors as geometric_factors
 from mbm.report.quantities import coordinate_factors, derived_quantity
 from mbm.report.types import CovarianceMatrix, DerivedValue, Floats
 from mbm.solution.solution import Solution
-from mbm.solution.sparse.observability import whole_covariance
 
 LARGEST_COVARIANCE = 200
 """Rows of a covariance matrix that is kept without being asked for: 200 rows are about 1 MB of text."""
@@ -36,12 +35,22 @@ def estimates_covariance(
     if unknown is not None:
         return _matrix(chosen, factors, np.full((len(chosen),) * 2, np.nan), unknown)
     held = solution.minimum.at_bound != 0
-    matrix = whole_covariance(solution.observability, solution.covariance)
+    matrix = _whole(solution)
     if matrix is None:
         return _matrix(chosen, factors, None, f"{len(chosen)} scalars are too many")
     if not bool(held.any()):
         return _matrix(chosen, factors, matrix, None)
     return _matrix(chosen, factors, np.where(np.logical_or.outer(held, held), np.nan, matrix), None)
+
+
+def _whole(solution: Solution) -> Floats | None:
+    """The covariance matrix of all coordinates; None where it would be too large."""
+    if solution.covariance.inverse is None:
+        return solution.covariance.matrix
+    # Loaded by sparse problems only, so that the others start at once.
+    from mbm.solution.sparse.observability import whole_covariance
+
+    return whole_covariance(solution.observability, solution.covariance)
 
 
 def derived_covariance(

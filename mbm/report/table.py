@@ -51,7 +51,10 @@ def _heading(result: Result, status: SolveStatus | None, paint: Paint) -> str:
 
 def _one_solve(result: Result, solve: SolveReport, width: int, paint: Paint, full: bool) -> Iterator[str]:
     yield _heading(result, solve.status, paint)
-    if not solve.status.trusted:
+    cause = next((each for each in solve.diagnostics if each.message == solve.message), None)
+    if cause is not None:
+        yield from (paint(line, Style.WARNING) for line in wrapped(diagnostic_sentence(cause), width))
+    elif not solve.status.trusted:
         yield from wrapped(solve.message or solve.status.sentence, width)
     if solve.estimates or solve.derived:
         yield ""
@@ -67,7 +70,7 @@ def _one_solve(result: Result, solve: SolveReport, width: int, paint: Paint, ful
         yield from (paint(line, Style.WARNING) for line in wrapped(sentence, width))
     for sentence in search_sentences(solve):
         yield from wrapped(sentence, width)
-    for diagnostic in solve.diagnostics:
+    for diagnostic in (each for each in solve.diagnostics if each is not cause):
         yield from (paint(line, Style.WARNING) for line in wrapped(diagnostic_sentence(diagnostic), width))
     if full:
         yield from (paint(line, Style.QUIET) for line in wrapped(_how(solve), width))

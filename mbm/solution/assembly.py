@@ -14,12 +14,13 @@ from mbm.problem.types import Problem
 from mbm.solution.binding import Binder, Group, affine, mentioned
 from mbm.solution.layout import Layout, free_positions
 from mbm.solution.manifolds import chart_slopes
-from mbm.solution.robust.losses import LossFunction, rooted, rooted_jacobian
+from mbm.solution.robust.losses.rooted import rooted, rooted_jacobian
 from mbm.solution.scatter import Scatter
 from mbm.solution.types import Floats, Indices, Mask
 
 if TYPE_CHECKING:
     from mbm.solution.implicit.elimination import Elimination
+    from mbm.solution.robust.losses.function import LossFunction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

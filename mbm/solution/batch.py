@@ -14,7 +14,7 @@ from mbm.kernels.backends.numpy_stream import Stream, stream
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import Group
 from mbm.solution.manifolds import moved
-from mbm.solution.robust.losses import rooted, rooted_jacobian
+from mbm.solution.robust.losses.rooted import rooted, rooted_jacobian
 from mbm.solution.scatter import Scatter
 from mbm.solution.types import Floats, Indices, Mask
 

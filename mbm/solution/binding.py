@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -14,16 +14,18 @@ from mbm.kernels.types import Backend, Evaluation, Kernel, KernelSet
 from mbm.problem.checks import used_rows
 from mbm.problem.rows import Positions, chosen_number, column_numbers, keyed_rows, rows_of
 from mbm.problem.tables import Table
-from mbm.problem.types import BlockRole, Problem, Static
+from mbm.problem.types import BlockRole, Loss, Problem, Static
 from mbm.solution.layout import Layout
 from mbm.solution.layouts import Layouts
 from mbm.solution.members import picked_members
-from mbm.solution.robust.losses import LossFunction, loss_function
 from mbm.solution.sampling import Sampled, sampled_inputs, samplings
 from mbm.solution.scatter import Scatter, scatter
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.solution.whitening import Whitener, whitener
 from mbm.symbolic.types import ConstantInput, Parameter, Purpose, Slot
+
+if TYPE_CHECKING:
+    from mbm.solution.robust.losses.function import LossFunction
 
 DENSE_PART = 20_000_000
 """Numbers in a dense Jacobian of some rows that is made at once: 160 MB."""
@@ -214,12 +216,11 @@ class Binder:
             for equation in () if constraints else case.equations:
                 whiteners.append(whitener(equation, offset, table, positions, self.tables, may_be_exact=exact))
                 offset += len(equation.components)
-            losses = () if block.loss is None else tuple(loss_function(block.loss, w.last - w.first) for w in whiteners)
             bound = replace(
                 group,
                 role=block.role,
                 whiteners=tuple(whiteners),
-                losses=losses,
+                losses=() if block.loss is None else _losses(block.loss, whiteners),
                 first=first,
                 first_unit=first_unit,
             )
@@ -349,6 +350,14 @@ class Binder:
             found = picked_members(entry, slot.member, table, positions, self.tables)
             members[slot.unknown, slot.member] = found
         return found
+
+
+def _losses(asked: Loss, whiteners: Iterable[Whitener]) -> tuple[LossFunction, ...]:
+    """The loss of a clause for each of its equations."""
+    # Loaded by problems with a loss only, so that the others start at once.
+    from mbm.solution.robust.losses.parameters import loss_function
+
+    return tuple(loss_function(asked, each.last - each.first) for each in whiteners)
 
 
 def _differs(slot: Slot) -> bool:

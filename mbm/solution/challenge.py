@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.problem.types import Method, Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import EvaluationCache, Kind
-from mbm.solution.closed_forms.completion import completions, plans
-from mbm.solution.closed_forms.situation import Situation
 from mbm.solution.minimise import minimise
 from mbm.solution.random_starts import costs
 from mbm.solution.search import Found
 from mbm.solution.settings import Settings
 from mbm.solution.starting import GIVEN
+
+if TYPE_CHECKING:
+    from mbm.solution.closed_forms.situation import Situation
 
 LOWER = 1e-6
 """Share of the cost by which another minimum must be lower to take the place of the one that a given start leads to."""
@@ -43,6 +45,10 @@ def challenged(
         return found
     if equations.constraints or kind in cache.without_closed_form or (many and _plausible(equations, found, problem)):
         return found
+    # Here and below: loaded where a start is challenged only, so that other problems start at once.
+    from mbm.solution.closed_forms.completion import completions
+    from mbm.solution.closed_forms.situation import Situation
+
     numbers = np.where(equations.moving(), np.nan, found.minimum.point)
     situation = Situation(layout=equations.layout, groups=equations.groups, numbers=numbers)
     reached = completions(situation, settings.closed_forms)
@@ -69,6 +75,8 @@ def challenged(
 
 def _recognised(situation: Situation, settings: Settings) -> bool:
     """Whether a closed form is made for some of the unknowns, whatever the data say."""
+    from mbm.solution.closed_forms.completion import plans
+
     return next(plans(situation, settings.closed_forms), None) is not None
 
 

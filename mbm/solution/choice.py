@@ -49,7 +49,7 @@ def chosen_solver(
     places = layout(problem, selection.tables, {})
     binder = Binder(problem=problem, layout=places, tables=selection.tables, cache=cache)
     equations = blank(binder, kernels)
-    settings = settings_of(problem.request, closed_forms=closed_forms)
+    settings = settings_of(problem.request, forms=lambda: closed_forms)
     reason = _reason(equations, problem.request.method)
     return Choice(solver_name(equations, settings), reason, _start(equations, settings))
 

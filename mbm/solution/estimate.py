@@ -24,7 +24,8 @@ from mbm.solution.multistart import starting_points
 from mbm.solution.observability import observed_at
 from mbm.solution.plausibility import doubts
 from mbm.solution.rivals import rivals
-from mbm.solution.robust.preparation import Prepared, outliers, prepared, robust_cost, unit_weights
+from mbm.solution.robust.preparation import outliers, prepared, robust_cost, unit_weights
+from mbm.solution.robust.types import Prepared
 from mbm.solution.search import search
 from mbm.solution.settings import Settings
 from mbm.solution.solution import Solution

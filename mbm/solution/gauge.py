@@ -48,8 +48,8 @@ def with_gauge(observed: Observability, layout: Layout, free: Indices, numbers: 
     """``observed`` with the common motions among what is free; ``numbers`` (N,) the estimates, ``free`` (n,) as there.
 
     With ``Gauge.FREE`` they are taken out of the null space: the coordinates that nothing else moves are then estimable
-    in the datum in which their corrections have the least norm, in SI (inner constraints, Meissl 1965; the covariance is
-    then the pseudo-inverse of ``JᵀJ``).
+    in the datum in which their corrections have the least norm, in SI (inner constraints, Meissl 1965): the covariance
+    is then the pseudo-inverse of ``JᵀJ``.
     """
     directions, spare = _moving(observed)
     every = directions

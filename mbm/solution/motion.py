@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.solution.constrained.types import constrained
 from mbm.solution.types import Equations, Floats, FreeCombination, Minimum, Motion, Observability
 
 FINITE = 0.1
@@ -57,6 +56,9 @@ def _invisible(equations: Equations, minimum: Minimum, indices: np.ndarray, step
 def _forbidden(equations: Equations, minimum: Minimum, indices: np.ndarray, step: Floats, moved: Floats) -> bool:
     """Whether a constraint that holds the estimates notices the movement."""
     held = minimum.constraints
+    # Loaded where something is free only, so that other problems start at once.
+    from mbm.solution.constrained.types import constrained
+
     bound = constrained(equations)
     if held is None or bound is None or not bool(held.forcing.any()):
         return False

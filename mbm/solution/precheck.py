@@ -7,10 +7,7 @@ from collections.abc import Mapping
 from mbm.problem.checks import used_rows
 from mbm.problem.rows import rows_of
 from mbm.problem.tables import Table
-from mbm.problem.types import Block, BlockRole, Problem
-from mbm.solution.implicit.measured import measured
-from mbm.solution.implicit.sharing import check_sharing
-from mbm.solution.implicit.uncertain import rows_of_problem, uncertain_columns
+from mbm.problem.types import Block, BlockRole, EquationCase, Problem
 from mbm.solution.layout import layout
 from mbm.solution.selection import selections
 from mbm.solution.whitening import whitener
@@ -34,6 +31,11 @@ def refusals(problem: Problem, tables: Mapping[str, Table]) -> list[Diagnostic]:
         except MbmError as error:
             found.extend(error.diagnostics)
     if not found and any(block.errors for block in problem.blocks):
+        # Here and below: loaded by problems with errors in columns only, so that others are checked at once.
+        from mbm.solution.implicit.measured import measured
+        from mbm.solution.implicit.sharing import check_sharing
+        from mbm.solution.implicit.uncertain import rows_of_problem
+
         try:
             uncertain = rows_of_problem(problem, tables)
             check_sharing(problem, tables, uncertain, measured(problem, tables, uncertain))
@@ -52,7 +54,16 @@ def _weigh(block: Block, tables: Mapping[str, Table]) -> None:
         if table is not None and mask is not None:
             positions = rows_of(case.static, table)
             positions = positions[mask[positions]]
-        first, exact = 0, bool(uncertain_columns(block, case))
+        first, exact = 0, _uncertain(block, case)
         for equation in case.equations:
             whitener(equation, first, table, positions, tables, may_be_exact=exact)
             first += len(equation.components)
+
+
+def _uncertain(block: Block, case: EquationCase) -> bool:
+    """Whether the equations of a case use a column with errors."""
+    if not block.errors:
+        return False
+    from mbm.solution.implicit.uncertain import uncertain_columns
+
+    return bool(uncertain_columns(block, case))

@@ -11,13 +11,11 @@ from mbm.kernels.types import KernelSet
 from mbm.problem.builder import Elaborated
 from mbm.problem.tables import CellKey
 from mbm.solution.binding import EvaluationCache
-from mbm.solution.closed_forms.standard import STANDARD
-from mbm.solution.closed_forms.types import ClosedForm
 from mbm.solution.estimate import estimate
 from mbm.solution.interruption import Interruption
 from mbm.solution.sampled_rows import settled
 from mbm.solution.selection import Selection, selections
-from mbm.solution.settings import settings_of
+from mbm.solution.settings import Forms, settings_of, standard_forms
 from mbm.solution.solution import Failure, Skipped, Solution
 from mbm.solution.types import Floats
 from mbm.text.types import MbmError
@@ -40,7 +38,7 @@ def solutions(
     cache: EvaluationCache,
     starts: StartsFinder,
     interruption: Interruption | None = None,
-    closed_forms: tuple[ClosedForm, ...] = STANDARD,
+    forms: Forms = standard_forms,
 ) -> Solutions:
     """The solves that the problem's ``for-each`` and ``window`` ask for; one without them.
 
@@ -53,7 +51,7 @@ def solutions(
     """
     problem = found.problem
     request = problem.request
-    settings = settings_of(request, interruption, closed_forms)
+    settings = settings_of(request, interruption, forms)
     given = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
     count, picked = selections(problem, found.tables)
     window = request.window

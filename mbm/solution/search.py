@@ -152,9 +152,12 @@ class _Seeker:
         self.iterations = 0
         self.evaluations = 0
         small = equations.count * equations.dimension <= LARGE
-        plain = not equations.constraints and not any(block.errors for block in problem.blocks)
         moving = settings.method in ITERATIVE
-        self.batchable = small and plain and moving and equations.count > 0 and equations.dimension > 0
+        # Errors in measured columns leave the residuals comparable at the measured values, though not their descent.
+        self._comparable = (
+            small and not equations.constraints and moving and min(equations.count, equations.dimension) > 0
+        )
+        self.batchable = self._comparable and not any(block.errors for block in problem.blocks)
 
     def polished(self, point: Floats) -> Minimum:
         """The minimum that a point leads to."""
@@ -188,9 +191,9 @@ class _Seeker:
     def distinct(self, basins: Sequence[Basin]) -> tuple[Basin, ...]:
         """The minima that differ; where several starts were asked for, saddles are left downhill."""
         found = merged(self._equations, [b for b in basins if np.isfinite(b.minimum.cost)])
-        if not self.batchable:
+        if not self._comparable:
             return found
-        if self._settings.starts is not None:
+        if self.batchable and self._settings.starts is not None:
             left = [self._below(b) for b in found]
             if any(b is not a for a, b in zip(found, left, strict=True)):
                 found = merged(self._equations, left)

@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
 
 from mbm.problem.types import Consensus, ConstraintMethod, Gauge, GivenStarts, Method, RandomStarts, Request
-from mbm.solution.closed_forms.standard import STANDARD
-from mbm.solution.closed_forms.types import ClosedForm
 from mbm.solution.interruption import Interruption
+
+if TYPE_CHECKING:
+    from mbm.solution.closed_forms.types import ClosedForm
+
+Forms: TypeAlias = "Callable[[], tuple[ClosedForm, ...]]"
+"""What gives the closed forms; called only where they are needed."""
+
+
+def standard_forms() -> tuple[ClosedForm, ...]:
+    """The closed forms that mbm itself brings."""
+    # Loaded by the problems that need them only, so that the others start at once.
+    from mbm.solution.closed_forms.standard import STANDARD
+
+    return STANDARD
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
     """``tolerance`` bounds the relative offset: the next step in standard deviations of the estimates.
 
-    ``closed_forms`` are those that may give starts, in the order in which they are tried. ``interruption`` is asked
+    ``forms`` gives the closed forms that may give starts. ``interruption`` is asked
     between iterations, through ``stopped()``.
     """
 
@@ -28,16 +42,19 @@ class Settings:
     max_iterations: int = 100
     tolerance: float = 1e-10
     interruption: Interruption | None = None
-    closed_forms: tuple[ClosedForm, ...] = STANDARD
+    forms: Forms = standard_forms
+
+    @property
+    def closed_forms(self) -> tuple[ClosedForm, ...]:
+        """The closed forms, in the order in which they are tried."""
+        return self.forms()
 
     def stopped(self) -> bool:
         """The solve is to end with the best point so far."""
         return self.interruption is not None and self.interruption.requested
 
 
-def settings_of(
-    request: Request, interruption: Interruption | None = None, closed_forms: tuple[ClosedForm, ...] = STANDARD
-) -> Settings:
+def settings_of(request: Request, interruption: Interruption | None = None, forms: Forms = standard_forms) -> Settings:
     """What a problem asks of the solver, with the closed forms that are plugged in."""
     return Settings(
         method=request.method,
@@ -50,5 +67,5 @@ def settings_of(
         max_iterations=request.max_iterations,
         tolerance=request.tolerance,
         interruption=interruption,
-        closed_forms=closed_forms,
+        forms=forms,
     )

@@ -7,6 +7,7 @@ points, with the unknowns that enter linearly solved for.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,13 +16,14 @@ from mbm.problem.types import Method
 from mbm.solution import faults
 from mbm.solution.affine_part import affine_coordinates, solved_linearly
 from mbm.solution.assembly import Assembled
-from mbm.solution.closed_forms.completion import ALIKE, Completion, completions
-from mbm.solution.closed_forms.situation import Situation
 from mbm.solution.layout import Layout
 from mbm.solution.random_starts import costs, random_points
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Mask
 from mbm.text.types import MbmError
+
+if TYPE_CHECKING:
+    from mbm.solution.closed_forms.completion import Completion
 
 SAMPLES = 128
 """Random points that are looked at where nothing else gives a start."""
@@ -68,6 +70,10 @@ def beginnings(equations: Assembled, settings: Settings) -> tuple[Beginning, ...
     open_ones = wanted & free
     if not bool(open_ones.any()):
         return (Beginning(point=numbers, origin=GIVEN),)
+    # Here and below: loaded where starts are missing only, so that other problems start at once.
+    from mbm.solution.closed_forms.completion import completions
+    from mbm.solution.closed_forms.situation import Situation
+
     situation = Situation(layout=layout, groups=equations.groups, numbers=np.where(open_ones, np.nan, numbers))
     found = completions(situation, settings.closed_forms)
     most = min(int(np.isnan(c.numbers).sum()) for c in found)
@@ -98,6 +104,9 @@ def _closed_form_alone(equations: Assembled, settings: Settings) -> tuple[Beginn
         MbmError: no closed form gives them, or the routine that is asked for has no part in it.
 
     """
+    from mbm.solution.closed_forms.completion import completions
+    from mbm.solution.closed_forms.situation import Situation
+
     layout = equations.layout
     forms = sorted(settings.closed_forms, key=lambda form: form.name != settings.routine)
     moving = equations.moving()
@@ -182,6 +191,8 @@ def _sorted(equations: Assembled, found: list[Beginning]) -> tuple[Beginning, ..
     """Those that meet the constraints first, and of those the best fitting; bounds hold throughout if they can."""
     if len(found) == 1:
         return tuple(found)
+    from mbm.solution.closed_forms.completion import ALIKE
+
     violations = []
     for each in found:
         with np.errstate(all="ignore"):

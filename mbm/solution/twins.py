@@ -1,7 +1,8 @@
 """Minima that are one solution written twice, or mirror images that no equation tells apart.
 
 Two minima of the same residuals suggest a symmetry: angles that turn by half a turn (Euler angles: φ+π, π−θ, ψ+π),
-values that change sign or are reflected, unknowns that trade places. Whether the equations have it is tried at random
+values that change sign or are reflected, directions that point the other way (a plane's normal, with its offset),
+unknowns that trade places. Whether the equations have it is tried at random
 points: a symmetry holds everywhere, two solutions that happen to fit equally well agree at the solutions only.
 """
 
@@ -12,6 +13,7 @@ from enum import Enum
 
 import numpy as np
 
+from mbm.problem.manifold import Piece
 from mbm.solution.assembly import Assembled
 from mbm.solution.batch import Batch
 from mbm.solution.types import Floats, Indices, Mask
@@ -28,7 +30,7 @@ MIDDLES = 3
 PROBES = 6
 ANGLE = 0.3
 SHARE = 0.1
-"""How far from the minimum a symmetry is tried: angles in rad, other numbers as a share of themselves."""
+"""How far from the minimum a symmetry is tried: angles and directions in rad, others as a share of themselves."""
 
 
 class Twin(Enum):
@@ -41,24 +43,29 @@ class Twin(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Map:
-    """``x[targets] ← sign · x[sources] + shift``; everything else stays."""
+    """``x[targets] ← sign · x[sources] + shift``, directions (k, 3) turn about; everything else stays."""
 
     targets: Indices
     sources: Indices
     sign: Floats
     shift: Floats
+    about: Indices
     kind: Twin
 
     def applied(self, points: Floats) -> Floats:
         result = points.copy()
         result[:, self.targets] = self.sign * points[:, self.sources] + self.shift
+        result[:, self.about] *= -1.0
         return result
 
 
 def twin_of(stack: Batch, first: Floats, second: Floats) -> Twin | None:
     """How the point ``second`` (N,) follows from ``first`` by a symmetry of the equations; None where it does not."""
     layout = stack.equations.layout
-    if any(_turned_apart(first[c.numbers], second[c.numbers]) for c in layout.curved):
+    about = _turned_about(stack.equations, first, second)
+    mended = second.copy()
+    mended[about] *= -1.0
+    if any(_turned_apart(first[c.numbers], mended[c.numbers]) for c in layout.curved):
         return None
     places = layout.number[stack.equations.free]
     angle = layout.angle[stack.equations.free][places >= 0]
@@ -66,13 +73,24 @@ def twin_of(stack: Batch, first: Floats, second: Floats) -> Twin | None:
     difference = second[places] - first[places]
     difference = np.where(angle, np.remainder(difference + np.pi, 2 * np.pi) - np.pi, difference)
     differs = np.abs(difference) > NEAR * (np.abs(first[places]) + np.abs(second[places])) + angle * NEAR
-    if not differs.any():
+    if not differs.any() and not len(about):
         return None
     moving, turning = places[differs], angle[differs]
-    for candidate in (_exchange(first, second, moving), _reflection(first, second, moving, turning)):
+    exchange = None if len(about) else _exchange(first, second, moving)
+    for candidate in (exchange, _reflection(first, second, moving, turning, about)):
         if candidate is not None and _holds(stack, candidate, first, places, angle):
             return candidate.kind
     return None
+
+
+def _turned_about(equations: Assembled, first: Floats, second: Floats) -> Indices:
+    """The numbers (k, 3) of the free directions that point the other way."""
+    parts = [np.empty((0, 3), dtype=np.int64)]
+    for curved in equations.layout.curved:
+        if curved.piece is Piece.SPHERE:
+            opposite = (np.abs(first[curved.numbers] + second[curved.numbers]) <= NEAR).all(axis=1)
+            parts.append(curved.numbers[opposite & np.isin(curved.coordinates, equations.free).all(axis=1)])
+    return np.vstack(parts)
 
 
 def _turned_apart(first: Floats, second: Floats) -> bool:
@@ -89,12 +107,16 @@ def _exchange(first: Floats, second: Floats, moving: Indices) -> _Map | None:
     source = same.argmax(axis=1)
     if not same.any(axis=1).all() or len(np.unique(source)) < len(moving):
         return None
-    ones, zeros = np.ones(len(moving)), np.zeros(len(moving))
-    return _Map(targets=moving, sources=moving[source], sign=ones, shift=zeros, kind=Twin.EXCHANGED)
+    ones, zeros, nothing = np.ones(len(moving)), np.zeros(len(moving)), np.empty((0, 3), dtype=np.int64)
+    return _Map(targets=moving, sources=moving[source], sign=ones, shift=zeros, about=nothing, kind=Twin.EXCHANGED)
 
 
-def _reflection(first: Floats, second: Floats, moving: Indices, turning: Mask) -> _Map | None:
-    """Half turns of angles, supplements and changes of sign; a few numbers may be reflected about any middle."""
+def _reflection(first: Floats, second: Floats, moving: Indices, turning: Mask, about: Indices) -> _Map | None:
+    """Half turns of angles, supplements and changes of sign; a few numbers may be reflected about any middle.
+
+    A plane is the same where its normal turns about and its offset changes sign: one number for each direction. Where
+    more numbers do, places may be reflected.
+    """
     a, b = first[moving], second[moving]
 
     def wrapped(x: Floats) -> Floats:
@@ -107,8 +129,9 @@ def _reflection(first: Floats, second: Floats, moving: Indices, turning: Mask) -
         return None
     sign = np.where(half, 1.0, -1.0)
     shift = np.where(half | supplement, np.pi, np.where(negated, 0.0, a + b))
-    kind = Twin.TURNED if half.any() else Twin.MIRRORED
-    return _Map(targets=moving, sources=moving, sign=sign, shift=shift, kind=kind)
+    rewritten = len(about) > 0 and bool((half | supplement | negated).all()) and len(moving) <= len(about)
+    kind = Twin.TURNED if rewritten or half.any() else Twin.MIRRORED
+    return _Map(targets=moving, sources=moving, sign=sign, shift=shift, about=about, kind=kind)
 
 
 def _holds(stack: Batch, candidate: _Map, about: Floats, places: Indices, angle: Mask) -> bool:
@@ -117,6 +140,8 @@ def _holds(stack: Batch, candidate: _Map, about: Floats, places: Indices, angle:
     reach = np.where(angle, ANGLE, SHARE * np.abs(about[places]))
     probes = np.tile(about, (PROBES, 1))
     probes[:, places] += reach * random.uniform(-1.0, 1.0, (PROBES, len(places)))
+    scattered = probes[:, candidate.about] + ANGLE * random.uniform(-1.0, 1.0, (PROBES, *candidate.about.shape))
+    probes[:, candidate.about] = scattered / np.linalg.norm(scattered, axis=-1, keepdims=True)
     with np.errstate(all="ignore"):
         before, after = stack.residuals(probes), stack.residuals(candidate.applied(probes))
     finite = np.isfinite(before).all(axis=1) & np.isfinite(after).all(axis=1)

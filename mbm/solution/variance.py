@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.solution.gamma import chi_square_tail
 from mbm.solution.types import Components, Fit, Floats, Indices, Noise, NoiseState, Observability
+
+if TYPE_CHECKING:
+    from mbm.solution.sparse.structure import BlockJacobian
 
 Reweighted = Callable[[Floats], tuple[Floats, Floats]]
 """From the noise factors (one for each unknown group) to the residuals (m,) and redundancy numbers (m,) at the minimum

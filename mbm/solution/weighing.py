@@ -11,7 +11,7 @@ from mbm.problem.types import Problem
 from mbm.solution.assembly import Assembled, block_rows
 from mbm.solution.minimise import minimise
 from mbm.solution.observability import observed_at
-from mbm.solution.robust.preparation import Prepared
+from mbm.solution.robust.types import Prepared
 from mbm.solution.search import Alternative, Found, reweighted
 from mbm.solution.settings import Settings
 from mbm.solution.stationary import without_stationary

@@ -123,6 +123,15 @@ def test_an_unsolved_problem_says_why(tag: SolveReport, tag_result: Result) -> N
     assert lines[1] == "the limit of iterations was reached before the estimates settled"
 
 
+def test_a_cause_that_is_a_diagnostic_is_said_once(tag: SolveReport, tag_result: Result) -> None:
+    cause = replace(tag.diagnostics[0], message="no values meet all of `far`, `near`")
+    solve = replace(tag, status=SolveStatus.INFEASIBLE, message=cause.message, diagnostics=(cause,))
+    lines = table(replace(tag_result, solves=(solve,))).splitlines()
+    assert lines[0] == "tag.mbm: problem `tag`: infeasible"
+    assert lines[1] == f"warning[{cause.code.name}]: {cause.message}"
+    assert sum(cause.message in line for line in lines) == 1
+
+
 def test_what_is_free_is_said_in_words(tag: SolveReport, tag_result: Result) -> None:
     scale = FreeDirection(sentence="`xg`, `yg`, `zg` scale together", unknowns=("xg", "yg", "zg"), coefficients={})
     found = Observability(rank=1, dimension=4, condition=2.0, unobservable=(scale,))

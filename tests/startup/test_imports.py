@@ -19,7 +19,7 @@ import contextlib, io, json, sys
 from mbm.cli.main import run
 with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
     status = run(sys.argv[1:])
-print(json.dumps([status, sorted({name.partition(".")[0] for name in sys.modules})]))
+print(json.dumps([status, sorted(sys.modules)]))
 """
 
 
@@ -30,14 +30,19 @@ def problem(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "first.mbm"
 
 
-def _loaded(*arguments: str | Path) -> set[str]:
-    """The heavy libraries that a command line loads in a process of its own."""
+def _modules(*arguments: str | Path) -> set[str]:
+    """The modules that a command line loads in a process of its own."""
     done = subprocess.run(
         [sys.executable, "-c", REPORT, *map(str, arguments)], capture_output=True, text=True, check=True
     )
     status, modules = json.loads(done.stdout)
     assert status == 0, done.stderr
-    return HEAVY & set(modules)
+    return set(modules)
+
+
+def _loaded(*arguments: str | Path) -> set[str]:
+    """The heavy libraries among them."""
+    return HEAVY & {name.partition(".")[0] for name in _modules(*arguments)}
 
 
 def _loaded_by(code: str) -> set[str]:
@@ -90,3 +95,50 @@ def test_solve_loads_what_derives_and_evaluates(problem: Path) -> None:
 def test_solve_with_files_loads_no_plots(problem: Path, tmp_path: Path) -> None:
     found = _loaded("solve", problem, "--json", tmp_path / "a.json", "--csv", tmp_path / "a.csv")
     assert found == {"lark", "numpy", "sympy", "casadi"}
+
+
+SELDOM = ("constrained", "sparse", "implicit", "closed_forms")
+"""Rooms of methods that few problems need."""
+
+LINE = """(problem line
+  (data d (table (x y) (1 2.1) (2 3.9) (3 6.2)))
+  (unknowns (a :init 0) (b :init 0))
+  (observe d (= y (+ a (* b x))) {noise}){more})
+"""
+
+
+def _rooms(modules: set[str]) -> set[str]:
+    """The rooms of ``mbm.solution`` that are among the modules."""
+    return {name.split(".")[2] for name in modules if name.startswith("mbm.solution.")}
+
+
+def test_check_loads_no_solver(problem: Path) -> None:
+    modules = _modules("check", problem)
+    assert not _rooms(modules) & {*SELDOM, "binding", "assembly", "minimise", "robust", "solvers"}
+    assert not {name for name in modules if name.startswith(("mbm.kernels", "mbm.symbolic"))}
+
+
+def test_a_linear_solve_loads_no_method_that_it_does_not_need(tmp_path: Path) -> None:
+    file = tmp_path / "line.mbm"
+    file.write_text(LINE.format(noise=":sigma 0.1", more=""), encoding="utf-8")
+    modules = _modules("solve", file)
+    assert "mbm.solution.estimate" in modules
+    assert not _rooms(modules) & set(SELDOM)
+    assert not modules & {"mbm.solution.robust.consensus", "mbm.solution.robust.agree"}
+
+
+def test_a_start_that_is_given_is_compared_with_closed_forms_and_nothing_else(problem: Path) -> None:
+    assert _rooms(_modules("solve", problem)) & set(SELDOM) == {"closed_forms"}
+
+
+@pytest.mark.parametrize(
+    ("noise", "more", "room"),
+    [
+        (":sigma 0.1", " (constraints (<= b 10 :name high))", "constrained"),
+        (":errors ((x 0.1) (y 0.1))", "", "implicit"),
+    ],
+)
+def test_a_method_is_loaded_by_the_problem_that_needs_it(noise: str, more: str, room: str, tmp_path: Path) -> None:
+    file = tmp_path / "line.mbm"
+    file.write_text(LINE.format(noise=noise, more=more), encoding="utf-8")
+    assert room in _rooms(_modules("solve", file))

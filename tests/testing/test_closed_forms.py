@@ -12,6 +12,7 @@ from mbm.solution.closed_forms.linear import LINEAR
 from mbm.solution.closed_forms.measured import MEASURED
 from mbm.solution.closed_forms.multilateration import MULTILATERATION
 from mbm.solution.closed_forms.planar_calibration import PLANAR_CALIBRATION
+from mbm.solution.closed_forms.planes import PLANES
 from mbm.solution.closed_forms.pose_from_points import POSE_FROM_POINTS
 from mbm.solution.closed_forms.relative_poses import RELATIVE_POSES
 from mbm.solution.closed_forms.similarity import SIMILARITY
@@ -98,6 +99,24 @@ SAMPLES: dict[str, tuple[ClosedForm, ClosedFormSample]] = {
             data=table(
                 x=POINTS[:, 0], y=POINTS[:, 1], z=POINTS[:, 2], r=np.sqrt(np.square(POINTS - PLACE).sum(axis=1))
             ),
+        ),
+    ),
+    "plane": (
+        PLANES,
+        ClosedFormSample(
+            text="""(problem p (data d external) (unknowns (n direction) (d))
+              (observe d (= (dot n [x y (/ (- 10.5 (* 2 x) (* -3 y)) 6)]) d)))""",
+            numbers={"n": np.array([2.0, -3.0, 6.0]) / 7, "d": np.array(1.5)},
+            data=table(x=POINTS[:, 0], y=POINTS[:, 1]),
+        ),
+    ),
+    "line": (
+        PLANES,
+        ClosedFormSample(
+            text="""(problem p (data d external) (unknowns (a angle) (d))
+              (observe d (- (+ (* x (cos a)) (* y (sin a))) d)))""",
+            numbers={"a": np.array(np.arctan2(4, 3)), "d": np.array(2.0)},
+            data=table(x=POINTS[:, 0], y=(10 - 3 * POINTS[:, 0]) / 4),
         ),
     ),
     "pairs": (

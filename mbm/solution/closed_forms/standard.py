@@ -7,6 +7,7 @@ from mbm.solution.closed_forms.linear import LINEAR
 from mbm.solution.closed_forms.measured import MEASURED
 from mbm.solution.closed_forms.multilateration import MULTILATERATION
 from mbm.solution.closed_forms.planar_calibration import PLANAR_CALIBRATION
+from mbm.solution.closed_forms.planes import PLANES
 from mbm.solution.closed_forms.pose_from_points import POSE_FROM_POINTS
 from mbm.solution.closed_forms.relative_poses import RELATIVE_POSES
 from mbm.solution.closed_forms.similarity import SIMILARITY
@@ -16,6 +17,7 @@ STANDARD: tuple[ClosedForm, ...] = (
     LINEAR,
     SIMILARITY,
     MULTILATERATION,
+    PLANES,
     POSE_FROM_POINTS,
     INTERSECTION,
     PLANAR_CALIBRATION,

@@ -20,7 +20,7 @@ def approached(equations: Correctable, start: Floats, rough: Minimise) -> Floats
     """The start (N,), or where ``rough`` leads from it with exact columns if that fits better."""
     compared = equations.roughly_corrected()
     cost = _cost(compared, start)
-    if cost <= FAR**2 * equations.count:
+    if cost <= FAR**2 * compared.count:
         return start
     other = rough(equations.uncorrected(), start)
     return other if _cost(compared, other) < cost else start

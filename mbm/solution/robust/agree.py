@@ -1,8 +1,8 @@
 """Consensus: the units that agree, found from many minimal subsets, improved, and brought to a fixed point.
 
-Least median of squares (Rousseeuw 1984), RANSAC (Fischler and Bolles 1981), MSAC (Torr and Zisserman 2000) differ in
-the score of the trials only; the best few are improved by fits to the units that they explain (Chum et al. 2003), the
-one that explains the data best is fitted to its inliers until those stay the same. Nothing here knows what is measured.
+The estimators differ in where trials come from and in their score only (``estimators``); the best few are improved by
+fits to the units that they explain (Chum et al. 2003), the one that explains the data best is fitted to its inliers
+until those stay the same. Nothing here knows what is measured.
 """
 
 from __future__ import annotations
@@ -12,11 +12,14 @@ from math import sqrt
 
 import numpy as np
 
-from mbm.problem.types import Consensus, ConsensusKind
+from mbm.problem.types import Consensus
+from mbm.solution.robust.estimators.lmeds import LMEDS
+from mbm.solution.robust.estimators.standard import BY_KIND
+from mbm.solution.robust.estimators.types import ConsensusEstimator
 from mbm.solution.robust.gnc import graduated
 from mbm.solution.robust.refine import Refined, Trimmed, Truncated, refined
 from mbm.solution.robust.scale import noise_variances
-from mbm.solution.robust.scores import STATED_CUT, cuts, scores, variances_at
+from mbm.solution.robust.scores import STATED_CUT, cuts, variances_at
 from mbm.solution.robust.subsets import minimal_subsets
 from mbm.solution.robust.trials import Trials
 from mbm.solution.robust.units import STATED, Units, consistency, robust_variance
@@ -76,9 +79,10 @@ class Agreed:
 @np.errstate(all="ignore")
 def agree(trials: Trials, units: Units, starts: Floats, consensus: Consensus, seed: int) -> Agreed:
     """The units that agree, by random subsets fitted from the ``starts`` (S, N) or by graduated non-convexity."""
+    estimator = BY_KIND[consensus.kind]
     cut = cuts(units, consensus.threshold)
     count, size, points = 0, trials.dimension, starts
-    if consensus.kind is not ConsensusKind.GNC:
+    if estimator.samples:
         jacobian = trials.linearised(starts[:1])[1][0]
         subsets = minimal_subsets(jacobian, units, consensus.trials, seed)
         count, size = subsets.shape
@@ -87,12 +91,12 @@ def agree(trials: Trials, units: Units, starts: Floats, consensus: Consensus, se
             of = np.arange(fits) % count
             begun = starts[(np.arange(fits) // count + of) % len(starts)]
             points = np.concatenate((trials.fitted(begun, subsets[of]), starts))
-    if consensus.kind is ConsensusKind.GNC or size >= LARGE_SUBSET:
+    if not estimator.samples or size >= LARGE_SUBSET:
         unknown = units.group != STATED
         more = np.concatenate([graduated(trials, units, start, cut, unknown) for start in starts[:FEW_STARTS]])
-        points = more if consensus.kind is ConsensusKind.GNC else np.concatenate((points, more))
+        points = np.concatenate((points, more)) if estimator.samples else more
     if len(points) > CANDIDATES:
-        points = _best_few(trials, units, points, consensus.kind, size, cut)
+        points = _best_few(trials, units, points, estimator, size, cut)
     candidates, best, variances = _improved(trials, units, points, starts[0], cut, size)
     found = _finished(trials, units, candidates.points[best], consensus, variances)
     return replace(found, trials=count, ambiguous=_ambiguous(candidates, best, cut * variances))
@@ -122,20 +126,22 @@ def _finished(trials: Trials, units: Units, point: Floats, consensus: Consensus,
     )
 
 
-def _best_few(trials: Trials, units: Units, points: Floats, kind: ConsensusKind, size: int, cut: Floats) -> Floats:
+def _best_few(
+    trials: Trials, units: Units, points: Floats, estimator: ConsensusEstimator, size: int, cut: Floats
+) -> Floats:
     """The points with the lowest scores, best first."""
     step = max(TOGETHER // max(len(units.of_row), 1), 1)
     chunks = [points[first : first + step] for first in range(0, len(points), step)]
 
-    def ranked(rule: ConsensusKind, variances: Floats) -> Indices:
-        parts = [scores(rule, units.squares(trials.residuals(c)), units, size, cut, variances) for c in chunks]
+    def ranked(rule: ConsensusEstimator, limits: Floats) -> Indices:
+        parts = [rule.scores(units.squares(trials.residuals(c)), units, size, limits) for c in chunks]
         return np.argsort(np.concatenate(parts), kind="stable")[:CANDIDATES]
 
-    by_median = ranked(ConsensusKind.LMEDS, cut)
-    if kind is ConsensusKind.LMEDS:
+    by_median = ranked(LMEDS, cut)
+    if not estimator.knows_limits:
         return np.asarray(points[by_median])
     variances = variances_at(units.squares(trials.residuals(points[by_median[:1]]))[0], units, 0)
-    by_rule = ranked(kind, variances)
+    by_rule = ranked(estimator, cut * variances)
     if bool((units.group == STATED).all()):
         return np.asarray(points[by_rule])
     # The rule needs the noise; where that is unknown, trials with the least median may be the ones that know it.

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbm.solution.covariance import in_datum
-from mbm.solution.robust.losses import LossFunction
+from mbm.solution.robust.losses.function import LossFunction
 from mbm.solution.types import Covariance, Floats, Indices, Mask, Observability
 
 

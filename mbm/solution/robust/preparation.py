@@ -1,211 +1,27 @@
-"""What robust estimation does before the minimisation: which units count, from where, with what noise.
-
-Consensus (`:robust`) leaves the units that agree. Losses (`:loss`) keep all units, but those whose minimum may hide
-behind others are started where consensus is, and a noise factor that goes with a loss is estimated there, once and for
-all (the M-step of MM-estimation, Yohai 1987): estimated together with the loss it would grow with every outlier.
-"""
+"""What robust estimation does before the minimisation, and what it says of the rows afterwards."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from math import sqrt
-from types import MappingProxyType
-
 import numpy as np
 
-from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Problem, RandomStarts
+from mbm.problem.types import Problem
 from mbm.solution.assembly import Assembled, loss_lines
-from mbm.solution.robust import faults
-from mbm.solution.robust.agree import Agreed, agree, agree_near
-from mbm.solution.robust.binding import trials_of, trials_of_part, units_of
-from mbm.solution.robust.many import MANY, agree_by_losses
-from mbm.solution.robust.parts import Part, agree_in_parts, parts_of, units_of_parts
-from mbm.solution.robust.scale import information_left
-from mbm.solution.robust.scores import STATED_CUT
-from mbm.solution.robust.units import STATED, Units, limits
+from mbm.solution.robust.types import Prepared
 from mbm.solution.settings import Settings
 from mbm.solution.starting import Beginning
-from mbm.solution.types import Floats, Mask, Minimum, Noise, NoiseState
-from mbm.text.types import Diagnostic
-
-SAMPLE = 10_000
-"""With more units the trials are judged by so many, drawn at random: the best of them is the best of all but for luck
-that the last fits, to all units, do not depend on."""
-
-LEAST_SHARE = 0.5
-"""A solution that fewer units than this share agree with explains nothing."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Prepared:
-    """What to minimise, and where to begin.
-
-    ``factors`` (all residuals,) and ``noise`` belong to blocks with a loss whose factor is unknown. ``truncation`` (all
-    residuals,) is κ of the rows that consensus kept (None: no consensus). ``agreed`` is False where too few agree.
-    """
-
-    equations: Assembled
-    starts: tuple[Beginning, ...]
-    factors: Floats | None = None
-    noise: Mapping[int, Noise] = field(default_factory=lambda: MappingProxyType({}))
-    truncation: Floats | None = None
-    agreed: bool = True
-    diagnostics: tuple[Diagnostic, ...] = ()
-
-    def informing(self, jacobian: Floats) -> Floats | None:
-        """The Jacobian (m, n) that holds the information there is: κ of that of the kept rows; None: as it is."""
-        return None if self.truncation is None else np.sqrt(self.equations.picked(self.truncation))[:, None] * jacobian
-
-    def scattering(self, residuals: Floats) -> Floats:
-        """Residuals (m,) that scatter as the noise does, without the loss of the tails."""
-        return residuals if self.truncation is None else residuals / np.sqrt(self.equations.picked(self.truncation))
-
-    def tested(self, residuals: Floats) -> float | None:
-        """The sum of squares (of residuals (m,)) that follows the χ² law where tails were cut off; None: as it is."""
-        return None if self.truncation is None else float(np.square(self.scattering(residuals)).sum())
+from mbm.solution.types import Floats, Mask, Minimum
 
 
 def prepared(problem: Problem, equations: Assembled, settings: Settings, starts: tuple[Beginning, ...]) -> Prepared:
     """The equations that count, and better starts; what was given where nothing is robust."""
+    if settings.robust is None and not equations.lossy:
+        return Prepared(equations=equations, starts=starts)
+    # Here and below: loaded by robust problems only, so that the others start at once.
+    from mbm.solution.robust.consensus import agreeing, scaled
+
     if settings.robust is not None:
-        return _agreeing(problem, equations, settings, settings.robust, starts)
-    if equations.lossy:
-        return _scaled(problem, equations, settings, starts)
-    return Prepared(equations=equations, starts=starts)
-
-
-def _agreeing(
-    problem: Problem, equations: Assembled, settings: Settings, consensus: Consensus, starts: tuple[Beginning, ...]
-) -> Prepared:
-    """The units that agree, by the consensus that the problem asks for."""
-    units = units_of(equations, problem, starts[0].point, lambda block: block.role is BlockRole.OBSERVATION)
-    if units.scalars <= equations.dimension or not equations.dimension:
-        return Prepared(equations=equations, starts=starts)
-    found = _agreed(problem, equations, settings, consensus, units, starts)
-    if not found.inliers.any():  # no equation has a value anywhere near: the minimisation says which
-        return Prepared(equations=equations, starts=starts)
-    keep = np.ones(int(equations.units.max()) + 1, dtype=bool)
-    keep[units.number] = found.inliers
-    factors, noise = _loss_noise(problem, equations, units, found)
-    diagnostics: list[Diagnostic] = []
-    if found.share < LEAST_SHARE:
-        diagnostics.append(faults.too_few_agree(problem.span, int(found.inliers.sum()), units.count))
-    elif found.ambiguous:
-        diagnostics.append(faults.ambiguous_consensus(problem.span))
-    return Prepared(
-        equations=equations.kept(keep),
-        starts=_from_agreement(found, consensus, settings, starts),
-        factors=factors,
-        noise=noise,
-        truncation=_truncation(equations, units, information_left(found.limits, found.variances, units)),
-        agreed=found.share >= LEAST_SHARE,
-        diagnostics=tuple(diagnostics),
-    )
-
-
-def _scaled(problem: Problem, equations: Assembled, settings: Settings, starts: tuple[Beginning, ...]) -> Prepared:
-    """All units, from where consensus finds the losses' minimum, with noise factors from there."""
-    unknown = any(block.loss is not None and block.unknown_factor for block in problem.blocks)
-    if not unknown and all(loss.convex for loss, _ in loss_lines(equations)):
-        return Prepared(equations=equations, starts=starts)
-    units = units_of(equations, problem, starts[0].point, _has_loss)
-    if units.scalars == 0 or not equations.dimension:
-        return Prepared(equations=equations, starts=starts)
-    consensus = Consensus(kind=ConsensusKind.LMEDS)
-    found = _agreed(problem, equations, settings, consensus, units, starts)
-    factors, noise = _loss_noise(problem, equations, units, found)
-    return Prepared(
-        equations=equations,
-        starts=_from_agreement(found, consensus, settings, starts),
-        factors=factors,
-        noise=noise,
-    )
-
-
-def _agreed(
-    problem: Problem,
-    equations: Assembled,
-    settings: Settings,
-    consensus: Consensus,
-    units: Units,
-    starts: tuple[Beginning, ...],
-) -> Agreed:
-    """The units that agree: in one piece, part by part, or, with very many connected unknowns, by way of losses."""
-    points = np.stack([start.point for start in starts])
-    if equations.implicit is None and equations.dimension > 1:
-        parts = parts_of(equations)
-        if max(len(part.columns) for part in parts) > MANY:
-            return agree_by_losses(problem, equations, units, points[0], consensus, settings)
-        if len(parts) > 1:
-            return agree_in_parts(equations, units, parts, points[0], consensus, settings.seed)
-        if units.count > SAMPLE:
-            return _agreed_from_sample(equations, settings, consensus, units, points)
-    return agree(trials_of(equations, units, settings.closed_forms), units, points, consensus, settings.seed)
-
-
-def _agreed_from_sample(
-    equations: Assembled, settings: Settings, consensus: Consensus, units: Units, starts: Floats
-) -> Agreed:
-    """Consensus of a sample of the units, then all units that agree with it."""
-    generator = np.random.Generator(np.random.PCG64(settings.seed))
-    chosen = np.sort(generator.choice(units.count, SAMPLE, replace=False))
-    rows = np.flatnonzero((units.of_row < 0) | np.isin(units.of_row, chosen))
-    part = Part(columns=equations.free, rows=rows)
-    own, _ = next(units_of_parts(units, (part,)))
-    sample = trials_of_part(equations, own, np.unique(equations.units[rows]), part.columns)
-    found = agree(sample, own, starts, consensus, settings.seed)
-    return replace(
-        agree_near(trials_of(equations, units), units, found.point, consensus),
-        trials=found.trials,
-        ambiguous=found.ambiguous,
-    )
-
-
-def _from_agreement(
-    found: Agreed, consensus: Consensus, settings: Settings, starts: tuple[Beginning, ...]
-) -> tuple[Beginning, ...]:
-    """Where units agree; then the points of `:starts`, for other minima (the first random one is what it would be)."""
-    agreeing = Beginning(point=found.point, origin=f"consensus ({consensus.kind.value})")
-    if settings.starts is None:
-        return (agreeing,)
-    return (agreeing, *(starts[1:] if isinstance(settings.starts, RandomStarts) else starts))
-
-
-def _has_loss(block: Block) -> bool:
-    return block.role is BlockRole.OBSERVATION and block.loss is not None
-
-
-def _loss_noise(
-    problem: Problem, equations: Assembled, units: Units, found: Agreed
-) -> tuple[Floats | None, Mapping[int, Noise]]:
-    """Factors (all residuals,) and noise of the blocks that have a loss and unknown noise."""
-    factors = np.ones(equations.whole)
-    noise: dict[int, Noise] = {}
-    total = int(units.components[found.inliers].sum())
-    for number in np.unique(units.group[units.group != STATED]).tolist():
-        if problem.blocks[number].loss is None:
-            continue
-        mine = units.group == number
-        count = int(units.components[mine & found.inliers].sum())
-        redundancy = count * (1.0 - equations.dimension / total) if total else 0.0
-        variance = float(found.variances[mine].mean())
-        factor = sqrt(variance)
-        exact = variance <= units.rounding[mine].max()
-        state = NoiseState.NO_REDUNDANCY if redundancy <= 0.0 else NoiseState.EXACT if exact else NoiseState.ESTIMATED
-        if state is not NoiseState.ESTIMATED:
-            factor = 1.0
-        noise[number] = Noise(factor=factor, redundancy=max(redundancy, 0.0), state=state)
-        factors[equations.block_rows(number)] = factor
-    return (factors, noise) if noise else (None, noise)
-
-
-def _truncation(equations: Assembled, units: Units, kappa: Floats) -> Floats:
-    """κ by residual (all residuals,): 1 for what no rule touches, and for losses, whose sandwich sees it itself."""
-    found = units.expanded(kappa)
-    for _, lines in loss_lines(equations):
-        found[lines] = 1.0
-    return found
+        return agreeing(problem, equations, settings, settings.robust, starts)
+    return scaled(problem, equations, settings, starts)
 
 
 def outliers(equations: Assembled, whole: Floats) -> Mask | None:
@@ -215,6 +31,9 @@ def outliers(equations: Assembled, whole: Floats) -> Mask | None:
     """
     if equations.rows is None and not equations.lossy:
         return None
+    from mbm.solution.robust.scores import STATED_CUT
+    from mbm.solution.robust.units import limits
+
     found = np.zeros(equations.whole, dtype=bool)
     if equations.rows is not None:
         found[:] = True

@@ -9,7 +9,7 @@ import numpy as np
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import Group
 from mbm.solution.layout import Entry
-from mbm.solution.robust.losses import rooted_jacobian
+from mbm.solution.robust.losses.rooted import rooted_jacobian
 from mbm.solution.sparse.structure import BlockFamily, Piece, Structure, structure
 from mbm.solution.types import Floats, Indices, Mask
 

@@ -1,8 +1,8 @@
 """The covariance of very many estimates without ever having it: its diagonal, and its products with a few vectors.
 
 In column-scaled coordinates it is the pseudo-inverse of ``JᵀJ``: the factor of that matrix with pins that hold what is
-free, between two projections along the free directions (Baarda's S-transformation). With a ``datum`` it is projected once
-more, to the least norm in the coordinates themselves.
+free, between two projections along the free directions (Baarda's S-transformation). With a ``datum`` it is projected
+once more, to the least norm in the coordinates themselves.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ import numpy as np
 from mbm.solution.freedom import free_combination, touched_by
 from mbm.solution.sparse.rank import Decision, decided
 from mbm.solution.sparse.structure import BlockJacobian
-from mbm.solution.types import Covariance, Floats, FreeCombination, Mask, Minimum, Observability, Propagated
+from mbm.solution.types import Covariance, Floats, FreeCombination, Minimum, Observability, Propagated
 
 NAMED = 20
 """Free directions of single members that are put into words; the others are counted."""

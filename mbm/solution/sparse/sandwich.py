@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.solution.robust.losses import LossFunction
+from mbm.solution.robust.losses.function import LossFunction
 from mbm.solution.sparse.observability import sparse_covariance
 from mbm.solution.sparse.rank import decided
 from mbm.solution.sparse.structure import BlockJacobian

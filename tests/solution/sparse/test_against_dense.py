@@ -7,7 +7,7 @@ import pytest
 
 import mbm
 from mbm.report.types import SolveStatus
-from mbm.solution.sparse import equations
+from mbm.solution import sparsity
 
 STATIONS, POINTS = 5, 14
 SAME = 1e-8
@@ -71,8 +71,8 @@ def solved(**clauses):
 def blockwise(monkeypatch):
     def solve(**clauses):
         with monkeypatch.context() as patched:
-            patched.setattr(equations, "LARGE", 0)
-            patched.setattr(equations, "SPARSE", 1.0)
+            patched.setattr(sparsity, "LARGE", 0)
+            patched.setattr(sparsity, "SPARSE", 1.0)
             return solved(**clauses)
 
     return solve
@@ -126,8 +126,8 @@ def logarithms(monkeypatch):
     """A family of one number each in ``1 = log a``, from given starts."""
 
     def solve(starts):
-        monkeypatch.setattr(equations, "LARGE", 0)
-        monkeypatch.setattr(equations, "SPARSE", 1.0)
+        monkeypatch.setattr(sparsity, "LARGE", 0)
+        monkeypatch.setattr(sparsity, "SPARSE", 1.0)
         text = (
             "(problem p (data d external :key k) (unknowns (a :per d :init x))"
             " (observe d (= 1 (log (a k))) :sigma 1) (solve :method lm))"
@@ -161,8 +161,8 @@ def test_the_elements_of_a_long_array_are_blocks_of_their_own(monkeypatch):
     data = {"d": {"k": k, "y": 1.0 + np.sin(k / 9.0) / 2}}
     start = {"a": np.ones(30)}
     dense = mbm.loads(text).solve(data=data, init=start)
-    monkeypatch.setattr(equations, "LARGE", 0)
-    monkeypatch.setattr(equations, "SPARSE", 1.0)
+    monkeypatch.setattr(sparsity, "LARGE", 0)
+    monkeypatch.setattr(sparsity, "SPARSE", 1.0)
     sparse = mbm.loads(text).solve(data=data, init=start)
     assert (sparse.first.method, dense.first.method) == ("lm-sparse", "lm")
     np.testing.assert_allclose(sparse["a"].value, dense["a"].value, atol=SAME)

@@ -1,0 +1,43 @@
+"""What robust estimation hands to the minimisation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from mbm.solution.assembly import Assembled
+from mbm.solution.starting import Beginning
+from mbm.solution.types import Floats, Noise
+from mbm.text.types import Diagnostic
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prepared:
+    """What to minimise, and where to begin.
+
+    ``factors`` (all residuals,) and ``noise`` belong to blocks with a loss whose factor is unknown. ``truncation`` (all
+    residuals,) is κ of the rows that consensus kept (None: no consensus). ``agreed`` is False where too few agree.
+    """
+
+    equations: Assembled
+    starts: tuple[Beginning, ...]
+    factors: Floats | None = None
+    noise: Mapping[int, Noise] = field(default_factory=lambda: MappingProxyType({}))
+    truncation: Floats | None = None
+    agreed: bool = True
+    diagnostics: tuple[Diagnostic, ...] = ()
+
+    def informing(self, jacobian: Floats) -> Floats | None:
+        """The Jacobian (m, n) that holds the information there is: κ of that of the kept rows; None: as it is."""
+        return None if self.truncation is None else np.sqrt(self.equations.picked(self.truncation))[:, None] * jacobian
+
+    def scattering(self, residuals: Floats) -> Floats:
+        """Residuals (m,) that scatter as the noise does, without the loss of the tails."""
+        return residuals if self.truncation is None else residuals / np.sqrt(self.equations.picked(self.truncation))
+
+    def tested(self, residuals: Floats) -> float | None:
+        """The sum of squares (of residuals (m,)) that follows the χ² law where tails were cut off; None: as it is."""
+        return None if self.truncation is None else float(np.square(self.scattering(residuals)).sum())
