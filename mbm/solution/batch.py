@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbm.kernels.backends.numpy_stream import Stream, stream
+from mbm.kernels.backends.numpy_stream import Stream
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import Group
 from mbm.solution.manifolds import moved
@@ -222,7 +222,7 @@ def _lines_of(group: Group, units: Indices, ends: Indices, count: int, place: In
         slots = joined
     return _Lines(
         group=group,
-        stream=stream(group.kernel),
+        stream=group.cache.stream(group.number, group.kernel),
         scatter=group.scatter(place),
         rows=row,
         slots=slots,

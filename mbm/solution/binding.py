@@ -10,6 +10,7 @@ import numpy as np
 
 from mbm.expression.nodes import Column as ColumnNode
 from mbm.expression.nodes import ColumnMember, Component, Member, RowChoice
+from mbm.kernels.backends.numpy_stream import Stream, stream
 from mbm.kernels.types import Backend, Evaluation, Kernel, KernelSet
 from mbm.problem.checks import used_rows
 from mbm.problem.rows import Positions, chosen_number, column_numbers, keyed_rows, rows_of
@@ -51,6 +52,14 @@ class EvaluationCache:
         self.without_closed_form: set[Kind] = set()
         self.layouts = Layouts()
         self._prepared: dict[tuple[int, int], Evaluation] = {}
+        self._streams: dict[int, Stream] = {}
+
+    def stream(self, number: int, kernel: Kernel) -> Stream:
+        """Kernel ``number`` for any number of rows."""
+        found = self._streams.get(number)
+        if found is None:
+            found = self._streams[number] = stream(kernel)
+        return found
 
     def evaluation(self, number: int, kernel: Kernel, rows: int) -> Evaluation:
         """The evaluation of kernel ``number`` for ``rows`` rows."""
@@ -71,7 +80,7 @@ class Group:
     unknowns its place in the vector of all numbers, ``columns`` (rows, tangents) for each tangent its place in that of
     all coordinates; ``shared[j]`` and ``shared_columns[j]`` say that variable or tangent j is the same in all rows.
     Residuals stand at ``first …`` in the vector of all, units (one equation in one row) at ``first_unit …``. ``number``
-    is the kernel's in the set of all.
+    is the kernel's in the set of all, ``cache`` keeps what was made of it.
     """
 
     kernel: Kernel
@@ -87,7 +96,8 @@ class Group:
     losses: tuple[LossFunction, ...] = ()
     first: int = 0
     first_unit: int = 0
-    number: int = 0
+    number: int
+    cache: EvaluationCache
     sampled: tuple[Sampled, ...] = ()
 
     @property
@@ -286,6 +296,7 @@ class Binder:
             shared_columns=tuple(not _differs(slot) for slot in kernel.tangents),
             parameters=parameters,
             number=number,
+            cache=self.cache,
             sampled=sampled,
         )
 

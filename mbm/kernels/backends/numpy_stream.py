@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -177,8 +176,7 @@ class Stream:
         return found[:, : self.outputs], found[:, self.outputs :]
 
 
-@lru_cache(maxsize=256)
 def stream(kernel: Kernel) -> Stream:
-    """The stream of a kernel; read from CasADi once for each kernel."""
+    """The stream of a kernel, read from CasADi: to be kept by who needs it again."""
     values, both = program_of(kernel.value_function), program_of(kernel.jacobian_function)
     return Stream(outputs=kernel.outputs, _values=(values, last_uses(values)), _both=(both, last_uses(both)))

@@ -13,6 +13,7 @@ import numpy as np
 
 from mbm.solution.constrained.penalised import least_violation
 from mbm.solution.constrained.types import ConstrainedEquations
+from mbm.solution.forwarding import Forwarding
 from mbm.solution.types import Conflict, Floats, Indices, Mask, Minimum
 
 TOLERANCE = 1e-10
@@ -24,25 +25,13 @@ LARGEST = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Part:
+class _Part(Forwarding):
     """Some of the constraints and bounds, as equations of their own."""
 
     equations: ConstrainedEquations
     chosen: Indices
     lower: Floats
     upper: Floats
-
-    @property
-    def dimension(self) -> int:
-        return self.equations.dimension
-
-    @property
-    def count(self) -> int:
-        return self.equations.count
-
-    @property
-    def positive(self) -> Mask:
-        return self.equations.positive
 
     @property
     def linear(self) -> bool:
@@ -52,26 +41,11 @@ class _Part:
     def equality(self) -> Mask:
         return self.equations.equality[self.chosen]
 
-    def residuals(self, x: Floats) -> Floats:
-        return self.equations.residuals(x)
-
-    def jacobian(self, x: Floats) -> Floats:
-        return self.equations.jacobian(x)
-
     def constraint_values(self, x: Floats) -> Floats:
         return self.equations.constraint_values(x)[self.chosen]
 
     def constraint_jacobian(self, x: Floats) -> Floats:
         return self.equations.constraint_jacobian(x)[self.chosen]
-
-    def retract(self, x: Floats, step: Floats) -> Floats:
-        return self.equations.retract(x, step)
-
-    def coordinates(self, x: Floats) -> Floats:
-        return self.equations.coordinates(x)
-
-    def placed(self, x: Floats, coordinates: Floats) -> Floats:
-        return self.equations.placed(x, coordinates)
 
 
 def conflict_at(equations: ConstrainedEquations, least: Minimum, unit: Floats, limit: int) -> Conflict:

@@ -8,13 +8,13 @@ import numpy as np
 
 from mbm.solution.constrained.linearise import violations
 from mbm.solution.constrained.types import ConstrainedEquations, Stopped, never
+from mbm.solution.forwarding import Forwarding
 from mbm.solution.solvers.marquardt import MARQUARDT
-from mbm.solution.solvers.scaled import turning
-from mbm.solution.types import Equations, Floats, Mask, Minimum, Profiled, Reason
+from mbm.solution.types import Equations, Floats, Minimum, Profiled, Reason
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Penalised:
+class Penalised(Forwarding):
     """The augmented Lagrange function as squares (Hestenes 1969, Powell 1969, Rockafellar 1973).
 
     To the residuals come ``weight · (c/unit + shift)``, for inequalities only where positive. ``shift`` (k,) is the
@@ -30,29 +30,14 @@ class Penalised:
     observed: bool = True
 
     @property
-    def dimension(self) -> int:
-        """Free coordinates."""
-        return self.equations.dimension
-
-    @property
     def count(self) -> int:
         """Residuals, then one for each constraint."""
         return (self.equations.count if self.observed else 0) + len(self.unit)
 
     @property
-    def positive(self) -> Mask:
-        """As the equations have it."""
-        return self.equations.positive
-
-    @property
     def linear(self) -> bool:
         """Never promised: inequalities have a kink."""
         return False
-
-    @property
-    def turning(self) -> Mask | None:
-        """As the equations have it."""
-        return turning(self.equations)
 
     @property
     def profiled(self) -> bool:
@@ -69,18 +54,6 @@ class Penalised:
         acting = self.equations.equality | ~(self._shifted(x) <= 0.0)
         rows = self.equations.constraint_jacobian(x) * (self.weight * acting / self.unit)[:, None]
         return np.vstack([self.equations.jacobian(x), rows]) if self.observed else rows
-
-    def retract(self, x: Floats, step: Floats) -> Floats:
-        """As the equations have it."""
-        return self.equations.retract(x, step)
-
-    def coordinates(self, x: Floats) -> Floats:
-        """As the equations have it."""
-        return self.equations.coordinates(x)
-
-    def placed(self, x: Floats, coordinates: Floats) -> Floats:
-        """As the equations have it."""
-        return self.equations.placed(x, coordinates)
 
     def _shifted(self, x: Floats) -> Floats:
         values = self.equations.constraint_values(x) / self.unit + self.shift

@@ -8,6 +8,7 @@ import numpy as np
 
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import Group
+from mbm.solution.forwarding import Forwarding
 from mbm.solution.layout import Entry
 from mbm.solution.robust.losses.rooted import rooted_jacobian
 from mbm.solution.sparse.structure import BlockFamily, Piece, Structure, structure
@@ -34,22 +35,15 @@ class GroupPlace:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Blocked:
-    """``equations`` with all residuals in place: those that are left out are zero (protocol ``BlockEquations``)."""
+class Blocked(Forwarding):
+    """``equations`` with all residuals in place: those that are left out are zero (protocol ``BlockEquations``).
+
+    ``count`` and ``jacobian`` are of those alone that count.
+    """
 
     equations: Assembled
     found: Structure
     places: tuple[GroupPlace, ...]
-
-    @property
-    def dimension(self) -> int:
-        """Free coordinates, n."""
-        return self.equations.dimension
-
-    @property
-    def count(self) -> int:
-        """Residuals that count, m; the vector of residuals may hold more."""
-        return self.equations.count
 
     @property
     def lower(self) -> Floats:
@@ -60,11 +54,6 @@ class Blocked:
     def upper(self) -> Floats:
         """Hard upper bounds (n,)."""
         return self.equations.upper
-
-    @property
-    def positive(self) -> Mask:
-        """Coordinates that stay above zero (n,)."""
-        return self.equations.positive
 
     @property
     def linear(self) -> bool:
@@ -79,27 +68,6 @@ class Blocked:
         result = np.zeros(self.equations.whole)
         result[self.equations.rows] = found
         return result
-
-    def jacobian(self, x: Floats) -> Floats:
-        """The dense Jacobian of the residuals that count (m, n)."""
-        return self.equations.jacobian(x)
-
-    def retract(self, x: Floats, step: Floats) -> Floats:
-        """The point after a step (n,)."""
-        return self.equations.retract(x, step)
-
-    @property
-    def turning(self) -> Mask | None:
-        """Coordinates of rotations, directions and scales (n,)."""
-        return self.equations.turning
-
-    def coordinates(self, x: Floats) -> Floats:
-        """The numbers that steps add to (n,)."""
-        return self.equations.coordinates(x)
-
-    def placed(self, x: Floats, coordinates: Floats) -> Floats:
-        """The point with other coordinates."""
-        return self.equations.placed(x, coordinates)
 
     def structure(self) -> Structure:
         """Which blocks there are."""
