@@ -42,11 +42,6 @@ class Fronts:
     order: Indices
     fronts: tuple[Front, ...]
 
-    @property
-    def stored(self) -> int:
-        """Numbers that the factor holds."""
-        return sum(f.width * len(f.rows) for f in self.fronts)
-
 
 def fronts(rows: Indices, columns: Indices, sizes: Indices) -> Fronts:
     """The fronts of a symmetric matrix with entries at ``(rows, columns)``, each pair once (in either triangle).
