@@ -56,7 +56,7 @@ def kernels() -> dict[str, Kernel]:
 def main() -> None:
     print(machine())
     for name, kernel in kernels().items():
-        counts = (kernel.value_function.n_instructions(), kernel.jacobian_function.n_instructions())
+        counts = (len(kernel.value_program.instructions), len(kernel.jacobian_program.instructions))
         print(
             f"\n{name}: {counts[0]} instructions for the values, {counts[1]} with the Jacobian; ns a row, best of seven"
         )

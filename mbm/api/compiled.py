@@ -149,10 +149,14 @@ class CompiledProblem:
 
         A derived quantity that is called as an observation is ``derived NAME/1``.
         """
+        from mbm.kernels.functions import function_of
+
         found: dict[str, Any] = {}
         for kernel in self._latest().kernels.kernels:
             name = f"{kernel.name}/{kernel.case + 1}"
-            found[f"{kernel.purpose.value} {name}" if name in found else name] = kernel.jacobian_function
+            found[f"{kernel.purpose.value} {name}" if name in found else name] = function_of(
+                "values_and_jacobian", kernel.jacobian_program
+            )
         return found
 
     def _latest(self) -> Compilation:

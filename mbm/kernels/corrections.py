@@ -8,6 +8,7 @@ import casadi
 import numpy as np
 
 from mbm.kernels.differentiation import differentiated
+from mbm.kernels.instructions import program_of
 from mbm.kernels.lowering import lower
 from mbm.kernels.types import Corrections, Kernel
 from mbm.symbolic.types import ConstantInput, ResidualBlock
@@ -43,8 +44,8 @@ def corrections_of(block: ResidualBlock) -> Corrections:
         jacobian_rows=np.asarray([*slope_rows, *curvature_rows], dtype=np.int64),
         jacobian_columns=np.asarray([*slope_columns, *curvature_columns], dtype=np.int64),
         dependence=np.ones((len(nonzeros), len(block.tangents)), dtype=bool),
-        value_function=casadi.Function("values", [inputs], [casadi.cse(values)]),
-        jacobian_function=casadi.Function("values_and_slopes", [inputs], [casadi.cse(everything)]),
+        value_program=program_of(casadi.Function("values", [inputs], [casadi.cse(values)])),
+        jacobian_program=program_of(casadi.Function("values_and_slopes", [inputs], [casadi.cse(everything)])),
         span=block.span,
     )
     return Corrections(

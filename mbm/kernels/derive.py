@@ -10,6 +10,7 @@ import numpy as np
 from mbm.kernels.charts import tangent_map
 from mbm.kernels.corrections import corrections_of
 from mbm.kernels.differentiation import differentiated
+from mbm.kernels.instructions import program_of
 from mbm.kernels.lowering import lower
 from mbm.kernels.types import Kernel, KernelSet
 from mbm.problem.manifold import Piece
@@ -17,7 +18,7 @@ from mbm.symbolic.types import ResidualBlock, SymbolicModel
 
 
 def derive(model: SymbolicModel) -> KernelSet:
-    """The kernels of all blocks: values and analytic Jacobians as CasADi functions of one input vector per row."""
+    """The kernels of all blocks: values and analytic Jacobians as programs of one input vector per row."""
     return KernelSet(name=model.name, kernels=tuple(kernel_of(block) for block in model.blocks))
 
 
@@ -55,8 +56,8 @@ def kernel_of(block: ResidualBlock) -> Kernel:
         jacobian_rows=np.asarray(rows, dtype=np.int64),
         jacobian_columns=np.asarray(columns, dtype=np.int64),
         dependence=dependence,
-        value_function=casadi.Function("values", [inputs], [casadi.cse(values)]),
-        jacobian_function=casadi.Function("values_and_jacobian", [inputs], [outputs]),
+        value_program=program_of(casadi.Function("values", [inputs], [casadi.cse(values)])),
+        jacobian_program=program_of(casadi.Function("values_and_jacobian", [inputs], [outputs])),
         corrections=corrections_of(block) if block.corrected else None,
         span=block.span,
     )

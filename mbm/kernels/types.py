@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from hashlib import sha256
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbm.symbolic.types import Chart, Parameter, Purpose, Slot
+from mbm.target.program import Program
 from mbm.text.types import Span
-
-if TYPE_CHECKING:
-    import casadi
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -26,7 +24,8 @@ class Kernel:
     and the nonzeros of their Jacobian with respect to ``tangents``, coordinates of the tangent spaces (for plain
     numbers the variables themselves): nonzero k stands in row ``jacobian_rows[k]`` and column ``jacobian_columns[k]``.
     ``dependence[k, j]`` says whether nonzero k varies with tangent j: the equations are affine in a set of tangents if
-    no nonzero in its columns depends on any of them. ``corrections`` are the derivatives by uncertain data, if any.
+    no nonzero in its columns depends on any of them. ``value_program`` gives the values, ``jacobian_program``
+    the values and behind them the nonzeros. ``corrections`` are the derivatives by uncertain data, if any.
     """
 
     name: str
@@ -41,8 +40,8 @@ class Kernel:
     jacobian_rows: NDArray[np.int64] = field(repr=False)
     jacobian_columns: NDArray[np.int64] = field(repr=False)
     dependence: NDArray[np.bool_] = field(repr=False)
-    value_function: casadi.Function = field(repr=False)
-    jacobian_function: casadi.Function = field(repr=False)
+    value_program: Program = field(repr=False)
+    jacobian_program: Program = field(repr=False)
     corrections: Corrections | None = None
     span: Span = field(repr=False)
 
@@ -81,9 +80,9 @@ class KernelSet:
         digest = sha256()
         for kernel in self.kernels:
             digest.update(repr((kernel.name, kernel.variables, kernel.parameters)).encode())
-            digest.update(kernel.jacobian_function.serialize().encode())
+            digest.update(repr(kernel.jacobian_program).encode())
             if kernel.corrections is not None:
-                digest.update(kernel.corrections.kernel.jacobian_function.serialize().encode())
+                digest.update(repr(kernel.corrections.kernel.jacobian_program).encode())
         return digest.hexdigest()
 
 

@@ -203,7 +203,7 @@ def kernel_stage(kernels: KernelSet) -> str:
         lines.append(
             f"{kernel.purpose.value} {kernel.name}, case {kernel.case + 1}: {kernel.outputs} outputs, "
             f"{len(kernel.jacobian_rows)} nonzeros of {kernel.outputs} × {len(kernel.tangents)}, "
-            f"{kernel.jacobian_function.n_instructions()} instructions"
+            f"{len(kernel.jacobian_program.instructions)} instructions"
         )
         lines.append(f"  variables: {', '.join(_slot(s) for s in kernel.variables) or 'none'}")
         lines.append(f"  parameters: {', '.join(_parameter(p) for p in kernel.parameters) or 'none'}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.api import loads
+from mbm.kernels.functions import function_of
 from mbm.kernels.types import Backend, Floats, Kernel, KernelSet
 from mbm.problem.manifold import Piece
 from mbm.solution.manifolds import moved
@@ -79,8 +80,9 @@ def _width(kernel: Kernel) -> int:
 
 
 def _reference(kernel: Kernel, inputs: Floats) -> tuple[Floats, Floats]:
-    """Values and Jacobian nonzeros row by row, by the functions themselves."""
-    both = [np.asarray(kernel.jacobian_function(row), dtype=np.float64).reshape(-1) for row in inputs]
+    """Values and Jacobian nonzeros row by row, by CasADi's virtual machine."""
+    function = function_of("values_and_jacobian", kernel.jacobian_program)
+    both = [np.asarray(function(row), dtype=np.float64).reshape(-1) for row in inputs]
     table = np.array(both).reshape(len(inputs), kernel.outputs + len(kernel.jacobian_rows))
     return table[:, : kernel.outputs], table[:, kernel.outputs :]
 

@@ -102,8 +102,8 @@ def test_every_operator_is_met_in_kernels_or_known_not_to_be():
     met = set()
     for text in (t for texts in CASES.values() for t in texts):
         _, kernel = single(text)
-        for function in (kernel.value_function, kernel.jacobian_function):
-            met |= {instruction.operator for instruction in program_of(function).instructions}
+        for program in (kernel.value_program, kernel.jacobian_program):
+            met |= {instruction.operator for instruction in program.instructions}
     assert met | set(NEVER_FROM_THE_LANGUAGE) == set(Operator)
     assert not met & set(NEVER_FROM_THE_LANGUAGE)
 

@@ -17,6 +17,7 @@ import sympy
 import mbm
 from mbm import compiler
 from mbm.kernels.derive import kernel_of
+from mbm.kernels.functions import function_of
 from mbm.problem.manifold import Piece
 from mbm.solution.estimate import assemble
 from mbm.solution.manifolds import hamilton, tangent_axes
@@ -97,7 +98,7 @@ def by_sympy(block: Any, point: Mapping[sympy.Symbol, float]) -> tuple[np.ndarra
 
 def by_kernel(kernel: Any, inputs: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     """Values (m,) and dense Jacobian (m, n) of a kernel by CasADi's own virtual machine."""
-    both = np.asarray(kernel.jacobian_function(np.asarray(inputs, dtype=float))).reshape(-1)
+    both = np.asarray(function_of("both", kernel.jacobian_program)(np.asarray(inputs, dtype=float))).reshape(-1)
     jacobian = np.zeros((kernel.outputs, len(kernel.tangents)))
     jacobian[kernel.jacobian_rows, kernel.jacobian_columns] = both[kernel.outputs :]
     return both[: kernel.outputs], jacobian
@@ -110,7 +111,9 @@ def by_differences(kernel: Any, inputs: Sequence[float]) -> np.ndarray:
     def slope(column: int, step: float) -> np.ndarray:
         moved = np.zeros_like(inputs)
         moved[column] = step
-        ahead, behind = (np.asarray(kernel.value_function(inputs + s * moved)).reshape(-1) for s in (1, -1))
+        ahead, behind = (
+            np.asarray(function_of("values", kernel.value_program)(inputs + s * moved)).reshape(-1) for s in (1, -1)
+        )
         return (ahead - behind) / (2 * step)
 
     columns = []

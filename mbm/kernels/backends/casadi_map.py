@@ -9,6 +9,7 @@ from typing import Any
 import casadi
 import numpy as np
 
+from mbm.kernels.functions import function_of
 from mbm.kernels.types import Floats, Kernel
 
 BLOCK = 1024
@@ -54,14 +55,17 @@ class _Evaluation:
     def values(self) -> Floats:
         if self._values is None:
             result = np.empty((len(self.inputs), self.outputs))
-            self._values = (result, _bind(self._kernel.value_function, self.inputs, result))
+            self._values = (result, _bind(function_of("values", self._kernel.value_program), self.inputs, result))
         self._values[1]()
         return self._values[0]
 
     def values_and_jacobian(self) -> tuple[Floats, Floats]:
         if self._both is None:
             result = np.empty((len(self.inputs), self.outputs + len(self._kernel.jacobian_rows)))
-            self._both = (result, _bind(self._kernel.jacobian_function, self.inputs, result))
+            self._both = (
+                result,
+                _bind(function_of("values_and_jacobian", self._kernel.jacobian_program), self.inputs, result),
+            )
         self._both[1]()
         both = self._both[0]
         return both[:, : self.outputs], both[:, self.outputs :]

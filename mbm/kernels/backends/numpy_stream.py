@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.kernels.instructions import program_of
 from mbm.kernels.types import Floats, Kernel
 from mbm.target.program import Operator, Program
 
@@ -121,7 +120,7 @@ class _Evaluation:
 
     def values(self) -> Floats:
         if self._values is None:
-            program = program_of(self._kernel.value_function)
+            program = self._kernel.value_program
             self._values = (program, last_uses(program), np.empty((len(self.inputs), self._kernel.outputs)))
         program, dying, outputs = self._values
         run(program, dying, self.inputs, outputs)
@@ -130,7 +129,7 @@ class _Evaluation:
     def values_and_jacobian(self) -> tuple[Floats, Floats]:
         count = self._kernel.outputs
         if self._both is None:
-            program = program_of(self._kernel.jacobian_function)
+            program = self._kernel.jacobian_program
             shape = (len(self.inputs), count + len(self._kernel.jacobian_rows))
             self._both = (program, last_uses(program), np.empty(shape))
         program, dying, outputs = self._both
@@ -145,7 +144,7 @@ class NumpyBackend:
     name: str = "numpy"
 
     def prepare(self, kernel: Kernel, rows: int) -> _Evaluation:
-        """Buffers for ``rows`` rows; the instruction stream is read when first called."""
+        """Buffers for ``rows`` rows; the buffers for results are made when first called."""
         width = len(kernel.variables) + len(kernel.parameters)
         return _Evaluation(np.zeros((rows, width)), kernel)
 
@@ -177,6 +176,6 @@ class Stream:
 
 
 def stream(kernel: Kernel) -> Stream:
-    """The stream of a kernel, read from CasADi: to be kept by who needs it again."""
-    values, both = program_of(kernel.value_function), program_of(kernel.jacobian_function)
+    """The stream of a kernel: to be kept by who needs it again."""
+    values, both = kernel.value_program, kernel.jacobian_program
     return Stream(outputs=kernel.outputs, _values=(values, last_uses(values)), _both=(both, last_uses(both)))

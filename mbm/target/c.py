@@ -1,0 +1,195 @@
+"""The tree as C99 text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from mbm.target.tree import (
+    Assign,
+    Binary,
+    Break,
+    Call,
+    Comment,
+    Compare,
+    Continue,
+    Convert,
+    Element,
+    Expression,
+    For,
+    Function,
+    If,
+    Intrinsic,
+    Literal,
+    Logical,
+    Module,
+    Name,
+    Negate,
+    Offset,
+    Perform,
+    Primitive,
+    Return,
+    Statement,
+    Type,
+    While,
+)
+
+TYPES: Mapping[Type, str] = {
+    Type.REAL: "double ",
+    Type.INTEGER: "long ",
+    Type.REALS: "double *",
+    Type.INTEGERS: "long *",
+    Type.CONSTANT_REALS: "const double *",
+    Type.CONSTANT_INTEGERS: "const long *",
+}
+_PRECEDENCE = {
+    "or": 1,
+    "and": 2,
+    "==": 3,
+    "!=": 3,
+    "<": 4,
+    "<=": 4,
+    ">": 4,
+    ">=": 4,
+    "+": 5,
+    "-": 5,
+    "*": 6,
+    "/": 6,
+    "%": 6,
+}
+_ATOM = 9
+_UNARY = 8
+
+
+def declaration(function: Function) -> str:
+    """The head of a function, without semicolon or brace."""
+    parameters = ", ".join(f"{TYPES[p.type]}{p.name}" for p in function.parameters) or "void"
+    result = "void " if function.returns is None else TYPES[function.returns]
+    return f"{'' if function.public else 'static '}{result}{function.name}({parameters})"
+
+
+def definition(function: Function) -> str:
+    """A whole function with its documentation as a comment."""
+    lines = []
+    if function.doc:
+        lines.append("/* " + function.doc.replace("*/", "* /").replace("\n", "\n * ") + " */")
+    lines.append(declaration(function))
+    lines.append("{")
+    lines += [f"    {TYPES[v.type]}{v.name};" for v in function.locals]
+    for statement in function.body:
+        lines += _statement(statement, 1)
+    lines.append("}")
+    return "\n".join(lines)
+
+
+def text(module: Module) -> str:
+    """All functions of a module."""
+    return "\n\n".join(definition(f) for f in module.functions) + "\n"
+
+
+def _statement(node: Statement, depth: int) -> Iterator[str]:
+    pad = "    " * depth
+    match node:
+        case Assign():
+            yield f"{pad}{_at(node.target)} = {_at(node.value)};"
+        case For():
+            name = node.variable.name
+            yield f"{pad}for ({name} = {_at(node.start)}; {name} < {_at(node.stop, 5)}; {name}++) {{"
+            yield from _block(node.body, depth)
+        case While():
+            yield f"{pad}while ({_at(node.condition)}) {{"
+            yield from _block(node.body, depth)
+        case If():
+            yield f"{pad}if ({_at(node.condition)}) {{"
+            if node.otherwise:
+                for inner in node.then:
+                    yield from _statement(inner, depth + 1)
+                yield f"{pad}}} else {{"
+                yield from _block(node.otherwise, depth)
+            else:
+                yield from _block(node.then, depth)
+        case Break():
+            yield f"{pad}break;"
+        case Continue():
+            yield f"{pad}continue;"
+        case Return():
+            yield f"{pad}return;" if node.value is None else f"{pad}return {_at(node.value)};"
+        case Perform():
+            yield f"{pad}{_at(node.call)};"
+        case Comment():
+            yield f"{pad}/* {node.text.replace('*/', '* /')} */"
+
+
+def _block(body: tuple[Statement, ...], depth: int) -> Iterator[str]:
+    for inner in body:
+        yield from _statement(inner, depth + 1)
+    yield "    " * depth + "}"
+
+
+def _at(node: Expression, outer: int = 0) -> str:
+    """The text of an expression inside one of precedence ``outer``: in parentheses where it binds less."""
+    written, precedence = _expression(node)
+    return f"({written})" if precedence < outer else written
+
+
+def _expression(node: Expression) -> tuple[str, int]:
+    match node:
+        case Literal():
+            return number(node.value), _UNARY if node.value < 0 else _ATOM
+        case Name():
+            return node.name, _ATOM
+        case Element():
+            return f"{_at(node.array, _ATOM)}[{_at(node.index)}]", _ATOM
+        case Offset():
+            return f"{_at(node.array, 5)} + {_at(node.index, 6)}", 5
+        case Binary():
+            operator = "/" if node.operator == "//" else node.operator
+            level = _PRECEDENCE[operator]
+            return f"{_at(node.left, level)} {operator} {_at(node.right, level + 1)}", level
+        case Negate():
+            return f"-{_at(node.argument, _UNARY + 1)}", _UNARY
+        case Compare():
+            level = _PRECEDENCE[node.operator]
+            return f"{_at(node.left, level + 1)} {node.operator} {_at(node.right, level + 1)}", level
+        case Logical():
+            return _logical(node)
+        case Convert():
+            return f"(double){_at(node.argument, _UNARY)}", _UNARY
+        case Primitive():
+            return _primitive(node), _ATOM
+        case Call():
+            return f"{node.function}({', '.join(_at(a) for a in node.arguments)})", _ATOM
+
+
+def _logical(node: Logical) -> tuple[str, int]:
+    if node.operator == "not":
+        return f"!{_at(node.arguments[0], _UNARY)}", _UNARY
+    # In parentheses always: compilers warn about the mixture of the two.
+    word = " && " if node.operator == "and" else " || "
+    return "(" + word.join(_at(a, 3) for a in node.arguments) + ")", _ATOM
+
+
+def _primitive(node: Primitive) -> str:
+    arguments = [_at(a) for a in node.arguments]
+    if node.function in (Intrinsic.MAX, Intrinsic.MIN):
+        return f"mbm_{node.function.value}({', '.join(arguments)})"
+    if node.function is Intrinsic.ISFINITE:
+        return f"mbm_isfinite({arguments[0]})"
+    return f"{node.function.value}({', '.join(arguments)})"
+
+
+def number(value: float | int) -> str:
+    """A number with all its digits."""
+    if isinstance(value, int):
+        return f"{value}L"
+    if value != value or value in (float("inf"), float("-inf")):
+        return {"inf": "HUGE_VAL", "-inf": "-HUGE_VAL"}.get(str(value), "(HUGE_VAL - HUGE_VAL)")
+    return repr(value)
+
+
+PRELUDE = """#include <math.h>
+
+static double mbm_max(double a, double b) { return a > b ? a : b; }
+static double mbm_min(double a, double b) { return a < b ? a : b; }
+static long mbm_isfinite(double a) { return a - a == 0.0; }
+"""
+"""What every file of C needs before the functions."""

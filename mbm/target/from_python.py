@@ -1,0 +1,272 @@
+"""Python text of a restricted kind → the tree: solvers are written as Python functions that also run as they stand.
+
+What may be used: ``for i in range(…)``, ``while``, ``if``, ``break``, ``continue``, ``return``, assignments to names
+and to elements (also ``+= -= *= /=``), ``a[k:]`` for the array from an element on, arithmetic, comparisons, the
+intrinsic functions, ``float(i)``, ``max(x, y)`` and ``min(x, y)`` of reals, and functions read before. Parameters and results are
+annotated with `Real`, `Integer`, `Reals`, `Integers`, `ConstantReals`, `ConstantIntegers`. A variable has the type of
+what is first assigned to it.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import textwrap
+from collections.abc import Callable, Iterable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.target.tree import (
+    Assign,
+    Binary,
+    Break,
+    Call,
+    Compare,
+    Continue,
+    Convert,
+    Element,
+    Expression,
+    For,
+    Function,
+    If,
+    Intrinsic,
+    Literal,
+    Logical,
+    Module,
+    Name,
+    Negate,
+    Offset,
+    Perform,
+    Primitive,
+    Return,
+    Statement,
+    Type,
+    While,
+)
+
+Real = float
+Integer = int
+Reals = NDArray[np.float64]
+Integers = NDArray[np.int64]
+ConstantReals = NDArray[np.float64]
+ConstantIntegers = NDArray[np.int64]
+
+_ANNOTATIONS: Mapping[str, Type] = {
+    "Real": Type.REAL,
+    "Integer": Type.INTEGER,
+    "Reals": Type.REALS,
+    "Integers": Type.INTEGERS,
+    "ConstantReals": Type.CONSTANT_REALS,
+    "ConstantIntegers": Type.CONSTANT_INTEGERS,
+}
+_OPERATORS: Mapping[type[ast.operator], str] = {
+    ast.Add: "+",
+    ast.Sub: "-",
+    ast.Mult: "*",
+    ast.Div: "/",
+    ast.FloorDiv: "//",
+    ast.Mod: "%",
+}
+_COMPARISONS: Mapping[type[ast.cmpop], str] = {
+    ast.Lt: "<",
+    ast.LtE: "<=",
+    ast.Gt: ">",
+    ast.GtE: ">=",
+    ast.Eq: "==",
+    ast.NotEq: "!=",
+}
+
+
+class NotInTargetLanguageError(Exception):
+    """The text uses something that the target language does not have; only a mistake in mbm's own solvers."""
+
+
+def module_of(
+    name: str, functions: Iterable[Callable[..., object]], public: Iterable[str] = (), external: Iterable[Function] = ()
+) -> Module:
+    """The module of some Python functions, those that are called first before those that call them.
+
+    ``external`` are functions that are already trees; they come first.
+    """
+    known: dict[str, Function] = {f.name: f for f in external}
+    exported = set(public)
+    for each in functions:
+        found = _Reader(known).function(each, public=each.__name__ in exported)
+        known[found.name] = found
+    return Module(name=name, functions=tuple(known.values()))
+
+
+class _Reader:
+    """Reads one function; local to one call."""
+
+    def __init__(self, known: Mapping[str, Function]) -> None:
+        self._known = known
+        self._names: dict[str, Name] = {}
+        self._locals: list[Name] = []
+        self._constants: Mapping[str, object] = {}
+
+    def function(self, source: Callable[..., object], *, public: bool) -> Function:
+        tree = ast.parse(textwrap.dedent(inspect.getsource(source))).body[0]
+        if not isinstance(tree, ast.FunctionDef):
+            raise self._refuse(tree)
+        self._constants = getattr(source, "__globals__", {})
+        parameters = tuple(Name(a.arg, self._annotation(a.annotation, a)) for a in tree.args.args)
+        self._names = {p.name: p for p in parameters}
+        returns = None
+        if tree.returns is not None and not (isinstance(tree.returns, ast.Constant) and tree.returns.value is None):
+            returns = self._annotation(tree.returns, tree)
+        body = tree.body[1:] if ast.get_docstring(tree) else tree.body
+        return Function(
+            name=tree.name,
+            parameters=parameters,
+            returns=returns,
+            body=self._block(body),
+            locals=tuple(self._locals),
+            doc=ast.get_docstring(tree) or "",
+            public=public,
+        )
+
+    def _annotation(self, node: ast.expr | None, where: ast.AST) -> Type:
+        if not isinstance(node, ast.Name) or node.id not in _ANNOTATIONS:
+            raise self._refuse(where)
+        return _ANNOTATIONS[node.id]
+
+    def _block(self, nodes: list[ast.stmt]) -> tuple[Statement, ...]:
+        return tuple(self._statement(node) for node in nodes)
+
+    def _statement(self, node: ast.stmt) -> Statement:
+        match node:
+            case ast.Assign(targets=[target]):
+                value = self._expression(node.value)
+                return Assign(self._target(target, value), value)
+            case ast.AugAssign():
+                place = self._expression(node.target)
+                value = self._arithmetic(_OPERATORS[type(node.op)], place, self._expression(node.value), node)
+                return Assign(self._target(node.target, value), value)
+            case ast.For(target=ast.Name(id=name), iter=ast.Call(func=ast.Name(id="range"), args=arguments)):
+                bounds = [self._expression(a) for a in arguments]
+                if len(bounds) > 2 or node.orelse:
+                    raise self._refuse(node)
+                start = bounds[0] if len(bounds) == 2 else Literal(0)
+                variable = self._local(name, Type.INTEGER, node)
+                return For(variable, start, bounds[-1], self._block(node.body))
+            case ast.While():
+                return While(self._condition(node.test), self._block(node.body))
+            case ast.If():
+                return If(self._condition(node.test), self._block(node.body), self._block(node.orelse))
+            case ast.Break():
+                return Break()
+            case ast.Continue():
+                return Continue()
+            case ast.Return():
+                return Return(None if node.value is None else self._expression(node.value))
+            case ast.Expr(value=ast.Call()):
+                call = self._expression(node.value)
+                if isinstance(call, Call):
+                    return Perform(call)
+        raise self._refuse(node)
+
+    def _target(self, node: ast.expr, value: Expression) -> Name | Element:
+        if isinstance(node, ast.Name):
+            if value.type is None:
+                raise self._refuse(node)
+            return self._local(node.id, value.type, node)
+        place = self._expression(node)
+        if not isinstance(place, Element) or place.type is not value.type:
+            raise self._refuse(node)
+        return place
+
+    def _local(self, name: str, kind: Type, node: ast.AST) -> Name:
+        known = self._names.get(name)
+        if known is None:
+            known = self._names[name] = Name(name, kind)
+            self._locals.append(known)
+        if known.type is not kind:
+            raise self._refuse(node)
+        return known
+
+    def _condition(self, node: ast.expr) -> Expression:
+        found = self._expression(node)
+        if found.type is not Type.INTEGER:
+            raise self._refuse(node)
+        return found
+
+    def _expression(self, node: ast.expr) -> Expression:
+        match node:
+            case ast.Constant(value=bool(value)):
+                return Literal(int(value))
+            case ast.Constant(value=int(value) | float(value)):
+                return Literal(value)
+            case ast.Name():
+                return self._name(node)
+            case ast.Subscript(slice=ast.Slice(lower=lower, upper=None, step=None)) if lower is not None:
+                return Offset(self._array(node.value), self._expression(lower))
+            case ast.Subscript():
+                return Element(self._array(node.value), self._expression(node.slice))
+            case ast.BinOp():
+                left, right = self._expression(node.left), self._expression(node.right)
+                return self._arithmetic(_OPERATORS[type(node.op)], left, right, node)
+            case ast.UnaryOp(op=ast.USub()):
+                inner = self._expression(node.operand)
+                return Literal(-inner.value) if isinstance(inner, Literal) else Negate(inner)
+            case ast.UnaryOp(op=ast.Not()):
+                return Logical("not", (self._condition(node.operand),))
+            case ast.BoolOp():
+                word = "and" if isinstance(node.op, ast.And) else "or"
+                return Logical(word, tuple(self._condition(v) for v in node.values))
+            case ast.Compare(ops=[operator], comparators=[other]):
+                return self._compare(_COMPARISONS[type(operator)], node.left, other)
+            case ast.Call(func=ast.Name(id=name)):
+                return self._call(name, tuple(self._expression(a) for a in node.args), node)
+        raise self._refuse(node)
+
+    def _name(self, node: ast.Name) -> Expression:
+        if node.id in self._names:
+            return self._names[node.id]
+        value = self._constants.get(node.id)
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            return Literal(value)
+        raise self._refuse(node)
+
+    def _array(self, node: ast.expr) -> Expression:
+        found = self._expression(node)
+        if found.type is None or not found.type.is_pointer:
+            raise self._refuse(node)
+        return found
+
+    def _arithmetic(self, operator: str, left: Expression, right: Expression, node: ast.AST) -> Expression:
+        if left.type is not right.type or left.type not in (Type.REAL, Type.INTEGER):
+            raise self._refuse(node)
+        if (operator in ("//", "%")) is not (left.type is Type.INTEGER) and operator in ("//", "%", "/"):
+            raise self._refuse(node)
+        return Binary(operator, left, right)
+
+    def _compare(self, operator: str, left: ast.expr, right: ast.expr) -> Expression:
+        a, b = self._expression(left), self._expression(right)
+        if a.type is not b.type:
+            raise self._refuse(left)
+        return Compare(operator, a, b)
+
+    def _call(self, name: str, arguments: tuple[Expression, ...], node: ast.AST) -> Expression:
+        if name == "float" and len(arguments) == 1:
+            return Convert(arguments[0])
+        intrinsic = next((i for i in Intrinsic if i.value == name), None)
+        if intrinsic is not None:
+            return Primitive(intrinsic, arguments)
+        known = self._known.get(name)
+        if known is None or [p.type for p in known.parameters] != [
+            _as_wanted(a.type, p.type) for a, p in zip(arguments, known.parameters, strict=False)
+        ]:
+            raise self._refuse(node)
+        return Call(name, arguments, known.returns)
+
+    def _refuse(self, node: ast.AST) -> NotInTargetLanguageError:
+        line = getattr(node, "lineno", 0)
+        return NotInTargetLanguageError(f"line {line}: {ast.unparse(node)}")
+
+
+def _as_wanted(given: Type | None, wanted: Type) -> Type | None:
+    """An array may be passed where a constant one is wanted."""
+    constant = {Type.REALS: Type.CONSTANT_REALS, Type.INTEGERS: Type.CONSTANT_INTEGERS}
+    return wanted if given is not None and constant.get(given) is wanted else given

@@ -1,0 +1,287 @@
+"""A small imperative language as a tree: what solvers are written in, before they become C, Python or LLVM.
+
+Numbers are doubles (REAL) and 64-bit integers (INTEGER), arrays are pointers to them; conditions are INTEGER 0 and 1.
+There is no allocation: scratch space is passed in. A function is a straight list of statements with loops and branches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TypeAlias
+
+
+class Type(Enum):
+    """Types of values: numbers, and pointers to them (constant: what they point to is only read)."""
+
+    REAL = "real"
+    INTEGER = "integer"
+    REALS = "reals"
+    INTEGERS = "integers"
+    CONSTANT_REALS = "constant reals"
+    CONSTANT_INTEGERS = "constant integers"
+
+    @property
+    def element(self) -> Type:
+        """What a pointer points to."""
+        if self in (Type.REALS, Type.CONSTANT_REALS):
+            return Type.REAL
+        if self in (Type.INTEGERS, Type.CONSTANT_INTEGERS):
+            return Type.INTEGER
+        raise TypeError(self)
+
+    @property
+    def is_pointer(self) -> bool:
+        """Whether it is an array."""
+        return self not in (Type.REAL, Type.INTEGER)
+
+
+class Intrinsic(Enum):
+    """Functions that every target brings; the value is the name in solvers. All take reals and give one.
+
+    ``max(a, b)`` is a where a > b, else b, and ``min`` likewise: what they make of NaN is the same in every target.
+    """
+
+    SQRT = "sqrt"
+    FABS = "fabs"
+    EXP = "exp"
+    LOG = "log"
+    SIN = "sin"
+    COS = "cos"
+    FLOOR = "floor"
+    ATAN2 = "atan2"
+    MAX = "max"
+    MIN = "min"
+    ISFINITE = "isfinite"
+
+
+@dataclass(frozen=True, slots=True)
+class Literal:
+    """A number; the type of the Python value decides."""
+
+    value: float | int
+
+    @property
+    def type(self) -> Type:
+        """REAL or INTEGER."""
+        return Type.REAL if isinstance(self.value, float) else Type.INTEGER
+
+
+@dataclass(frozen=True, slots=True)
+class Name:
+    """A parameter or local variable."""
+
+    name: str
+    type: Type
+
+
+@dataclass(frozen=True, slots=True)
+class Element:
+    """``array[index]``."""
+
+    array: Expression
+    index: Expression
+
+    @property
+    def type(self) -> Type | None:
+        """What the array holds."""
+        return None if self.array.type is None else self.array.type.element
+
+
+@dataclass(frozen=True, slots=True)
+class Offset:
+    """``array + index``: the array from an element on; written ``array[index:]``."""
+
+    array: Expression
+    index: Expression
+
+    @property
+    def type(self) -> Type | None:
+        """That of the array."""
+        return self.array.type
+
+
+@dataclass(frozen=True, slots=True)
+class Binary:
+    """``+ - * /`` of two numbers of one type, ``//`` and ``%`` of integers that are not negative."""
+
+    operator: str
+    left: Expression
+    right: Expression
+
+    @property
+    def type(self) -> Type | None:
+        """That of the arguments."""
+        return self.left.type
+
+
+@dataclass(frozen=True, slots=True)
+class Negate:
+    """``-x``."""
+
+    argument: Expression
+
+    @property
+    def type(self) -> Type | None:
+        """That of the argument."""
+        return self.argument.type
+
+
+@dataclass(frozen=True, slots=True)
+class Compare:
+    """``< <= > >= == !=`` of two numbers of one type; false where one is NaN, except for ``!=``."""
+
+    operator: str
+    left: Expression
+    right: Expression
+
+    @property
+    def type(self) -> Type:
+        """A condition."""
+        return Type.INTEGER
+
+
+@dataclass(frozen=True, slots=True)
+class Logical:
+    """``and`` and ``or`` (the right side only where it decides), ``not`` (one argument)."""
+
+    operator: str
+    arguments: tuple[Expression, ...]
+
+    @property
+    def type(self) -> Type:
+        """A condition."""
+        return Type.INTEGER
+
+
+@dataclass(frozen=True, slots=True)
+class Convert:
+    """An integer as a real."""
+
+    argument: Expression
+
+    @property
+    def type(self) -> Type:
+        """REAL."""
+        return Type.REAL
+
+
+@dataclass(frozen=True, slots=True)
+class Primitive:
+    """An intrinsic function of reals; ``isfinite`` gives a condition."""
+
+    function: Intrinsic
+    arguments: tuple[Expression, ...]
+
+    @property
+    def type(self) -> Type:
+        """REAL, of ``isfinite`` INTEGER."""
+        return Type.INTEGER if self.function is Intrinsic.ISFINITE else Type.REAL
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A function of the module; ``type`` None where it gives nothing."""
+
+    function: str
+    arguments: tuple[Expression, ...]
+    type: Type | None
+
+
+Expression: TypeAlias = (
+    Literal | Name | Element | Offset | Binary | Negate | Compare | Logical | Convert | Primitive | Call
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Assign:
+    """``target = value``; the first assignment to a name declares it."""
+
+    target: Name | Element
+    value: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class For:
+    """``for name in range(start, stop)``: up by 1; the bounds are taken once."""
+
+    variable: Name
+    start: Expression
+    stop: Expression
+    body: tuple[Statement, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class While:
+    """While the condition holds."""
+
+    condition: Expression
+    body: tuple[Statement, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class If:
+    """One of two branches."""
+
+    condition: Expression
+    then: tuple[Statement, ...]
+    otherwise: tuple[Statement, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Break:
+    """Out of the innermost loop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Continue:
+    """On with the innermost loop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Return:
+    """Back to the caller."""
+
+    value: Expression | None
+
+
+@dataclass(frozen=True, slots=True)
+class Perform:
+    """A call for its effect."""
+
+    call: Call
+
+
+@dataclass(frozen=True, slots=True)
+class Comment:
+    """Words for the reader of the printed text."""
+
+    text: str
+
+
+Statement: TypeAlias = Assign | For | While | If | Break | Continue | Return | Perform | Comment
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Function:
+    """A function; ``public`` ones can be called from outside of the module. ``locals`` are its variables in order."""
+
+    name: str
+    parameters: tuple[Name, ...]
+    returns: Type | None
+    body: tuple[Statement, ...]
+    locals: tuple[Name, ...]
+    doc: str = ""
+    public: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Module:
+    """Functions, those that are called before those that call them."""
+
+    name: str
+    functions: tuple[Function, ...]
+
+    def function(self, name: str) -> Function:
+        """A function by name."""
+        return next(f for f in self.functions if f.name == name)
