@@ -33,8 +33,8 @@ slow: $(READY)  ## the tests that take longer
 fuzz: $(READY)  ## a million random problems (make fuzz CASES=1000 for fewer)
 	MBM_FUZZ_CASES=$(CASES) $(RUN) pytest tests/fuzz -x
 
-bench: $(READY)  ## the benchmarks
-	@set -e; for script in benchmarks/*.py; do echo "== $$script"; $(VENV)/bin/python $$script; done
+bench: $(READY)  ## the comparisons with other programs, and their page in docs/
+	$(RUN) benchmarks.table --long
 
 wheel: $(READY)  ## sdist and wheel in dist/
 	$(RUN) build

@@ -10,7 +10,7 @@ from time import perf_counter
 
 
 def machine() -> str:
-    """Processor, Python, and the versions of the libraries that do the arithmetic."""
+    """Processor, Python, and the versions of the libraries that do the arithmetic or compile it."""
     import casadi
     import numpy
     import sympy
@@ -22,6 +22,12 @@ def machine() -> str:
     except (OSError, StopIteration):
         pass
     versions = f"NumPy {numpy.__version__}, CasADi {casadi.__version__}, SymPy {sympy.__version__}"
+    try:
+        import llvmlite
+
+        versions += f", llvmlite {llvmlite.__version__}"
+    except ImportError:
+        pass
     return f"{model}, {os.cpu_count()} processors, Python {platform.python_version()}, {versions}"
 
 

@@ -120,7 +120,7 @@ def units() -> str:
 
 def vocabulary() -> str:
     """Special forms and functions with their usage."""
-    words = standard_registry().vocabulary
+    words = standard_registry().vocabulary()
     known = {*words.special_forms, *PROBLEM_FORMS}
     if known != set(SPECIAL):
         message = f"docs/generate.py should describe these special forms: {sorted(known ^ set(SPECIAL))}"
@@ -150,7 +150,7 @@ def library() -> str:
         f"# The shape library\n\n{NOTE}",
         LIBRARY_INTRODUCTION,
     ]
-    for name, function in standard_registry().vocabulary.functions.items():
+    for name, function in standard_registry().vocabulary().functions.items():
         if isinstance(function, LibraryModel):
             arguments = " ".join(function.parameters.required)
             parts.append(

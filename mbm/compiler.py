@@ -16,28 +16,25 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from mbm.data.loader import load_all
-from mbm.language.limits import recursion_room
-from mbm.language.program import Program, read_program
-from mbm.problem.builder import Elaborated, Front, elaborate
-from mbm.problem.checks import check_data
-from mbm.problem.clauses import select_problem
-from mbm.problem.joining import depends_on_values, prepare, same_columns
-from mbm.problem.reading.request import requested
-from mbm.problem.tables import Table, TableDeclaration
-from mbm.problem.types import Override
-from mbm.problem.vocabulary import SPECIAL_FORMS
-from mbm.registry import Registry
-from mbm.text.types import MbmError, Source
+from mbm.problem.elaborated import Consulted, Elaborated
+from mbm.problem.types import Problem
+from mbm.text.types import MbmError
 
 if TYPE_CHECKING:
+    from mbm.emit.types import OutputFile
     from mbm.kernels.types import KernelSet
+    from mbm.language.program import Program
+    from mbm.problem.dependence import Facts
+    from mbm.problem.tables import Table, TableDeclaration
+    from mbm.problem.types import Override
+    from mbm.registry import Registry
     from mbm.report.options import Progress
     from mbm.report.simulated import Simulator
     from mbm.report.types import Result
     from mbm.solution.binding import EvaluationCache
     from mbm.solution.interruption import Interruption
     from mbm.symbolic.types import SymbolicModel
+    from mbm.text.types import Source
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,62 +58,108 @@ class SolveSettings:
     covariance_full: bool = False
     progress: Progress | None = None
     interruption: Interruption | None = None
+    workers: int | None = None
 
 
 def read(source: Source, path: Path, registry: Registry, sandbox: Path | None = None) -> Program:
     """Characters → definitions of the file and of those it uses."""
+    from mbm.language.limits import recursion_room
+    from mbm.language.program import read_program
+    from mbm.problem.vocabulary import SPECIAL_FORMS
+
     with recursion_room(registry.limits):
-        reserved = frozenset({*registry.vocabulary.special_forms, *SPECIAL_FORMS})
+        reserved = frozenset({*registry.vocabulary().special_forms, *SPECIAL_FORMS})
         return read_program(source, path, sandbox=sandbox, limits=registry.limits, reserved=reserved)
 
 
 def elaborated(program: Program, name: str | None, inputs: Inputs, registry: Registry) -> Elaborated:
     """Definitions and tables → typed equations, checked as far as no number decides."""
+    from mbm.language.limits import recursion_room
+    from mbm.problem.builder import Front, elaborate
+    from mbm.problem.clauses import select_problem
+
     definition = select_problem(program, name)
     with recursion_room(registry.limits):
         return elaborate(
             program,
             definition,
             Front(
-                vocabulary=registry.vocabulary,
+                vocabulary=registry.vocabulary(),
                 limits=registry.limits,
                 routines=lambda: tuple(form.name for form in registry.closed_forms()),
             ),
             inputs.overrides,
-            lambda declarations: _loaded(declarations, program, inputs, registry),
+            lambda declarations: loaded(declarations, program.base, inputs, registry),
         )
 
 
-def rebound(found: Elaborated, program: Program, inputs: Inputs, registry: Registry) -> Elaborated | None:
-    """The same equations with other tables; None where the equations may change: other columns, or static values.
+def loaded(
+    declarations: Iterable[TableDeclaration], base: Path, inputs: Inputs, registry: Registry
+) -> dict[str, Table]:
+    """The tables of data clauses, as read; ``base`` is the folder that their paths are relative to.
+
+    Raises:
+        MbmError: what is wrong with any of them.
+
+    """
+    from mbm.data.loader import load_all
+
+    return load_all(
+        declarations,
+        base=base,
+        given=inputs.tables,
+        paths=inputs.paths,
+        sandbox=inputs.sandbox,
+        readers=registry.readers(),
+    )
+
+
+def answers(
+    problem: Problem, consulted: Consulted, raw: Mapping[str, Table]
+) -> tuple[Facts, dict[str, Table]] | tuple[None, None]:
+    """What tables of the same columns answer to whatever elaboration asked, and they as the equations see them.
+
+    None where they do not go with these equations: elaboration says best why.
+    """
+    from mbm.problem.dependence import decisive
+    from mbm.problem.joining import prepare
+
+    try:
+        tables = prepare(problem, raw)
+        return decisive(problem, consulted, raw, tables), tables
+    except MbmError:
+        return None, None
+
+
+def rebound(found: Elaborated, raw: Mapping[str, Table]) -> Elaborated | None:
+    """The same equations with other tables; None where these may need other equations.
 
     Raises:
         MbmError: the data do not go with the equations.
 
     """
-    problem = found.problem
-    declarations = tuple(plan.declaration for plan in problem.plans)
-    raw = _loaded(declarations, program, inputs, registry)
-    if depends_on_values(problem) or not same_columns(found.raw, raw):
+    from mbm.problem.dependence import columns_of
+
+    if columns_of(found.raw) != columns_of(raw):
         return None
-    tables = prepare(problem, raw)
-    errors, _ = check_data(problem, tables)
+    before, _ = answers(found.problem, found.consulted, found.raw) if not found.consulted.nothing else ((), None)
+    now, tables = answers(found.problem, found.consulted, raw)
+    return None if tables is None or now != before else checked(replace(found, raw=raw, tables=tables))
+
+
+def checked(found: Elaborated) -> Elaborated:
+    """Equations that hold for their tables, with the warnings about these.
+
+    Raises:
+        MbmError: the data do not go with the equations.
+
+    """
+    from mbm.problem.checks import check_data
+
+    errors, warnings = check_data(found.problem, found.tables)
     if errors:
         raise MbmError(*errors)
-    return replace(found, raw=raw, tables=tables)
-
-
-def _loaded(
-    declarations: Iterable[TableDeclaration], program: Program, inputs: Inputs, registry: Registry
-) -> dict[str, Table]:
-    return load_all(
-        declarations,
-        base=program.base,
-        given=inputs.tables,
-        paths=inputs.paths,
-        sandbox=inputs.sandbox,
-        readers=registry.readers,
-    )
+    return replace(found, problem=replace(found.problem, warnings=(*found.lasting, *warnings)))
 
 
 def symbolic(found: Elaborated) -> SymbolicModel:
@@ -147,14 +190,7 @@ def solved(
     from mbm.report.run import asked_options, result_of
     from mbm.solution.run import solutions
 
-    asked = requested(
-        found.problem,
-        seed=settings.seed,
-        method=settings.method,
-        starts=settings.starts,
-        routines=lambda: tuple(form.name for form in registry.closed_forms()),
-    )
-    found = replace(found, problem=asked)
+    found = _requested(found, settings, registry)
     return result_of(
         found.problem,
         found.raw,
@@ -165,12 +201,48 @@ def solved(
             given_starts(found.problem, found.tables, settings.init),
             settings.interruption,
             registry.closed_forms,
+            settings.workers,
         ),
         file=file,
         asked=asked_options(cache.backend.name, inputs.overrides, inputs.paths, settings.init),
         covariance_full=settings.covariance_full,
         progress=settings.progress,
     )
+
+
+def _requested(found: Elaborated, settings: SolveSettings, registry: Registry) -> Elaborated:
+    """The problem as the caller wants it solved."""
+    if settings.seed is None and settings.method is None and settings.starts is None:
+        return found
+    from mbm.problem.reading.request import requested
+
+    asked = requested(
+        found.problem,
+        seed=settings.seed,
+        method=settings.method,
+        starts=settings.starts,
+        routines=lambda: tuple(form.name for form in registry.closed_forms()),
+    )
+    return replace(found, problem=asked)
+
+
+def emitted(found: Elaborated, target: str, registry: Registry) -> tuple[OutputFile, ...]:
+    """Typed equations + tables → the files of a solver in another language, tested against what this one answers."""
+    from mbm.emit.blueprint import blueprint
+    from mbm.emit.refusals import refuse
+    from mbm.emit.targets import files_of
+    from mbm.emit.types import Target
+    from mbm.kernels.derive import derive
+    from mbm.report.references import answers as answered
+    from mbm.report.references import loss_scale
+    from mbm.solution.binding import EvaluationCache
+    from mbm.version import __version__
+
+    refuse(found)
+    model = symbolic(found)
+    kernels = derive(model)
+    known = answered(found, kernels, EvaluationCache(registry.backend("auto")), registry.closed_forms)
+    return files_of(blueprint(found, model, kernels, known, loss_scale, __version__), Target(target))
 
 
 def simulator(found: Elaborated, program: Program, inputs: Inputs, registry: Registry, file: str | None) -> Simulator:
@@ -181,7 +253,7 @@ def simulator(found: Elaborated, program: Program, inputs: Inputs, registry: Reg
     as_read = (replace(p.declaration, columns=(), key=None, skip_missing=False) for p in found.problem.plans)
     return Simulator(
         found=found,
-        origins=_loaded(as_read, program, inputs, registry),
-        kernels=lambda: (derived(found), EvaluationCache(registry.backends["auto"]())),
+        origins=loaded(as_read, program.base, inputs, registry),
+        kernels=lambda: (derived(found), EvaluationCache(registry.backend("auto"))),
         file=file,
     )

@@ -8,35 +8,52 @@ from functools import cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from mbm.data.readers import READERS
-from mbm.data.types import ManyReader, Reader
-from mbm.language.evaluator import Vocabulary
 from mbm.language.limits import Limits
-from mbm.shapes.vocabulary import vocabulary
 
 if TYPE_CHECKING:
+    from mbm.data.types import ManyReader, Reader
+    from mbm.kernels.store import Store
     from mbm.kernels.types import Backend
+    from mbm.language.evaluator import Vocabulary
     from mbm.solution.closed_forms.types import ClosedForm
     from mbm.solution.robust.estimators.types import ConsensusEstimator
     from mbm.solution.robust.losses.types import RobustLoss
 
 
-def _casadi() -> Backend:
+def _vocabulary() -> Vocabulary:
+    from mbm.shapes.vocabulary import vocabulary
+
+    return vocabulary()
+
+
+def _readers() -> Mapping[str, Reader | ManyReader]:
+    from mbm.data.readers import READERS
+
+    return READERS
+
+
+def _casadi(_store: Store | None) -> Backend:
     from mbm.kernels.backends.casadi_map import BACKEND
 
     return BACKEND
 
 
-def _numpy() -> Backend:
+def _numpy(_store: Store | None) -> Backend:
     from mbm.kernels.backends.numpy_stream import BACKEND
 
     return BACKEND
 
 
-def _automatic() -> Backend:
-    from mbm.kernels.backends.automatic import BACKEND
+def _native(store: Store | None) -> Backend:
+    from mbm.kernels.backends.native import backend
 
-    return BACKEND
+    return backend(store)
+
+
+def _automatic(store: Store | None) -> Backend:
+    from mbm.kernels.backends.automatic import backend
+
+    return backend(store)
 
 
 def _closed_forms() -> tuple[ClosedForm, ...]:
@@ -57,8 +74,14 @@ def _estimators() -> tuple[ConsensusEstimator, ...]:
     return STANDARD
 
 
-_BACKENDS: Mapping[str, Callable[[], Backend]] = MappingProxyType(
-    {"auto": _automatic, "casadi": _casadi, "numpy": _numpy}
+def _store() -> Store | None:
+    from mbm.kernels.store import standard_store
+
+    return standard_store()
+
+
+_BACKENDS: Mapping[str, Callable[[Store | None], Backend]] = MappingProxyType(
+    {"auto": _automatic, "native": _native, "casadi": _casadi, "numpy": _numpy}
 )
 
 
@@ -66,17 +89,23 @@ _BACKENDS: Mapping[str, Callable[[], Backend]] = MappingProxyType(
 class Registry:
     """Vocabulary, readers by name, what makes a backend by the name that ``--backend`` gives it, and the closed forms.
 
-    What gives the closed forms is called where they are needed: a warm start does without them. ``losses`` and
-    ``estimators`` list what ``:loss`` and ``:robust`` name; the language fixes those names, so nothing adds to them.
+    Each is called where it is needed: a warm start does without most of them. ``store`` is what keeps equations,
+    kernels and object code from one process to the next, if anything does. ``losses`` and ``estimators`` list what
+    ``:loss`` and ``:robust`` name; the language fixes those names, so nothing adds to them.
     """
 
-    vocabulary: Vocabulary
-    readers: Mapping[str, Reader | ManyReader] = field(default_factory=lambda: READERS)
-    backends: Mapping[str, Callable[[], Backend]] = field(default_factory=lambda: _BACKENDS)
+    vocabulary: Callable[[], Vocabulary] = _vocabulary
+    readers: Callable[[], Mapping[str, Reader | ManyReader]] = _readers
+    backends: Mapping[str, Callable[[Store | None], Backend]] = field(default_factory=lambda: _BACKENDS)
+    store: Callable[[], Store | None] = _store
     closed_forms: Callable[[], tuple[ClosedForm, ...]] = _closed_forms
     losses: Callable[[], tuple[RobustLoss, ...]] = _losses
     estimators: Callable[[], tuple[ConsensusEstimator, ...]] = _estimators
     limits: Limits = field(default_factory=Limits)
+
+    def backend(self, name: str) -> Backend:
+        """The backend of a name, with the store to keep what it compiles in."""
+        return self.backends[name](self.store())
 
 
 ENTRY_POINTS = "mbm.closed_forms"
@@ -87,7 +116,7 @@ def standard_registry(closed_forms: tuple[ClosedForm, ...] = ()) -> Registry:
     """What mbm itself brings, and what packages add; ``closed_forms`` of the caller are tried before all others."""
     # packages are asked once, not for each solve
     forms = cache(lambda: (*closed_forms, *_installed(), *_closed_forms()))
-    return Registry(vocabulary=vocabulary(), closed_forms=forms)
+    return Registry(vocabulary=cache(_vocabulary), closed_forms=forms)
 
 
 def _installed() -> tuple[ClosedForm, ...]:

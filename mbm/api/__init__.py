@@ -1,27 +1,39 @@
-"""What ``import mbm`` offers, and what the command line calls: problems from text or values, solved and explained."""
+"""What ``import mbm`` offers, and what the command line calls: problems from text or values, solved and explained.
+
+Each name is loaded when it is first used: a warm solve needs few of the modules behind them.
+"""
 
 from __future__ import annotations
 
-from mbm.api.compiled import CompiledProblem
-from mbm.api.files import check, expand, explain, simulate_file, solve_file
-from mbm.api.problem import Problem, build, load, loads
-from mbm.report.answer import Solved
-from mbm.text.from_python import keyword, symbol
-from mbm.text.types import MbmError
+from importlib import import_module
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
-__all__ = [
-    "CompiledProblem",
-    "MbmError",
-    "Problem",
-    "Solved",
-    "build",
-    "check",
-    "expand",
-    "explain",
-    "keyword",
-    "load",
-    "loads",
-    "simulate_file",
-    "solve_file",
-    "symbol",
-]
+if TYPE_CHECKING:
+    from mbm.api.compiled import CompiledProblem
+    from mbm.api.files import check, expand, explain, simulate_file, solve_file
+    from mbm.api.problem import Problem, build, load, loads
+    from mbm.report.answer import Solved
+    from mbm.text.from_python import keyword, symbol
+    from mbm.text.types import MbmError
+
+_ROOMS = MappingProxyType(
+    {
+        "mbm.api.compiled": ("CompiledProblem",),
+        "mbm.api.files": ("check", "expand", "explain", "simulate_file", "solve_file"),
+        "mbm.api.problem": ("Problem", "build", "load", "loads"),
+        "mbm.report.answer": ("Solved",),
+        "mbm.text.from_python": ("keyword", "symbol"),
+        "mbm.text.types": ("MbmError",),
+    }
+)
+__all__ = ["CompiledProblem", "MbmError", "Problem", "Solved", "build", "check", "expand", "explain", "keyword"]
+__all__ += ["load", "loads", "simulate_file", "solve_file", "symbol"]
+
+
+def __getattr__(name: str) -> Any:
+    for room, names in _ROOMS.items():
+        if name in names:
+            return getattr(import_module(room), name)
+    message = f"module `mbm.api` has no attribute `{name}`"
+    raise AttributeError(message)

@@ -11,18 +11,19 @@ import numpy as np
 from mbm import compiler
 from mbm.compiler import Inputs, SolveSettings
 from mbm.data.faults import MISSING_TABLE
-from mbm.language import faults as language_faults
-from mbm.language.program import Program
-from mbm.problem import faults
-from mbm.problem.builder import Elaborated
-from mbm.registry import Registry
-from mbm.report.answer import Solved
+from mbm.problem.elaborated import Elaborated
+from mbm.problem.tables import EXTERNAL
 from mbm.text.types import MbmError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from mbm.api.estimator import Estimator
+    from mbm.api.reading import Reading
     from mbm.kernels.types import KernelSet
+    from mbm.problem.tables import Table
+    from mbm.registry import Registry
+    from mbm.report.answer import Solved
     from mbm.report.types import Result
     from mbm.solution.assembly import Assembled
     from mbm.solution.binding import EvaluationCache
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 class Origin:
     """The problem of a program that is compiled: by name (None: the only one), with what results call its file."""
 
-    program: Program = field(repr=False)
+    reading: Reading = field(repr=False)
     registry: Registry = field(repr=False)
     file: str | None
     name: str | None
@@ -40,11 +41,12 @@ class Origin:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Compilation:
-    """The equations for tables, and the kernels made ready for them."""
+    """The equations for tables, and the kernels made ready for them; ``key`` is that of their entry in the store."""
 
     elaborated: Elaborated
     kernels: KernelSet
     cache: EvaluationCache
+    key: str | None = None
 
 
 class Kept:
@@ -80,6 +82,7 @@ class CompiledProblem:
         seed: int | None = None,
         method: str | None = None,
         covariance_full: bool = False,
+        workers: int | None = None,
     ) -> Solved:
         """Solve for other data with the same columns; the equations are derived again only if they must change.
 
@@ -90,11 +93,14 @@ class CompiledProblem:
             seed: every random choice follows from it.
             method: ``auto``, ``lm``, ``dogleg`` or ``gauss-newton``.
             covariance_full: keep covariance matrices however large.
+            workers: threads that share many solves; None: one for each processor. Answers do not depend on it.
 
         Raises:
             MbmError: the data do not go with the problem.
 
         """
+        from mbm.report.answer import Solved
+
         return Solved(
             self.result(
                 SolveSettings(
@@ -103,6 +109,7 @@ class CompiledProblem:
                     method=method,
                     starts=starts,
                     covariance_full=covariance_full,
+                    workers=workers,
                 ),
                 data,
             )
@@ -111,9 +118,29 @@ class CompiledProblem:
     def result(self, settings: SolveSettings, data: Mapping[str, object] | None = None) -> Result:
         """The report of a solve, as the command line writes it."""
         now = self._for(data)
-        return compiler.solved(
+        known = len(now.cache.without_closed_form)
+        result = compiler.solved(
             now.elaborated, now.kernels, self.inputs, settings, now.cache, self.origin.file, self.origin.registry
         )
+        if now.key is not None:
+            self.origin.reading.learned(now.key, now.cache.without_closed_form, known)
+        return result
+
+    def estimator(self, *columns: str) -> Estimator:
+        """The bare estimator for a stream of data sets of one shape: a function from columns to estimates.
+
+        Args:
+            columns: what changes from data set to data set, as ``column`` or ``table.column``, in the order in which
+                arrays will be given; without any, all measured columns (``estimator.inputs``).
+
+        Raises:
+            MbmError: a column cannot be replaced without compiling again, the problem asks for several solves, or the
+                tables that it was compiled with are missing or do not go with it.
+
+        """
+        from mbm.api.estimator import estimator
+
+        return estimator(self._latest(), self.origin, self.inputs, columns)
 
     def residuals(self, x: ArrayLike, *, data: Mapping[str, object] | None = None) -> NDArray[np.float64]:
         """Whitened residuals (m,) at tangent coordinates ``x`` (n,) about the start, in covariance order.
@@ -171,13 +198,25 @@ class CompiledProblem:
         before = self.kept.compilation
         found = None
         if before is not None:
-            elaborated = compiler.rebound(before.elaborated, self.origin.program, inputs, self.origin.registry)
+            elaborated = compiler.rebound(before.elaborated, self._tables(before.elaborated, inputs, data))
             found = replace(before, elaborated=elaborated) if elaborated is not None else None
         if found is None:
             found = compilation_of(self.origin, inputs, self.backend)
         if not self.complete:
             self.kept.compilation = found
         return found
+
+    def _tables(self, before: Elaborated, inputs: Inputs, data: Mapping[str, object]) -> dict[str, Table]:
+        """The tables with those of ``data``; what stands in files and in the problem is not read again."""
+        given = (*inputs.tables, *inputs.paths)
+        declarations = [plan.declaration for plan in before.problem.plans]
+        wanted = [d for d in declarations if d.name in data or (d.source == EXTERNAL and d.name not in given)]
+        if data.keys() <= {d.name for d in wanted}:
+            inputs = replace(inputs, tables=dict(data), paths={})
+        else:
+            wanted = declarations  # a name that no table has: loading says so
+        read = compiler.loaded(wanted, self.origin.reading.base, inputs, self.origin.registry)
+        return {d.name: read[d.name] if d.name in read else before.raw[d.name] for d in declarations}
 
     def _assembled(self, data: Mapping[str, object] | None = None) -> tuple[Assembled, NDArray[np.float64]]:
         from mbm.solution.estimate import assemble
@@ -215,15 +254,26 @@ def compilation_of(origin: Origin, inputs: Inputs, backend: str) -> Compilation:
         MbmError: the problem, its data or the name of the backend are wrong.
 
     """
+    from mbm.kernels.types import BackendUnavailableError
     from mbm.solution.binding import EvaluationCache
 
-    if backend == "native":
-        raise MbmError(language_faults.not_available_yet(None, "the native backend", "native speed"))
-    maker = origin.registry.backends.get(backend)
-    if maker is None:
+    if backend not in origin.registry.backends:
+        from mbm.problem import faults
+
         raise MbmError(faults.unknown_backend(backend, tuple(origin.registry.backends)))
-    found = compiler.elaborated(origin.program, origin.name, inputs, origin.registry)
-    return Compilation(elaborated=found, kernels=compiler.derived(found), cache=EvaluationCache(maker()))
+    try:
+        evaluating = origin.registry.backend(backend)
+    except BackendUnavailableError:
+        from mbm.problem import faults
+
+        raise MbmError(faults.native_unavailable()) from None
+    found = origin.reading.compiled(origin.name, inputs)
+    return Compilation(
+        elaborated=found.elaborated,
+        kernels=found.kernels,
+        cache=EvaluationCache(evaluating, found.without_closed_form),
+        key=found.key,
+    )
 
 
 def as_json(value: object) -> object:

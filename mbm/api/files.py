@@ -7,20 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mbm import compiler
-from mbm.api.problem import load
+from mbm.api.problem import load, opened
 from mbm.compiler import Inputs, SolveSettings
-from mbm.language import faults as language_faults
-from mbm.language.limits import recursion_room
-from mbm.language.quasiquote import value_form
-from mbm.language.session import open_session
 from mbm.problem.types import Override
-from mbm.report.options import SimulationSettings, SolveOptions
-from mbm.shapes.model import make_model
-from mbm.text.printer import print_form
-from mbm.text.reader import read, read_file
-from mbm.text.types import Diagnostic, MbmError, Source
+from mbm.text.files import read_file
+from mbm.text.types import Diagnostic, Source
 
 if TYPE_CHECKING:
+    from mbm.report.options import SimulationSettings, SolveOptions
     from mbm.report.simulated import Simulated
     from mbm.report.simulated_files import OutputFile
     from mbm.report.types import Result
@@ -36,8 +30,6 @@ def solve_file(path: str | Path, options: SolveOptions) -> Result:
     problem = load(path, sandbox=options.sandbox)
     if options.problem is not None:
         problem = problem.named(options.problem)
-    if options.workers > 1:
-        raise MbmError(language_faults.not_available_yet(None, "more than one worker", "native speed"))
     inputs = _inputs(options)
     settings = SolveSettings(
         init=options.init,
@@ -47,6 +39,7 @@ def solve_file(path: str | Path, options: SolveOptions) -> Result:
         interruption=options.interruption,
         covariance_full=options.covariance_full,
         progress=options.progress,
+        workers=options.workers,
     )
     return problem.compiled(inputs, options.backend.value).result(settings)
 
@@ -62,7 +55,7 @@ def simulate_file(
     """
     from mbm.report.simulated_files import output_files
 
-    problem = load(path, sandbox=options.sandbox)
+    problem = opened(path, sandbox=options.sandbox)
     if options.problem is not None:
         problem = problem.named(options.problem)
     simulator = problem.simulator(_inputs(options))
@@ -87,7 +80,7 @@ def check(
     sandbox: Path | None = None,
 ) -> tuple[Diagnostic, ...]:
     """Diagnostics of one problem of a file, or of all of them."""
-    loaded = load(path, sandbox=sandbox)
+    loaded = opened(path, sandbox=sandbox)
     inputs = Inputs(paths={k: str(v) for k, v in (data or {}).items()}, sandbox=sandbox)
     program = loaded.program
     if problem is None and not loaded.names and (program.models or program.functions or program.constants):
@@ -112,8 +105,11 @@ def explain(
     from mbm.solution.binding import EvaluationCache
 
     if stage == "forms":
+        from mbm.text.printer import print_form
+        from mbm.text.reader import read
+
         return "\n".join(print_form(form) for form in read(read_file(Path(path), str(path)))) + "\n"
-    loaded = load(path, sandbox=sandbox)
+    loaded = opened(path, sandbox=sandbox)
     found = compiler.elaborated(loaded.program, problem, Inputs(sandbox=sandbox), loaded.registry)
     if stage == "problem":
         return explaining.problem_stage(found.problem, found.tables)
@@ -122,7 +118,7 @@ def explain(
     kernels = compiler.derived(found)
     if stage == "kernels":
         return explaining.kernel_stage(kernels)
-    cache = EvaluationCache(loaded.registry.backends["auto"]())
+    cache = EvaluationCache(loaded.registry.backend("auto"))
     return explaining.explanation(
         found, compiler.symbolic(found), kernels, cache, loaded.registry.closed_forms(), latex=latex
     )
@@ -130,9 +126,16 @@ def explain(
 
 def expand(path: str | Path, form_text: str, *, sandbox: Path | None = None) -> str:
     """The form that ``form_text`` expands to with the definitions of a file."""
-    loaded = load(path, sandbox=sandbox)
+    from mbm.language.limits import recursion_room
+    from mbm.language.quasiquote import value_form
+    from mbm.language.session import open_session
+    from mbm.shapes.model import make_model
+    from mbm.text.printer import print_form
+    from mbm.text.reader import read
+
+    loaded = opened(path, sandbox=sandbox)
     registry = loaded.registry
-    session = open_session(loaded.program, registry.vocabulary, make_model, registry.limits)
+    session = open_session(loaded.program, registry.vocabulary(), make_model, registry.limits)
     lines = []
     with recursion_room(registry.limits):
         for form in read(Source("<form>", form_text)):

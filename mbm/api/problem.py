@@ -11,24 +11,18 @@ import numpy as np
 
 from mbm import compiler
 from mbm.api.compiled import CompiledProblem, Origin, as_json, compiled
+from mbm.api.reading import Reading
+from mbm.api.recall import Text
 from mbm.compiler import Inputs
-from mbm.language import faults as language_faults
-from mbm.language.program import Program
-from mbm.problem import faults
-from mbm.problem.dimensions import missing_units
-from mbm.problem.structure import structural_warnings
 from mbm.problem.types import Override
 from mbm.registry import Registry, standard_registry
-from mbm.report.answer import Solved
-from mbm.report.options import SimulationSettings
-from mbm.solution.precheck import refusals
-from mbm.text.formatter import format_text
-from mbm.text.from_python import from_python, symbol
-from mbm.text.printer import print_form
-from mbm.text.reader import read_file
+from mbm.text.files import read_file
 from mbm.text.types import Diagnostic, MbmError, Source
 
 if TYPE_CHECKING:
+    from mbm.language.program import Program
+    from mbm.report.answer import Solved
+    from mbm.report.options import SimulationSettings
     from mbm.report.simulated import Simulated, Simulator
     from mbm.solution.closed_forms.types import ClosedForm
 
@@ -45,11 +39,22 @@ def load(path: str | Path, *, sandbox: str | Path | None = None, closed_forms: S
         MbmError: the text is wrong; ``.diagnostics`` says where.
 
     """
+    problem = opened(path, sandbox=sandbox, closed_forms=closed_forms)
+    if not problem.reading.is_known():
+        _ = problem.program
+    return problem
+
+
+def opened(path: str | Path, *, sandbox: str | Path | None = None, closed_forms: Sequence[ClosedForm] = ()) -> Problem:
+    """As ``load``, with nothing read yet but the characters: what is wrong with them, ``.program`` says."""
     place = Path(path)
-    confined = Path(sandbox) if sandbox is not None else None
-    registry = standard_registry(tuple(closed_forms))
-    program = compiler.read(read_file(place, str(path)), place, registry, confined)
-    return Problem(program=program, registry=registry, file=str(path), sandbox=confined)
+    text = Text(
+        source=read_file(place, str(path)),
+        path=place,
+        sandbox=Path(sandbox) if sandbox is not None else None,
+        closed_forms=tuple(form.name for form in closed_forms),
+    )
+    return _problem(text, tuple(closed_forms), str(path))
 
 
 def loads(
@@ -60,21 +65,37 @@ def loads(
     closed_forms: Sequence[ClosedForm] = (),
 ) -> Problem:
     """The problem in a text; tables and ``use`` are relative to ``base``, ``closed_forms`` as for ``load``."""
-    registry = standard_registry(tuple(closed_forms))
-    confined = Path(sandbox) if sandbox is not None else None
-    program = compiler.read(Source("<text>", text), Path(base) / "<text>", registry, confined)
-    return Problem(program=program, registry=registry, file=None, sandbox=confined)
+    read = Text(
+        source=Source("<text>", text),
+        path=Path(base) / "<text>",
+        sandbox=Path(sandbox) if sandbox is not None else None,
+        closed_forms=tuple(form.name for form in closed_forms),
+    )
+    problem = _problem(read, tuple(closed_forms), None)
+    if not problem.reading.is_known():
+        _ = problem.program
+    return problem
+
+
+def _problem(text: Text, closed_forms: tuple[ClosedForm, ...], file: str | None) -> Problem:
+    registry = standard_registry(closed_forms)
+    return Problem(reading=Reading(text, registry), registry=registry, file=file, sandbox=text.sandbox)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Problem:
     """A problem as read: nothing is evaluated or loaded yet."""
 
-    program: Program = field(repr=False)
+    reading: Reading = field(repr=False)
     registry: Registry = field(repr=False)
     file: str | None
     sandbox: Path | None = None
     name: str | None = None
+
+    @property
+    def program(self) -> Program:
+        """The definitions of the text."""
+        return self.reading.program
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -108,13 +129,15 @@ class Problem:
 
         """
         if allow_external:
-            raise MbmError(language_faults.not_available_yet(None, "`allow_external`", "external functions"))
+            from mbm.language import faults
+
+            raise MbmError(faults.not_available_yet(None, "`allow_external`", "external functions"))
         inputs = Inputs(tables=dict(data or {}), overrides=_overrides(constants or {}), sandbox=self.sandbox)
         return self.compiled(inputs, backend)
 
     def compiled(self, inputs: Inputs, backend: str) -> CompiledProblem:
         """As ``compile``, for everything that may come from outside."""
-        origin = Origin(program=self.program, registry=self.registry, file=self.file, name=self.name)
+        origin = Origin(reading=self.reading, registry=self.registry, file=self.file, name=self.name)
         return compiled(origin, inputs, backend)
 
     def solve(
@@ -128,6 +151,7 @@ class Problem:
         method: str | None = None,
         backend: str = "auto",
         covariance_full: bool = False,
+        workers: int | None = None,
         allow_external: bool = False,
     ) -> Solved:
         """Solve, as ``mbm solve`` does.
@@ -141,6 +165,7 @@ class Problem:
             method: ``auto``, ``lm``, ``dogleg`` or ``gauss-newton``.
             backend: see ``compile``.
             covariance_full: keep covariance matrices however large.
+            workers: threads that share many solves; None: one for each processor. Answers do not depend on it.
             allow_external: see ``compile``.
 
         Raises:
@@ -149,7 +174,9 @@ class Problem:
 
         """
         made = self.compile(data=data, constants=constants, backend=backend, allow_external=allow_external)
-        return made.solve(init=init, starts=starts, seed=seed, method=method, covariance_full=covariance_full)
+        return made.solve(
+            init=init, starts=starts, seed=seed, method=method, covariance_full=covariance_full, workers=workers
+        )
 
     def simulate(
         self,
@@ -181,6 +208,8 @@ class Problem:
             MbmError: the problem or the data are wrong, or an equation does not say what it measures.
 
         """
+        from mbm.report.options import SimulationSettings
+
         inputs = Inputs(tables=dict(data or {}), overrides=_overrides(constants or {}), sandbox=self.sandbox)
         asked = {name: tuple(columns) for name, columns in (measured or {}).items()}
         values = {name: as_json(value) for name, value in (at or {}).items()}
@@ -223,6 +252,10 @@ class Problem:
 
     def diagnostics(self, inputs: Inputs, *, strict_units: bool = False) -> tuple[Diagnostic, ...]:
         """As ``check``, for everything that may come from outside; ``strict_units`` names what has no unit, too."""
+        from mbm.problem.dimensions import missing_units
+        from mbm.problem.structure import structural_warnings
+        from mbm.solution.precheck import refusals
+
         try:
             found = compiler.elaborated(self.program, self.name, inputs, self.registry)
         except MbmError as error:
@@ -242,11 +275,17 @@ def build(name: str, *clauses: object) -> Problem:
         TypeError: a value that is no form.
 
     """
+    from mbm.text.formatter import format_text
+    from mbm.text.from_python import from_python, symbol
+    from mbm.text.printer import print_form
+
     form = from_python((symbol("problem"), symbol(name), *clauses))
     return loads(format_text(Source("<python>", print_form(form))))
 
 
 def _overrides(values: Mapping[str, object]) -> dict[str, Override]:
+    from mbm.problem import faults
+
     found = {}
     for name, value in values.items():
         if isinstance(value, str):

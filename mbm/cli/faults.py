@@ -23,6 +23,11 @@ EXISTS_ALREADY = Code(
     "`mbm new` never overwrites: the folder holds files already.",
     "Choose another name, or empty the folder.",
 )
+FOREIGN_FOLDER = Code(
+    "foreign-folder",
+    "The folder that a generated solver is to be written to holds files that `mbm compile` did not write.",
+    "Choose another folder, or write into this one with `--force`: files of the same name are replaced, others stay.",
+)
 BAD_JSON = Code(
     "bad-json",
     "A file that is to hold JSON does not.",
@@ -67,6 +72,15 @@ def exists_already(path: str) -> Diagnostic:
     """The folder of a new problem holds something."""
     return Diagnostic(
         code=EXISTS_ALREADY, message=f"`{path}` exists already", hint="choose another name; nothing is overwritten"
+    )
+
+
+def foreign_folder(path: str, file: str) -> Diagnostic:
+    """``file`` is what stands in the folder and is not ours."""
+    return Diagnostic(
+        code=FOREIGN_FOLDER,
+        message=f"`{path}` holds files that `mbm compile` did not write, such as `{file}`",
+        hint="choose another folder, or `--force`",
     )
 
 

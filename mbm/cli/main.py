@@ -18,13 +18,15 @@ COMMANDS = {
     "simulate": "Make the measurements that the model predicts, with noise, as data files.",
     "check": "Find what is wrong with a problem without solving it.",
     "explain": "Show the derived observation model: equations, unknowns, structure.",
+    "compile": "Write a solver that needs no mbm: in C, Python or CasADi.",
     "expand": "Show the form that a form expands to.",
     "fmt": "Lay the source out.",
     "new": "Write a first problem that solves at once.",
+    "cache": "Show or clear what was compiled earlier.",
 }
 """The commands, each the module of its name in `mbm.cli.commands`."""
 
-LATER = ("design", "compile", "view", "ui", "lsp")
+LATER = ("design", "view", "ui", "lsp")
 """Commands of CONTRACT §1 that this version answers with one line."""
 
 COMPLETION = "_MBM_COMPLETE"

@@ -17,10 +17,8 @@ from mbm.data.given import table_from_given
 from mbm.data.inline import table_from_inline
 from mbm.data.shaping import shape
 from mbm.data.types import ManyReader, RawTable, Reader, asked
-from mbm.problem.tables import Table, TableDeclaration
+from mbm.problem.tables import EXTERNAL, Table, TableDeclaration
 from mbm.text.types import Diagnostic, Label, MbmError, Span
-
-EXTERNAL = "external"
 
 Parts: TypeAlias = "dict[tuple[str, Path], Mapping[str, RawTable | MbmError]]"
 """Files of several tables that were read, by format and path."""

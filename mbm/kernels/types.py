@@ -103,6 +103,22 @@ class Evaluation(Protocol):
         ...
 
 
+class Stream(Protocol):
+    """A kernel for any number of rows, which changes from call to call."""
+
+    def values(self, inputs: Floats) -> Floats:
+        """The outputs (rows, outputs) at inputs (rows, variables + parameters)."""
+        ...
+
+    def values_and_jacobian(self, inputs: Floats) -> tuple[Floats, Floats]:
+        """The outputs (rows, outputs) and the nonzeros of their Jacobian (rows, nonzeros)."""
+        ...
+
+
+class BackendUnavailableError(Exception):
+    """A backend that this machine has not what it takes for."""
+
+
 class Backend(Protocol):
     """What evaluates kernels."""
 
@@ -113,4 +129,8 @@ class Backend(Protocol):
 
     def prepare(self, kernel: Kernel, rows: int) -> Evaluation:
         """Make ``kernel`` ready for ``rows`` rows."""
+        ...
+
+    def stream(self, kernel: Kernel) -> Stream:
+        """``kernel`` for points by the thousand: to be kept by who needs it again."""
         ...

@@ -10,7 +10,8 @@ from mbm.language import faults
 from mbm.language.functions import Definition, parse_definition
 from mbm.language.limits import Limits
 from mbm.language.parameters import Parameters, parse_parameters
-from mbm.text.reader import read, read_file
+from mbm.text.files import read_file
+from mbm.text.reader import read
 from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Source, Span, Symbol, Text
 
 RESERVED = (
@@ -73,10 +74,23 @@ class ProblemDefinition:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class UsedFile:
+    """A file that a ``use`` names: its path as messages print it, where that leads, links followed, and its text.
+
+    ``source`` is None where the same file had been read before.
+    """
+
+    path: Path
+    resolved: Path
+    source: Source | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Program:
     """The definitions of a file and of all files it uses. ``base`` is the folder that paths are relative to."""
 
     source: Source
+    used: tuple[UsedFile, ...] = ()
     base: Path = field(default_factory=Path)
     functions: Mapping[str, Definition] = field(default_factory=dict)
     models: Mapping[str, ModelDefinition] = field(default_factory=dict)
@@ -106,6 +120,7 @@ def read_program(
         raise MbmError(*reader.diagnostics)
     return Program(
         source=source,
+        used=tuple(reader.used),
         base=path.parent,
         functions=reader.functions,
         models=reader.models,
@@ -124,6 +139,7 @@ class _ProgramReader:
         self.constants: dict[str, ConstantDefinition] = {}
         self.problems: dict[str, ProblemDefinition] = {}
         self.diagnostics: list[Diagnostic] = []
+        self.used: list[UsedFile] = []
         self._places: dict[tuple[str, str], Span] = {}
         self._done: set[Path] = set()
 
@@ -210,6 +226,7 @@ class _ProgramReader:
         if resolved in chain:
             raise MbmError(faults.circular_use(written.span, written.value))
         if resolved in self._done:
+            self.used.append(UsedFile(path=target, resolved=resolved, source=None))
             return
         if len(self._done) >= self.limits.files:
             raise MbmError(faults.list_too_long(form.span, len(self._done) + 1, self.limits.files))
@@ -217,6 +234,7 @@ class _ProgramReader:
             used = read_file(target, str(target))
         except MbmError as error:
             raise MbmError(*(faults.used_here(d, written.span) for d in error.diagnostics)) from None
+        self.used.append(UsedFile(path=target, resolved=resolved, source=used))
         self.take(used, target, chain)
 
 

@@ -16,6 +16,7 @@ from mbm.problem import faults
 from mbm.problem.checks import check_data
 from mbm.problem.clauses import effective_clauses
 from mbm.problem.dimensions import infer
+from mbm.problem.elaborated import Consulted, Elaborated
 from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.joining import filtered, joined
 from mbm.problem.pairing import paired
@@ -49,16 +50,6 @@ class Front:
     vocabulary: Vocabulary
     limits: Limits
     routines: Routines = tuple
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Elaborated:
-    """A problem with the tables it was elaborated against, and the starts (SI) that were given from outside."""
-
-    problem: Problem
-    raw: Mapping[str, Table]
-    tables: Mapping[str, Table]
-    starts: Mapping[str, tuple[float, ...]]
 
 
 def elaborate(
@@ -122,12 +113,29 @@ def elaborate(
         warnings=(*work.evaluator.warnings.values(), *concerns),
         span=definition.span,
     )
+    numbers_of = {name: tuple(float(n.value) for n in given) for name, given in starts.items()}
+    return _checked(problem, raw, tables, numbers_of, work.reads.consulted())
+
+
+def _checked(
+    problem: Problem,
+    raw: Mapping[str, Table],
+    tables: Mapping[str, Table],
+    starts: Mapping[str, tuple[float, ...]],
+    consulted: Consulted,
+) -> Elaborated:
+    """The problem with what its data make doubtful; raises what they make wrong."""
     errors, warnings = check_data(problem, tables)
     if errors:
         raise MbmError(*errors)
-    problem = replace(problem, warnings=(*problem.warnings, *warnings))
-    numbers_of = {name: tuple(float(n.value) for n in given) for name, given in starts.items()}
-    return Elaborated(problem=problem, raw=raw, tables=tables, starts=numbers_of)
+    return Elaborated(
+        problem=replace(problem, warnings=(*problem.warnings, *warnings)),
+        raw=raw,
+        tables=tables,
+        starts=starts,
+        consulted=consulted,
+        lasting=problem.warnings,
+    )
 
 
 def _session(program: Program, front: Front, tables: Mapping[str, Table], log: ModelLog) -> Session:
@@ -190,6 +198,7 @@ def _tables(
     work.finish()
     for plan in plans:
         tables[plan.name] = filtered(plan, tables, plan.where)
+    work.reads.filtered = True
     return tuple(plans), raw
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, Leaf, RowChoice, leaves
 from mbm.problem import faults
 from mbm.problem.rows import MAXIMUM_REPORTED, Positions, column_numbers, decided, keyed_rows, rows_of
-from mbm.problem.sampling import time_nodes
 from mbm.problem.tables import CellKey, Table
+from mbm.problem.times import time_nodes
 from mbm.problem.types import Block, Problem
 from mbm.text.suggest import closest
 from mbm.text.types import Diagnostic, MbmError

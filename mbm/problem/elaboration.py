@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TypeAlias, TypeVar
@@ -17,8 +17,9 @@ from mbm.language.evaluator import Evaluator
 from mbm.language.scope import Scope
 from mbm.language.values import SCALARS, Array, ListValue, StaticColumnNeeded, Value, describe
 from mbm.problem import faults
-from mbm.problem.rows import MAXIMUM_REPORTED
-from mbm.problem.scopes import ROW, ProblemScope, RowScope
+from mbm.problem.elaborated import Consulted, Grouping
+from mbm.problem.rows import MAXIMUM_REPORTED, decided, static_cells
+from mbm.problem.scopes import ProblemScope, RowScope
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import RowValues, Static, ValueCase
 from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Span, Symbol
@@ -33,10 +34,29 @@ T = TypeVar("T")
 
 
 @dataclass(slots=True)
+class Reads:
+    """The values of the tables that decided something so far; ``filtered``: every ``:where`` has been applied."""
+
+    groupings: dict[Grouping, None] = field(default_factory=dict)
+    keyed: dict[str, None] = field(default_factory=dict)
+    everything: bool = False
+    filtered: bool = False
+
+    def grouped(self, table: str, columns: Iterable[str], when: RowValues | None) -> None:
+        """Rows were told apart by columns of a table."""
+        self.groupings[Grouping(table=table, columns=tuple(columns), when=when, filtered=self.filtered)] = None
+
+    def consulted(self) -> Consulted:
+        """All of them."""
+        return Consulted(groupings=tuple(self.groupings), keyed=tuple(self.keyed), everything=self.everything)
+
+
+@dataclass(slots=True)
 class Workspace:
     """The elaboration at work: local to one call, handed from clause to clause. ``diagnostics`` collects the errors.
 
-    ``routines`` gives the names of the registered closed forms, which may be asked for as methods.
+    ``routines`` gives the names of the registered closed forms, which may be asked for as methods; ``reads`` keeps
+    account of the values that decided something.
     """
 
     evaluator: Evaluator
@@ -45,6 +65,7 @@ class Workspace:
     routines: Routines = tuple
     diagnostics: list[Diagnostic] = field(default_factory=list)
     undeclared: set[str] = field(default_factory=set)
+    reads: Reads = field(default_factory=Reads)
 
     @contextmanager
     def collecting(self, declares: Form | None = None) -> Iterator[None]:
@@ -83,11 +104,11 @@ class Workspace:
         return self.tables[form.name]
 
     def cases(
-        self, table: Table | None, evaluate: Callable[[Scope], T], span: Span, kept: np.ndarray | None = None
+        self, table: Table | None, evaluate: Callable[[Scope], T], span: Span, when: RowValues | None = None
     ) -> list[tuple[Static, T]]:
         """``evaluate`` once for each group of rows that need a compilation: one, unless columns are static.
 
-        ``kept`` is the mask of the rows that are used; the values of the others decide nothing.
+        The values of rows that ``when`` does not keep decide nothing.
         """
         if table is None:
             self.evaluator.budget.reset(span)
@@ -95,7 +116,8 @@ class Workspace:
                 return [((), evaluate(self.scope))]
             except StaticColumnNeeded as need:
                 raise MbmError(language_faults.not_static(need.span, f"column `{need.column.name}`")) from None
-        every = np.arange(len(table)) if kept is None else np.flatnonzero(kept)
+        every = np.arange(len(table)) if when is None else np.flatnonzero(decided(when, self.tables)[:, 0])
+        columns: dict[str, None] = {}
         pending: list[tuple[Static, np.ndarray]] = [((), every)]
         found: list[tuple[Static, T]] = []
         while pending:
@@ -105,9 +127,13 @@ class Workspace:
             try:
                 found.append((static, evaluate(scope)))
             except StaticColumnNeeded as need:
+                columns[need.column.name] = None
                 pending.extend(reversed(self._split(table, static, rows, need)))
             if len(found) + len(pending) > MAXIMUM_CASES:
                 raise MbmError(faults.too_many_static_values(span, table.name, MAXIMUM_CASES))
+        if columns:
+            self.reads.grouped(table.name, columns, when)
+        self.reads.everything |= not found  # which columns rows would be told apart by, only rows can say
         return found
 
     def _split(
@@ -204,13 +230,6 @@ def shaped(value: Value, shape: tuple[int, ...], span: Span, *, broadcast: bool 
     if not isinstance(value, Array) or value.shape != shape:
         raise MbmError(language_faults.length_clash(span, describe(value), f"shape {shape[0]}×{shape[1]}"))
     return value.elements
-
-
-def static_cells(table: Table, column: str) -> list[CellKey]:
-    """The cells of a column as values that may decide an equation; ``row`` is the row's number."""
-    if column == ROW and ROW not in table.columns:
-        return [float(r) for r in table.rows]
-    return list(table.keys(column))
 
 
 def pair_of(form: Form, what: str) -> tuple[Form, Form]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import repeat
 
 import numpy as np
 
 from mbm.problem import faults
-from mbm.problem.pairing import with_pairs
 from mbm.problem.rows import MAXIMUM_REPORTED, decided
 from mbm.problem.tables import CellKey, Column, Provenance, Table
 from mbm.problem.types import Family, Join, Problem, RowValues, TablePlan
@@ -28,7 +28,11 @@ def prepare(problem: Problem, raw: Mapping[str, Table]) -> dict[str, Table]:
         tables[plan.name] = joined(raw[plan.name], plan.joins, {**raw, **tables})
     for plan in problem.plans:
         tables[plan.name] = filtered(plan, tables, plan.where)
-    tables = with_pairs(tables, problem.pairs)
+    if problem.pairs:
+        # Loaded by problems with pairs only, so that the others start at once.
+        from mbm.problem.pairing import with_pairs
+
+        tables = with_pairs(tables, problem.pairs)
     return with_families(tables, tuple(u.family for u in problem.unknowns if u.family is not None))
 
 
@@ -57,23 +61,28 @@ def joined(table: Table, joins: tuple[Join, ...], tables: Mapping[str, Table]) -
 
 
 def _positions(table: Table, column: Column, other: Table, join: Join) -> np.ndarray:
-    index: dict[CellKey, int] = {key: i for i, key in enumerate(other.keys())}
-    cells = column.texts if column.texts is not None else tuple(np.asarray(column.numbers).tolist())
-    positions = np.empty(len(cells), dtype=np.int64)
-    wrong: list[Diagnostic] = []
-    for i, cell in enumerate(cells):
-        position = index.get(cell)
-        if position is None:
-            near = closest(str(cell), [str(k) for k in index]) if isinstance(cell, str) else None
-            place = table.place(i, column.name)
-            wrong.append(faults.dangling_key(place, cell, f"the table `{other.name}`", near, join.span))
-            if len(wrong) == MAXIMUM_REPORTED:
-                break
-        else:
-            positions[i] = position
+    """The position in the ``other`` table of the row that each cell of the column names."""
+    keys = other.columns[other.key].numbers if other.key is not None else None
+    if keys is not None and column.numbers is not None and len(keys):
+        order = np.argsort(keys, kind="stable")
+        at = np.minimum(np.searchsorted(keys, column.numbers, sorter=order), len(keys) - 1)
+        positions = np.where(keys[order[at]] == column.numbers, order[at], -1)
+    else:
+        index: dict[CellKey, int] = {key: i for i, key in enumerate(other.keys())}
+        cells = column.texts if column.texts is not None else np.asarray(column.numbers).tolist()
+        positions = np.fromiter(map(index.get, cells, repeat(-1)), dtype=np.int64, count=len(cells))
+    wrong = np.flatnonzero(positions < 0)[:MAXIMUM_REPORTED].tolist()
     if wrong:
-        raise MbmError(*wrong)
+        raise MbmError(*(_dangling(table, column, int(i), other, join) for i in wrong))
     return positions
+
+
+def _dangling(table: Table, column: Column, row: int, other: Table, join: Join) -> Diagnostic:
+    """A key that no row of the ``other`` table has."""
+    cell = column.cell(row)
+    keys = other.keys()
+    near = closest(cell, [str(key) for key in keys]) if isinstance(cell, str) else None
+    return faults.dangling_key(table.place(row, column.name), cell, f"the table `{other.name}`", near, join.span)
 
 
 def filtered(plan: TablePlan, tables: Mapping[str, Table], where: RowValues | None) -> Table:
@@ -111,25 +120,3 @@ def distinct(table: Table, column: str, name: str) -> Table:
         source_columns=source.source_columns,
     )
     return Table(name=name, columns={column: taken}, rows=rows, provenance=provenance, key=column)
-
-
-def depends_on_values(problem: Problem) -> bool:
-    """Whether some equation was compiled for the value of a data cell, so that other data may need other equations."""
-    cases = [case.static for block in problem.blocks for case in block.cases]
-    cases += [case.static for each in problem.derived for case in each.cases]
-    options = [block.when for block in problem.blocks] + [plan.where for plan in problem.plans]
-    options += [column.sigma for block in problem.blocks for column in block.errors]
-    for unknown in problem.unknowns:
-        options += [unknown.start, unknown.lower, unknown.upper, unknown.fixed]
-        options += [unknown.start_lower, unknown.start_upper]
-    cases += [case.static for values in options if values is not None for case in values.cases]
-    return any(cases) or any(not block.cases for block in problem.blocks)
-
-
-def same_columns(old: Mapping[str, Table], new: Mapping[str, Table]) -> bool:
-    """Whether the tables have columns of the same names and kinds."""
-
-    def kinds(table: Table) -> dict[str, bool]:
-        return {name: column.is_text for name, column in table.columns.items()}
-
-    return all(kinds(old[name]) == kinds(new[name]) for name in old)

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from mbm.expression.evaluate import Lookup, Values, evaluate
 from mbm.expression.nodes import Column, ColumnMember, Constant, Leaf, LiteralMember, RowChoice, Sampling, leaves
 from mbm.problem import faults
-from mbm.problem.sampling import time_nodes
-from mbm.problem.scopes import ROW
-from mbm.problem.tables import CellKey, Numbers, Table
+from mbm.problem.tables import ROW, CellKey, Numbers, Table
+from mbm.problem.times import time_nodes
 from mbm.problem.types import RowValues, Static
 from mbm.text.types import Diagnostic, MbmError, Place
 
@@ -39,6 +38,13 @@ def column_numbers(table: Table, name: str) -> Numbers:
     if name == ROW and ROW not in table.columns:
         return table.rows.astype(np.float64)
     return table.numbers(name)
+
+
+def static_cells(table: Table, column: str) -> list[CellKey]:
+    """The cells of a column as values that may decide an equation; ``row`` is the row's number."""
+    if column == ROW and ROW not in table.columns:
+        return [float(r) for r in table.rows]
+    return list(table.keys(column))
 
 
 def lookup(table: Table | None, positions: Positions | None, tables: Mapping[str, Table]) -> Lookup:

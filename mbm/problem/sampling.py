@@ -6,8 +6,6 @@ from AT when numbers are known, so AT may hold unknowns and the derivative by th
 
 from __future__ import annotations
 
-import numpy as np
-
 from mbm.expression import algebra
 from mbm.expression.nodes import (
     Column,
@@ -26,7 +24,8 @@ from mbm.language.values import SCALARS, Array, ListValue, Value, describe
 from mbm.problem import faults
 from mbm.problem.options import split_options
 from mbm.problem.scopes import ProblemScope, RowScope
-from mbm.problem.tables import Numbers, Table
+from mbm.problem.tables import Table
+from mbm.problem.times import numbers_of
 from mbm.problem.types import Block
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 
@@ -69,19 +68,11 @@ def _time_column(table: Table, form: Form | None, span: Span) -> str:
             raise MbmError(language_faults.bad_form(form.span, "`:by` names a column", USAGE))
         if form.name not in table.columns:
             raise MbmError(faults.unknown_column(form.span, form.name, table.name, tuple(table.columns)))
-        return _of_numbers(table, form.name, form.span)
+        return numbers_of(table, form.name, form.span)
     found = next((name for name in TIME_NAMES if name in table.columns), None)
     if found is None:
         raise MbmError(faults.unknown_column(span, TIME_NAMES[0], table.name, tuple(table.columns)))
-    return _of_numbers(table, found, span)
-
-
-def _of_numbers(table: Table, name: str, span: Span) -> str:
-    column = table.columns[name]
-    if column.numbers is None:
-        position = column.first_text() or 0
-        raise MbmError(faults.bad_time(table.place(position, name), name, str(column.cell(position)), span))
-    return name
+    return numbers_of(table, found, span)
 
 
 def _elements(value: Value, span: Span) -> tuple[Expression, ...]:
@@ -132,26 +123,3 @@ def refuse_corrected(blocks: tuple[Block, ...]) -> None:
             found = leaf.sampling if isinstance(leaf, Column) else None
             if found is not None and (block.errors or found.table in corrected):
                 raise MbmError(language_faults.not_available_yet(found.span, "`sample` beside `:errors`", "sequences"))
-
-
-def time_nodes(sampling: Sampling, table: Table) -> tuple[Numbers, np.ndarray]:
-    """The times of a sampled table in ascending order, shape (n,), and the positions of their rows.
-
-    Raises:
-        MbmError: fewer than two rows, a time that is missing or no number, or two rows at one time.
-
-    """
-    times = table.numbers(_of_numbers(table, sampling.by, sampling.span))
-    wrong = np.flatnonzero(~np.isfinite(times))
-    if wrong.size:
-        place, value = table.place(int(wrong[0]), sampling.by), float(times[wrong[0]])
-        raise MbmError(faults.not_finite_cell(place, sampling.by, value, sampling.span))
-    if len(table) < 2:  # nothing lies between fewer
-        raise MbmError(faults.too_few_times(sampling.span, table.name, len(table)))
-    order = np.argsort(times, kind="stable")
-    ordered = times[order]
-    repeated = np.flatnonzero(np.diff(ordered) == 0)
-    if repeated.size:
-        here, there = (table.place(int(order[repeated[0] + i]), sampling.by) for i in (1, 0))
-        raise MbmError(faults.repeated_time(here, there, sampling.by, float(ordered[repeated[0]]), sampling.span))
-    return ordered, order

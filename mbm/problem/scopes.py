@@ -12,12 +12,9 @@ from mbm.language.evaluator import Evaluator
 from mbm.language.scope import LocalScope, Scope
 from mbm.language.values import Array, TableName, TextColumn, Value
 from mbm.problem import faults as problem_faults
-from mbm.problem.tables import CellKey, Table
+from mbm.problem.tables import ROW, CellKey, Table
 from mbm.problem.tables import Column as TableColumn
 from mbm.text.types import Form, MbmError, Span
-
-ROW = "row"
-"""The name under which a row's number in its table, from 1, is known."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,12 @@ from mbm.text.types import DataPlace, Span
 
 Numbers: TypeAlias = NDArray[np.float64]
 CellKey: TypeAlias = str | float
+ROW = "row"
+"""The name under which a row's number in its table, from 1, is known."""
+
+EXTERNAL = "external"
+"""The source of a table that the caller gives."""
+
 GAP_WORDS = frozenset({"", "NA"})
 """What stands in a cell without a value, blanks around it taken off; beside these ``nan`` is NaN in any case."""
 

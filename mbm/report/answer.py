@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbm.report.document import document
-from mbm.report.elements import shown_sigma, solve_scalars
+from mbm.report.elements import shown_sigma
 from mbm.report.encode import encode, to_bytes
 from mbm.report.geometric import GEOMETRIC, number_factors
+from mbm.report.solve_columns import solve_columns
 from mbm.report.table import table as text_table
 from mbm.report.types import (
     CovarianceMatrix,
@@ -19,6 +22,7 @@ from mbm.report.types import (
     Estimate,
     Floats,
     Key,
+    Mask,
     Observability,
     ResidualRow,
     Result,
@@ -58,7 +62,7 @@ class Solved:
         return self.result.status.value
 
     @property
-    def solves(self) -> tuple[SolveReport, ...]:
+    def solves(self) -> Sequence[SolveReport]:
         """One report for each solve."""
         return self.result.solves
 
@@ -128,17 +132,13 @@ class Solved:
 
     def table(self) -> Any:
         """One row per solve: keys, status, cost, dof, scalars and sigmas; a pandas frame, else a dict of arrays."""
-        columns: dict[str, list[object]] = {}
-        for row, solve in enumerate(self.result.solves):
-            cells: dict[str, object] = {**solve.key, "status": solve.status.label, "cost": solve.cost, "dof": solve.dof}
-            for scalar in solve_scalars(solve):
-                cells[scalar.name] = scalar.value
-                cells[f"{scalar.name}.sigma"] = scalar.sigma
-            for name, cell in cells.items():
-                columns.setdefault(name, [None] * row).append(cell)
-            for filled in columns.values():
-                filled.extend([None] * (row + 1 - len(filled)))
-        arrays = {name: np.asarray(cells) for name, cells in columns.items()}
+        found = solve_columns(self.result.solves)
+        arrays = {name: np.asarray([key.get(name) for key in found.keys]) for name in found.key_names}
+        arrays["status"] = np.asarray([status.label for status in found.statuses])
+        arrays |= {name: np.asarray(found.fits[name]) for name in ("cost", "dof")}
+        for scalar in found.scalars:
+            for name, numbers in ((scalar.name, scalar.values), (f"{scalar.name}.sigma", scalar.sigmas)):
+                arrays[name] = numbers if scalar.there.all() else _with_gaps(numbers, scalar.there)
         try:
             from pandas import DataFrame
         except ImportError:
@@ -158,6 +158,13 @@ class Solved:
         from html import escape
 
         return f"<pre>{escape(str(self))}</pre>"
+
+
+def _with_gaps(numbers: Floats, there: Mask) -> NDArray[np.object_]:
+    """The numbers, None where they are not there."""
+    found = numbers.astype(object)
+    found[~there] = None
+    return found
 
 
 def _named(item: Estimate | DerivedValue) -> Named:

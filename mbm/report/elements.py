@@ -65,6 +65,11 @@ def shown_sigma(item: Estimate | DerivedValue) -> Floats:
     return np.asarray(sigma / _factors(item.quantity), dtype=np.float64)
 
 
+def shown_values(item: Estimate | DerivedValue) -> Floats:
+    """The values of the scalars in the unit of the quantity: of rotations and the like, the tangent coordinates."""
+    return np.asarray(_coordinates(item) / _factors(item.quantity), dtype=np.float64)
+
+
 def _factors(quantity: Quantity) -> Floats | float:
     """SI per unit shown, along the last axis of sigmas."""
     return geometric.coordinate_factors(quantity) if quantity.kind in geometric.GEOMETRIC else quantity.factor
@@ -74,7 +79,7 @@ def scalars(item: Estimate | DerivedValue) -> Iterator[Scalar]:
     """The scalars of an estimate or a derived value, in the order of `element_names`."""
     quantity = item.quantity
     names = element_names(quantity, item.keys)
-    values = np.ravel(_coordinates(item) / _factors(quantity))
+    values = np.ravel(shown_values(item))
     sigmas = np.ravel(shown_sigma(item))
     estimate = item if isinstance(item, Estimate) else None
     fixed = _flags(estimate.fixed if estimate else None, len(names))

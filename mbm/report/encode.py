@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from math import isfinite
 
 WIDEST = 100
 """Characters of a list or dictionary that is written on one line, its indentation not counted."""
+
+
+_ATOMS = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 
 
 def encode(value: object) -> str:
@@ -23,11 +27,13 @@ def to_bytes(text: str) -> bytes:
 
 
 def _lines(value: object, indent: str) -> str:
+    if isinstance(value, (float, int, str)):
+        return _atom(value)
     inner = indent + "  "
-    if isinstance(value, Mapping) and value:
+    if isinstance(value, (dict, Mapping)) and value:
         parts = [f"{_atom(str(name))}: {_lines(entry, inner)}" for name, entry in value.items()]
         return _joined(parts, "{", "}", indent)
-    if isinstance(value, Sequence) and not isinstance(value, str) and value:
+    if isinstance(value, (list, Sequence)) and value:
         parts = [_lines(entry, inner) for entry in value]
         return _joined(parts, "[", "]", indent)
     return _atom(value)
@@ -58,4 +64,6 @@ def _filled(parts: list[str]) -> list[str]:
 
 
 def _atom(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+    if type(value) is float and isfinite(value):  # nearly all of a long document
+        return repr(value)
+    return _ATOMS.encode(value)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from mbm.expression.nodes import Number
 from mbm.kernels.types import KernelSet
-from mbm.problem.builder import Elaborated
+from mbm.problem.elaborated import Elaborated
 from mbm.problem.kinds import ConstraintKind
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, NoiseKind, Problem, UncertainColumn, Unknown, UnknownKind

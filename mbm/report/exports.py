@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite
 from typing import TextIO
 
-import numpy as np
-
-from mbm.report.elements import Scalar, plain_key, solve_scalars
+from mbm.report.elements import plain_key
+from mbm.report.solve_columns import solve_columns
 from mbm.report.types import Key, Result, SolveReport
 
 SOLVE_COLUMNS = ("status", "cost", "dof", "sigma0", "chi2_p")
@@ -22,20 +22,20 @@ def write_solves(result: Result, stream: TextIO) -> None:
     unit of their quantity. Cells are empty where there is no number. A key column that is called as another column is
     written ``key.NAME``. Open ``stream`` with ``newline=""``.
     """
-    found = [{scalar.name: scalar for scalar in solve_scalars(solve)} for solve in result.solves]
-    names = list(dict.fromkeys(name for solve in found for name in solve))
+    found = solve_columns(result.solves)
+    names = [scalar.name for scalar in found.scalars]
     taken = {*SOLVE_COLUMNS, *names, *(f"{name}.sigma" for name in names)}
-    keys = _key_columns(result.solves)
+    keys = found.key_names
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(
         [*_titles(keys, taken), *SOLVE_COLUMNS, *(f"{name}{end}" for name in names for end in ("", ".sigma"))]
     )
-    for solve, solved in zip(result.solves, found, strict=True):
-        fit = (solve.cost, solve.dof, solve.sigma0, solve.chi2_p)
-        row = [*_key_cells(solve.key, keys), solve.status.label, *(_cell(number) for number in fit)]
-        for name in names:
-            row.extend(_scalar_cells(solved.get(name)))
-        writer.writerow(row)
+    cells = [[_key_cell(key.get(name)) for key in found.keys] for name in keys]
+    cells.append([status.label for status in found.statuses])
+    cells += [[_cell(number) for number in numbers] for numbers in found.fits.values()]
+    for scalar in found.scalars:  # what is not there is NaN
+        cells += [[_cell(number) for number in numbers.tolist()] for numbers in (scalar.values, scalar.sigmas)]
+    writer.writerows(zip(*cells, strict=True))
 
 
 def write_residuals(result: Result, stream: TextIO) -> None:
@@ -74,15 +74,15 @@ def _titles(keys: Iterable[str], taken: set[str]) -> list[str]:
 
 
 def _key_cells(key: Mapping[str, Key], columns: Iterable[str]) -> list[str]:
-    cells = (plain_key(key[name]) if name in key else None for name in columns)
-    return ["" if cell is None else str(cell) for cell in cells]
+    return [_key_cell(key.get(name)) for name in columns]
 
 
-def _scalar_cells(scalar: Scalar | None) -> tuple[str, str]:
-    return ("", "") if scalar is None else (_cell(scalar.value), _cell(scalar.sigma))
+def _key_cell(key: Key | None) -> str:
+    cell = None if key is None else plain_key(key)
+    return "" if cell is None else str(cell)
 
 
 def _cell(number: float | int | None) -> str:
-    if number is None or not np.isfinite(number):
+    if number is None or not isfinite(number):
         return ""
     return str(number) if isinstance(number, int) else repr(float(number))

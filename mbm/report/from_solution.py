@@ -165,7 +165,7 @@ def _estimate(problem: Problem, solution: Solution, entry: Entry, unknown: str |
     leading = () if entry.keys is None else (entry.members,)
     numbers = solution.numbers[entry.range].copy()
     if entry.unknown.kind is UnknownKind.ANGLE:
-        numbers = _wrapped(numbers)
+        numbers = wrapped(numbers)
     place = entry.coordinates
     shape = (*leading, *(entry.unknown.shape if not entry.unknown.dimension else (entry.unknown.freedom,)))
     count = len(solution.layout.number)
@@ -218,7 +218,7 @@ def _why_missing(solution: Solution, missing: Mask, unknown: str | None) -> str 
     return ", or ".join(sentence for sentence, which in causes if bool(which.any()))
 
 
-def _wrapped(angles: Floats) -> Floats:
+def wrapped(angles: Floats) -> Floats:
     """Representatives in (−π, π]."""
     return np.asarray(angles - 2 * np.pi * np.ceil(angles / (2 * np.pi) - 0.5))
 
@@ -228,7 +228,7 @@ def _derived(problem: Problem, solution: Solution, found: DerivedSolution, unkno
     leading = () if derived.table is None else (len(found.values),)
     shape = (*leading, *derived.shape)
     sigma = found.sigma if unknown is None else np.full_like(found.sigma, np.nan)
-    values = _wrapped(found.values) if derived.angle and not derived.shape else found.values
+    values = wrapped(found.values) if derived.angle and not derived.shape else found.values
     keys = None
     if derived.table is not None:
         table = solution.tables[derived.table]

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from itertools import chain
 
 from mbm.problem.naming import key_text
+from mbm.report.blocks import ManyReports
 from mbm.report.columns import Paint, Style, aligned, left, right, wrapped
 from mbm.report.digits import Measured, measured, plain
 from mbm.report.elements import Scalar, solve_scalars, unit_text
 from mbm.report.sentences import diagnostic_sentence, observability_sentences
+from mbm.report.solve_columns import solve_columns
 from mbm.report.types import SolveReport, SolveStatus
 from mbm.text.types import Diagnostic
 
@@ -37,7 +39,7 @@ def many_solves(solves: Sequence[SolveReport], width: int, paint: Paint, full: b
     if not solves:
         yield "no solves: the key columns hold no value"
         return
-    shown = solves if full or len(solves) <= MOST_SOLVES else solves[:_FIRST_SOLVES]
+    shown = tuple(solves) if full or len(solves) <= MOST_SOLVES else solves[:_FIRST_SOLVES]
     columns, left_out = _fitting(shown, width, full)
     yield paint("  ".join(column.title.ljust(column.width) for column in columns).rstrip(), Style.HEADING)
     for i in range(len(shown)):
@@ -103,15 +105,17 @@ def _cell(scalar: Scalar | None) -> Measured:
 
 
 def _totals(solves: Sequence[SolveReport], width: int, paint: Paint) -> Iterator[str]:
-    counts = Counter(solve.status for solve in solves)
+    found = solve_columns(solves)
+    counts = Counter(found.statuses)
     parts = ", ".join(f"{counts[status]} {status.label}" for status in SolveStatus if counts[status])
     yield f"{len(solves)} solve{'' if len(solves) == 1 else 's'}: {parts}"
-    fits = [(solve.cost, solve.dof) for solve in solves if solve.cost is not None and solve.dof is not None]
-    stated = all(factor is None for solve in solves for factor in solve.noise.values())
-    if fits and stated:
+    pairs = zip(found.fits["cost"], found.fits["dof"], strict=True)
+    fits = [(cost, dof) for cost, dof in pairs if cost is not None and dof is not None]
+    if fits and found.stated:
         cost, dof = sum(cost for cost, _ in fits), sum(dof for _, dof in fits)
         yield f"together: cost {plain(cost, 6)} with {dof} degrees of freedom"
-    for sentence in chain(_attention(solves), _warnings(solves)):
+    noted = list(solves.noted()) if isinstance(solves, ManyReports) else solves
+    for sentence in chain(_attention(noted), _warnings(noted)):
         yield from (paint(line, Style.WARNING) for line in wrapped(sentence, width))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from mbm.expression.nodes import Column, Expression, RowChoice, leaves
 from mbm.problem.rows import column_numbers
-from mbm.problem.scopes import ROW
+from mbm.problem.tables import ROW
 from mbm.problem.types import BlockRole, Problem
 from mbm.report.residuals import measured_side
 from mbm.report.types import PlotData

@@ -50,13 +50,13 @@ def residual_summaries(problem: Problem, solution: Solution) -> Mapping[str, Res
             used=sum(_used_rows(solution, g) for g in solution.groups if g.kernel.owner == i),
             rms=rms,
             outliers=tuple(sorted(int(table.rows[p]) for p in bad)) if table is not None else (1,) * len(bad),
-            outlier_places=_file_rows(table, bad) if table is not None else (),
+            outlier_places=file_rows(table, bad) if table is not None else (),
             file=table.provenance.path if table is not None else None,
         )
     return found
 
 
-def _file_rows(table: Table, positions: list[int]) -> tuple[int, ...]:
+def file_rows(table: Table, positions: list[int]) -> tuple[int, ...]:
     """Rows of the file, ascending; 0 where the table stands in the problem or was given as arrays."""
     lines = table.provenance.file_rows
     if any(_shares_its_line(lines, int(table.rows[p]) - 1) for p in positions):

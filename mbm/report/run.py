@@ -9,12 +9,12 @@ import numpy as np
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Consensus, GivenStarts, Overrides, Problem, RandomStarts
 from mbm.report import faults
-from mbm.report.from_solution import failure_report, skipped_report, solve_report
+from mbm.report.blocks import BlockReports, ManyReports, block_reports, report_of
 from mbm.report.initial import initial_option
 from mbm.report.options import Progress
-from mbm.report.types import InputFile, Result
+from mbm.report.types import InputFile, Result, SolveReport
+from mbm.solution.many.types import Block
 from mbm.solution.run import Solutions
-from mbm.solution.solution import Failure, Skipped
 from mbm.version import __version__
 
 
@@ -30,24 +30,26 @@ def result_of(
     progress: Progress | None,
 ) -> Result:
     """The result of all solves, in their order; ``asked`` is `asked_options`, ``progress`` hears of each solve."""
-    reports = []
-    for solution in solutions.each:
-        if isinstance(solution, Failure):
-            reports.append(failure_report(solution))
-        elif isinstance(solution, Skipped):
-            reports.append(skipped_report(solution))
+    reports: list[SolveReport] = []
+    blocks: list[BlockReports] = []
+    done = 0
+    for part in solutions.parts:
+        if isinstance(part, Block):
+            blocks.append(block_reports(problem, part, covariance_full=covariance_full))
+            done += len(part.which)
         else:
-            reports.append(solve_report(problem, solution, covariance_full=covariance_full))
+            reports.append(report_of(problem, part, covariance_full=covariance_full))
+            done += 1
         if progress is not None:
-            progress(len(reports), solutions.count)
+            progress(done, solutions.count)
     request = problem.request
-    left = solutions.count - len(reports)
+    left = solutions.count - done
     return Result(
         version=__version__,
         file=file,
         problem=problem.name,
         seed=request.seed,
-        solves=tuple(reports),
+        solves=ManyReports(blocks) if blocks else tuple(reports),
         options={
             "method": request.method.value,
             "max-iterations": request.max_iterations,
@@ -60,7 +62,7 @@ def result_of(
         inputs=tuple(
             InputFile(path=t.provenance.path, sha256=t.provenance.sha256, rows=t.provenance.rows) for t in raw.values()
         ),
-        diagnostics=(*problem.warnings, *((faults.interrupted(len(reports), left),) if left else ())),
+        diagnostics=(*problem.warnings, *((faults.interrupted(done, left),) if left else ())),
         complete=not left,
     )
 

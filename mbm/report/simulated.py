@@ -13,7 +13,7 @@ import numpy as np
 from mbm.data.types import GivenColumns
 from mbm.expression.units import parse_unit
 from mbm.kernels.types import KernelSet
-from mbm.problem.builder import Elaborated
+from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import CellKey, Column, Table
 from mbm.problem.types import BlockRole, Problem
 from mbm.report import faults

@@ -15,7 +15,8 @@ from mbm.problem.clauses import effective_clauses, select_problem
 from mbm.problem.tables import Column, TableDeclaration
 from mbm.problem.types import Problem
 from mbm.report.simulated import Simulated, SimulatedTable
-from mbm.text.reader import read, read_file
+from mbm.text.files import read_file
+from mbm.text.reader import read
 from mbm.text.types import Numeral, Sequence, Source, Span, Symbol, Text
 
 TRUTH = "truth.json"

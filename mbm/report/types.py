@@ -5,11 +5,11 @@ Numbers are SI throughout; a `Quantity` says in which unit its values are shown,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, StrEnum
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -335,6 +335,15 @@ class SolveReport:
         return self.plot_data() if callable(self.plot_data) else self.plot_data
 
 
+@runtime_checkable
+class Stated(Protocol):
+    """Solves whose statuses are known before their reports are made."""
+
+    def statuses(self) -> Sequence[SolveStatus]:
+        """The status of each solve."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputFile:
     """A file that was read: the path as messages print it, SHA-256 (None for tables given through the API), rows."""
@@ -348,14 +357,15 @@ class InputFile:
 class Result:
     """Everything that a run of one problem answers. ``file`` is None for problems that were built without one.
 
-    ``complete`` is False where the run was interrupted before all solves were made.
+    ``solves`` may make a report when it is asked for: keep it where it is needed again. ``complete`` is False where the
+    run was interrupted before all solves were made.
     """
 
     version: str
     file: str | None
     problem: str
     seed: int | None
-    solves: tuple[SolveReport, ...]
+    solves: Sequence[SolveReport]
     options: Mapping[str, object] = field(default_factory=lambda: MappingProxyType({}))
     inputs: tuple[InputFile, ...] = ()
     diagnostics: tuple[Diagnostic, ...] = ()
@@ -364,6 +374,7 @@ class Result:
     @property
     def status(self) -> ResultStatus:
         """``ok`` if every solve was made, there is one, and each can be trusted, else ``attention``."""
-        if self.complete and self.solves and all(solve.status.trusted for solve in self.solves):
+        each = self.solves.statuses() if isinstance(self.solves, Stated) else [s.status for s in self.solves]
+        if self.complete and each and all(status.trusted for status in each):
             return ResultStatus.OK
         return ResultStatus.ATTENTION

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbm.kernels.backends.numpy_stream import Stream
+from mbm.kernels.types import Stream
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import Group
 from mbm.solution.manifolds import moved

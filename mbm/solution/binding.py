@@ -10,8 +10,7 @@ import numpy as np
 
 from mbm.expression.nodes import Column as ColumnNode
 from mbm.expression.nodes import ColumnMember, Component, Member, RowChoice
-from mbm.kernels.backends.numpy_stream import Stream, stream
-from mbm.kernels.types import Backend, Evaluation, Kernel, KernelSet
+from mbm.kernels.types import Backend, Evaluation, Kernel, KernelSet, Stream
 from mbm.problem.checks import used_rows
 from mbm.problem.rows import Positions, chosen_number, column_numbers, keyed_rows, rows_of
 from mbm.problem.tables import Table
@@ -44,13 +43,14 @@ class EvaluationCache:
     """Prepared kernels by number of rows, so that a stream of data sets of one size prepares them once.
 
     Local to one compiled problem in one thread; an evaluation is filled anew before each use. Sets of unknowns and
-    numbers of rows for which no closed form is made are remembered too.
+    numbers of rows for which no closed form is made are remembered too, and in ``native`` what native solves share.
     """
 
-    def __init__(self, backend: Backend) -> None:
+    def __init__(self, backend: Backend, without_closed_form: Iterable[Kind] = ()) -> None:
         self.backend = backend
-        self.without_closed_form: set[Kind] = set()
+        self.without_closed_form: set[Kind] = set(without_closed_form)
         self.layouts = Layouts()
+        self.native: dict[str, object] = {}
         self._prepared: dict[tuple[int, int], Evaluation] = {}
         self._streams: dict[int, Stream] = {}
 
@@ -58,7 +58,7 @@ class EvaluationCache:
         """Kernel ``number`` for any number of rows."""
         found = self._streams.get(number)
         if found is None:
-            found = self._streams[number] = stream(kernel)
+            found = self._streams[number] = self.backend.stream(kernel)
         return found
 
     def evaluation(self, number: int, kernel: Kernel, rows: int) -> Evaluation:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbm.kernels.types import KernelSet
-from mbm.problem.builder import Elaborated
+from mbm.problem.elaborated import Elaborated
 from mbm.problem.types import Method
 from mbm.solution.assembly import Assembled, blank
 from mbm.solution.binding import Binder, EvaluationCache

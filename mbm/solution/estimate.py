@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from time import perf_counter
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from mbm.solution.plausibility import doubts
 from mbm.solution.rivals import rivals
 from mbm.solution.robust.preparation import outliers, prepared, robust_cost, unit_weights
 from mbm.solution.robust.types import Prepared
-from mbm.solution.search import search
+from mbm.solution.search import Tally, search
 from mbm.solution.settings import Settings
 from mbm.solution.solution import Solution
 from mbm.solution.statistics import statistics
@@ -37,7 +37,7 @@ from mbm.solution.types import (
     Observability,
     Reason,
 )
-from mbm.solution.weighing import reached
+from mbm.solution.weighing import Reached, reached
 from mbm.text.types import Diagnostic
 
 
@@ -74,20 +74,49 @@ def estimate(
 
     Raises MbmError: it cannot be set up, or no start is known and none can be found.
     """
-    began = time.perf_counter()
+    began = perf_counter()
     equations, binder = assemble(problem, kernels, tables, starts, cache)
-    robust = prepared(problem, equations, settings, starting_points(equations, settings, last))
+    robust = prepared(problem, equations, settings, lambda: starting_points(equations, settings, last))
     equations = robust.equations.with_factors(robust.factors)
     found = search(equations, robust.starts, settings, problem, derived_agreement(problem, binder, kernels))
     found = challenged(equations, settings, found, problem, cache, many=bool(key))
     end = reached(problem, robust, settings, found)
+    run = Run(
+        problem=problem, kernels=kernels, tables=tables, key=key, settings=settings, equations=equations, binder=binder
+    )
+    return answered(run, robust, end, tally=found.tally, origin=found.origin, seconds=lambda: perf_counter() - began)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Run:
+    """One data set to be solved, and its equations with all rows and the noise as it is first known."""
+
+    problem: Problem
+    kernels: KernelSet
+    tables: Mapping[str, Table]
+    key: Mapping[str, CellKey]
+    settings: Settings
+    equations: Assembled
+    binder: Binder
+
+
+def answered(
+    run: Run, robust: Prepared, end: Reached, *, tally: Tally | None, origin: str, seconds: Callable[[], float]
+) -> Solution:
+    """What is known at a minimum: the rank decision, the covariance, derived quantities, and what is to be doubted."""
+    problem, equations = run.problem, run.equations
     minimum, weighted = end.minimum, end.equations
-    observed = _observed(equations, weighted, minimum, robust, settings)
+    observed = _observed(equations, weighted, minimum, robust, run.settings)
     tested = robust.tested(minimum.residuals)
     outcome = statistics(problem, equations, minimum, observed, end.noise, end.factors, tested)
     numbers = _known(equations, minimum.point)
     propagation = Propagation(
-        problem=problem, kernels=kernels, binder=binder, equations=weighted, numbers=numbers, outcome=outcome
+        problem=problem,
+        kernels=run.kernels,
+        binder=run.binder,
+        equations=weighted,
+        numbers=numbers,
+        outcome=outcome,
     )
     derived, derived_covariance = propagation.all_derived()
     whole = weighted.everything().plain_residuals(minimum.point)
@@ -97,8 +126,8 @@ def estimate(
         *doubts(propagation, minimum, derived),
     )
     return Solution(
-        key=key,
-        tables=tables,
+        key=run.key,
+        tables=run.tables,
         layout=equations.layout,
         groups=equations.groups,
         constraints=equations.constraints,
@@ -110,8 +139,8 @@ def estimate(
         outliers=outliers(weighted, whole),
         robust_cost=robust_cost(weighted, minimum),
         alternatives=end.others,
-        tally=found.tally,
-        origin=found.origin,
+        tally=tally,
+        origin=origin,
         observability=observed,
         covariance=outcome.covariance,
         derived_covariance=derived_covariance,
@@ -122,11 +151,11 @@ def estimate(
         sigma_known=outcome.sigma_known,
         unused=_unused(equations),
         corrections=() if weighted.implicit is None else weighted.implicit.corrected(minimum.point),
-        method=solver_name(equations, settings),
+        method=solver_name(equations, run.settings),
         iterations=end.iterations,
         evaluations=end.evaluations,
-        seconds=time.perf_counter() - began,
-        diagnostics=(*_at_start(problem, tables, minimum, equations), *outcome.diagnostics, *warnings),
+        seconds=seconds(),
+        diagnostics=(*_at_start(problem, run.tables, minimum, equations), *outcome.diagnostics, *warnings),
     )
 
 

@@ -25,7 +25,7 @@ class Layouts:
         """The layout for these tables and starts; faults as `layout` has them."""
         if self._unknowns is not problem.unknowns:
             self._unknowns, self._last = problem.unknowns, None
-            self._shared = not any(_reads_tables(unknown) for unknown in problem.unknowns)
+            self._shared = not any(reads_tables(unknown) for unknown in problem.unknowns)
         if not self._shared:
             return layout(problem, tables, starts)
         if self._last is None or not _same(self._last[0], starts):
@@ -33,7 +33,7 @@ class Layouts:
         return self._last[1]
 
 
-def _reads_tables(unknown: Unknown) -> bool:
+def reads_tables(unknown: Unknown) -> bool:
     """Whether members, starts, bounds or what is fixed follow from the rows of a table."""
     options = (
         unknown.start,

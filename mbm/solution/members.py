@@ -9,8 +9,7 @@ import numpy as np
 from mbm.expression.nodes import ColumnMember, LiteralMember, Member, RowChoice
 from mbm.problem import faults as problem_faults
 from mbm.problem.rows import Positions
-from mbm.problem.scopes import ROW
-from mbm.problem.tables import CellKey, Table
+from mbm.problem.tables import ROW, CellKey, Table
 from mbm.solution.layout import Entry
 from mbm.solution.types import Indices
 from mbm.text.types import MbmError

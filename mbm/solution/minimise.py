@@ -78,6 +78,12 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
         from mbm.solution.implicit.approach import approached
 
         start = approached(equations, start, lambda plain, point: _roughly(plain, point, settings))
+    if solver in (LINEAR, MARQUARDT):
+        from mbm.solution.native.minimum import native_minimum
+
+        native = native_minimum(equations, start, settings)
+        if native is not None:
+            return native
     found = _from(equations, bound, solver, start, settings)
     if found.reason in SINGULAR and solver is not STANDING:
         others = (_from(equations, bound, solver, point, settings) for point in beside(equations, start, settings.seed))

@@ -74,29 +74,30 @@ class Profile:
     def _grown(self, multiple: float, beside: Floats) -> tuple[float, Floats]:
         """The root of the growth of the cost over that of ``level``, and the step of the others that made it least."""
         ahead = multiple * self.direction
-        cost, point = self._at(ahead + beside)
+        cost, point, residuals = self._at(ahead + beside)
         for _ in range(INNER):
             if not np.isfinite(cost) or not self.others.size:
                 break
             slopes = self.equations.jacobian(point) @ self.others
             if not bool(np.isfinite(slopes).all()):
                 break
-            step = self.others @ np.linalg.lstsq(slopes, -self.equations.residuals(point), rcond=1e-12)[0]
+            step = self.others @ np.linalg.lstsq(slopes, -residuals, rcond=1e-12)[0]
             for halving in range(HALVINGS):
                 trial = beside + step / 2**halving
-                trial_cost, trial_point = self._at(ahead + trial)
+                trial_cost, trial_point, there = self._at(ahead + trial)
                 if trial_cost < cost:
                     break
             else:
                 break
-            gain, cost, point, beside = cost - trial_cost, trial_cost, trial_point, trial
+            gain, cost, point, residuals, beside = cost - trial_cost, trial_cost, trial_point, there, trial
             if gain < SETTLED * self.level:
                 break
         growth = (cost - self.least) / self.level
         return (float(np.sqrt(max(growth, 0.0))) if np.isfinite(growth) else float("inf")), beside
 
-    def _at(self, step: Floats) -> tuple[float, Floats]:
+    def _at(self, step: Floats) -> tuple[float, Floats, Floats]:
+        """The cost after a step, the point there and its residuals."""
         point = self.equations.retract(self.point, step)
         residuals = self.equations.residuals(point)
         cost = float(residuals @ residuals)
-        return (cost if np.isfinite(cost) else float("inf")), point
+        return (cost if np.isfinite(cost) else float("inf")), point, residuals

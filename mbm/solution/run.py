@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbm.kernels.types import KernelSet
-from mbm.problem.builder import Elaborated
+from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import CellKey
 from mbm.solution.binding import EvaluationCache
 from mbm.solution.estimate import estimate
 from mbm.solution.interruption import Interruption
+from mbm.solution.many.types import Block
 from mbm.solution.sampled_rows import settled
 from mbm.solution.selection import Selection, selections
-from mbm.solution.settings import Forms, settings_of, standard_forms
+from mbm.solution.settings import Forms, Settings, settings_of, standard_forms
 from mbm.solution.solution import Failure, Skipped, Solution
 from mbm.solution.types import Floats
 from mbm.text.types import MbmError
@@ -26,10 +27,19 @@ StartsFinder = Callable[[Mapping[str, CellKey]], Mapping[str, Floats]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solutions:
-    """The number of solves, and the solves as they are made."""
+    """The number of solves, and the solves as they are made: one by one, or in blocks that hold columns."""
 
     count: int
-    each: Iterator[Solution | Failure | Skipped]
+    parts: Iterator[Solution | Failure | Skipped | Block]
+
+    @property
+    def each(self) -> Iterator[Solution | Failure | Skipped]:
+        """The solves one by one."""
+        for part in self.parts:
+            if isinstance(part, Block):
+                yield from (part.solution(number) for number in part.which)
+            else:
+                yield part
 
 
 def solutions(
@@ -39,47 +49,34 @@ def solutions(
     starts: StartsFinder,
     interruption: Interruption | None = None,
     forms: Forms = standard_forms,
+    workers: int | None = None,
 ) -> Solutions:
     """The solves that the problem's ``for-each`` and ``window`` ask for; one without them.
 
     One of several solves that cannot be set up is a ``Failure``, and the others go on. A window starts from the last
     one where that is better; one with too few rows is ``Skipped``. An ``interruption`` ends the solve at work, and
-    makes no further ones.
+    makes no further ones. Where solves can be made together, ``workers`` threads share them (None: one for each
+    processor); the answers do not depend on their number.
 
     Raises:
         MbmError: the only solve cannot be set up.
     """
     problem = found.problem
-    request = problem.request
-    settings = settings_of(request, interruption, forms)
+    settings = settings_of(problem.request, interruption, forms)
     given = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
-    count, picked = selections(problem, found.tables)
-    window = request.window
+    window = problem.request.window
+    solve = _one_by_one(found, kernels, cache, lambda key: {**starts(key), **given}, settings)
+    at_once = None
+    if problem.request.for_each and window is None:
+        # Loaded by problems with many solves only, so that the others start at once.
+        from mbm.solution.many.solve import together
 
-    def solve(selection: Selection, last: Solution | None) -> Solution | Failure | Skipped:
-        if window is not None and selection.rows is not None and selection.rows < window.min_rows:
-            return Skipped(key=selection.key, rows=selection.rows, wanted=window.min_rows)
-        try:
-            return settled(
-                problem,
-                kernels,
-                cache,
-                {**starts(selection.key), **given},
-                lambda begun: estimate(
-                    problem,
-                    kernels,
-                    selection.tables,
-                    key=selection.key,
-                    starts=begun,
-                    settings=settings,
-                    cache=cache,
-                    last=last,
-                ),
-            )
-        except MbmError as error:
-            if not selection.key:
-                raise
-            return Failure(key=selection.key, diagnostics=error.diagnostics)
+        at_once = together(problem, kernels, found.tables, settings, cache, lambda key: {**starts(key), **given})
+    if at_once is not None:
+        if interruption is not None:
+            interruption.listen()
+        return Solutions(at_once.count, at_once.blocks(workers, lambda selection: solve(selection, None)))
+    count, picked = selections(problem, found.tables)
 
     def each() -> Iterator[Solution | Failure | Skipped]:
         last: Solution | None = None
@@ -94,3 +91,37 @@ def solutions(
             yield solved
 
     return Solutions(count, each())
+
+
+def _one_by_one(
+    found: Elaborated, kernels: KernelSet, cache: EvaluationCache, starts: StartsFinder, settings: Settings
+) -> Callable[[Selection, Solution | None], Solution | Failure | Skipped]:
+    """What solves one selection of the rows by itself, given the solution of the window before."""
+    window = found.problem.request.window
+
+    def solve(selection: Selection, last: Solution | None) -> Solution | Failure | Skipped:
+        if window is not None and selection.rows is not None and selection.rows < window.min_rows:
+            return Skipped(key=selection.key, rows=selection.rows, wanted=window.min_rows)
+        try:
+            return settled(
+                found.problem,
+                kernels,
+                cache,
+                starts(selection.key),
+                lambda begun: estimate(
+                    found.problem,
+                    kernels,
+                    selection.tables,
+                    key=selection.key,
+                    starts=begun,
+                    settings=settings,
+                    cache=cache,
+                    last=last,
+                ),
+            )
+        except MbmError as error:
+            if not selection.key:
+                raise
+            return Failure(key=selection.key, diagnostics=error.diagnostics)
+
+    return solve

@@ -11,8 +11,8 @@ from mbm.expression.evaluate import Values, evaluate
 from mbm.expression.nodes import Component, Constant, Leaf, Number, RowChoice, Sampling, leaves
 from mbm.kernels.types import Kernel
 from mbm.problem.rows import Positions, column_numbers, lookup
-from mbm.problem.sampling import time_nodes
 from mbm.problem.tables import Table
+from mbm.problem.times import time_nodes
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.symbolic.types import ColumnInput
 

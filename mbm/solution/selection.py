@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -13,7 +13,9 @@ from mbm.problem.rows import Positions
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 from mbm.solution import faults
+from mbm.solution.grouping import Groups, groups
 from mbm.solution.selected import SelectedTables, column_families
+from mbm.solution.types import Indices
 from mbm.solution.windows import Windows, windows
 from mbm.text.types import MbmError
 
@@ -76,34 +78,77 @@ def _chosen(
     if not columns:
         yield {}, {}
         return
-    rows: dict[str, tuple[tuple[int, ...], dict[tuple[CellKey, ...], list[int]]]] = {}
-    for name, table in tables.items():
-        own = tuple(i for i, column in enumerate(columns) if column in table.columns)
-        if own:
-            groups: dict[tuple[CellKey, ...], list[int]] = {}
-            for position, cells in enumerate(zip(*(table.keys(columns[i]) for i in own), strict=True)):
-                groups.setdefault(cells, []).append(position)
-            rows[name] = (own, groups)
-    for combination in _combinations(columns, tables):
-        positions = {
-            name: np.asarray(groups.get(tuple(combination[i] for i in own), []), dtype=np.int64)
-            for name, (own, groups) in rows.items()
-        }
+    found = divided(columns, tables)
+    for number, combination in enumerate(found.combinations):
+        positions = {name: part.positions(number) for name, part in found.parts.items()}
         yield dict(zip(columns, combination, strict=True)), positions
 
 
-def _combinations(columns: tuple[str, ...], tables: Mapping[str, Table]) -> list[tuple[CellKey, ...]]:
-    whole = [t for t in tables.values() if all(c in t.columns for c in columns)]
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Part:
+    """The rows of one table by solve: ``group`` (solves,) of ``groups``, -1 where a solve has none of its rows."""
+
+    groups: Groups
+    group: Indices
+
+    @property
+    def sizes(self) -> Indices:
+        """Rows of each solve (solves,)."""
+        every = np.append(np.diff(self.groups.first), 0)
+        return np.asarray(every[self.group])
+
+    def positions(self, solve: int) -> Positions:
+        """The positions (from 0, ascending) of the rows of a solve."""
+        group = int(self.group[solve])
+        return self.groups.positions(group) if group >= 0 else np.empty(0, dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Divided:
+    """Combinations of key values, one for each solve, and the rows of the tables that have one of the columns."""
+
+    combinations: Sequence[tuple[CellKey, ...]]
+    parts: Mapping[str, Part]
+
+
+def divided(columns: tuple[str, ...], tables: Mapping[str, Table]) -> Divided:
+    """The rows of all solves; ``columns`` are those of ``for-each``, at least one.
+
+    Raises:
+        MbmError: more combinations than can be meant.
+
+    """
+    own = {name: tuple(i for i, c in enumerate(columns) if c in table.columns) for name, table in tables.items()}
+    grouped = {name: groups(tables[name], [columns[i] for i in places]) for name, places in own.items() if places}
+    whole = [grouped[name] for name, places in own.items() if len(places) == len(columns)]
+    combinations = _combinations(columns, whole, [(own[name], each) for name, each in grouped.items()])
+    parts = {}
+    for name, each in grouped.items():
+        if len(whole) == 1 and each is whole[0]:
+            parts[name] = Part(groups=each, group=np.arange(len(combinations)))
+            continue
+        number = {cells: i for i, cells in enumerate(each.cells)}
+        picked = (number.get(tuple(c[i] for i in own[name]), -1) for c in combinations)
+        parts[name] = Part(groups=each, group=np.fromiter(picked, np.int64, len(combinations)))
+    return Divided(combinations=combinations, parts=parts)
+
+
+def _combinations(
+    columns: tuple[str, ...], whole: Sequence[Groups], parts: Sequence[tuple[tuple[int, ...], Groups]]
+) -> Sequence[tuple[CellKey, ...]]:
+    """Those that occur in ``whole``, the tables that have all columns; without one, all of the values that occur."""
+    if len(whole) == 1:
+        return whole[0].cells
     found: dict[tuple[CellKey, ...], None] = {}
-    for table in whole:
-        found.update(dict.fromkeys(zip(*(table.keys(c) for c in columns), strict=True)))
+    for each in whole:
+        found.update(dict.fromkeys(each.cells))
     if not whole:
         values = []
-        for column in columns:
+        for column in range(len(columns)):
             cells: dict[CellKey, None] = {}
-            for table in tables.values():
-                if column in table.columns:
-                    cells.update(dict.fromkeys(table.keys(column)))
+            for places, each in parts:
+                if column in places:
+                    cells.update(dict.fromkeys(c[places.index(column)] for c in each.cells))
             values.append(list(cells))
         count = math.prod(map(len, values))
         if count > MAXIMUM_SOLVES:

@@ -64,7 +64,8 @@ def statistics(
         from mbm.solution.sparse.equations import blocked
         from mbm.solution.sparse.sandwich import sparse_sandwich
 
-        jacobian = replace(minimum.blocks, values=blocked(equations).plain_block_jacobian(minimum.point))
+        plainly = blocked(equations).plain_block_jacobian(minimum.point, minimum.blocks.plan.arithmetic)
+        jacobian = replace(minimum.blocks, values=plainly)
         estimated, observed = sparse_sandwich(loss_lines(equations), plain, jacobian, observed)
     elif equations.lossy:
         from mbm.solution.robust.covariance import sandwich

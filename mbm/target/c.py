@@ -9,6 +9,7 @@ from mbm.target.tree import (
     Binary,
     Break,
     Call,
+    Choose,
     Comment,
     Compare,
     Continue,
@@ -62,9 +63,12 @@ _UNARY = 8
 
 def declaration(function: Function) -> str:
     """The head of a function, without semicolon or brace."""
-    parameters = ", ".join(f"{TYPES[p.type]}{p.name}" for p in function.parameters) or "void"
+    restrict = "restrict " if function.distinct else ""
+    parameters = ", ".join(
+        f"{TYPES[p.type]}{restrict if p.type.is_pointer else ''}{p.name}" for p in function.parameters
+    )
     result = "void " if function.returns is None else TYPES[function.returns]
-    return f"{'' if function.public else 'static '}{result}{function.name}({parameters})"
+    return f"{'' if function.public else 'static '}{result}{function.name}({parameters or 'void'})"
 
 
 def definition(function: Function) -> str:
@@ -82,8 +86,8 @@ def definition(function: Function) -> str:
 
 
 def text(module: Module) -> str:
-    """All functions of a module."""
-    return "\n\n".join(definition(f) for f in module.functions) + "\n"
+    """All functions of a module but the external ones, which the caller brings."""
+    return "\n\n".join(definition(f) for f in module.functions if not f.external) + "\n"
 
 
 def _statement(node: Statement, depth: int) -> Iterator[str]:
@@ -152,6 +156,8 @@ def _expression(node: Expression) -> tuple[str, int]:
             return f"{_at(node.left, level + 1)} {node.operator} {_at(node.right, level + 1)}", level
         case Logical():
             return _logical(node)
+        case Choose():
+            return f"{_at(node.condition, 1)} ? {_at(node.then)} : {_at(node.otherwise)}", 0
         case Convert():
             return f"(double){_at(node.argument, _UNARY)}", _UNARY
         case Primitive():

@@ -2,26 +2,35 @@
 
 What may be used: ``for i in range(…)``, ``while``, ``if``, ``break``, ``continue``, ``return``, assignments to names
 and to elements (also ``+= -= *= /=``), ``a[k:]`` for the array from an element on, arithmetic, comparisons, the
-intrinsic functions, ``float(i)``, ``max(x, y)`` and ``min(x, y)`` of reals, and functions read before. Parameters and results are
-annotated with `Real`, `Integer`, `Reals`, `Integers`, `ConstantReals`, `ConstantIntegers`. A variable has the type of
-what is first assigned to it.
+intrinsic functions, ``a if c else b``, ``float(i)``, ``max(x, y)`` and ``min(x, y)`` of reals, `call_kernel`, and
+functions read before. Parameters and results are annotated with `Real`, `Integer`, `Reals`, `Integers`,
+`ConstantReals`, `ConstantIntegers`. A variable has the type of what is first assigned to it.
+
+Names of numbers at module level are constants, and may be given other values when the text is read. What they decide
+is decided then: arithmetic and comparisons of constant integers, branches on them, and loops that run once.
 """
 
 from __future__ import annotations
 
 import ast
+import ctypes
 import inspect
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
+from operator import add, eq, floordiv, ge, gt, le, lt, mod, mul, ne, sub
+from types import MappingProxyType
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbm.target.tree import (
+    CALL_KERNEL,
     Assign,
     Binary,
     Break,
     Call,
+    Choose,
     Compare,
     Continue,
     Convert,
@@ -78,31 +87,75 @@ _COMPARISONS: Mapping[type[ast.cmpop], str] = {
 }
 
 
+_COMPUTE: Mapping[str, Callable[[int, int], int]] = {
+    "+": add,
+    "-": sub,
+    "*": mul,
+    "//": floordiv,
+    "%": mod,
+}
+_DECIDE: Mapping[str, Callable[[float, float], bool]] = {
+    "<": lt,
+    "<=": le,
+    ">": gt,
+    ">=": ge,
+    "==": eq,
+    "!=": ne,
+}
+
+
 class NotInTargetLanguageError(Exception):
     """The text uses something that the target language does not have; only a mistake in mbm's own solvers."""
 
 
+Some = TypeVar("Some", bound=Callable[..., object])
+
+
+def distinct_arrays(function: Some) -> Some:
+    """A decorator: no array that the function writes overlaps another one that it is given."""
+    return function
+
+
+def call_kernel(address: Integer, inputs: ConstantReals, outputs: Reals, blocks: Integer) -> None:
+    """`CALL_KERNEL` for solvers that run as Python: call the machine code at ``address``."""
+    signature = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
+    signature(address)(inputs.ctypes.data, outputs.ctypes.data, blocks)
+
+
 def module_of(
-    name: str, functions: Iterable[Callable[..., object]], public: Iterable[str] = (), external: Iterable[Function] = ()
+    name: str,
+    functions: Iterable[Callable[..., object]],
+    public: Iterable[str] = (),
+    external: Iterable[Function] = (),
+    constants: Mapping[str, int | float] = MappingProxyType({}),
 ) -> Module:
     """The module of some Python functions, those that are called first before those that call them.
 
-    ``external`` are functions that are already trees; they come first.
+    ``external`` are functions that are already trees; they come first. ``constants`` are values of names at module
+    level that replace those in the text.
     """
-    known: dict[str, Function] = {f.name: f for f in external}
+    known: dict[str, Function] = {f.name: f for f in (CALL_KERNEL, *external)}
     exported = set(public)
+    called: set[str] = set()
     for each in functions:
-        found = _Reader(known).function(each, public=each.__name__ in exported)
+        reader = _Reader(known, constants)
+        found = reader.function(each, public=each.__name__ in exported)
         known[found.name] = found
+        called |= reader.called
+    if CALL_KERNEL.name not in called:
+        del known[CALL_KERNEL.name]
     return Module(name=name, functions=tuple(known.values()))
 
 
 class _Reader:
     """Reads one function; local to one call."""
 
-    def __init__(self, known: Mapping[str, Function]) -> None:
+    def __init__(self, known: Mapping[str, Function], given: Mapping[str, int | float]) -> None:
         self._known = known
+        self._given = given
         self._names: dict[str, Name] = {}
+        self._fixed: dict[str, Literal] = {}
+        self.called: set[str] = set()
         self._locals: list[Name] = []
         self._constants: Mapping[str, object] = {}
 
@@ -110,7 +163,7 @@ class _Reader:
         tree = ast.parse(textwrap.dedent(inspect.getsource(source))).body[0]
         if not isinstance(tree, ast.FunctionDef):
             raise self._refuse(tree)
-        self._constants = getattr(source, "__globals__", {})
+        self._constants = {**getattr(source, "__globals__", {}), **self._given}
         parameters = tuple(Name(a.arg, self._annotation(a.annotation, a)) for a in tree.args.args)
         self._names = {p.name: p for p in parameters}
         returns = None
@@ -125,6 +178,7 @@ class _Reader:
             locals=tuple(self._locals),
             doc=ast.get_docstring(tree) or "",
             public=public,
+            distinct=any(isinstance(d, ast.Name) and d.id == distinct_arrays.__name__ for d in tree.decorator_list),
         )
 
     def _annotation(self, node: ast.expr | None, where: ast.AST) -> Type:
@@ -133,7 +187,29 @@ class _Reader:
         return _ANNOTATIONS[node.id]
 
     def _block(self, nodes: list[ast.stmt]) -> tuple[Statement, ...]:
-        return tuple(self._statement(node) for node in nodes)
+        found: list[Statement] = []
+        for node in nodes:
+            decided = self._decided(node)
+            found += [self._statement(node)] if decided is None else decided
+        return tuple(found)
+
+    def _decided(self, node: ast.stmt) -> tuple[Statement, ...] | None:
+        """What is left of a branch on a constant or of a loop that runs once; None: it is neither."""
+        match node:
+            case ast.If():
+                test = self._condition(node.test)
+                if isinstance(test, Literal):
+                    return self._block(node.body if test.value else node.orelse)
+            case ast.For(target=ast.Name(id=name), iter=ast.Call(func=ast.Name(id="range"), args=[stop])):
+                if self._expression(stop) == Literal(1) and not _assigns_or_leaves(node.body, name):
+                    held = self._names.pop(name, None)
+                    self._fixed[name] = Literal(0)
+                    body = self._block(node.body)
+                    del self._fixed[name]
+                    if held is not None:
+                        self._names[name] = held
+                    return body
+        return None
 
     def _statement(self, node: ast.stmt) -> Statement:
         match node:
@@ -217,11 +293,15 @@ class _Reader:
                 return Logical(word, tuple(self._condition(v) for v in node.values))
             case ast.Compare(ops=[operator], comparators=[other]):
                 return self._compare(_COMPARISONS[type(operator)], node.left, other)
+            case ast.IfExp():
+                return self._choose(node)
             case ast.Call(func=ast.Name(id=name)):
                 return self._call(name, tuple(self._expression(a) for a in node.args), node)
         raise self._refuse(node)
 
     def _name(self, node: ast.Name) -> Expression:
+        if node.id in self._fixed:
+            return self._fixed[node.id]
         if node.id in self._names:
             return self._names[node.id]
         value = self._constants.get(node.id)
@@ -240,12 +320,22 @@ class _Reader:
             raise self._refuse(node)
         if (operator in ("//", "%")) is not (left.type is Type.INTEGER) and operator in ("//", "%", "/"):
             raise self._refuse(node)
-        return Binary(operator, left, right)
+        return _folded(operator, left, right)
+
+    def _choose(self, node: ast.IfExp) -> Expression:
+        test, then, otherwise = self._condition(node.test), self._expression(node.body), self._expression(node.orelse)
+        if then.type is not otherwise.type or then.type is None:
+            raise self._refuse(node)
+        if isinstance(test, Literal):
+            return then if test.value else otherwise
+        return Choose(test, then, otherwise)
 
     def _compare(self, operator: str, left: ast.expr, right: ast.expr) -> Expression:
         a, b = self._expression(left), self._expression(right)
         if a.type is not b.type:
             raise self._refuse(left)
+        if isinstance(a, Literal) and isinstance(b, Literal) and a.type is Type.INTEGER:
+            return Literal(int(_DECIDE[operator](a.value, b.value)))
         return Compare(operator, a, b)
 
     def _call(self, name: str, arguments: tuple[Expression, ...], node: ast.AST) -> Expression:
@@ -259,11 +349,37 @@ class _Reader:
             _as_wanted(a.type, p.type) for a, p in zip(arguments, known.parameters, strict=False)
         ]:
             raise self._refuse(node)
+        self.called.add(name)
         return Call(name, arguments, known.returns)
 
     def _refuse(self, node: ast.AST) -> NotInTargetLanguageError:
         line = getattr(node, "lineno", 0)
         return NotInTargetLanguageError(f"line {line}: {ast.unparse(node)}")
+
+
+def _folded(operator: str, left: Expression, right: Expression) -> Expression:
+    """``left operator right``, where the integers in it decide it without computation."""
+    if left.type is Type.INTEGER:
+        match operator, left, right:
+            case _, Literal(value=int(a)), Literal(value=int(b)) if b or operator in "+-*":
+                return Literal(_COMPUTE[operator](a, b))
+            case ("*" | "//", _, Literal(value=1)) | ("+" | "-", _, Literal(value=0)):
+                return left
+            case ("*", Literal(value=1), _) | ("+", Literal(value=0), _):
+                return right
+            case "%", _, Literal(value=1):
+                return Literal(0)
+    return Binary(operator, left, right)
+
+
+def _assigns_or_leaves(body: list[ast.stmt], name: str) -> bool:
+    """Whether the body of a loop assigns its variable, or holds a ``break`` or ``continue``."""
+    for node in (inner for statement in body for inner in ast.walk(statement)):
+        if isinstance(node, ast.Break | ast.Continue):
+            return True
+        if isinstance(node, ast.Name) and node.id == name and isinstance(node.ctx, ast.Store):
+            return True
+    return False
 
 
 def _as_wanted(given: Type | None, wanted: Type) -> Type | None:

@@ -8,10 +8,12 @@ from typing import Any
 from llvmlite import ir
 
 from mbm.target.tree import (
+    CALL_KERNEL,
     Assign,
     Binary,
     Break,
     Call,
+    Choose,
     Comment,
     Compare,
     Continue,
@@ -41,6 +43,10 @@ _INTRINSICS: Mapping[Intrinsic, str] = {
     Intrinsic.SQRT: "llvm.sqrt",
     Intrinsic.FABS: "llvm.fabs",
     Intrinsic.FLOOR: "llvm.floor",
+    Intrinsic.CEIL: "llvm.ceil",
+    Intrinsic.COPYSIGN: "llvm.copysign",
+    Intrinsic.FMIN: "llvm.minnum",
+    Intrinsic.FMAX: "llvm.maxnum",
 }
 """What LLVM does itself; the others are functions of the C library."""
 
@@ -54,22 +60,52 @@ def type_of(kind: Type | None) -> ir.Type:
     return REAL if kind is Type.REAL else INTEGER
 
 
-def lower_into(target: ir.Module, module: Module) -> None:
-    """Define the functions of ``module`` in ``target``; functions that ``target`` has already may be called."""
+def lower_into(target: ir.Module, module: Module, flags: tuple[str, ...] = ()) -> None:
+    """Define the functions of ``module`` in ``target``; functions that ``target`` has already may be called.
+
+    ``flags`` say what LLVM may do to sums, differences and products of reals: ``contract`` lets it fuse them,
+    ``reassoc`` sum in another order.
+    """
     for function in module.functions:
-        _Lowering(target, function).run()
+        if function.external:
+            _define_external(target, function)
+        else:
+            _Lowering(target, function, flags).run()
+
+
+def _declared(target: ir.Module, function: Function) -> Any:
+    """A function without its body."""
+    signature = ir.FunctionType(type_of(function.returns), [type_of(p.type) for p in function.parameters])
+    made = ir.Function(target, signature, function.name)
+    if not function.public:
+        made.linkage = "internal"
+    if function.distinct:
+        for parameter, given in zip(function.parameters, made.args, strict=True):
+            if parameter.type.is_pointer:
+                given.add_attribute("noalias")
+    return made
+
+
+def _define_external(target: ir.Module, function: Function) -> None:
+    """The one external function there is, `CALL_KERNEL`: a call of what begins at the address."""
+    if function is not CALL_KERNEL:
+        raise ValueError(function.name)
+    made = _declared(target, function)
+    builder = ir.IRBuilder(made.append_basic_block("entry"))
+    address, *others = made.args
+    signature = ir.FunctionType(ir.VoidType(), [a.type for a in others])
+    builder.call(builder.inttoptr(address, signature.as_pointer()), others)
+    builder.ret_void()
 
 
 class _Lowering:
     """One function; local to one call."""
 
-    def __init__(self, target: ir.Module, function: Function) -> None:
+    def __init__(self, target: ir.Module, function: Function, flags: tuple[str, ...]) -> None:
         self._target = target
+        self._flags = flags
         self._source = function
-        signature = ir.FunctionType(type_of(function.returns), [type_of(p.type) for p in function.parameters])
-        self._function = ir.Function(target, signature, function.name)
-        if not function.public:
-            self._function.linkage = "internal"
+        self._function = _declared(target, function)
         self._builder = ir.IRBuilder(self._function.append_basic_block("entry"))
         self._places: dict[str, Any] = {}
         self._loops: list[tuple[ir.Block, ir.Block]] = []
@@ -229,12 +265,27 @@ class _Lowering:
                 return builder.fneg(inner) if node.type is Type.REAL else builder.neg(inner)
             case Compare() | Logical():
                 return builder.zext(self._test(node), INTEGER)
+            case Choose():
+                return self._choose(node)
             case Convert():
                 return builder.sitofp(self._value(node.argument), REAL)
             case Primitive():
                 return self._primitive(node)
             case Call():
                 return builder.call(self._target.get_global(node.function), [self._value(a) for a in node.arguments])
+
+    def _choose(self, node: Choose) -> Any:
+        builder = self._builder
+        with builder.goto_entry_block():
+            place = builder.alloca(type_of(node.type))
+        then, other, after = (self._function.append_basic_block() for _ in range(3))
+        builder.cbranch(self._test(node.condition), then, other)
+        for block, value in ((then, node.then), (other, node.otherwise)):
+            builder.position_at_end(block)
+            builder.store(self._value(value), place)
+            builder.branch(after)
+        builder.position_at_end(after)
+        return builder.load(place)
 
     def _binary(self, node: Binary) -> Any:
         left, right = self._value(node.left), self._value(node.right)
@@ -247,7 +298,8 @@ class _Lowering:
             "//": "sdiv",
             "%": "srem",
         }
-        return getattr(self._builder, names[node.operator])(left, right)
+        operation = getattr(self._builder, names[node.operator])
+        return operation(left, right, flags=self._flags) if real else operation(left, right)
 
     def _primitive(self, node: Primitive) -> Any:
         builder = self._builder
@@ -259,7 +311,9 @@ class _Lowering:
             sign = ">" if node.function is Intrinsic.MAX else "<"
             return builder.select(builder.fcmp_ordered(sign, *arguments), *arguments)
         if node.function in _INTRINSICS:
-            return builder.call(self._target.declare_intrinsic(_INTRINSICS[node.function], [REAL]), arguments)
+            signature = ir.FunctionType(REAL, [REAL] * len(arguments))
+            declared = self._target.declare_intrinsic(_INTRINSICS[node.function], [REAL], signature)
+            return builder.call(declared, arguments)
         return builder.call(library_function(self._target, node.function.value, len(arguments)), arguments)
 
 

@@ -40,6 +40,7 @@ class Intrinsic(Enum):
     """Functions that every target brings; the value is the name in solvers. All take reals and give one.
 
     ``max(a, b)`` is a where a > b, else b, and ``min`` likewise: what they make of NaN is the same in every target.
+    The others are those of C99's ``math.h``: ``fmin`` and ``fmax`` give the number where one argument is NaN.
     """
 
     SQRT = "sqrt"
@@ -48,8 +49,29 @@ class Intrinsic(Enum):
     LOG = "log"
     SIN = "sin"
     COS = "cos"
-    FLOOR = "floor"
+    TAN = "tan"
+    ASIN = "asin"
+    ACOS = "acos"
+    ATAN = "atan"
     ATAN2 = "atan2"
+    SINH = "sinh"
+    COSH = "cosh"
+    TANH = "tanh"
+    ASINH = "asinh"
+    ACOSH = "acosh"
+    ATANH = "atanh"
+    LOG1P = "log1p"
+    EXPM1 = "expm1"
+    ERF = "erf"
+    POW = "pow"
+    HYPOT = "hypot"
+    FLOOR = "floor"
+    CEIL = "ceil"
+    FMOD = "fmod"
+    REMAINDER = "remainder"
+    COPYSIGN = "copysign"
+    FMIN = "fmin"
+    FMAX = "fmax"
     MAX = "max"
     MIN = "min"
     ISFINITE = "isfinite"
@@ -155,6 +177,20 @@ class Logical:
 
 
 @dataclass(frozen=True, slots=True)
+class Choose:
+    """``then if condition else otherwise``; only the one that is taken is evaluated."""
+
+    condition: Expression
+    then: Expression
+    otherwise: Expression
+
+    @property
+    def type(self) -> Type | None:
+        """That of both."""
+        return self.then.type
+
+
+@dataclass(frozen=True, slots=True)
 class Convert:
     """An integer as a real."""
 
@@ -189,7 +225,7 @@ class Call:
 
 
 Expression: TypeAlias = (
-    Literal | Name | Element | Offset | Binary | Negate | Compare | Logical | Convert | Primitive | Call
+    Literal | Name | Element | Offset | Binary | Negate | Compare | Logical | Choose | Convert | Primitive | Call
 )
 
 
@@ -264,7 +300,11 @@ Statement: TypeAlias = Assign | For | While | If | Break | Continue | Return | P
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Function:
-    """A function; ``public`` ones can be called from outside of the module. ``locals`` are its variables in order."""
+    """A function; ``public`` ones can be called from outside of the module. ``locals`` are its variables in order.
+
+    ``distinct``: no array that it writes overlaps another one that it is given. ``external``: the target brings it,
+    ``body`` is empty.
+    """
 
     name: str
     parameters: tuple[Name, ...]
@@ -273,6 +313,26 @@ class Function:
     locals: tuple[Name, ...]
     doc: str = ""
     public: bool = False
+    distinct: bool = False
+    external: bool = False
+
+
+CALL_KERNEL = Function(
+    name="call_kernel",
+    parameters=(
+        Name("address", Type.INTEGER),
+        Name("inputs", Type.CONSTANT_REALS),
+        Name("outputs", Type.REALS),
+        Name("blocks", Type.INTEGER),
+    ),
+    returns=None,
+    body=(),
+    locals=(),
+    doc="Evaluate a kernel for blocks of rows: LLVM calls what begins at the address, C the kernel of that number.",
+    distinct=True,
+    external=True,
+)
+"""How solvers reach the kernels; every module may call it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -73,6 +73,7 @@ def check_backend(backend: Backend, kernels: KernelSet, *, seed: int = 1) -> Non
             _check_rows(backend, kernel, random.uniform(0.5, 1.5, (rows, _width(kernel))), subject)
         _check_jacobian(backend, kernel, random.uniform(0.6, 1.4, (3, _width(kernel))), subject)
         _check_independence(backend, kernel, random.uniform(0.5, 1.5, (4, _width(kernel))), subject)
+        _check_stream(backend, kernel, random.uniform(0.5, 1.5, (max(ROWS), _width(kernel))), subject)
 
 
 def _width(kernel: Kernel) -> int:
@@ -127,6 +128,18 @@ def _check_jacobian(backend: Backend, kernel: Kernel, inputs: Floats, subject: s
             slope = (sides[0] - sides[1]) / (2 * STEP)
             promise = f"the derivatives by tangent {column} are those that differences show"
             require_close(dense[:, :, column], slope, DIFFERENCE, subject, promise)
+
+
+def _check_stream(backend: Backend, kernel: Kernel, inputs: Floats, subject: str) -> None:
+    """What `stream` gives takes any number of rows, and gives arrays of their own."""
+    values, jacobian = _reference(kernel, inputs)
+    stream = backend.stream(kernel)
+    found = [stream.values_and_jacobian(inputs[:rows]) for rows in ROWS]
+    for rows, (some, nonzeros) in zip(ROWS, found, strict=True):
+        which = f"{subject}, a stream of {rows} rows"
+        require_close(some, values[:rows], ROUNDING, which, "values beside the Jacobian are those of the kernel")
+        require_close(nonzeros, jacobian[:rows], ROUNDING, which, "the Jacobian is that of the kernel")
+        require_close(stream.values(inputs[:rows]), some, ROUNDING, which, "`values` are those beside the Jacobian")
 
 
 def _check_independence(backend: Backend, kernel: Kernel, inputs: Floats, subject: str) -> None:

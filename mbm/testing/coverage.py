@@ -16,7 +16,7 @@ import numpy as np
 from mbm.api.compiled import CompiledProblem
 from mbm.api.problem import Problem
 from mbm.compiler import Inputs, SolveSettings
-from mbm.problem.builder import Elaborated
+from mbm.problem.elaborated import Elaborated
 from mbm.report.options import SimulationSettings
 from mbm.report.simulated import Simulated
 from mbm.report.types import Floats, SolveReport

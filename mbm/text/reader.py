@@ -1,23 +1,20 @@
-"""Characters → forms: ``read`` for a text, ``read_file`` for the text of a file."""
+"""Characters → forms."""
 
 from __future__ import annotations
 
-import codecs
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mbm.text import faults
 from mbm.text.atoms import atom, span_of, token_faults
 from mbm.text.comments import Comment, blank_blocks, find_comments
+from mbm.text.files import check_characters
 from mbm.text.grammar import parse, tokenize
 from mbm.text.structure import nesting_faults
 from mbm.text.types import (
     Bracket,
-    DataPlace,
     Diagnostic,
     Form,
     MbmError,
-    Place,
     Sequence,
     Source,
     Span,
@@ -26,9 +23,6 @@ from mbm.text.types import (
 
 if TYPE_CHECKING:
     from lark import Token, Tree
-
-LARGEST_TEXT = 4 * 2**20
-"""Characters of a text, bytes of a file: beyond it, measurements belong into data files."""
 
 MOST_FAULTS = 30
 """Diagnostics of one text that are worth a reader's time."""
@@ -41,7 +35,7 @@ def read(source: Source) -> tuple[Form, ...]:
 
     Raises ``MbmError`` with all syntax errors of the text, in the order of their places.
     """
-    _check_characters(source)
+    check_characters(source)
     comments = find_comments(source) if "#|" in source.text else ()
     text = blank_blocks(source, comments) if comments else source.text
     tokens = tokenize(text)
@@ -49,51 +43,6 @@ def read(source: Source) -> tuple[Form, ...]:
     if found:
         raise MbmError(*found)
     return _forms(tokens, source)
-
-
-def read_file(path: Path, name: str, asked: Place | None = None) -> Source:
-    """The text of a UTF-8 file; a byte order mark is dropped and every line break becomes a line feed.
-
-    ``name`` is what messages print; ``asked`` is the place that names the file (a ``use`` form), if there is one.
-    Raises ``MbmError``: no such file, a directory, unreadable, no UTF-8 text, larger than ``LARGEST_TEXT``.
-    """
-    place = DataPlace(file=name) if asked is None else asked
-    try:
-        with path.open("rb") as stream:
-            data = stream.read(LARGEST_TEXT + 1)
-    except (FileNotFoundError, NotADirectoryError):
-        raise MbmError(faults.missing_file(path, place)) from None
-    except IsADirectoryError:
-        raise MbmError(faults.not_a_file(path, place)) from None
-    except OSError as error:
-        raise MbmError(faults.unreadable_file(path, error.strerror or type(error).__name__, place)) from None
-    except ValueError:  # a path with a NUL character
-        raise MbmError(faults.unreadable_file(path, "no file can have this name", place)) from None
-    if len(data) > LARGEST_TEXT:
-        raise MbmError(faults.text_too_large(name, LARGEST_TEXT, asked))
-    data = data.removeprefix(codecs.BOM_UTF8)
-    try:
-        text = data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        readable = Source(name, data[: error.start].decode("utf-8"))
-        at = Span(source=readable, start=len(readable.text), end=len(readable.text))
-        raise MbmError(faults.not_text(name, f"the byte 0x{data[error.start]:02x}", at)) from None
-    source = Source(name, text.replace("\r\n", "\n").replace("\r", "\n"))
-    _check_characters(source)
-    return source
-
-
-def _check_characters(source: Source) -> None:
-    if len(source.text) > LARGEST_TEXT:
-        raise MbmError(faults.text_too_large(source.name, LARGEST_TEXT))
-    nul = source.text.find("\0")
-    if nul >= 0:
-        raise MbmError(faults.not_text(source.name, "a NUL character", Span(source=source, start=nul, end=nul + 1)))
-    try:
-        source.text.encode("utf-8")
-    except UnicodeEncodeError as error:
-        at = Span(source=source, start=error.start, end=error.start + 1)
-        raise MbmError(faults.not_text(source.name, "half of a surrogate pair", at)) from None
 
 
 def _faults(tokens: tuple[Token, ...], comments: tuple[Comment, ...], source: Source) -> list[Diagnostic]:

@@ -51,7 +51,7 @@ def test_data_that_change_the_equations_compile_again() -> None:
     np.testing.assert_allclose(other["v"].value, [3, 2, 1])
 
 
-@pytest.mark.parametrize("backend", ["auto", "casadi", "numpy"])
+@pytest.mark.parametrize("backend", ["auto", "native", "casadi", "numpy"])
 def test_residuals_and_jacobian_about_the_start(backend: str, problem: mbm.Problem, ranges: Ranges) -> None:
     compiled = problem.compile(data={"ranges": ranges}, backend=backend)
     start = np.ones(3)

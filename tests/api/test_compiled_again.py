@@ -60,10 +60,7 @@ def test_of_several_solves_none_is_taken_for_the_answer() -> None:
 
 def test_what_the_contract_has_for_later_is_not_available_yet() -> None:
     problem = mbm.loads(EXTERNAL)
-    calls = (
-        lambda: problem.solve(data={"d": LINE}, allow_external=True),
-        lambda: problem.compile(backend="native"),
-    )
+    calls = (lambda: problem.solve(data={"d": LINE}, allow_external=True),)
     for call in calls:
         with pytest.raises(mbm.MbmError) as caught:
             call()

@@ -32,14 +32,19 @@ ELSEWHERE = {
     "bad-call": "cli/test_main.py",
     "bad-initial-values": "report/test_initial.py",
     "bad-json": "cli/test_solve.py",
+    "deciding-input": "api/test_estimator.py",
     "exists-already": "cli/test_commands.py",
     "file-too-large": "data/test_path_diagnostics.py",
+    "foreign-folder": "cli/test_compile.py",
     "internal-fault": "cli/test_main.py",
     "interrupted": "solution/test_interruption.py",
     "kept-equation": "simulation/test_measurements.py",
     "measured-elsewhere": "simulation/test_measurements.py",
     "missing-extra": "report/test_plots.py",
+    "native-unavailable": "bad/test_made.py",
+    "no-such-input": "api/test_estimator.py",
     "no-true-value": "simulation/test_measurements.py",
+    "not-a-stream": "api/test_estimator.py",
     "not-a-table": "data/test_data_diagnostics.py",
     "not-simulated": "simulation/test_measurements.py",
     "not-writable": "bad/test_made.py",
@@ -52,6 +57,7 @@ ELSEWHERE = {
     "unknown-observation": "simulation/test_measurements.py",
     "unreadable-file": "text/test_syntax_errors.py",
     "values-against-constraint": "simulation/test_measurements.py",
+    "wrong-input": "api/test_estimator.py",
 }
 """Codes that no problem file or table can produce by itself, or whose cases are too large to keep: their test."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,20 @@ def test_an_unknown_backend_is_named_with_those_there_are() -> None:
     (diagnostic,) = caught.value.diagnostics
     assert diagnostic.code.name == "unknown-backend"
     assert "`numpy`" in (diagnostic.hint or "")
+
+
+def test_machine_code_asked_for_where_none_can_be_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = mbm.loads("(problem p (unknowns (a :init 1)) (observe o (= 1 a) :sigma 1))")
+    for name in [n for n in sys.modules if n.split(".")[0] == "llvmlite"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "llvmlite", None)
+    with pytest.raises(mbm.MbmError) as caught:
+        problem.solve(backend="native")
+    (diagnostic,) = caught.value.diagnostics
+    assert diagnostic.code.name == "native-unavailable"
+    assert "install llvmlite" in (diagnostic.hint or "")
+    # What was not asked for is taken only where it is there.
+    assert problem.solve(backend="auto").status == "ok"
 
 
 def test_a_long_let_nests_scopes_without_python_recursion(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

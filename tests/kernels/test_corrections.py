@@ -8,6 +8,7 @@ import pytest
 import mbm
 from mbm import compiler
 from mbm.kernels.backends import casadi_map, numpy_stream
+from mbm.kernels.backends.native import NativeBackend
 from mbm.kernels.corrections import corrections_of
 from mbm.kernels.types import Backend
 from mbm.symbolic.types import ResidualBlock
@@ -29,7 +30,7 @@ def block() -> ResidualBlock:
     return compiler.symbolic(mbm.loads(PROBLEM).compile().elaborated).blocks[0]
 
 
-@pytest.mark.parametrize("backend", [casadi_map.BACKEND, numpy_stream.BACKEND], ids=["casadi", "numpy"])
+@pytest.mark.parametrize("backend", [casadi_map.BACKEND, numpy_stream.BACKEND, NativeBackend()], ids=lambda b: b.name)
 def test_slopes_and_curvature_are_sympys(backend: Backend) -> None:
     found = block()
     assert [found.parameters[i].name for i in found.corrected] == ["x", "y"]

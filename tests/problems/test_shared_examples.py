@@ -14,9 +14,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbm
+from mbm.text.files import read_file
 from mbm.text.formatter import format_text
 from mbm.text.printer import print_form
-from mbm.text.reader import read, read_file
+from mbm.text.reader import read
 from mbm.text.types import Source
 
 ROOT = Path(__file__).parents[2]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -31,9 +32,13 @@ def problem(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _modules(*arguments: str | Path) -> set[str]:
-    """The modules that a command line loads in a process of its own."""
+    """The modules that a command line loads in a process of its own, where nothing was compiled before."""
     done = subprocess.run(
-        [sys.executable, "-c", REPORT, *map(str, arguments)], capture_output=True, text=True, check=True
+        [sys.executable, "-c", REPORT, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "MBM_CACHE": "off"},
     )
     status, modules = json.loads(done.stdout)
     assert status == 0, done.stderr

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from mbm.kernels.backends.automatic import InterpretingBackend
 from mbm.kernels.backends.casadi_map import BACKEND as CASADI
+from mbm.kernels.backends.native import NativeBackend
 from mbm.kernels.backends.numpy_stream import BACKEND as NUMPY
 from mbm.kernels.types import Backend, Evaluation, Floats, Kernel, KernelSet
 from mbm.testing.backends import check_backend, sample_kernels
@@ -20,7 +22,7 @@ def kernels() -> KernelSet:
     return sample_kernels()
 
 
-@pytest.mark.parametrize("backend", [CASADI, NUMPY], ids=lambda backend: backend.name)
+@pytest.mark.parametrize("backend", [CASADI, NUMPY, NativeBackend(), InterpretingBackend()], ids=lambda b: b.name)
 def test_our_backends_conform(backend: Backend, kernels: KernelSet) -> None:
     check_backend(backend, kernels)
 
@@ -81,3 +83,26 @@ def test_shared_inputs_are_told(kernels: KernelSet) -> None:
 
     with pytest.raises(NotConformingError, match="does not share its inputs"):
         check_backend(Sharing(), kernels)
+
+
+def test_wrong_streams_are_told(kernels: KernelSet) -> None:
+    class Rounding:
+        name = "rounding"
+
+        def prepare(self, kernel: Kernel, rows: int) -> Evaluation:
+            return NUMPY.prepare(kernel, rows)
+
+        def stream(self, kernel: Kernel) -> object:
+            exact = NUMPY.stream(kernel)
+
+            class Single:
+                def values(self, inputs: Floats) -> Floats:
+                    return exact.values(inputs)
+
+                def values_and_jacobian(self, inputs: Floats) -> tuple[Floats, Floats]:
+                    return exact.values_and_jacobian(inputs.astype(np.float32).astype(np.float64))
+
+            return Single()
+
+    with pytest.raises(NotConformingError, match="a stream of"):
+        check_backend(Rounding(), kernels)

@@ -6,9 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mbm.text.comments import find_comments
+from mbm.text.files import read_file
 from mbm.text.formatter import format_text
 from mbm.text.printer import print_form
-from mbm.text.reader import read, read_file
+from mbm.text.reader import read
 from mbm.text.render import as_json, render
 from mbm.text.types import MbmError, Numeral, Sequence, Source, Symbol
 

@@ -3,7 +3,8 @@
 import pytest
 
 from mbm.text import faults
-from mbm.text.reader import LARGEST_TEXT, MOST_FAULTS, read, read_file
+from mbm.text.files import LARGEST_TEXT, read_file
+from mbm.text.reader import MOST_FAULTS, read
 from mbm.text.types import Code, DataPlace, MbmError, Source
 
 

@@ -45,8 +45,8 @@ def command(files: tuple[str, ...], check: bool) -> int:
 
 def _file(path: Path, check: bool) -> bool:
     """Whether the file changes; rewrites it unless ``check``."""
+    from mbm.text.files import read_file
     from mbm.text.formatter import format_text
-    from mbm.text.reader import read_file
 
     source = read_file(path, str(path))
     text = format_text(source).encode("utf-8")

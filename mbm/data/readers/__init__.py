@@ -1,15 +1,30 @@
-"""Makes raw tables from files, one format per file; ``READERS`` lists the formats by name."""
+"""Makes raw tables from files, one format per file; ``READERS`` has the formats by name."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import MappingProxyType
+from collections.abc import Iterator, Mapping
+from importlib import import_module
 
-from mbm.data.readers import bal, csv, euroc, g2o, json, kitti, npz, parquet, tsv, tum
 from mbm.data.types import ManyReader, Reader
 
-_MODULES = (csv, tsv, json, npz, parquet, tum, kitti, euroc, bal, g2o)
+_NAMES = ("csv", "tsv", "json", "npz", "parquet", "tum", "kitti", "euroc", "bal", "g2o")
+"""The formats, each in a file of its name that exports ``READER``."""
 
-READERS: Mapping[str, Reader | ManyReader] = MappingProxyType(
-    {module.READER.name: module.READER for module in _MODULES}
-)
+
+class _Readers(Mapping[str, Reader | ManyReader]):
+    """The readers by name; each is loaded when it is first asked for."""
+
+    def __getitem__(self, name: str) -> Reader | ManyReader:
+        if name not in _NAMES:
+            raise KeyError(name)
+        reader: Reader | ManyReader = import_module(f"{__name__}.{name}").READER
+        return reader
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_NAMES)
+
+    def __len__(self) -> int:
+        return len(_NAMES)
+
+
+READERS: Mapping[str, Reader | ManyReader] = _Readers()

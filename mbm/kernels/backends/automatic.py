@@ -1,11 +1,15 @@
-"""The default: CasADi's virtual machine for few rows, NumPy over the instruction stream for many."""
+"""The default: machine code where it can be made; else CasADi's virtual machine for few rows, NumPy for many."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from mbm.kernels.backends import casadi_map, numpy_stream
-from mbm.kernels.types import Evaluation, Kernel
+from mbm.kernels.backends import native
+from mbm.kernels.types import Backend, Evaluation, Kernel, Stream
+
+if TYPE_CHECKING:
+    from mbm.kernels.store import Store
 
 MANY = 192
 """Rows from which NumPy is faster, for short and long kernels alike (`benchmarks/kernels.py`): it pays for each
@@ -13,15 +17,27 @@ instruction once per block of rows, CasADi once per row."""
 
 
 @dataclass(frozen=True, slots=True)
-class AutomaticBackend:
-    """Whichever of the two is faster for the number of rows."""
+class InterpretingBackend:
+    """CasADi or NumPy, whichever is faster for the number of rows: what there is where no machine code can be made."""
 
     name: str = "auto"
 
     def prepare(self, kernel: Kernel, rows: int) -> Evaluation:
         """Buffers for ``rows`` rows of the backend that suits them."""
-        backend = numpy_stream.BACKEND if rows >= MANY else casadi_map.BACKEND
-        return backend.prepare(kernel, rows)
+        from mbm.kernels.backends import casadi_map, numpy_stream
+
+        interpreter = numpy_stream.BACKEND if rows >= MANY else casadi_map.BACKEND
+        return interpreter.prepare(kernel, rows)
+
+    def stream(self, kernel: Kernel) -> Stream:
+        """The kernel for points by the thousand, by NumPy."""
+        from mbm.kernels.backends import numpy_stream
+
+        return numpy_stream.BACKEND.stream(kernel)
 
 
-BACKEND = AutomaticBackend()
+def backend(store: Store | None) -> Backend:
+    """The backend that suits this machine; ``store`` keeps what it compiles."""
+    from mbm.kernels.native.engine import available
+
+    return native.NativeBackend(store=store, name="auto") if available() else InterpretingBackend()

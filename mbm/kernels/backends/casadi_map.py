@@ -9,8 +9,9 @@ from typing import Any
 import casadi
 import numpy as np
 
+from mbm.kernels.backends import numpy_stream
 from mbm.kernels.functions import function_of
-from mbm.kernels.types import Floats, Kernel
+from mbm.kernels.types import Floats, Kernel, Stream
 
 BLOCK = 1024
 """Rows of one mapped function: CasADi's time to make it grows with its rows, so that many rows call it many times."""
@@ -81,6 +82,10 @@ class CasadiBackend:
         """Buffers for ``rows`` rows; the mapped functions are made when first called."""
         width = len(kernel.variables) + len(kernel.parameters)
         return _Evaluation(np.zeros((rows, width)), kernel.outputs, kernel)
+
+    def stream(self, kernel: Kernel) -> Stream:
+        """By NumPy: a mapped function is made for a number of rows, and here that changes with each call."""
+        return numpy_stream.BACKEND.stream(kernel)
 
 
 BACKEND = CasadiBackend()

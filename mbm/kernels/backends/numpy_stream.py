@@ -137,23 +137,8 @@ class _Evaluation:
         return outputs[:, :count], outputs[:, count:]
 
 
-@dataclass(frozen=True, slots=True)
-class NumpyBackend:
-    """For many rows, and wherever CasADi's virtual machine is not wanted."""
-
-    name: str = "numpy"
-
-    def prepare(self, kernel: Kernel, rows: int) -> _Evaluation:
-        """Buffers for ``rows`` rows; the buffers for results are made when first called."""
-        width = len(kernel.variables) + len(kernel.parameters)
-        return _Evaluation(np.zeros((rows, width)), kernel)
-
-
-BACKEND = NumpyBackend()
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Stream:
+class _Stream:
     """A kernel for any number of rows: for points by the thousand, whose number changes from call to call."""
 
     outputs: int
@@ -175,7 +160,21 @@ class Stream:
         return found[:, : self.outputs], found[:, self.outputs :]
 
 
-def stream(kernel: Kernel) -> Stream:
-    """The stream of a kernel: to be kept by who needs it again."""
-    values, both = kernel.value_program, kernel.jacobian_program
-    return Stream(outputs=kernel.outputs, _values=(values, last_uses(values)), _both=(both, last_uses(both)))
+@dataclass(frozen=True, slots=True)
+class NumpyBackend:
+    """For many rows, and wherever CasADi's virtual machine is not wanted."""
+
+    name: str = "numpy"
+
+    def prepare(self, kernel: Kernel, rows: int) -> _Evaluation:
+        """Buffers for ``rows`` rows; the buffers for results are made when first called."""
+        width = len(kernel.variables) + len(kernel.parameters)
+        return _Evaluation(np.zeros((rows, width)), kernel)
+
+    def stream(self, kernel: Kernel) -> _Stream:
+        """The program of the kernel, run anew for each call."""
+        values, both = kernel.value_program, kernel.jacobian_program
+        return _Stream(outputs=kernel.outputs, _values=(values, last_uses(values)), _both=(both, last_uses(both)))
+
+
+BACKEND = NumpyBackend()

@@ -67,7 +67,14 @@ CONDITION_AS_EQUATION = Code(
     "Write `(= MEASURED MODEL)` at the top of `observe`; inequalities belong into `constraints`.",
 )
 UNKNOWN_BACKEND = Code(
-    "unknown-backend", "`--backend` names nothing that evaluates equations here.", "Use `auto`, `casadi` or `numpy`."
+    "unknown-backend",
+    "`--backend` names nothing that evaluates equations here.",
+    "Use `auto`, `native`, `casadi` or `numpy`.",
+)
+NATIVE_UNAVAILABLE = Code(
+    "native-unavailable",
+    "`--backend native` was asked for, and this installation can make no machine code.",
+    "Install llvmlite (`pip install llvmlite`), or use `auto`, which takes what there is.",
 )
 
 
@@ -75,6 +82,15 @@ def unknown_backend(name: str, known: tuple[str, ...]) -> Diagnostic:
     """A backend that is not there."""
     return Diagnostic(
         code=UNKNOWN_BACKEND, message=f"there is no backend `{name}`", hint=f"the backends are {_listed(known)}"
+    )
+
+
+def native_unavailable() -> Diagnostic:
+    """Machine code was asked for where none can be made."""
+    return Diagnostic(
+        code=NATIVE_UNAVAILABLE,
+        message="no machine code can be made here: llvmlite is missing, too old, or memory may not be executed",
+        hint="install llvmlite (`pip install llvmlite`), or leave `--backend` at `auto`",
     )
 
 

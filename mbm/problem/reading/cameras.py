@@ -81,6 +81,7 @@ def _family(
             picked = ColumnMember(table=key.table, column=key.name, row=key.row)
         else:
             picked = LiteralMember(key=key)
+            work.reads.keyed[family.rows] = None
         if picked not in made:
             made[picked] = camera(MemberScope(work.scope, work.tables[family.rows], picked, key))
         return made[picked]

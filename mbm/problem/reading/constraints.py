@@ -149,6 +149,7 @@ def _constraint(
     cases = []
     for static, chain in found:
         positions = rows_of(static, table) if table is not None else None
+        work.reads.everything |= any(pair.known for pair in chain)
         refuse_contradictions(kind, chain, table, positions, work.tables, span)
         components = tuple(pair.component for pair in chain if not pair.known)
         if components:

@@ -13,7 +13,6 @@ from mbm.problem.options import Options, split_options
 from mbm.problem.reading.equations import Residual, residuals
 from mbm.problem.reading.errors import read_errors
 from mbm.problem.reading.robust import read_loss
-from mbm.problem.rows import decided
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKind
 from mbm.text.suggest import closest
@@ -49,8 +48,7 @@ def read_observation(work: Workspace, clause: Sequence, taken: dict[str, Span]) 
     try:
         errors = read_errors(work, options.get("errors"), table)
         when = None if when_form is None else work.conditions(when_form, table, 1, wanted="`:when`")
-        kept = decided(when, work.tables)[:, 0] if when is not None and table is not None else None
-        cases = work.cases(table, evaluate, clause.span, kept)
+        cases = work.cases(table, evaluate, clause.span, when)
     except MbmError as error:
         raise _explain_missing_table(work, error, symbols, table) from None
     return Block(

@@ -25,8 +25,8 @@ from mbm.problem.joining import with_families
 from mbm.problem.manifold import Manifold, manifold_of
 from mbm.problem.options import Options, split_options
 from mbm.problem.reading.constants import given_value
-from mbm.problem.scopes import ROW, Entry
-from mbm.problem.tables import Table
+from mbm.problem.scopes import Entry
+from mbm.problem.tables import ROW, Table
 from mbm.problem.types import (
     Block,
     BlockRole,
@@ -191,6 +191,8 @@ def _enter(work: Workspace, declaration: Declaration, keys: frozenset[str | floa
         def member(key: str | float | Column | TextColumn) -> Value:
             if isinstance(key, Column | TextColumn):
                 return components(declaration, ColumnMember(table=key.table, column=key.name, row=key.row))
+            if declaration.family is not None:
+                work.reads.keyed[declaration.family.rows] = None
             return components(declaration, LiteralMember(key=key))
 
         return FamilyValue(name.name, keys, member)

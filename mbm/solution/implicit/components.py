@@ -111,10 +111,17 @@ class Builder:
         outputs = np.arange(group.kernel.outputs)
         lines = group.first + rows.rows[:, None] * group.kernel.outputs + outputs
         places = np.where(rows.corrections >= 0, rows.components[:, None] * q + rows.corrections, -1)
+        some = self._some(rows.group, rows.rows)
+        columns = np.asarray(corrections.columns, dtype=np.int64)
+        sigma = self._measured.sigma[ids]
         return Part(
-            group=self._some(rows.group, rows.rows),
+            group=some,
             evaluation=self._cache.evaluation(-1 - group.number, corrections.kernel, len(rows.rows)),
-            sigma=self._measured.sigma[ids],
+            columns=columns,
+            measured=some.parameters[:, columns],
+            slope_scale=sigma[:, corrections.slope_columns],
+            curvature_scale=sigma[:, corrections.curvature_rows] * sigma[:, corrections.curvature_columns],
+            sigma=sigma,
             ids=ids,
             residuals=lines,
             equations=rows.components[:, None] * k + rows.equations[:, None] + outputs,

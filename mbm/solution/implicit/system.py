@@ -20,11 +20,16 @@ class Part:
     that of each value (0: exact) and ``ids`` (rows, c) its number. ``residuals`` (rows, outputs) places each output in
     the vector of all residuals, ``equations`` among the R·k equations of the system, ``places`` (rows, c) each value
     among its R·q corrections, -1 where it is exact. ``alone``: the rows are the components, in order, and every value
-    has a place.
+    has a place. ``columns`` (c,) are the corrected inputs among the kernel's parameters, ``measured`` (rows, c) their
+    cells. ``slope_scale`` and ``curvature_scale`` (rows, nonzeros) bring derivatives to standard deviations.
     """
 
     group: Group
     evaluation: Evaluation
+    columns: Indices
+    measured: Floats
+    slope_scale: Floats
+    curvature_scale: Floats
     sigma: Floats
     ids: Indices
     residuals: Indices
@@ -32,19 +37,12 @@ class Part:
     places: Indices
     alone: bool
 
-    @property
-    def columns(self) -> Indices:
-        """The corrected inputs of the kernel among its parameters (c,)."""
-        corrections = self.group.kernel.corrections
-        return np.asarray(corrections.columns if corrections is not None else (), dtype=np.int64)
-
     def corrected(self, corrections: Floats) -> Floats:
         """The measured values (rows, c) with corrections (R, q), which are in standard deviations."""
-        measured = self.group.parameters[:, self.columns]
         if self.alone:
-            return np.asarray(measured + self.sigma * corrections)
+            return np.asarray(self.measured + self.sigma * corrections)
         change = np.where(self.places >= 0, corrections.ravel()[self.places], 0.0)
-        return np.asarray(measured + self.sigma * change)
+        return np.asarray(self.measured + self.sigma * change)
 
     def at(self, corrections: Floats) -> Group:
         """The group with its measured values corrected."""
@@ -137,15 +135,15 @@ def _rows_at(part: Part, corrections: Floats, multipliers: Floats) -> Local:
     rows, outputs = values.shape
     slopes = np.zeros((rows, outputs, len(found.columns)))
     count = len(found.slope_rows)
-    slopes[:, found.slope_rows, found.slope_columns] = nonzeros[:, :count]
+    slopes[:, found.slope_rows, found.slope_columns] = nonzeros[:, :count] * part.slope_scale
     whiten_rows(group, slopes)
-    slopes *= part.sigma[:, None, :]
     curvature = np.zeros((rows, len(found.columns), len(found.columns)))
     if len(found.curvature_rows):
-        curvature[:, found.curvature_rows, found.curvature_columns] = nonzeros[:, count:]
-        curvature *= part.sigma[:, :, None] * part.sigma[:, None, :]
-        wrong = ~np.isfinite(curvature).all(axis=(1, 2))
-        curvature[wrong] = 0.0
+        bent = nonzeros[:, count:] * part.curvature_scale
+        finite = np.isfinite(bent)
+        if not finite.all():
+            bent[~finite.all(axis=1)] = 0.0
+        curvature[:, found.curvature_rows, found.curvature_columns] = bent
     return Local(values=group.whitened(values), slopes=slopes, curvature=curvature)
 
 

@@ -7,14 +7,16 @@ all (the M-step of MM-estimation, Yohai 1987): estimated together with the loss 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from math import sqrt
+from typing import TypeAlias
 
 import numpy as np
 
 from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Problem, RandomStarts
 from mbm.solution.assembly import Assembled, loss_lines
+from mbm.solution.native.agreeing import agreed_natively
 from mbm.solution.robust import faults
 from mbm.solution.robust.agree import Agreed, agree, agree_near
 from mbm.solution.robust.binding import trials_of, trials_of_part, units_of
@@ -28,6 +30,9 @@ from mbm.solution.starting import Beginning
 from mbm.solution.types import Floats, Noise, NoiseState
 from mbm.text.types import Diagnostic
 
+Starts: TypeAlias = Callable[[], tuple[Beginning, ...]]
+"""Finds the points to start from, at least one; may raise MbmError."""
+
 SAMPLE = 10_000
 """With more units the trials are judged by so many, drawn at random: the best of them is the best of all but for luck
 that the last fits, to all units, do not depend on."""
@@ -37,15 +42,21 @@ LEAST_SHARE = 0.5
 
 
 def agreeing(
-    problem: Problem, equations: Assembled, settings: Settings, consensus: Consensus, starts: tuple[Beginning, ...]
+    problem: Problem, equations: Assembled, settings: Settings, consensus: Consensus, starts: Starts
 ) -> Prepared:
-    """The units that agree, by the consensus that the problem asks for."""
-    units = units_of(equations, problem, starts[0].point, lambda block: block.role is BlockRole.OBSERVATION)
-    if units.scalars <= equations.dimension or not equations.dimension:
-        return Prepared(equations=equations, starts=starts)
-    found = _agreed(problem, equations, settings, consensus, units, starts)
+    """The units that agree, by the consensus that the problem asks for; ``starts`` are looked for where they matter."""
+    found = _startless(problem, equations, settings, consensus) if settings.starts is None else None
+    beginnings: tuple[Beginning, ...] = ()
+    if found is None:
+        beginnings = starts()
+        units = units_of(equations, problem, beginnings[0].point, _observed)
+        if units.scalars <= equations.dimension or not equations.dimension:
+            return Prepared(equations=equations, starts=beginnings)
+        found = _agreed(problem, equations, settings, consensus, units, beginnings, _observed)
+    else:
+        units = units_of(equations, problem, found.point, _observed)
     if not found.inliers.any():  # no equation has a value anywhere near: the minimisation says which
-        return Prepared(equations=equations, starts=starts)
+        return Prepared(equations=equations, starts=beginnings)
     keep = np.ones(int(equations.units.max()) + 1, dtype=bool)
     keep[units.number] = found.inliers
     factors, noise = _loss_noise(problem, equations, units, found)
@@ -56,7 +67,7 @@ def agreeing(
         diagnostics.append(faults.ambiguous_consensus(problem.span))
     return Prepared(
         equations=equations.kept(keep),
-        starts=_from_agreement(found, consensus, settings, starts),
+        starts=_from_agreement(found, consensus, settings, beginnings),
         factors=factors,
         noise=noise,
         truncation=_truncation(equations, units, information_left(found.limits, found.variances, units)),
@@ -74,7 +85,7 @@ def scaled(problem: Problem, equations: Assembled, settings: Settings, starts: t
     if units.scalars == 0 or not equations.dimension:
         return Prepared(equations=equations, starts=starts)
     consensus = Consensus(kind=ConsensusKind.LMEDS)
-    found = _agreed(problem, equations, settings, consensus, units, starts)
+    found = _agreed(problem, equations, settings, consensus, units, starts, _has_loss)
     factors, noise = _loss_noise(problem, equations, units, found)
     return Prepared(
         equations=equations,
@@ -91,6 +102,7 @@ def _agreed(
     consensus: Consensus,
     units: Units,
     starts: tuple[Beginning, ...],
+    ruled: Callable[[Block], bool],
 ) -> Agreed:
     """The units that agree: in one piece, part by part, or, with very many connected unknowns, by way of losses."""
     points = np.stack([start.point for start in starts])
@@ -102,7 +114,21 @@ def _agreed(
             return agree_in_parts(equations, units, parts, points[0], consensus, settings.seed)
         if units.count > SAMPLE:
             return _agreed_from_sample(equations, settings, consensus, units, points)
+    if equations.implicit is None and units.count <= SAMPLE:
+        native = agreed_natively(problem, equations, settings, consensus, ruled, points)
+        if native is not None:
+            return native
     return agree(trials_of(equations, units, settings.closed_forms), units, points, consensus, settings.seed)
+
+
+def _startless(problem: Problem, equations: Assembled, settings: Settings, consensus: Consensus) -> Agreed | None:
+    """The units that agree with what a closed form gives, where some unknown has no start of its own; None: unknown."""
+    missing = np.isnan(equations.layout.start) | equations.layout.guessed
+    if equations.implicit is not None or not bool((missing & equations.moving()).any()):
+        return None
+    if equations.whole > SAMPLE or (equations.dimension > 1 and len(parts_of(equations)) > 1):
+        return None
+    return agreed_natively(problem, equations, settings, consensus, _observed, None)
 
 
 def _agreed_from_sample(
@@ -131,6 +157,10 @@ def _from_agreement(
     if settings.starts is None:
         return (agreeing,)
     return (agreeing, *(starts[1:] if isinstance(settings.starts, RandomStarts) else starts))
+
+
+def _observed(block: Block) -> bool:
+    return block.role is BlockRole.OBSERVATION
 
 
 def _has_loss(block: Block) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from mbm.problem.types import Problem
@@ -12,16 +14,23 @@ from mbm.solution.starting import Beginning
 from mbm.solution.types import Floats, Mask, Minimum
 
 
-def prepared(problem: Problem, equations: Assembled, settings: Settings, starts: tuple[Beginning, ...]) -> Prepared:
-    """The equations that count, and better starts; what was given where nothing is robust."""
+def prepared(
+    problem: Problem, equations: Assembled, settings: Settings, starts: Callable[[], tuple[Beginning, ...]]
+) -> Prepared:
+    """The equations that count, and better starts; what ``starts`` finds where nothing is robust.
+
+    Raises:
+        MbmError: no start is known and none can be found.
+
+    """
     if settings.robust is None and not equations.lossy:
-        return Prepared(equations=equations, starts=starts)
+        return Prepared(equations=equations, starts=starts())
     # Here and below: loaded by robust problems only, so that the others start at once.
     from mbm.solution.robust.consensus import agreeing, scaled
 
     if settings.robust is not None:
         return agreeing(problem, equations, settings, settings.robust, starts)
-    return scaled(problem, equations, settings, starts)
+    return scaled(problem, equations, settings, starts())
 
 
 def outliers(equations: Assembled, whole: Floats) -> Mask | None:

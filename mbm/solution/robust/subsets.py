@@ -6,6 +6,8 @@ from a family's member just as much as the member needs, and units that say the 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from hashlib import sha256
 from itertools import combinations
 from math import ceil, comb, log, log1p
 
@@ -13,6 +15,16 @@ import numpy as np
 
 from mbm.solution.robust.units import Units
 from mbm.solution.types import Floats, Indices
+from mbm.target.solver.consensus_draw import (
+    FIRST_FACTOR,
+    FIRST_JUMP,
+    FIRST_MODULUS,
+    INDEPENDENT,
+    SECOND_FACTOR,
+    SECOND_JUMP,
+    SECOND_MODULUS,
+    WHOLE_ORDER,
+)
 
 GOOD_SHARE = 0.6
 """Share of good units that the default number of trials is made for: 40 % outliers."""
@@ -22,46 +34,46 @@ MISSED = 1e-6
 
 LEAST_TRIALS, MOST_TRIALS = 100, 3000
 
-INDEPENDENT = 1e-5
-"""A row whose part outside the rows before it is below this share of it says nothing new."""
-
 MEMORY = 4_000_000
 """Numbers in the orders, and in the bases, of the trials that are drawn together."""
 
-WHOLE_ORDER = 1000
-"""Up to so many units they are shuffled; more are drawn with replacement (one drawn again says nothing new)."""
+
+def needed_trials(size: int, asked: int | None) -> int:
+    """How many trials with subsets of ``size`` units: what is asked for, or enough for 40 % outliers."""
+    if asked is not None:
+        return asked
+    hit = GOOD_SHARE**size
+    needed = ceil(log(MISSED) / log1p(-hit)) if 0.0 < hit < 1.0 else LEAST_TRIALS
+    return min(max(needed, LEAST_TRIALS), MOST_TRIALS)
 
 
 def trials_for(units: int, size: int, asked: int | None) -> int:
-    """How many trials: what is asked for, or enough for 40 % outliers; never more than there are subsets."""
-    if asked is None:
-        hit = GOOD_SHARE**size
-        needed = ceil(log(MISSED) / log1p(-hit)) if 0.0 < hit < 1.0 else LEAST_TRIALS
-        asked = min(max(needed, LEAST_TRIALS), MOST_TRIALS)
-    return min(asked, comb(units, size)) if size <= units else 1
+    """How many trials: what is asked for or needed, never more than there are subsets."""
+    return min(needed_trials(size, asked), comb(units, size)) if size <= units else 1
 
 
 def minimal_subsets(jacobian: Floats, units: Units, asked: int | None, seed: int) -> Indices:
     """Subsets (T, k) of units, each of full rank as far as all units together have it; -1 fills shorter ones up.
 
     ``jacobian`` (m, n) of the whitened residuals at a generic point. All subsets, in lexical order, where they are no
-    more than the trials; else drawn with the generator PCG64 of ``seed``.
+    more than the trials; else drawn with the generator of `mbm.target.solver.consensus_draw`, started by ``seed``.
     """
     rows = unit_rows(jacobian, units)
     rank = int(np.linalg.matrix_rank(_scaled(jacobian[units.of_row >= 0]), tol=INDEPENDENT)) if units.count else 0
     if rank == 0:
         return np.empty((0, 0), dtype=np.int64)
-    generator = np.random.Generator(np.random.PCG64(seed))
-    first = _drawn(rows, _orders(generator, 1, units.count), rank)
+    states = _states(seed, 1)
+    first = _drawn(rows, _orders(states, units.count), 1, rank)
     size = int((first[0] >= 0).sum())
     trials = trials_for(units.count, size, asked)
     if trials == comb(units.count, size) and bool((units.components == units.components[0]).all()):
         every = np.array(list(combinations(range(units.count), size)), dtype=np.int64)
-        found = _drawn(rows, every, rank)
+        found = _drawn(rows, iter(every.T), len(every), rank)
         return np.asarray(found[_ranks(rows, found) == rank])
     together = max(MEMORY // max(min(units.count, WHOLE_ORDER), rank * rank), 1)
-    sizes = [min(together, trials - first) for first in range(0, trials, together)]
-    parts = [_drawn(rows, _orders(generator, count, units.count), rank) for count in sizes]
+    states = _states(seed, trials)
+    chunks = [states[:, begin : begin + together] for begin in range(0, trials, together)]
+    parts = [_drawn(rows, _orders(chunk, units.count), chunk.shape[1], rank) for chunk in chunks]
     width = max(part.shape[1] for part in parts)
     return np.concatenate([np.pad(p, ((0, 0), (0, width - p.shape[1])), constant_values=-1) for p in parts])
 
@@ -86,28 +98,58 @@ def _scaled(jacobian: Floats) -> Floats:
     return np.asarray(found / np.where(lengths > 0.0, lengths, 1.0)[:, None])
 
 
-def _orders(generator: np.random.Generator, trials: int, units: int) -> Indices:
-    """The order (trials, L) in which each trial looks at the units."""
-    if units <= WHOLE_ORDER:
-        return np.asarray(generator.permuted(np.tile(np.arange(units), (trials, 1)), axis=1), dtype=np.int64)
-    return np.asarray(generator.integers(units, size=(trials, WHOLE_ORDER)), dtype=np.int64)
+def first_states(seed: int) -> tuple[int, int]:
+    """The two states of the generator at the start of the first trial."""
+    digest = sha256(repr(seed).encode()).digest()
+    first, second = (int.from_bytes(part, "big") for part in (digest[:16], digest[16:]))
+    return 1 + first % (FIRST_MODULUS - 1), 1 + second % (SECOND_MODULUS - 1)
 
 
-def _drawn(rows: Floats, orders: Indices, rank: int) -> Indices:
-    """The units (T, k) that each order takes until the rank is full; -1 beyond."""
-    trials, width = len(orders), rows.shape[2]
+def _states(seed: int, trials: int) -> Indices:
+    """The states (2, trials) of the generator at the start of each trial."""
+    first, second = first_states(seed)
+    found = []
+    for _ in range(trials):
+        found.append((first, second))
+        first, second = FIRST_JUMP * first % FIRST_MODULUS, SECOND_JUMP * second % SECOND_MODULUS
+    return np.array(found, dtype=np.int64).T
+
+
+def _orders(states: Indices, units: int) -> Iterator[Indices]:
+    """The unit (trials,) that each trial looks at first, second, …; as `consensus_draw.subset_drawn` draws them."""
+    first, second = states
+    whole = units <= WHOLE_ORDER
+    order = np.tile(np.arange(units), (len(first), 1)) if whole else np.empty((0, 0), dtype=np.int64)
+    trials = np.arange(len(first))
+    for position in range(min(units, WHOLE_ORDER)):
+        first = FIRST_FACTOR * first % FIRST_MODULUS
+        second = SECOND_FACTOR * second % SECOND_MODULUS
+        number = (first - second + SECOND_MODULUS) % (FIRST_MODULUS - 1)
+        if not whole:
+            yield number % units
+            continue
+        other = position + number % (units - position)
+        unit = order[trials, other]
+        order[trials, other] = order[:, position]
+        order[:, position] = unit
+        yield unit
+
+
+def _drawn(rows: Floats, orders: Iterator[Indices], trials: int, rank: int) -> Indices:
+    """The units (T, k) that each trial takes in its order until the rank is full; -1 beyond."""
+    width = rows.shape[2]
     basis = np.zeros((trials, rank, width))
     ranks = np.zeros(trials, dtype=np.int64)
     chosen = np.full((trials, rank), -1, dtype=np.int64)
     counts = np.zeros(trials, dtype=np.int64)
     active = np.arange(trials)
-    for position in range(orders.shape[1]):
-        unit = orders[active, position]
+    for next_unit in orders:
+        unit = next_unit[active]
         before = ranks[active]
         for component in range(rows.shape[1]):
             _extend(basis, ranks, active, rows[unit, component])
         raised = active[ranks[active] > before]
-        chosen[raised, counts[raised]] = orders[raised, position]
+        chosen[raised, counts[raised]] = next_unit[raised]
         counts[raised] += 1
         active = active[ranks[active] < rank]
         if not active.size:

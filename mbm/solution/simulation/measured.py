@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from mbm.expression.nodes import Apply, Column, Component, Expression, Number, Operation, RowChoice, leaves
-from mbm.problem.scopes import ROW
+from mbm.problem.tables import ROW
 from mbm.problem.types import Block, BlockRole, Equation, Problem
 from mbm.solution.simulation import faults
 from mbm.text.types import Diagnostic, MbmError

@@ -11,8 +11,7 @@ from mbm.expression.evaluate import Lookup, Values
 from mbm.expression.nodes import Column, ColumnMember, Component, Leaf, LiteralMember, RowChoice
 from mbm.problem import faults as problem_faults
 from mbm.problem.rows import Positions, lookup, sampled_column
-from mbm.problem.scopes import ROW
-from mbm.problem.tables import CellKey, Table
+from mbm.problem.tables import ROW, CellKey, Table
 from mbm.solution.layout import Entry, Layout
 from mbm.solution.types import Floats, Indices
 from mbm.text.types import MbmError

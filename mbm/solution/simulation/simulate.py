@@ -9,8 +9,8 @@ import numpy as np
 
 from mbm.expression.evaluate import Values, evaluate
 from mbm.expression.nodes import Column, RowChoice, leaves
-from mbm.problem.builder import Elaborated
 from mbm.problem.checks import used_rows
+from mbm.problem.elaborated import Elaborated
 from mbm.problem.rows import row_values, rows_of
 from mbm.problem.tables import Column as TableColumn
 from mbm.problem.tables import Table

@@ -2,12 +2,14 @@
 
 With ``A = L Lᵀ`` the diagonal blocks of the family, ``W`` its coupling to the rest and ``Y = L⁻¹ W``, the rest obeys
 ``S = B - YᵀY`` (Brown 1958; Triggs, McLauchlan, Hartley and Fitzgibbon 2000).
+
+``Y`` is stored member by member as panels (size, columns that the member meets), one after the other in one array. A
+*link* is the part of a panel that belongs to one block of the rest.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -17,36 +19,64 @@ from mbm.solution.types import Floats, Indices
 WORTH = 8
 """A family is eliminated if it has at least so many members …"""
 
-CHUNK = 4_000_000
-"""Numbers in a dense part of ``Y`` that is multiplied at once."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Cross:
-    """The blocks between the eliminated family and another one, at members ``i`` (eliminated) and ``j``."""
+    """The blocks between the eliminated family and another one, at members ``i`` (eliminated) and ``j``.
+
+    ``flipped``: their rows are the other family's. ``places``: where the first row of each stands in ``Y``.
+    """
 
     pair: tuple[int, int]
     flipped: bool
     i: Indices
     j: Indices
     shape: tuple[int, int]
+    places: Indices
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Links:
+    """All links, by member, then by column.
+
+    Those of member m are ``begins[m] … begins[m + 1]``, its panel has ``lengths[m]`` columns. Link l is of member
+    ``members[l]`` and has ``wides[l]`` columns, from the column ``columns[l]`` of the rest on; its first row is at
+    ``places[l]``. Block i of the rest has its first column at ``heads[i]``, is ``sizes[i]`` wide, and has the links
+    ``order[starts[i]:starts[i + 1]]``.
+    """
+
+    begins: Indices
+    lengths: Indices
+    members: Indices
+    columns: Indices
+    wides: Indices
+    places: Indices
+    heads: Indices
+    sizes: Indices
+    starts: Indices
+    order: Indices
+
+    @property
+    def blocks(self) -> Indices:
+        """The block of the rest (links,) of each link."""
+        return np.asarray(np.searchsorted(self.heads, self.columns))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Elimination:
-    """``family`` goes; ``rest`` (columns,) gives the place of each padded column among the others, -1 in the family.
+    """``family``, with members of ``size`` columns, goes.
 
-    ``pointers``, ``indices`` are the CSR pattern of ``Y`` (family's columns × width), ``order`` the element of the
-    crosses' blocks, flattened one after the other, that stands at each of its places.
+    ``rest`` (columns,) gives the place of each padded column among the ``width`` others, -1 in the family; ``Y`` has
+    ``numbers`` numbers.
     """
 
     family: int
+    size: int
     crosses: tuple[Cross, ...]
     rest: Indices
     width: int
-    pointers: Indices
-    indices: Indices
-    order: Indices
+    links: Links
+    numbers: int
 
     def couplings(self, normal: Normal) -> list[Floats]:
         """``W`` as blocks (blocks, size of the family, size of the other), one array for each cross."""
@@ -56,21 +86,15 @@ class Elimination:
             found.append(blocks.transpose(0, 2, 1) if cross.flipped else blocks)
         return found
 
-    def sparse(self, blocks: list[Floats]) -> Any:
-        """Blocks at the crosses as a CSR array (family's columns, width)."""
-        from scipy.sparse import csr_array
+    def coupled(self) -> tuple[Indices, Indices]:
+        """The blocks (i ≤ j) of the rest that ``YᵀY`` fills."""
+        from scipy.sparse import csr_array, triu
 
-        flat = np.concatenate([b.reshape(-1) for b in blocks]) if blocks else np.zeros(0)
-        lines = len(self.pointers) - 1
-        return csr_array((flat[self.order], self.indices, self.pointers), shape=(lines, self.width))
-
-    def blocks(self, data: Floats) -> list[Floats]:
-        """The converse of ``sparse``, from the data of its CSR array."""
-        flat = np.empty(len(data))
-        flat[self.order] = data
-        sizes = [len(c.i) * c.shape[0] * c.shape[1] for c in self.crosses]
-        parts = np.split(flat, np.cumsum(sizes)[:-1]) if sizes else []
-        return [p.reshape(len(c.i), *c.shape) for p, c in zip(parts, self.crosses, strict=True)]
+        links = self.links
+        shape = (len(links.begins) - 1, len(links.heads))
+        ones = csr_array((np.ones(len(links.columns)), links.blocks, links.begins), shape=shape)
+        found = triu(ones.T @ ones).tocoo()
+        return found.row.astype(np.int64), found.col.astype(np.int64)
 
 
 def eliminable(pattern: NormalPattern) -> int | None:
@@ -94,44 +118,63 @@ def elimination(pattern: NormalPattern, family: int) -> Elimination:
     rest = np.full(pattern.structure.columns, -1, dtype=np.int64)
     kept = np.ones(len(rest), dtype=bool)
     kept[gone.columns] = False
-    rest[kept] = np.arange(int(kept.sum()))
-    crosses, rows, columns = [], [], []
+    width = int(kept.sum())
+    rest[kept] = np.arange(width)
+    found = []
     for (left, right), pair in pattern.pairs.items():
         if left == right or family not in (left, right) or not len(pair.i):
             continue
         flipped = right == family
-        i, j = (pair.j, pair.i) if flipped else (pair.i, pair.j)
-        other = families[left if flipped else right]
-        shape = (gone.size, other.size)
-        crosses.append(Cross(pair=(left, right), flipped=flipped, i=i, j=j, shape=shape))
-        row = (
-            i[:, None, None] * gone.size + np.arange(gone.size)[:, None] + np.zeros((1, 1, other.size), dtype=np.int64)
-        )
-        column = rest[other.first] + j[:, None, None] * other.size + np.arange(other.size)
-        rows.append(row.reshape(-1))
-        columns.append(np.broadcast_to(column, row.shape).reshape(-1))
-    every = np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
-    indices = np.concatenate(columns) if columns else np.zeros(0, dtype=np.int64)
-    order = np.lexsort((indices, every))
-    lines = gone.members * gone.size
-    pointers = np.searchsorted(every[order], np.arange(lines + 1))
+        ends = (pair.j, pair.i) if flipped else (pair.i, pair.j)
+        found.append(((left, right), flipped, *ends, families[left if flipped else right]))
+    none = np.zeros(0, dtype=np.int64)
+    members = np.concatenate([none, *(i for _, _, i, _, _ in found)])
+    columns = np.concatenate([none, *(rest[other.first] + j * other.size for _, _, _, j, other in found)])
+    wides = np.concatenate([none, *(np.full(len(j), other.size) for _, _, _, j, other in found)])
+    others = [f for n, f in enumerate(families) if n != family]
+    heads = np.concatenate([none, *(rest[f.first] + np.arange(f.members) * f.size for f in others)])
+    sizes = np.concatenate([none, *(np.full(f.members, f.size) for f in others)])
+    links, places = _links(gone.members, gone.size, (members, columns, wides), heads, sizes, width)
+    crosses, reached = [], 0
+    for key, flipped, i, j, other in found:
+        own = places[reached : reached + len(i)]
+        crosses.append(Cross(pair=key, flipped=flipped, i=i, j=j, shape=(gone.size, other.size), places=own))
+        reached += len(i)
     return Elimination(
         family=family,
+        size=gone.size,
         crosses=tuple(crosses),
         rest=rest,
-        width=int(kept.sum()),
-        pointers=pointers.astype(np.int32),
-        indices=indices[order].astype(np.int32),
-        order=order,
+        width=width,
+        links=links,
+        numbers=gone.size * int(wides.sum()),
     )
 
 
-def squared(y: Any) -> Floats:
-    """``YᵀY`` of a CSR array, dense, a part of its rows at a time."""
-    lines, width = y.shape
-    total = np.zeros((width, width))
-    step = max(CHUNK // max(width, 1), 1)
-    for start in range(0, lines, step):
-        part = y[start : start + step].toarray()
-        total += part.T @ part
-    return total
+def _links(
+    count: int, size: int, given: tuple[Indices, Indices, Indices], heads: Indices, sizes: Indices, width: int
+) -> tuple[Links, Indices]:
+    """The links from members, columns and widths in any order, and the place in ``Y`` of each in the order given."""
+    order = np.argsort(given[0] * max(width, 1) + given[1], kind="stable")
+    members, columns, wides = (each[order] for each in given)
+    begins = np.searchsorted(members, np.arange(count + 1))
+    ends = np.concatenate([[0], np.cumsum(wides)])
+    lengths = np.diff(ends[begins])
+    places = size * ends[begins[members]] + ends[:-1] - ends[begins[members]]
+    blocks = np.searchsorted(heads, columns)
+    by_block = np.argsort(blocks, kind="stable")
+    links = Links(
+        begins=begins,
+        lengths=lengths,
+        members=members,
+        columns=columns,
+        wides=wides,
+        places=places,
+        heads=heads,
+        sizes=sizes,
+        starts=np.searchsorted(blocks[by_block], np.arange(len(heads) + 1)),
+        order=by_block,
+    )
+    given_places = np.empty_like(places)
+    given_places[order] = places
+    return links, given_places

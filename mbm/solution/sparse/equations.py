@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbm.kernels.types import Backend
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import Group
 from mbm.solution.forwarding import Forwarding
 from mbm.solution.layout import Entry
 from mbm.solution.robust.losses.rooted import rooted_jacobian
+from mbm.solution.sparse.arithmetic import Arithmetic
 from mbm.solution.sparse.structure import BlockFamily, Piece, Structure, structure
 from mbm.solution.types import Floats, Indices, Mask
 
@@ -22,16 +24,19 @@ WIDEST = 12
 class GroupPlace:
     """A group that has a piece: nonzero ``chosen[k]`` of its kernel goes to place ``target[k]`` of a row's values.
 
-    ``kept`` (rows, width) is 0 for columns of fixed coordinates; None where none are. ``counted`` (rows, outputs) is 0
-    for residuals that are left out; None where none are.
+    It is of output ``lines[k]``, and is multiplied by that one's weight: ``weights`` (rows, outputs), zero for
+    residuals that are left out. Outputs that are whitened by ``matrices`` (their places, and (rows, k, k)) have the
+    weight 1. ``kept`` (rows, width) is 0 for columns of fixed coordinates; None where none are.
     """
 
     group: Group
     piece: Piece
     chosen: Indices
     target: Indices
+    lines: Indices
+    weights: Floats
+    matrices: tuple[tuple[slice, Floats], ...]
     kept: Floats | None
-    counted: Floats | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,6 +65,11 @@ class Blocked(Forwarding):
         """The residuals are affine."""
         return self.equations.linear
 
+    @property
+    def backend(self) -> Backend | None:
+        """What evaluates the kernels."""
+        return self.equations.groups[0].cache.backend if self.equations.groups else None
+
     def residuals(self, x: Floats) -> Floats:
         """Whitened residuals with losses (all,), zero where left out."""
         found = self.equations.residuals(x)
@@ -73,41 +83,32 @@ class Blocked(Forwarding):
         """Which blocks there are."""
         return self.found
 
-    def block_jacobian(self, x: Floats) -> list[Floats]:
+    def block_jacobian(self, x: Floats, arithmetic: Arithmetic) -> list[Floats]:
         """The whitened Jacobian with losses, for each piece (rows, outputs, width)."""
-        return [self._piece(place, x, plain=False) for place in self.places]
+        return [self._piece(place, x, arithmetic, plain=False) for place in self.places]
 
-    def plain_block_jacobian(self, x: Floats) -> list[Floats]:
+    def plain_block_jacobian(self, x: Floats, arithmetic: Arithmetic) -> list[Floats]:
         """The same without losses."""
-        return [self._piece(place, x, plain=True) for place in self.places]
+        return [self._piece(place, x, arithmetic, plain=True) for place in self.places]
 
-    def _piece(self, place: GroupPlace, x: Floats, *, plain: bool) -> Floats:
+    def _piece(self, place: GroupPlace, x: Floats, arithmetic: Arithmetic, *, plain: bool) -> Floats:
         group = place.group
-        group.fill(x)
+        arithmetic.put_inputs(x, group)
         values, nonzeros = group.evaluation.values_and_jacobian()
         outputs = group.kernel.outputs
         result = np.zeros((group.rows, outputs, place.piece.width))
-        result.reshape(group.rows, -1)[:, place.target] = nonzeros[:, place.chosen]
+        arithmetic.put_nonzeros(nonzeros, place.weights, (place.chosen, place.target, place.lines), result)
         if place.kept is not None:
             result *= place.kept[:, None, :]
-        residuals = group.whitened(values) if group.losses and not plain else None
-        for whitener in group.whiteners:
-            rows = result[:, whitener.first : whitener.last]
-            if whitener.weights.ndim == 2:
-                rows *= whitener.weights[:, :, None]
-            else:
-                rows[...] = np.matmul(whitener.weights, rows)
-        factors = self.equations.factors
-        if factors is not None:
-            own = factors[place.piece.residuals].reshape(group.rows, outputs)
-            result /= own[:, :, None]
-            residuals = None if residuals is None else residuals / own
-        if residuals is not None:
+        for own, matrices in place.matrices:
+            result[:, own] = np.matmul(matrices, result[:, own])
+        if group.losses and not plain:
+            residuals = group.whitened(values)
+            if self.equations.factors is not None:
+                residuals = residuals / self.equations.factors[place.piece.residuals].reshape(group.rows, outputs)
             for whitener, loss in zip(group.whiteners, group.losses, strict=True):
-                lines = slice(whitener.first, whitener.last)
-                result[:, lines] = rooted_jacobian(loss, residuals[:, lines], result[:, lines])
-        if place.counted is not None:
-            result *= place.counted[:, :, None]
+                own = slice(whitener.first, whitener.last)
+                result[:, own] = rooted_jacobian(loss, residuals[:, own], result[:, own])
         return result
 
 
@@ -179,16 +180,35 @@ def _place(equations: Assembled, group: Group, number: dict[str, int], free: Mas
         width=width,
     )
     mask = np.concatenate(kept, axis=1)
-    counted = None
-    if equations.rows is not None:
-        every = np.zeros(equations.whole)
-        every[equations.rows] = 1.0
-        counted = every[piece.residuals].reshape(group.rows, -1)
+    lines = group.kernel.jacobian_rows[chosen]
+    weights, matrices = _weights(equations, group, piece)
     return GroupPlace(
         group=group,
         piece=piece,
         chosen=chosen,
-        target=group.kernel.jacobian_rows[chosen] * width + columns[chosen],
+        target=lines * width + columns[chosen],
+        lines=lines,
+        weights=weights,
+        matrices=matrices,
         kept=None if mask.all() else mask.astype(np.float64),
-        counted=counted,
     )
+
+
+def _weights(equations: Assembled, group: Group, piece: Piece) -> tuple[Floats, tuple[tuple[slice, Floats], ...]]:
+    """What multiplies each output (rows, outputs), and the matrices that whiten some outputs together."""
+    weights = np.ones((group.rows, group.kernel.outputs))
+    if equations.factors is not None:
+        weights /= equations.factors[piece.residuals].reshape(weights.shape)
+    if equations.rows is not None:
+        counted = np.zeros(equations.whole)
+        counted[equations.rows] = 1.0
+        weights *= counted[piece.residuals].reshape(weights.shape)
+    matrices = []
+    for whitener in group.whiteners:
+        own = slice(whitener.first, whitener.last)
+        if whitener.weights.ndim == 2:
+            weights[:, own] *= whitener.weights
+        else:
+            matrices.append((own, whitener.weights * weights[:, own, None]))
+            weights[:, own] = 1.0
+    return weights, tuple(matrices)

@@ -12,13 +12,19 @@ from math import inf, isfinite
 
 import numpy as np
 
+from mbm.kernels.backends.native import NativeBackend
+from mbm.kernels.types import Backend
 from mbm.solution.assembly import Assembled
 from mbm.solution.solvers.state import first_bad, relative_offset
 from mbm.solution.sparse.equations import blocked
-from mbm.solution.sparse.place import BlockEquations, Place, inside, moved, place_at
+from mbm.solution.sparse.normal import Normal
+from mbm.solution.sparse.place import BlockEquations, Place, inside, moved, normal_at, place_at
 from mbm.solution.sparse.structure import BlockJacobian, Structure, Values
-from mbm.solution.sparse.system import Plan, factorised, plan
+from mbm.solution.sparse.system import Factorised, Plan, factorised, plan
 from mbm.solution.types import Equations, Floats, Minimum, Reason, TraceEntry
+
+COMPILED = 50_000
+"""Numbers in the Jacobian from which compiled routines are worth compiling for."""
 
 FIRST = 1e-4
 """Damping of the first step, relative to the diagonal."""
@@ -35,6 +41,12 @@ DIAGONAL = (1e-6, 1e32)
 ACCEPT = 1e-4
 """Least share of the promised decrease that a step must bring."""
 
+CLOSE = 1e-2
+"""At an offset below this the Jacobian hardly changes any more: the factors of the place before are tried again …"""
+
+QUICK = 0.25
+"""… and kept as long as each step brings the offset below this share."""
+
 UNDECIDED = 10.0
 """A promise below so many roundings of the cost is judged by the offset …"""
 
@@ -49,12 +61,24 @@ ROUNDS = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Known:
+    """What need not be computed again: ``normal`` of the place; ``factors``, those of the place if its ``normal`` is
+    there, else of the place before; the ``step`` from the place, and the decrease that it promises.
+    """
+
+    normal: Normal | None = None
+    factors: Factorised | None = None
+    step: tuple[Floats, float] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class State:
     """An immutable value; ``reason`` is None while there is something left to do. ``growth`` is Nielsen's ν."""
 
     equations: BlockEquations
     plan: Plan
     place: Place | None
+    known: Known
     point: Floats
     residuals: Floats
     tolerance: float
@@ -116,20 +140,22 @@ def _blocks(equations: Equations) -> BlockEquations | None:
 
 
 def _begun(equations: BlockEquations, start: Floats, tolerance: float) -> State:
-    found = plan(equations.structure())
+    layout = equations.structure()
+    found = _planned(layout, equations.backend)
     point = inside(equations, start)
     residuals = equations.residuals(point)
     row, reason, place = first_bad(residuals), Reason.NOT_FINITE_AT_START, None
     if row is None and not isfinite(float(residuals @ residuals)):
         row = int(np.argmax(np.abs(residuals)))
     if row is None:
-        values = equations.block_jacobian(point)
+        values = equations.block_jacobian(point, found.arithmetic)
         place, reason = place_at(equations, found, point, residuals, values), Reason.JACOBIAN_NOT_FINITE_AT_START
         row = None if place is not None else _bad_derivative(found.structure, values)
     return State(
         equations=equations,
         plan=found,
         place=place,
+        known=Known(),
         point=point,
         residuals=residuals,
         tolerance=tolerance,
@@ -144,20 +170,28 @@ def _begun(equations: BlockEquations, start: Floats, tolerance: float) -> State:
     )
 
 
+def _planned(layout: Structure, backend: Backend | None) -> Plan:
+    """The plan, with compiled routines where kernels are compiled too and there is enough to do."""
+    if not isinstance(backend, NativeBackend):
+        return plan(layout)
+    compiling = sum(p.rows * p.outputs * p.width for p in layout.pieces) >= COMPILED
+    return plan(layout, compiling=compiling, store=backend.store)
+
+
 def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
     for trials in range(1, TRIALS + 1):
-        step = _solved(state, here, state.damping)
-        if step is None:
+        state, found = _next(state, here)
+        if found is None:
             state = _shortened(state)
             continue
-        promise = _promise(state.plan, here, step)
+        step, promise = found
         if promise <= 0.0 and state.damping < MOST and bool(step.any()):
             state = _shortened(state)
             continue
         point = moved(equations, here, state.plan, step)
         offset = _offset(equations, here, promise)
-        if state.damping > LEAST and offset <= state.tolerance:
-            state = replace(state, damping=LEAST)
+        if offset <= state.tolerance and (state.damping > LEAST or state.known.normal is None):
+            state = replace(state, damping=LEAST, known=replace(state.known, factors=None, step=None))
             continue
         state = replace(state, offset=offset)
         if offset <= state.tolerance:
@@ -168,11 +202,16 @@ def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
         state = replace(state, evaluations=state.evaluations + 1)
         share = (here.cost - cost) / promise if isfinite(cost) else -inf
         good = here.cost - cost >= -here.rounding if undecided else share > ACCEPT
-        there = place_at(equations, state.plan, point, residuals, equations.block_jacobian(point)) if good else None
+        there = None
+        if good:
+            values = equations.block_jacobian(point, state.plan.arithmetic)
+            there = place_at(equations, state.plan, point, residuals, values)
         if there is not None:
-            if undecided and not _better(equations, state, there):
-                return _ended(state, here, trials, Reason.ROUNDING)
-            return _accepted(state, here, there, trials, 1.0 if undecided else share)
+            moved_on = _accepted(state, here, there, trials, 1.0 if undecided else share)
+            if not undecided:
+                return moved_on
+            better = _better(equations, moved_on, there)
+            return _ended(state, here, trials, Reason.ROUNDING) if better is None else better
         if undecided and isfinite(cost):
             return _ended(state, here, trials, Reason.ROUNDING)
         if state.damping >= MOST:
@@ -212,41 +251,67 @@ def _answer(state: State, reason: Reason) -> Minimum:
     )
 
 
-def _solved(state: State, here: Place, damping: float) -> Floats | None:
-    """The damped step over the padded columns; None where the equations cannot be factorised.
+def _next(state: State, here: Place) -> tuple[State, tuple[Floats, float] | None]:
+    """The step from a place over the padded columns, what it promises, and the state that knows how it was found.
 
-    With bounds: what would leave the box is put on its bound, and the rest solved again.
+    None: the equations cannot be factorised with this damping.
+    """
+    known = state.known
+    if known.step is not None:
+        return replace(state, known=replace(known, step=None)), known.step
+    if known.normal is None and known.factors is not None and state.offset <= CLOSE:
+        step = _along(known.factors, here)
+        promise = 0.0 if step is None else _promise(state.plan, here, step)
+        if step is not None and promise > 0.0 and _offset(state.equations, here, promise) <= QUICK * state.offset:
+            return state, (step, promise)
+    normal = normal_at(state.plan, here) if known.normal is None else known.normal
+    step, factors = _solved(state, here, normal)
+    found = None if step is None else (step, _promise(state.plan, here, step))
+    return replace(state, known=Known(normal=normal, factors=factors)), found
+
+
+def _along(factors: Factorised, here: Place) -> Floats | None:
+    """The step by factors of another place; None with bounds, or if it is not finite."""
+    if here.gaps is not None or here.held.any():
+        return None
+    step = factors.solve(-here.gradient[:, None])[:, 0]
+    return step if bool(np.isfinite(step).all()) else None
+
+
+def _solved(state: State, here: Place, normal: Normal) -> tuple[Floats | None, Factorised | None]:
+    """The damped step over the padded columns, with the factors; None where the equations cannot be factorised.
+
+    With bounds: what would leave the box is put on its bound, and the rest solved again; there are no factors then.
     """
     layout = state.plan.structure
-    normal, gradient, still = here.normal, here.gradient, layout.dead | here.held
+    gradient, still = here.gradient, layout.dead | here.held
     step = np.zeros(layout.columns)
-    matrix = layout.matrix(here.values)
     for _ in range(ROUNDS):
-        added = damping * np.clip(here.squares, *DIAGONAL)
+        added = state.damping * np.clip(here.squares, *DIAGONAL)
         added[still] = 1.0
         factors = factorised(state.plan, normal, added)
         if factors is None:
-            return None
+            return None, None
         found = factors.solve(-np.where(still, 0.0, gradient)[:, None])[:, 0]
         step = np.where(still, step, found)
         if not bool(np.isfinite(step).all()):
-            return None
+            return None, None
         if here.gaps is None:
-            return step
+            return step, factors
         crossing = ((step < here.gaps[0]) | (step > here.gaps[1])) & ~still
         step = np.clip(step, *here.gaps)
         if not crossing.any():
-            return step
+            return step, None
         still = still | crossing
-        normal = state.plan.pattern.accumulate(layout.weighted(here.values, np.where(still, 0.0, 1.0)))
+        normal = state.plan.accumulate(layout.weighted(here.values, np.where(still, 0.0, 1.0)))
         step = np.where(still, step, 0.0)
-        gradient = here.gradient + matrix.T @ (matrix @ step)
-    return step
+        gradient = here.gradient + state.plan.gradient(here.values, state.plan.image(here.values, step))
+    return step, None
 
 
 def _promise(found: Plan, here: Place, step: Floats) -> float:
     """The decrease of the cost if the residuals were linear."""
-    image = found.structure.matrix(here.values) @ step
+    image = found.image(here.values, step)
     return -float(2.0 * (here.gradient @ step) + image @ image)
 
 
@@ -255,16 +320,24 @@ def _offset(equations: Equations, here: Place, promise: float) -> float:
     return relative_offset(promise, max(here.cost - promise, 0.0), moving, equations.count - moving)
 
 
-def _better(equations: BlockEquations, state: State, there: Place) -> bool:
-    """Whether the offset at a point that the cost cannot judge is clearly smaller."""
-    step = _solved(state, there, state.damping)
-    if step is None:
-        return False
-    return _offset(equations, there, _promise(state.plan, there, step)) <= POLISH * state.offset
+def _better(equations: BlockEquations, state: State, there: Place) -> State | None:
+    """The state at a point that the cost cannot judge, with the step from it, if the offset is clearly smaller."""
+    found, onward = _next(state, there)
+    if onward is None or not _offset(equations, there, onward[1]) <= POLISH * state.offset:
+        return None
+    return replace(found, known=replace(found.known, step=onward))
 
 
 def _shortened(state: State) -> State:
-    return replace(state, damping=min(state.damping * state.growth, MOST), growth=2.0 * state.growth)
+    """More damping; but factors of another place are given up first."""
+    if state.known.normal is None and state.known.factors is not None:
+        return replace(state, known=Known())
+    return replace(
+        state,
+        damping=min(state.damping * state.growth, MOST),
+        growth=2.0 * state.growth,
+        known=replace(state.known, factors=None, step=None),
+    )
 
 
 def _accepted(state: State, here: Place, there: Place, trials: int, share: float) -> State:
@@ -272,6 +345,7 @@ def _accepted(state: State, here: Place, there: Place, trials: int, share: float
     return replace(
         state,
         place=there,
+        known=Known(factors=state.known.factors),
         point=there.point,
         residuals=there.residuals,
         damping=damping,

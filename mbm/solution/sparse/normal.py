@@ -7,16 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbm.solution.sparse.structure import Piece, Structure, Values
+from mbm.solution.sparse.structure import Piece, Structure
 from mbm.solution.types import Floats, Indices
-
-SHARED = 24
-"""Rows per block from which one product of tall matrices is cheaper than many small ones that are added up."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Contribution:
-    """Products ``J_leftᵀ J_right`` of rows of one piece: ``rows`` sorted by target, one run of rows per target.
+    """Products ``J_leftᵀ J_right`` of rows of one piece: those for target t are ``rows[starts[t]:starts[t + 1]]``.
 
     ``mirrored`` adds the transpose as well: two different local blocks that are the same member.
     """
@@ -53,16 +50,6 @@ class NormalPattern:
     pairs: Mapping[tuple[int, int], PairPattern]
     diagonal: tuple[Indices, ...]
 
-    def accumulate(self, values: Values) -> Normal:
-        """The blocks of ``JᵀJ``."""
-        blocks: dict[tuple[int, int], Floats] = {}
-        for key, pair in self.pairs.items():
-            total = np.zeros((len(pair.i), *pair.shape))
-            for part in pair.contributions:
-                total[part.targets] += _summed(values[part.piece], part)
-            blocks[key] = total
-        return Normal(pattern=self, blocks=blocks)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Normal:
@@ -77,22 +64,6 @@ class Normal:
             np.einsum("bii->bi", self.blocks[f, f][where]).reshape(-1) for f, where in enumerate(self.pattern.diagonal)
         ]
         return np.concatenate(found) if found else np.zeros(0)
-
-
-def _summed(values: Floats, part: Contribution) -> Floats:
-    """The contribution to each target (targets, left size, right size)."""
-    left = values[part.rows, :, part.left]
-    right = left if part.left == part.right else values[part.rows, :, part.right]
-    if len(part.rows) > SHARED * len(part.starts):
-        ends = np.append(part.starts[1:], len(part.rows))
-        runs = zip(part.starts.tolist(), ends.tolist(), strict=True)
-        a, b = left.shape[2], right.shape[2]
-        products = np.array([left[s:e].reshape(-1, a).T @ right[s:e].reshape(-1, b) for s, e in runs])
-    else:
-        products = np.matmul(left.transpose(0, 2, 1), right)
-        if len(part.starts) < len(part.rows):
-            products = np.add.reduceat(products, part.starts, axis=0)
-    return products + products.transpose(0, 2, 1) if part.mirrored else products
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -155,7 +126,8 @@ def _pair(found: Structure, key: tuple[int, int], meetings: list[_Meeting]) -> P
         if not code.size:
             continue
         order = np.argsort(code, kind="stable")
-        targets, starts = np.unique(code[order], return_index=True)
+        ascending = code[order]
+        firsts = np.flatnonzero(np.concatenate([[True], ascending[1:] != ascending[:-1]]))
         piece = found.pieces[meeting.piece]
         a, b = piece.starts[meeting.left], piece.starts[meeting.right]
         contributions.append(
@@ -164,8 +136,8 @@ def _pair(found: Structure, key: tuple[int, int], meetings: list[_Meeting]) -> P
                 left=slice(a, a + left.size),
                 right=slice(b, b + right.size),
                 rows=meeting.rows[order],
-                starts=starts,
-                targets=np.asarray(np.searchsorted(unique, targets)),
+                starts=np.append(firsts, len(order)),
+                targets=np.asarray(np.searchsorted(unique, ascending[firsts])),
                 mirrored=meeting.mirrored,
             )
         )

@@ -8,7 +8,9 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from mbm.kernels.types import Backend
 from mbm.solution.solvers.scaled import magnitudes
+from mbm.solution.sparse.arithmetic import Arithmetic
 from mbm.solution.sparse.normal import Normal
 from mbm.solution.sparse.structure import Structure, Values
 from mbm.solution.sparse.system import Plan
@@ -28,11 +30,16 @@ KEEP = 0.1
 class BlockEquations(Equations, Protocol):
     """Equations whose Jacobian comes in blocks."""
 
+    @property
+    def backend(self) -> Backend | None:
+        """What evaluates the kernels, if it is known."""
+        ...
+
     def structure(self) -> Structure:
         """Which blocks there are; the same for every point."""
         ...
 
-    def block_jacobian(self, x: Floats) -> Values:
+    def block_jacobian(self, x: Floats, arithmetic: Arithmetic) -> Values:
         """The whitened Jacobian at ``x``, for each piece of the structure."""
         ...
 
@@ -48,7 +55,6 @@ class Place:
     point: Floats
     residuals: Floats
     values: Values
-    normal: Normal
     gradient: Floats
     squares: Floats
     held: Mask
@@ -60,9 +66,8 @@ class Place:
 def place_at(equations: BlockEquations, found: Plan, point: Floats, residuals: Floats, values: Values) -> Place | None:
     """Everything at a point; None where a derivative is not finite."""
     layout = found.structure
-    gradient = np.asarray(layout.matrix(values).T @ residuals).reshape(-1)
-    normal = found.pattern.accumulate(values)
-    squares = normal.diagonal()
+    gradient = found.gradient(values, residuals)
+    squares = found.squares(values)
     if not (np.isfinite(squares).all() and np.isfinite(gradient).all()):
         return None
     held = np.zeros(layout.columns, dtype=bool)
@@ -72,7 +77,6 @@ def place_at(equations: BlockEquations, found: Plan, point: Floats, residuals: F
         (coordinates >= equations.upper) & (slope <= 0.0)
     )
     if held.any():
-        normal = found.pattern.accumulate(layout.weighted(values, np.where(held, 0.0, 1.0)))
         gradient = np.where(held, 0.0, gradient)
     terms = np.sqrt(squares[layout.free]) * magnitudes(equations, coordinates)
     cost = float(residuals @ residuals)
@@ -82,7 +86,6 @@ def place_at(equations: BlockEquations, found: Plan, point: Floats, residuals: F
         point=point,
         residuals=residuals,
         values=values,
-        normal=normal,
         gradient=gradient,
         squares=squares,
         held=held,
@@ -90,6 +93,13 @@ def place_at(equations: BlockEquations, found: Plan, point: Floats, residuals: F
         rounding=2.0 * noise * sqrt(cost) + noise * noise,
         gaps=_gaps(equations, found, point),
     )
+
+
+def normal_at(found: Plan, here: Place) -> Normal:
+    """``JᵀJ`` at a place, zero in the columns that are held."""
+    if not here.held.any():
+        return found.accumulate(here.values)
+    return found.accumulate(found.structure.weighted(here.values, np.where(here.held, 0.0, 1.0)))
 
 
 def _gaps(equations: Equations, found: Plan, point: Floats) -> tuple[Floats, Floats] | None:

@@ -54,12 +54,12 @@ def decided(found: Plan, values: Values, held: Mask) -> Decision:
     layout = found.structure
     still = layout.dead | held
     values = layout.weighted(values, np.where(still, 0.0, 1.0))
-    squares = found.pattern.accumulate(values).diagonal()
+    squares = found.accumulate(values).diagonal()
     zero = squares <= 0.0
     scale = np.where(zero, 1.0, np.sqrt(np.where(zero, 1.0, squares)))
     scaled = layout.weighted(values, 1.0 / scale)
     matrix = layout.matrix(scaled)
-    normal = found.pattern.accumulate(scaled)
+    normal = found.accumulate(scaled)
     local = _local(found, normal, matrix, zero)
     normal = _pinned(found, normal, local)
     null, smallest, complete = _common(found, normal, matrix, zero)

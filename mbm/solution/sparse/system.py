@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mbm.solution.sparse.arithmetic import Arithmetic
 from mbm.solution.sparse.cholesky import FrontFactor, factorise
 from mbm.solution.sparse.cholmod import CholmodFactor, Symbolic, symbolic
-from mbm.solution.sparse.elimination import Elimination, eliminable, elimination, squared
+from mbm.solution.sparse.elimination import Elimination, eliminable, elimination
 from mbm.solution.sparse.fronts import Fronts, fronts
+from mbm.solution.sparse.interpreted import interpreted
 from mbm.solution.sparse.normal import Normal, NormalPattern, normal_pattern
-from mbm.solution.sparse.structure import Structure
+from mbm.solution.sparse.structure import Structure, Values
 from mbm.solution.types import Floats, Indices
+
+if TYPE_CHECKING:
+    from mbm.kernels.store import Store
 
 NARROW = 400
 """Reduced systems of at most so many columns are dense."""
@@ -45,15 +50,35 @@ class Plan:
     diagonal: Indices
     tree: Fronts | None
     library: Symbolic | None
+    arithmetic: Arithmetic
 
     @property
     def structure(self) -> Structure:
         """The structure of the Jacobian."""
         return self.pattern.structure
 
+    def accumulate(self, values: Values) -> Normal:
+        """The blocks of ``JᵀJ``."""
+        return Normal(pattern=self.pattern, blocks=self.arithmetic.products(self.pattern, values))
 
-def plan(found: Structure) -> Plan:
-    """Choose the elimination and the representation of what is left."""
+    def gradient(self, values: Values, residuals: Floats) -> Floats:
+        """``Jᵀ r`` (columns,)."""
+        return self.arithmetic.gradient(self.structure, values, residuals)
+
+    def squares(self, values: Values) -> Floats:
+        """The squared norms of the Jacobian's columns (columns,)."""
+        return self.arithmetic.squares(self.structure, values)
+
+    def image(self, values: Values, step: Floats) -> Floats:
+        """``J step`` (m,)."""
+        return self.arithmetic.image(self.structure, values, step)
+
+
+def plan(found: Structure, *, compiling: bool = False, store: Store | None = None) -> Plan:
+    """Choose the elimination and the representation of what is left.
+
+    ``compiling``: the work is done by compiled routines, which are kept in ``store``.
+    """
     pattern = normal_pattern(found)
     family = eliminable(pattern)
     gone = None if family is None else elimination(pattern, family)
@@ -75,8 +100,7 @@ def plan(found: Structure) -> Plan:
     keys = np.unique(codes)
     dense = width <= NARROW
     if gone is not None and not dense:
-        coupled = _coupled(gone)
-        keys = np.unique(np.concatenate([keys, coupled]))
+        keys = np.union1d(keys, _coupled(gone))
         dense = width <= WIDE and len(keys) > FULL * width * width / 2
     tree = None
     if not dense:
@@ -93,61 +117,66 @@ def plan(found: Structure) -> Plan:
         diagonal=np.searchsorted(keys, np.arange(width) * (width + 1)),
         tree=tree,
         library=None if tree is None else symbolic(keys, width, tree),
+        arithmetic=_arithmetic(pattern, gone, store) if compiling else interpreted(gone),
     )
+
+
+def _arithmetic(pattern: NormalPattern, gone: Elimination | None, store: Store | None) -> Arithmetic:
+    # Loaded where something is compiled, which it needs not be.
+    from mbm.solution.sparse.compiled import compiled
+
+    return compiled(pattern, gone, store)
 
 
 def _coupled(gone: Elimination) -> Indices:
     """The keys of ``YᵀY``, upper triangle."""
-    from scipy.sparse import csr_array, triu
-
-    ones = csr_array(
-        (np.ones(len(gone.indices)), gone.indices, gone.pointers), shape=(len(gone.pointers) - 1, gone.width)
-    )
-    found = triu(ones.T @ ones).tocoo()
-    return np.asarray(found.row.astype(np.int64) * gone.width + found.col)
+    links = gone.links
+    left, right = gone.coupled()
+    found = []
+    for high in np.unique(links.sizes):
+        for wide in np.unique(links.sizes):
+            chosen = (links.sizes[left] == high) & (links.sizes[right] == wide)
+            row = links.heads[left[chosen]][:, None, None] + np.arange(high)[:, None]
+            column = links.heads[right[chosen]][:, None, None] + np.arange(wide)
+            codes = row * gone.width + column
+            found.append(codes[column >= row])
+    return np.concatenate(found)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Factorised:
     """Factors of a matrix with the pattern of ``JᵀJ``; vectors are over the padded columns.
 
-    ``roots`` (members, size, size) are the inverse lower triangles of the eliminated blocks, ``y`` their coupling;
-    ``rest`` the factor of what is left: sparse, or the dense lower triangle.
+    ``roots`` (members, size, size) are the inverse lower triangles of the eliminated blocks, ``y`` their coupling as
+    panels; ``rest`` the factor of what is left: sparse, or the dense lower triangle.
     """
 
     plan: Plan
     roots: Floats | None
-    y: Any
+    y: Floats | None
     rest: FrontFactor | CholmodFactor | Floats | None
 
     def solve(self, right: Floats) -> Floats:
         """The solution (columns, k) for a right side (columns, k)."""
-        gone = self.plan.elimination
+        gone, work = self.plan.elimination, self.plan.arithmetic
         x = np.empty_like(right)
         remaining = right[self.plan.columns]
-        if gone is None or self.roots is None:
+        if gone is None or self.roots is None or self.y is None:
             x[self.plan.columns] = self._rest(remaining)
             return x
         own = self.plan.structure.families[gone.family].columns
-        members, size = self.roots.shape[:2]
-        count = right.shape[1]
-        inner = np.matmul(self.roots, right[own].reshape(members, size, count)).reshape(-1, count)
+        inner = work.rooted(self.roots, right[own], transposed=False)
         if self.plan.width:
-            remaining = self._rest(remaining - self.y.T @ inner)
+            remaining = self._rest(remaining - work.carried(self.y, inner))
             x[self.plan.columns] = remaining
-            inner = inner - self.y @ remaining
-        x[own] = np.matmul(self.roots.transpose(0, 2, 1), inner.reshape(members, size, count)).reshape(-1, count)
+            inner = inner - work.returned(self.y, remaining)
+        x[own] = work.rooted(self.roots, inner, transposed=True)
         return x
 
     def _rest(self, right: Floats) -> Floats:
-        from scipy.linalg.blas import dtrsm
-
         if isinstance(self.rest, FrontFactor | CholmodFactor):
             return self.rest.solve(right)
-        if self.rest is None:
-            return right
-        half = dtrsm(1.0, self.rest.T, right, lower=0, trans_a=1)
-        return np.asarray(dtrsm(1.0, self.rest.T, half, lower=0))
+        return right if self.rest is None else self.plan.arithmetic.solved(self.rest, right)
 
     def inverse(self) -> Mapping[tuple[int, int], Floats]:
         """The blocks of the inverse at the blocks of ``JᵀJ``, for each pair of families."""
@@ -160,8 +189,14 @@ class Factorised:
             size = len(pair.i) * pair.shape[0] * pair.shape[1]
             found[key] = taken[reached : reached + size].reshape(len(pair.i), *pair.shape)
             reached += size
-        if self.plan.elimination is not None and self.roots is not None:
-            self._eliminated_inverse(self.plan.elimination, self.roots, whole, found)
+        gone = self.plan.elimination
+        if gone is not None and self.roots is not None and self.y is not None:
+            across, found[gone.family, gone.family] = self.plan.arithmetic.inverse_blocks(self.y, self.roots, whole)
+            for cross in gone.crosses:
+                lengths = gone.links.lengths[cross.i][:, None, None]
+                places = cross.places[:, None, None] + np.arange(gone.size)[:, None] * lengths
+                block = across[places + np.arange(cross.shape[1])]
+                found[cross.pair] = block.transpose(0, 2, 1) if cross.flipped else block
         return found
 
     def _rest_inverse(self) -> tuple[Floats, Any]:
@@ -178,36 +213,6 @@ class Factorised:
         whole = self._rest(np.eye(width))
         return whole[keys // max(width, 1), keys % max(width, 1)], whole
 
-    def _eliminated_inverse(
-        self, gone: Elimination, roots: Floats, whole: Any, found: dict[tuple[int, int], Floats]
-    ) -> None:
-        size = roots.shape[1]
-        inner = np.broadcast_to(np.eye(size), roots.shape).copy()
-        images = gone.blocks(_at_pattern(self.y, whole))
-        for cross, image, own in zip(gone.crosses, images, gone.blocks(self.y.data), strict=True):
-            np.add.at(inner, cross.i, np.matmul(image, own.transpose(0, 2, 1)))
-            block = -np.matmul(roots[cross.i].transpose(0, 2, 1), image)
-            found[cross.pair] = block.transpose(0, 2, 1) if cross.flipped else block
-        found[gone.family, gone.family] = np.matmul(np.matmul(roots.transpose(0, 2, 1), inner), roots)
-
-
-def _at_pattern(y: Any, whole: Any) -> Floats:
-    """The elements of ``Y Z`` where Y has some, in the order of its data."""
-    from scipy.sparse import csr_array, issparse
-
-    lines, width = y.shape
-    result = np.empty(len(y.data))
-    step = max(4_000_000 // max(width, 1), 1)
-    for start in range(0, lines, step):
-        part = y[start : start + step]
-        where = slice(int(y.indptr[start]), int(y.indptr[min(start + step, lines)]))
-        rows = np.repeat(np.arange(part.shape[0]), np.diff(part.indptr))
-        image = part @ whole
-        if issparse(image):
-            image = csr_array(image).toarray()
-        result[where] = image[rows, part.indices]
-    return result
-
 
 def factorised(found: Plan, normal: Normal, added: Floats) -> Factorised | None:
     """Factors of ``JᵀJ`` with ``added`` (columns,) on its diagonal; None where it is not positive definite."""
@@ -219,34 +224,27 @@ def factorised(found: Plan, normal: Normal, added: Floats) -> Factorised | None:
     roots, y = None, None
     if gone is not None:
         family = found.structure.families[gone.family]
-        diagonal = normal.blocks[gone.family, gone.family].copy()
-        each = np.arange(family.size)
-        diagonal[:, each, each] += added[family.columns].reshape(family.members, family.size)
-        try:
-            roots = np.linalg.inv(np.linalg.cholesky(diagonal))
-        except np.linalg.LinAlgError:
+        own = added[family.columns].reshape(family.members, family.size)
+        roots = found.arithmetic.roots(normal.blocks[gone.family, gone.family], own)
+        if roots is None:
             return None
-        coupled = [np.matmul(roots[c.i], w) for c, w in zip(gone.crosses, gone.couplings(normal), strict=True)]
-        y = gone.sparse(coupled)
+        y = found.arithmetic.couplings(normal, roots)
     rest = _rest_factor(found, data, y)
     return None if rest is None else Factorised(plan=found, roots=roots, y=y, rest=rest)
 
 
-def _rest_factor(found: Plan, data: Floats, y: Any) -> FrontFactor | CholmodFactor | Floats | None:
+def _rest_factor(found: Plan, data: Floats, y: Floats | None) -> FrontFactor | CholmodFactor | Floats | None:
     width = found.width
     if found.tree is not None:
         if y is not None:
-            from scipy.sparse import triu
-
-            product = triu(y.T @ y).tocoo()
-            data[np.searchsorted(found.keys, product.row.astype(np.int64) * width + product.col)] -= product.data
+            found.arithmetic.reduce_entries(y, found.keys, data)
         return factorise(found.tree, data) if found.library is None else found.library.factorise(data)
     matrix = np.zeros((width, width))
     row, column = (found.keys // width, found.keys % width) if width else (found.keys, found.keys)
-    matrix[column, row] = data
+    matrix[row, column] = data
     if y is not None:
-        matrix -= squared(y)
+        found.arithmetic.reduce(y, matrix)
     try:
-        return np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
+        return np.asarray(np.linalg.cholesky(matrix.T), dtype=np.float64)
     except np.linalg.LinAlgError:
         return None

@@ -20,7 +20,7 @@ def test_the_library_solves_as_the_fronts_do(monkeypatch):
     monkeypatch.setattr(system, "WIDE", 0)
     network = Network()
     found = plan(network.structure())
-    normal = found.pattern.accumulate(network.values())
+    normal = found.accumulate(network.values())
     added = np.linspace(0.1, 1.0, network.columns)
     factors = factorised(found, normal, added)
     assert isinstance(factors.rest, CholmodFactor)

@@ -36,7 +36,7 @@ def test_normal_equations_and_their_solution(way):
     assert found.elimination is not None
     assert found.elimination.family == 1  # no two points meet, and they are most of the columns
     assert (found.tree is not None) == (way == "fronts")
-    normal = found.pattern.accumulate(network.values())
+    normal = found.accumulate(network.values())
     jacobian = network.jacobian()
     whole = jacobian.T @ jacobian
     np.testing.assert_allclose(normal.diagonal(), np.diag(whole), rtol=ROUNDING)
@@ -51,7 +51,7 @@ def test_the_inverse_on_the_pattern(way):
     network = Network(seed=2)
     found = plan(network.structure())
     added = np.full(network.columns, 0.5)
-    factors = factorised(found, found.pattern.accumulate(network.values()), added)
+    factors = factorised(found, found.accumulate(network.values()), added)
     jacobian = network.jacobian()
     expected = np.linalg.inv(jacobian.T @ jacobian + np.diag(added))
     families = found.structure.families
@@ -69,7 +69,7 @@ def test_the_inverse_on_the_pattern(way):
 def test_a_matrix_that_is_not_positive_has_no_factor(way):
     network = Network()
     found = plan(network.structure())
-    normal = found.pattern.accumulate(network.values())
+    normal = found.accumulate(network.values())
     assert factorised(found, normal, np.full(network.columns, -1e3)) is None
 
 

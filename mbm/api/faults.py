@@ -1,0 +1,88 @@
+"""What can be wrong with the calls of an estimator: codes and constructors."""
+
+from __future__ import annotations
+
+from mbm.text.suggest import closest
+from mbm.text.types import Code, Diagnostic
+
+NO_SUCH_INPUT = Code(
+    "no-such-input",
+    "An estimator is to take a column that no equation uses, or of which several tables have one.",
+    "Name the column as `table.column`; leave the names out to replace all measured columns.",
+)
+DECIDING_INPUT = Code(
+    "deciding-input",
+    "An estimator is to take a column that decides more than the values of equations: which rows count, their noise, a "
+    "member of a family, what the equation is.",
+    "Solve with `compiled.solve(data=…)`, which sees such changes, or keep the column as it was when it was compiled.",
+)
+NOT_A_STREAM = Code(
+    "not-a-stream",
+    "An estimator solves one data set at a time from one start; the problem asks for several solves or starts.",
+    "Use `solve`, or a problem without `for-each`, `window` and `:starts`.",
+)
+WRONG_INPUT = Code(
+    "wrong-input",
+    "An array given to an estimator has another shape than the table that it was compiled with asks for.",
+    "Give one array for each column, with as many numbers as the table has rows; `estimator.many` takes one such line "
+    "for each data set.",
+)
+
+
+def no_such_input(name: str, known: tuple[str, ...], *, several: bool) -> Diagnostic:
+    """A column that is none, or more than one."""
+    if several:
+        message = f"`{name}` may mean several columns"
+        return Diagnostic(code=NO_SUCH_INPUT, message=message, place=None, hint=f"write {_listed(known, ' or ')}")
+    near = closest(name, (*known, *(each.split(".", 1)[1] for each in known)))
+    hint = f"did you mean `{near}`?" if near else f"the equations use {_listed(known, ', ')}"
+    return Diagnostic(code=NO_SUCH_INPUT, message=f"no equation uses a column `{name}`", place=None, hint=hint)
+
+
+def deciding_input(name: str, what: str) -> Diagnostic:
+    """A column that cannot be replaced without compiling again."""
+    return Diagnostic(
+        code=DECIDING_INPUT,
+        message=f"`{name}` decides {what} and cannot be an input of an estimator",
+        place=None,
+        hint="`compiled.solve(data=…)` takes any columns",
+    )
+
+
+def not_a_stream(what: str) -> Diagnostic:
+    """A problem that asks for more than one descent."""
+    return Diagnostic(
+        code=NOT_A_STREAM,
+        message=f"a problem with {what} has no estimator",
+        place=None,
+        hint="`solve` makes all its solves in one batch",
+    )
+
+
+def wrong_count(expected: tuple[str, ...], count: int) -> Diagnostic:
+    """Too many or too few arrays."""
+    return Diagnostic(
+        code=WRONG_INPUT,
+        message=f"{count} arrays are given; there are {len(expected)} inputs: {_listed(expected, ', ')}",
+        place=None,
+        hint="they are taken in the order of `estimator.inputs`",
+    )
+
+
+def wrong_shape(name: str, shape: tuple[int, ...], rows: int, sets: int | None) -> Diagnostic:
+    """An array that has not ``rows`` numbers, or such a line for each of ``sets`` data sets (None: for one call)."""
+    found = " × ".join(map(str, shape)) or "one"
+    wanted = f"{rows}" if sets is None else f"{sets} × {rows}"
+    hint = "`compiled.solve(data=…)` takes tables of any length"
+    if sets is None and len(shape) == 2:
+        hint = "`estimator.many` takes many data sets"
+    return Diagnostic(
+        code=WRONG_INPUT,
+        message=f"`{name}` has {found} numbers; {wanted} are wanted, one for each row of its table",
+        place=None,
+        hint=hint,
+    )
+
+
+def _listed(names: tuple[str, ...], between: str) -> str:
+    return between.join(f"`{name}`" for name in names)

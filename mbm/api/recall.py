@@ -1,0 +1,251 @@
+"""What a text was compiled to in an earlier process, found again by its content.
+
+Three kinds of entries of the store lead from characters to kernels without reading, deriving or differentiating:
+
+    text      the text itself                                 → the files that it uses, with digests of theirs
+    tables    these texts, the problem's name, constants      → the data clauses
+    problem   these, the columns of the tables, and what they
+              answer wherever elaboration asks for a value    → typed equations and kernels
+    starts    such equations                                  → for which numbers of rows no closed form is made
+
+All keys hold what made the entry: mbm's own sources, and the packages beside it. Whatever does not fit leads to
+compiling, which says everything that there is to say about wrong problems.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mbm import compiler
+from mbm.compiler import Inputs
+from mbm.problem.elaborated import Consulted, Elaborated
+from mbm.problem.types import Problem
+from mbm.text.files import read_file
+from mbm.text.types import MbmError, Source
+from mbm.version import __version__
+
+if TYPE_CHECKING:
+    from mbm.kernels.store import Store
+    from mbm.kernels.types import KernelSet
+    from mbm.language.program import Program
+    from mbm.problem.dependence import Facts
+    from mbm.problem.tables import Table
+    from mbm.registry import Registry
+    from mbm.solution.binding import Kind
+
+TEXT, TABLES, PROBLEM, STARTS = "text", "tables", "problem", "starts"
+"""The kinds of entries."""
+
+MOST_KINDS = 1000
+"""Sets of numbers of rows that are worth keeping for one problem."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Made:
+    """Equations and kernels, and what the tables answered that they were made for; no warnings about data."""
+
+    problem: Problem
+    consulted: Consulted
+    starts: Mapping[str, tuple[float, ...]]
+    answers: Facts
+    kernels: KernelSet
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recalled:
+    """Equations with their tables, and kernels; ``key`` is that of their entry, None if there is none.
+
+    ``without_closed_form`` are the kinds of equations for which no closed form is made, as far as that was found out.
+    """
+
+    elaborated: Elaborated
+    kernels: KernelSet
+    key: str | None = None
+    without_closed_form: tuple[Kind, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Text:
+    """A text, the path where it stands, the folder that confines it, and the closed forms that it may name."""
+
+    source: Source
+    path: Path
+    sandbox: Path | None
+    closed_forms: tuple[str, ...]
+
+
+def key_of(text: Text) -> str:
+    """The key of a text, whatever the files that it uses hold."""
+    return _digest(_environment(), text.source, str(text.path), text.path.resolve(), text.sandbox, text.closed_forms)
+
+
+def known_text(store: Store, own: str) -> str | None:
+    """The digest of the text of a key with all files that it uses; None unless they were read without a fault."""
+    uses = _unpacked(store.get(TEXT, own))
+    return None if uses is None or not all(_unchanged(*use) for use in uses) else _digest(own, uses)
+
+
+def remember_text(store: Store, own: str, program: Program) -> str | None:
+    """Keep which files the text of a key uses. The digest of all of them."""
+    uses = tuple(
+        (str(use.path), str(use.resolved), None if use.source is None else _digest(use.source)) for use in program.used
+    )
+    return _digest(own, uses) if _put(store, TEXT, own, uses) else None
+
+
+def _unchanged(path: str, resolved: str, digest: str | None) -> bool:
+    """Whether a file that is used leads where it led, and holds what it held."""
+    place = Path(path)
+    try:
+        return str(place.resolve()) == resolved and (digest is None or _digest(read_file(place, path)) == digest)
+    except (MbmError, OSError, RuntimeError):
+        return False
+
+
+def recalled(
+    store: Store, digest: str, name: str | None, base: Path, inputs: Inputs, registry: Registry
+) -> Recalled | None:
+    """Equations with the tables of ``inputs``, and their kernels; None unless they were made before.
+
+    ``digest`` is that of the texts, ``name`` the problem's (None: the only one).
+
+    Raises:
+        MbmError: what is wrong with the data, as elaboration would say it.
+
+    """
+    key = _digest(digest, name, tuple(inputs.overrides.values()))
+    declarations = _unpacked(store.get(TABLES, key))
+    if declarations is None:
+        return None
+    raw = compiler.loaded(declarations, base, inputs, registry)
+    key = _with_columns(key, raw)
+    for _ in range(2):  # the entry made last for these columns; then the one made for the same answers
+        made = _unpacked(store.get(PROBLEM, key))
+        if not isinstance(made, Made):
+            return None
+        answers, tables = compiler.answers(made.problem, made.consulted, raw)
+        if tables is None:
+            return None
+        if answers == made.answers:
+            return Recalled(
+                elaborated=compiler.checked(_elaborated(made, raw, tables)),
+                kernels=made.kernels,
+                key=key,
+                without_closed_form=_unpacked(store.get(STARTS, key)) or (),
+            )
+        key = _digest(key, answers)
+    return None
+
+
+def remember(
+    store: Store, digest: str, name: str | None, inputs: Inputs, found: Elaborated, kernels: KernelSet
+) -> str | None:
+    """Keep equations and kernels that were made for the texts of a digest; the key of their entry."""
+    answers, _ = compiler.answers(found.problem, found.consulted, found.raw)
+    if answers is None:
+        return None
+    key = _digest(digest, name, tuple(inputs.overrides.values()))
+    made = Made(
+        problem=replace(found.problem, warnings=found.lasting),
+        consulted=found.consulted,
+        starts=found.starts,
+        answers=answers,
+        kernels=kernels,
+    )
+    columns = _with_columns(key, found.raw)
+    if not found.consulted.nothing:
+        _put(store, PROBLEM, _digest(columns, answers), made)
+    if not _put(store, PROBLEM, columns, made):
+        return None
+    _put(store, TABLES, key, tuple(plan.declaration for plan in found.problem.plans))
+    return columns
+
+
+def remember_starts(store: Store, key: str, kinds: Iterable[Kind]) -> None:
+    """Keep for which kinds of equations no closed form is made."""
+    listed = sorted(kinds)
+    if len(listed) <= MOST_KINDS:
+        _put(store, STARTS, key, tuple(listed))
+
+
+def _elaborated(made: Made, raw: Mapping[str, Table], tables: Mapping[str, Table]) -> Elaborated:
+    return Elaborated(
+        problem=made.problem,
+        raw=raw,
+        tables=tables,
+        starts=made.starts,
+        consulted=made.consulted,
+        lasting=made.problem.warnings,
+    )
+
+
+def _with_columns(key: str, raw: Mapping[str, Table]) -> str:
+    from mbm.problem.dependence import columns_of
+
+    return _digest(key, columns_of(raw))
+
+
+def _put(store: Store, kind: str, key: str, value: object) -> bool:
+    """Keep a value if it can be packed."""
+    from mbm.kernels.packing import PackingError, pack
+
+    try:
+        store.put(kind, key, pack(value))
+    except PackingError:
+        return False
+    return True
+
+
+def _unpacked(content: bytes | None) -> Any:
+    from mbm.kernels.packing import PackingError, unpack
+
+    if content is None:
+        return None
+    try:
+        return unpack(content)
+    except PackingError:
+        return None
+
+
+def _digest(*parts: object) -> str:
+    """SHA-256 of values whose printed forms tell them apart."""
+    return sha256(repr(parts).encode("utf-8", errors="surrogatepass")).hexdigest()
+
+
+def _environment() -> tuple[object, ...]:
+    """What makes equations and kernels: Python, mbm as it is installed, and the packages that it calls.
+
+    Files are told apart by size and time of change. A folder of packages changes when one is installed or removed.
+    """
+    here = Path(__file__).parent.parent
+    sources = sorted(_states(here))
+    packages = [(entry, _changed(entry)) for entry in sys.path if entry.endswith("-packages")]
+    return (__version__, sys.version, str(here), _digest(sources), packages)
+
+
+def _states(folder: Path) -> Iterable[tuple[str, int, int]]:
+    """Names, sizes and times of change of the files in a folder and those below, compiled ones left out."""
+    try:
+        entries = list(os.scandir(folder))
+    except OSError:
+        return
+    for entry in entries:
+        if entry.is_dir():
+            if entry.name != "__pycache__":
+                yield from _states(Path(entry.path))
+        else:
+            found = entry.stat()
+            yield entry.path, found.st_size, found.st_mtime_ns
+
+
+def _changed(entry: str) -> int | None:
+    try:
+        return Path(entry).stat().st_mtime_ns
+    except OSError:
+        return None

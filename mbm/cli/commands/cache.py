@@ -1,0 +1,86 @@
+"""``mbm cache``: where equations, kernels and object code are kept between processes, how much, and away with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mbm.cli import faults
+from mbm.cli.failure import write_bytes
+from mbm.cli.options import terminal, verbosity_options
+from mbm.text.types import MbmError
+
+if TYPE_CHECKING:
+    from mbm.kernels.store import Entry
+
+
+@click.command("cache")
+@click.argument("action", required=False, type=click.Choice(("clear",)))
+@click.option("--json", "json_path", metavar="PATH|-", help="Write what is there, or was removed, as JSON.")
+@verbosity_options
+def command(action: str | None, json_path: str | None) -> int:
+    """Show where the cache is and what it holds; `clear` empties it.
+
+    The cache makes a second start fast and changes no answer. The environment variable MBM_CACHE names its folder, or
+    says `off`.
+    """
+    from mbm.kernels.store import Store, standard_directory
+
+    directory = standard_directory()
+    store = None if directory is None else Store(directory=directory)
+    entries = () if store is None else store.entries() if action is None else store.clear()
+    if json_path is not None:
+        _write(_document(directory, entries), json_path)
+    if json_path != "-" and not terminal().quiet:
+        click.echo(_text(directory, entries, cleared=action is not None))
+    return 0
+
+
+def _kinds(entries: Iterable[Entry]) -> dict[str, tuple[int, int]]:
+    """The number of entries and their bytes by kind."""
+    found: dict[str, tuple[int, int]] = {}
+    for entry in entries:
+        count, size = found.get(entry.kind, (0, 0))
+        found[entry.kind] = count + 1, size + entry.size
+    return found
+
+
+def _document(directory: Path | None, entries: tuple[Entry, ...]) -> dict[str, object]:
+    kinds = _kinds(entries)
+    return {
+        "path": None if directory is None else str(directory),
+        "entries": len(entries),
+        "bytes": sum(entry.size for entry in entries),
+        "kinds": {kind: {"entries": count, "bytes": size} for kind, (count, size) in kinds.items()},
+    }
+
+
+def _text(directory: Path | None, entries: tuple[Entry, ...], *, cleared: bool) -> str:
+    if directory is None:
+        return "no cache: MBM_CACHE=off, or there is no home folder"
+    total = sum(entry.size for entry in entries)
+    said = "removed " if cleared else ""
+    lines = [str(directory), f"  {said}{len(entries)} {'entry' if len(entries) == 1 else 'entries'}, {_size(total)}"]
+    lines += [f"  {kind:9}{count:6}  {_size(size)}" for kind, (count, size) in _kinds(entries).items()]
+    return "\n".join(lines)
+
+
+def _size(count: int) -> str:
+    """Bytes in the unit that suits them."""
+    return f"{count} B" if count < 1000 else f"{count / 1e3:.1f} kB" if count < 1e6 else f"{count / 1e6:.1f} MB"
+
+
+def _write(document: dict[str, object], destination: str) -> None:
+    from mbm.report.encode import encode, to_bytes
+
+    content = to_bytes(encode(document))
+    if destination == "-":
+        write_bytes(content)
+        return
+    try:
+        Path(destination).write_bytes(content)
+    except OSError as error:
+        raise MbmError(faults.not_writable(destination, error.strerror or str(error))) from error

@@ -1,0 +1,267 @@
+"""Elaborated problem + kernels → Blueprint."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from mbm.emit.expressions import program_of
+from mbm.emit.identifiers import Identifiers, identifier
+from mbm.emit.places import Places
+from mbm.emit.reading import used_columns
+from mbm.emit.types import (
+    Answers,
+    BlockCase,
+    BlockShape,
+    Blueprint,
+    CaseProgram,
+    ColumnValue,
+    ConstantShape,
+    EquationShape,
+    GivenTable,
+    RowPrograms,
+    SlotPlace,
+    SolverSettings,
+    TableColumn,
+    TableShape,
+    UnknownShape,
+)
+from mbm.expression.nodes import Expression
+from mbm.expression.units import parse_unit
+from mbm.kernels.types import Kernel, KernelSet
+from mbm.problem.elaborated import Elaborated
+from mbm.problem.kinds import Relation
+from mbm.problem.manifold import Manifold, Piece
+from mbm.problem.types import Block, BlockRole, Equation, Loss, Problem, RowValues, Unknown, UnknownKind
+from mbm.symbolic.printing import printed
+from mbm.symbolic.types import Purpose, ResidualBlock, Slot, SymbolicModel
+
+LossScale = Callable[[Loss, int], float]
+"""The parameter of a loss for residuals of so many components."""
+
+
+def blueprint(
+    found: Elaborated,
+    model: SymbolicModel,
+    kernels: KernelSet,
+    answers: Answers,
+    loss_scale: LossScale,
+    version: str,
+) -> Blueprint:
+    """The solver of a problem as plain data; `refusals` says which problems have one."""
+    return _Drafting(found, model, kernels, answers, loss_scale).whole(version)
+
+
+class _Drafting:
+    """One blueprint under construction."""
+
+    def __init__(
+        self,
+        found: Elaborated,
+        model: SymbolicModel,
+        kernels: KernelSet,
+        answers: Answers,
+        loss_scale: LossScale,
+    ) -> None:
+        self.found = found
+        self.problem: Problem = found.problem
+        self.references = answers.references
+        self.answers = answers
+        self.loss_scale = loss_scale
+        self.names = Identifiers()
+        self.values = Identifiers()
+        self.table_names = Identifiers()
+        self.name = identifier(self.problem.name)
+        self.places = Places(found, Identifiers())
+        self.pairs = tuple(zip(kernels.kernels, model.blocks, strict=True))
+        self.position = {u.name: i for i, u in enumerate(self.problem.unknowns)}
+
+    def whole(self, version: str) -> Blueprint:
+        problem = self.problem
+        unknowns = self._unknowns()
+        blocks = tuple(self._block(i, block) for i, block in enumerate(problem.blocks))
+        filters = {
+            plan.name: None if plan.where is None else self._rows(plan.where, f"{plan.name}_kept")
+            for plan in problem.plans
+        }
+        constants = tuple(
+            ConstantShape(name=element, identifier=self.values.made(element), value=float(value))
+            for constant in problem.constants
+            for element, value in zip(constant.elements, constant.values, strict=True)
+        )
+        links = tuple(self.places.links.values())
+        families = tuple(self.places.families.values())
+        used = used_columns(blocks, unknowns, tuple(filters.values()), links, families)
+        tables = tuple(self._table(plan.name, filters[plan.name], used) for plan in problem.plans)
+        return Blueprint(
+            name=problem.name,
+            identifier=self.name,
+            version=version,
+            doc=problem.doc,
+            tables=tuple(t for t in tables if t.columns or t.name in {f.table for f in families}),
+            links=links,
+            families=families,
+            constants=constants,
+            unknowns=unknowns,
+            blocks=blocks,
+            for_each=problem.request.for_each,
+            settings=SolverSettings(max_iterations=problem.request.max_iterations, tolerance=problem.request.tolerance),
+            references=self.references,
+            given=tuple(self._given(t) for t in tables),
+            whole=self.answers.whole,
+        )
+
+    def _table(self, name: str, where: RowPrograms | None, used: frozenset[tuple[str, str]]) -> TableShape:
+        """A table with the columns that the solver reads, and those that tell the solves apart."""
+        raw = self.found.raw[name]
+        wanted = self.problem.request.for_each
+        columns = []
+        names = Identifiers(frozenset())
+        for column in raw.columns.values():
+            if (name, column.name) not in used and column.name not in wanted:
+                continue
+            unit = parse_unit(column.unit) if column.unit else None
+            columns.append(
+                TableColumn(
+                    name=column.name,
+                    identifier=names.made(column.name),
+                    source=raw.provenance.source_columns.get(column.name, column.name),
+                    is_text=column.is_text,
+                    unit=column.unit or "",
+                    factor=1.0 if unit is None else unit.factor,
+                )
+            )
+        return TableShape(name=name, identifier=self.table_names.made(name), columns=tuple(columns), where=where)
+
+    def _given(self, table: TableShape) -> GivenTable:
+        raw = self.found.raw[table.name]
+        columns = {}
+        for column in table.columns:
+            held = raw.columns[column.name]
+            columns[column.name] = held.texts if held.texts is not None else raw.numbers(column.name)
+        return GivenTable(name=table.name, columns=columns, rows=len(raw))
+
+    def _rows(self, values: RowValues, name: str) -> RowPrograms:
+        table = None if values.table is None else self.places.own_table(values.table)
+        return RowPrograms(
+            identifier=self.names.made(name),
+            table=table,
+            width=len(values.cases[0].values) if values.cases else 0,
+            cases=tuple(self._case(table, case.static, case.values) for case in values.cases),
+        )
+
+    def _case(
+        self, table: str | None, static: tuple[tuple[str, str | float], ...], roots: tuple[Expression, ...]
+    ) -> CaseProgram:
+        inputs, program = program_of(roots, self.places.leaf(table))
+        return CaseProgram(static=self.places.static(table, static), inputs=inputs, program=program)
+
+    def _unknowns(self) -> tuple[UnknownShape, ...]:
+        found, first = [], 0
+        for unknown in self.problem.unknowns:
+            members = 1 if unknown.family is None else len(self.found.tables[unknown.family.rows])
+            found.append(self._unknown(unknown, first))
+            first += members * unknown.size
+        return tuple(found)
+
+    def _unknown(self, unknown: Unknown, first: int) -> UnknownShape:
+        def rows(values: RowValues | None, word: str) -> RowPrograms | None:
+            return None if values is None else self._rows(values, f"{word}_of_{unknown.name}")
+
+        lower, upper = rows(unknown.start_lower, "least_start"), rows(unknown.start_upper, "greatest_start")
+        known = self.references[0] if self.references else None
+        begun = () if unknown.family is not None or known is None else known.start
+        # what was given from outside, and starts that do not lead to the answer, become numbers
+        replaced = unknown.name in self.found.starts or (
+            known is not None and not known.stated and not self.problem.request.for_each and unknown.family is None
+        )
+        fallback = tuple(float(v) for v in begun[first : first + unknown.size])
+        return UnknownShape(
+            name=unknown.name,
+            identifier=self.values.made(unknown.name),
+            kind=unknown.kind,
+            dimension=unknown.dimension,
+            shape=unknown.shape,
+            size=unknown.size,
+            freedom=unknown.freedom,
+            labels=unknown.manifold.labels,
+            pieces=tuple((p.label, number, coordinate) for p, number, coordinate in unknown.manifold.spans()),
+            angle=unknown.kind is UnknownKind.ANGLE,
+            positive=unknown.kind is UnknownKind.POSITIVE,
+            family=None if unknown.family is None else self.places.family(unknown.family).number,
+            start=None if replaced else rows(unknown.start, "start"),
+            start_range=None if replaced or lower is None or upper is None else (lower, upper),
+            replaced=replaced,
+            fallback=fallback,
+            lower=rows(unknown.lower, "least"),
+            upper=rows(unknown.upper, "greatest"),
+            bounded=_bounded(unknown.manifold),
+            fixed=rows(unknown.fixed, "fixed"),
+            unit="" if unknown.unit is None else unknown.unit.symbol,
+            factor=1.0 if unknown.unit is None else unknown.unit.factor,
+            doc=unknown.doc,
+        )
+
+    def _block(self, number: int, block: Block) -> BlockShape:
+        identifier = self.names.made(block.name)
+        mine = [(k, b) for k, b in self.pairs if k.purpose is Purpose.EQUATION and k.owner == number]
+        distinct: tuple[ColumnValue, ...] = ()
+        if block.table is not None:
+            distinct = tuple(self.places.cell(block.table, name) for name in block.distinct)
+        return BlockShape(
+            name=block.name.removeprefix("prior "),
+            identifier=identifier,
+            role=block.role,
+            table=block.table,
+            when=None if block.when is None else self._rows(block.when, f"{identifier}_when"),
+            distinct=distinct,
+            cases=tuple(self._equations(block, identifier, kernel, symbolic) for kernel, symbolic in mine),
+            unknown_factor=block.unknown_factor,
+            loss=block.loss,
+            constraint="" if block.constraint is None else block.constraint.value,
+        )
+
+    def _equations(self, block: Block, name: str, kernel: Kernel, symbolic: ResidualBlock) -> BlockCase:
+        case = block.cases[kernel.case]
+        many = len(block.cases) > 1
+        noise = tuple(n for equation in case.equations for n in equation.noise)
+        shapes, first = [], 0
+        for equation in case.equations:
+            shapes.append(self._equation(block, equation, first))
+            first = shapes[-1].last
+        lines = printed(symbolic, latex=False)
+        sign = "=" if block.role is not BlockRole.CONSTRAINT or shapes[0].equality else ">="
+        return BlockCase(
+            identifier=self.names.made(f"{name}_{kernel.case + 1}") if many else name,
+            kernel=kernel,
+            static=self.places.static(block.table, case.static),
+            variables=tuple(self._slot(s, block.table) for s in kernel.variables),
+            tangents=tuple(self._slot(s, block.table) for s in kernel.tangents),
+            parameters=tuple(self.places.parameter(p, block.table) for p in kernel.parameters),
+            equations=tuple(shapes),
+            noise=self._case(block.table, case.static, noise) if block.role is not BlockRole.CONSTRAINT else None,
+            input_names=tuple(s.name for s in (*symbolic.variable_symbols, *symbolic.parameter_symbols)),
+            text=(*lines.definitions, *(f"0 {sign} {line}" for line in lines.components)),
+        )
+
+    def _equation(self, block: Block, equation: Equation, first: int) -> EquationShape:
+        size = len(equation.components)
+        return EquationShape(
+            first=first,
+            last=first + size,
+            noise_kind=equation.noise_kind,
+            loss_scale=0.0 if block.loss is None else self.loss_scale(block.loss, size),
+            equality=equation.relation is Relation.ZERO,
+        )
+
+    def _slot(self, slot: Slot, table: str | None) -> SlotPlace:
+        return SlotPlace(
+            unknown=self.position[slot.unknown],
+            component=slot.component,
+            member=self.places.member(slot.unknown, slot.member, table),
+        )
+
+
+def _bounded(manifold: Manifold) -> tuple[int, ...]:
+    """The coordinates that bounds are stated for: of plain numbers, but not the angle of a plane pose."""
+    plain = tuple(c for piece, _, c in manifold.spans() if piece is Piece.NUMBER)
+    return plain[1:] if len(plain) > 1 and manifold.labels and plain[0] == 0 else plain

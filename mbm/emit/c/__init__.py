@@ -1,0 +1,1 @@
+"""C99 that needs the mathematical library only."""

@@ -1,0 +1,171 @@
+"""The frame of a solve in C: where the arrays of one data set stand in the workspace that the caller gives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from mbm.emit.c.cells import Cells
+from mbm.emit.c.sizes import outputs_capacity, spare_size
+from mbm.emit.reading import every_value
+from mbm.emit.system import StaticSystem, weights_width
+from mbm.emit.types import BlockShape, Blueprint, Choice, ColumnValue, InputValue
+from mbm.problem.types import BlockRole
+from mbm.target.solver import description as at
+
+_HEAD = """/* Arrays of one data set, taken from the caller's workspace one after the other; nothing is allocated. */
+struct arena {
+    double *reals;
+    long reals_used;
+    long *integers;
+    long integers_used;
+};
+
+static double *reals_of(struct arena *a, long count)
+{
+    double *found = a->reals != NULL ? a->reals + a->reals_used : NULL;
+    a->reals_used += count;
+    return found;
+}
+
+static long *integers_of(struct arena *a, long count)
+{
+    long *found = a->integers != NULL ? a->integers + a->integers_used : NULL;
+    a->integers_used += count;
+    return found;
+}
+"""
+
+
+def frame_text(blueprint: Blueprint, static: StaticSystem) -> str:
+    """The struct and the function that lays it out."""
+    cells = Cells(blueprint)
+    return "\n".join([_HEAD, *_struct(blueprint), "", *_layout(blueprint, static, cells), ""])
+
+
+def ends(blueprint: Blueprint) -> tuple[tuple[str, Choice], ...]:
+    """Tables whose first or last row something reads."""
+    found: dict[tuple[str, Choice], None] = {}
+    values: list[InputValue] = list(every_value(blueprint))
+    for value in values:
+        if isinstance(value, ColumnValue) and value.place.choice is not Choice.HERE:
+            found[value.place.table, value.place.choice] = None
+    return tuple(found)
+
+
+def _struct(blueprint: Blueprint) -> Iterator[str]:
+    count, kernels = len(blueprint.unknowns), len(blueprint.cases)
+    yield "struct frame {"
+    yield f"    const {blueprint.identifier}_data *data;"
+    yield f"    long members[{count}];        /* of each unknown; 1 without a family */"
+    yield f"    long offsets[{count + 1}];        /* where the numbers of each unknown begin */"
+    yield f"    long firsts[{count + 1}];         /* where its coordinates begin */"
+    yield f"    long data_set[{at.DATA_HEAD + at.DATA_BLOCK * kernels}];      /* as the solver wants it */"
+    for table in blueprint.tables:
+        if table.where is not None:
+            yield f"    long *kept_of_{table.identifier};    /* the rows that the problem keeps */"
+            yield f"    long kept_of_{table.identifier}_count;"
+    for name, choice in ends(blueprint):
+        yield f"    long {choice.value}_of_{blueprint.table(name).identifier};"
+    for link in blueprint.links:
+        what = f"row of `{link.target}`" if link.family is None else "member"
+        yield f"    long *{link.identifier};    /* the {what} that each row names */"
+    for family in blueprint.families:
+        yield f"    long *{family.identifier};    /* a row of `{family.table}` for each member */"
+        yield f"    long {family.identifier}_count;"
+    yield "    long *chosen, *fixed, *used, *column, *index, *columns, *system, *sides, *flags, *coordinates;"
+    yield "    long parameters_used, weights_used, index_used, columns_used;"
+    yield "    double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;"
+    yield "    double *triangle, *covariance, *multipliers, *work, *spare;"
+    yield "    double results[8];"
+    yield "    long states[8];"
+    yield "};"
+
+
+def _layout(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator[str]:
+    count = len(blueprint.unknowns)
+    yield "/* Lays out a frame for the rows of `data`: the most that can be needed. */"
+    yield f"static void lay_out(struct frame *f, const {blueprint.identifier}_data *data, struct arena *a)"
+    yield "{"
+    yield "    long n, numbers, residuals = 4, inputs = 0, weights = 0, multipliers = 0, i;"
+    yield "    long parameters = 0, index = 0, columns = 0, chosen = 1;"
+    yield f"    long header[{at.HEADER}] = {{0}};"
+    yield ""
+    yield "    f->data = data;"
+    for table in blueprint.tables:
+        if table.where is not None:
+            yield f"    f->kept_of_{table.identifier} = integers_of(a, {cells.rows(table.name)});"
+    for link in blueprint.links:
+        rows = "1" if link.table is None else cells.rows(link.table)
+        yield f"    f->{link.identifier} = integers_of(a, {rows});"
+    for family in blueprint.families:
+        yield f"    f->{family.identifier} = integers_of(a, {cells.rows(family.table)});"
+    for number, unknown in enumerate(blueprint.unknowns):
+        rows = "1" if unknown.family is None else cells.rows(blueprint.families[unknown.family].table)
+        yield f"    f->members[{number}] = {rows};"
+    yield f"    place_unknowns(UNKNOWNS, {count}, f->members, f->offsets, f->firsts);"
+    yield f"    numbers = f->offsets[{count}];"
+    yield f"    n = f->firsts[{count}];"
+    for block in blueprint.blocks:
+        yield from _capacities(block, cells)
+    # no column of a problem is empty: arrays of a size of at least one keep the pointers good
+    for name, size in (("chosen", "chosen"), ("index", "index"), ("columns", "columns")):
+        yield f"    f->{name} = integers_of(a, {size} + 1);"
+    for name in ("fixed", "used", "column", "sides", "coordinates"):
+        yield f"    f->{name} = integers_of(a, n + 1);"
+    yield f"    f->system = integers_of(a, {len(static.prefix)} + (2 + {at.PIECE}) * n);"
+    yield "    f->parameters = reals_of(a, parameters + 1);"
+    yield "    f->weights = reals_of(a, weights + 1);"
+    yield f"    f->scratch = reals_of(a, {_widest_matrix(blueprint)});"
+    yield "    f->start = reals_of(a, numbers);"
+    yield "    f->point = reals_of(a, numbers);"
+    yield "    f->lower = reals_of(a, n);"
+    yield "    f->upper = reals_of(a, n);"
+    yield "    f->sigma = reals_of(a, n);"
+    yield f"    f->constants = reals_of(a, {at.BOUNDS_AT + len(static.losses)} + 2 * n);"
+    yield "    f->triangle = reals_of(a, (n + 1) * (n + 1));"
+    yield "    f->covariance = reals_of(a, n * n);"
+    yield "    f->multipliers = reals_of(a, multipliers + 1);"
+    yield f"    header[{at.NUMBERS}] = numbers;"
+    yield f"    header[{at.COORDINATES}] = n;"
+    yield f"    header[{at.MULTIPLIERS}] = multipliers;"
+    yield f"    header[{at.RESIDUALS}] = residuals;"
+    yield f"    header[{at.INPUTS}] = inputs;"
+    yield f"    header[{at.WEIGHTS}] = weights + 2 * multipliers;"
+    yield f"    header[{at.CHUNK}] = {static.prefix[at.CHUNK]};"
+    yield f"    header[{at.OUTPUTS}] = {outputs_capacity(blueprint, static)};"
+    yield "    f->work = reals_of(a, work_reals(header));"
+    yield f"    f->spare = reals_of(a, {spare_size(blueprint, static)});"
+    yield "    f->flags = integers_of(a, work_integers(header));"
+    yield "    f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;"
+    yield f"    for (i = 0; i < {at.DATA_HEAD + at.DATA_BLOCK * len(blueprint.cases)}; i++)"
+    yield "        f->data_set[i] = 0;"
+    yield "}"
+
+
+def _capacities(block: BlockShape, cells: Cells) -> Iterator[str]:
+    """What the rows of a clause take at most: each is in one case, so that the widest counts."""
+    rows = "1" if block.table is None else cells.rows(block.table)
+
+    def widest(of: Iterator[int]) -> int:
+        return max(of, default=0)
+
+    yield f"    /* {block.name} */"
+    if block.table is not None:
+        yield f"    chosen = chosen < {rows} ? {rows} : chosen;"
+    outputs = widest(c.kernel.outputs for c in block.cases)
+    variables = widest(len(c.variables) for c in block.cases)
+    yield f"    parameters += {rows} * {widest(len(c.parameters) for c in block.cases)};"
+    yield f"    residuals += {rows} * {outputs};"
+    yield f"    inputs += {rows} * {widest(len(c.variables) + len(c.parameters) for c in block.cases)};"
+    # rows that share their unknowns share one line of places, one for each case
+    yield f"    index += ({rows} + {len(block.cases)}) * {variables};"
+    yield f"    columns += ({rows} + {len(block.cases)}) * {widest(len(c.tangents) for c in block.cases)};"
+    if block.role is BlockRole.CONSTRAINT:
+        yield f"    multipliers += {rows} * {outputs};"
+    else:
+        yield f"    weights += {rows} * {widest(weights_width(c) for c in block.cases)};"
+
+
+def _widest_matrix(blueprint: Blueprint) -> int:
+    sizes = [e.last - e.first for _, case in blueprint.cases for e in case.equations]
+    return max(sizes, default=1) ** 2

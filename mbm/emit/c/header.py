@@ -1,0 +1,137 @@
+"""The header of a generated solver in C: what it is given, what it answers, what can be called."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from mbm.emit.c.layout import comment
+from mbm.emit.types import Blueprint, TableShape, UnknownShape
+
+STATUSES: Mapping[str, str] = {
+    "CONVERGED": "converged",
+    "NOT_CONVERGED": "not converged: the estimates should not be trusted",
+    "UNOBSERVABLE": "the data do not determine all unknowns",
+    "INFEASIBLE": "no point meets all constraints",
+    "NOT_FINITE": "an equation has no finite value at the start",
+    "NO_ROWS": "a table that one row is wanted of has none",
+    "UNKNOWN_KEY": "a key names no row or member",
+    "UNKNOWN_CASE": "a row has values that no row had when the solver was made",
+    "BAD_NOISE": "a standard deviation is not above zero, or a matrix is not symmetric and positive definite",
+    "BAD_BOUNDS": "a lower bound is not below the upper one",
+    "BAD_START": "an unknown that stays above zero does not begin there",
+    "WORKSPACE_TOO_SMALL": "the workspace is smaller than the size that was asked for",
+}
+"""What a call answers, in order from 0; the first four are answers, the others wrong data."""
+
+ANSWERED = 4
+
+
+def header(blueprint: Blueprint) -> str:
+    """``<problem>.h``."""
+    name = blueprint.identifier
+    guard = f"{name.upper()}_H"
+    lines = [f"#ifndef {guard}", f"#define {guard}", "", comment(_doc(blueprint)), ""]
+    lines += ["/* What a call answers; `_status_text` has the sentence. */", f"enum {name}_status {{"]
+    words = [f"    {name.upper()}_{word} = {number}" for number, word in enumerate(STATUSES)]
+    lines += [",\n".join(words), "};", ""]
+    lines += ["/* What is given: columns of tables, one element per row, in SI. */", "typedef struct {"]
+    for table in blueprint.tables:
+        lines += _table(table)
+    for unknown in blueprint.unknowns:
+        lines.append(f"    const double *start_{unknown.identifier};    /* {_start(unknown)} */")
+    lines += [f"}} {name}_data;", "", "/* What is answered, in SI; `sigma` are standard deviations. */"]
+    lines += ["typedef struct {", *_result(), *(line for u in blueprint.unknowns for line in _estimate(u))]
+    lines += [f"}} {name}_result;", "", *_workspace(name), *_calls(name), "#endif", ""]
+    return "\n".join(lines)
+
+
+def _doc(blueprint: Blueprint) -> Iterator[str]:
+    yield f"{blueprint.name}" + (f": {blueprint.doc}" if blueprint.doc else "")
+    yield ""
+    yield f"Written by mbm {blueprint.version}. Everything is in SI, angles in radians. Calls share nothing but their"
+    yield "arguments, so that threads may solve at the same time, each with a workspace of its own."
+
+
+def _table(table: TableShape) -> Iterator[str]:
+    yield f"    long {table.identifier}_rows;    /* rows of `{table.name}` */"
+    for column in table.columns:
+        kind = "const char *const *" if column.is_text else "const double *"
+        unit = f"`{column.name}`" + (f", in the file in {column.unit}" if column.unit else "")
+        yield f"    {kind}{table.identifier}_{column.identifier};    /* {unit} */"
+
+
+def _start(unknown: UnknownShape) -> str:
+    many = "" if unknown.family is None else " for each member"
+    return f"where {unknown.name} begins: {unknown.size} numbers{many}; NULL: as the problem states"
+
+
+def _result() -> Iterator[str]:
+    yield "    int status;"
+    yield "    long iterations, evaluations;"
+    yield "    double cost;           /* weighted sum of squares, without losses */"
+    yield "    double robust_cost;    /* the same with losses */"
+    yield "    long freedom;          /* degrees of freedom */"
+    yield "    double sigma0;         /* sqrt(cost / freedom); 0 without freedom */"
+    yield "    long numbers;          /* N, numbers of all unknowns */"
+    yield "    const double *point;   /* (N) the estimates, unknown after unknown, member after member */"
+    yield "    long free;             /* n, estimated coordinates */"
+    yield "    const long *coordinates;     /* (n) their places among all coordinates */"
+    yield "    const double *covariance;    /* (n, n) row by row */"
+    yield "    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */"
+
+
+def _estimate(unknown: UnknownShape) -> Iterator[str]:
+    unit = f", shown in {unknown.unit}" if unknown.unit else ""
+    doc = f": {unknown.doc}" if unknown.doc else ""
+    what = f"{unknown.kind.value}{doc}{unit}".replace("*/", "")
+    if unknown.family is not None:
+        yield f"    long {unknown.identifier}_members;"
+        yield f"    const long *{unknown.identifier}_rows;    /* (members) the row of the table that names each */"
+    many = "" if unknown.family is None else "members × "
+    yield f"    const double *{unknown.identifier};          /* ({many}{unknown.size}) {what} */"
+    yield f"    const double *{unknown.identifier}_sigma;    /* ({many}{unknown.freedom}) */"
+
+
+def _workspace(name: str) -> list[str]:
+    return [
+        "/* Memory of the caller, of at least the sizes that `_workspace_size` gives; results point into it. */",
+        "typedef struct {",
+        "    double *reals;",
+        "    long reals_size;",
+        "    long *integers;",
+        "    long integers_size;",
+        f"}} {name}_workspace;",
+        "",
+    ]
+
+
+def _calls(name: str) -> list[str]:
+    return [
+        "/* How much memory data of these numbers of rows need; only the counts of rows in `data` are read. */",
+        f"void {name}_workspace_size(const {name}_data *data, {name}_workspace *workspace);",
+        "",
+        "/* Solves; the answer is also in `result->status`. Allocates nothing. */",
+        f"int {name}_solve(const {name}_data *data, {name}_result *result, {name}_workspace *workspace);",
+        "",
+        "/* Prepares the equations without solving: `result` then has the start, and where everything stands. */",
+        f"int {name}_begin(const {name}_data *data, {name}_result *result, {name}_workspace *workspace);",
+        "",
+        "/* How many residuals the data of the last `_begin` or `_solve` with this workspace have. */",
+        f"long {name}_residual_count(const {name}_data *data, {name}_workspace *workspace);",
+        "",
+        "/* Whitened residuals (m) at a point (N), after `_begin` or `_solve` with the same data and workspace. */",
+        f"void {name}_residuals(const {name}_data *data, const double *point, double *residuals,",
+        f"    {name}_workspace *workspace);",
+        "",
+        "/* Their derivatives by the estimated coordinates (m, n), row by row; without losses. */",
+        f"void {name}_jacobian(const {name}_data *data, const double *point, double *jacobian,",
+        f"    {name}_workspace *workspace);",
+        "",
+        "/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */",
+        f"int {name}_covariance(const {name}_data *data, const double *point, double *covariance,",
+        f"    {name}_workspace *workspace);",
+        "",
+        "/* What a status means. */",
+        f"const char *{name}_status_text(int status);",
+        "",
+    ]

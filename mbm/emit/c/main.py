@@ -1,0 +1,246 @@
+"""``main.c``, which solves tables from files, and ``test.c``, which wants to see the reference numbers again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from mbm.emit.c.cells import quoted
+from mbm.emit.c.reading import key_table
+from mbm.emit.types import Blueprint, UnknownShape
+from mbm.target.c import number
+
+_RESERVE = """/* A workspace of the size that the data want. */
+static int reserve(const {name}_data *data, {name}_workspace *workspace)
+{{
+    {name}_workspace_size(data, workspace);
+    workspace->reals = malloc(sizeof(double) * (size_t)workspace->reals_size);
+    workspace->integers = malloc(sizeof(long) * (size_t)workspace->integers_size);
+    if (workspace->reals != NULL && workspace->integers != NULL)
+        return 1;
+    fprintf(stderr, "error: the workspace does not fit into the memory\\n");
+    return 0;
+}}
+
+static void release({name}_workspace *workspace)
+{{
+    free(workspace->reals);
+    free(workspace->integers);
+}}
+"""
+
+
+def _heads(blueprint: Blueprint, doc: str) -> Iterator[str]:
+    name = blueprint.identifier
+    yield f"/* {doc} */"
+    yield ""
+    yield "#include <math.h>"
+    yield "#include <stdio.h>"
+    yield "#include <stdlib.h>"
+    yield "#include <string.h>"
+    yield ""
+    yield f'#include "{name}_tables.h"'
+    yield ""
+    yield _RESERVE.format(name=name)
+
+
+def _each(blueprint: Blueprint, call: str) -> Iterator[str]:
+    """The body that goes through the data sets; ``call`` is done with each, as ``chosen`` with the key ``row``."""
+    name = blueprint.identifier
+    if not blueprint.for_each:
+        yield f"    {call.format(data='&tables.data', row='0')}"
+        return
+    yield f"    for (row = {name}_next_key(&tables.data, -1); row >= 0; row = {name}_next_key(&tables.data, row)) {{"
+    yield f"        {name}_data chosen;"
+    yield f"        if (!{name}_select(&tables.data, row, &chosen)) {{"
+    yield '            fprintf(stderr, "error: the rows of a solve do not fit into the memory\\n");'
+    yield "            return 2;"
+    yield "        }"
+    yield f"        {call.format(data='&chosen', row='row')}"
+    yield f"        {name}_free_columns(&chosen);"
+    yield "    }"
+
+
+def main_file(blueprint: Blueprint) -> str:
+    """``main.c``."""
+    name = blueprint.identifier
+    usage = " ".join(f"{t.identifier.upper()}.csv" for t in blueprint.tables)
+    lines = [*_heads(blueprint, f"{blueprint.name}: solves the tables of the files that it is given.")]
+    lines += ["/* One line for each number: estimate and standard deviation in the unit that the problem shows. */"]
+    lines += [f"static void print_result(const {name}_data *data, long key, const {name}_result *result)", "{"]
+    if any(u.family is not None for u in blueprint.unknowns):
+        lines.append("    long m;")
+    if any(u.freedom > 1 or u.family is not None for u in blueprint.unknowns):
+        lines.append("    long c;")
+    lines += ["    (void)data;", "    (void)key;"]
+    for unknown in blueprint.unknowns:
+        lines += _printed(blueprint, unknown)
+    lines += ["}", "", *_solve_one(blueprint), "int main(int argc, char **argv)", "{"]
+    lines += [f"    struct {name}_tables tables;", "    int worst = 0;"]
+    lines += ["    long row;", ""] if blueprint.for_each else [""]
+    lines += [f"    if (argc != 1 + {name.upper()}_TABLES) {{"]
+    lines += [f'        fprintf(stderr, "usage: %s {usage}\\n", argv[0]);', "        return 2;", "    }"]
+    lines += [f"    if (!{name}_read_tables(&tables, argv + 1)) {{", f"        {name}_free_tables(&tables);"]
+    lines += ["        return 2;", "    }"]
+    heads = "".join(f"{c}," for c in blueprint.for_each)
+    lines += [f'    printf("%s\\n", {quoted(heads + "name,value,sigma,unit")});']
+    lines += _each(blueprint, "worst = solve_one({data}, {row}, worst);")
+    lines += [f"    {name}_free_tables(&tables);", "    return worst;", "}", ""]
+    return "\n".join(lines)
+
+
+def _solve_one(blueprint: Blueprint) -> Iterator[str]:
+    name = blueprint.identifier
+    yield "/* The worse of `worst` and the exit status of this solve: 0 solved, 1 not to be trusted, 2 wrong data. */"
+    yield f"static int solve_one(const {name}_data *data, long key, int worst)"
+    yield "{"
+    yield f"    {name}_workspace workspace;"
+    yield f"    {name}_result result;"
+    yield "    int status;"
+    yield ""
+    yield "    if (!reserve(data, &workspace))"
+    yield "        return 2;"
+    yield f"    status = {name}_solve(data, &result, &workspace);"
+    yield "    if (status < 4) {"
+    yield "        print_result(data, key, &result);"
+    yield '        fprintf(stderr, "%s: chi2 %.9g, %ld degrees of freedom, sigma0 %.6g, %ld iterations\\n",'
+    yield f"            {name}_status_text(status), result.cost, result.freedom, result.sigma0, result.iterations);"
+    yield "    } else {"
+    yield f'        fprintf(stderr, "error: %s\\n", {name}_status_text(status));'
+    yield "    }"
+    yield "    release(&workspace);"
+    yield "    status = status == 0 ? 0 : status < 4 ? 1 : 2;"
+    yield "    return status > worst ? status : worst;"
+    yield "}"
+    yield ""
+
+
+def _key_text(blueprint: Blueprint, pad: str) -> Iterator[str]:
+    table = key_table(blueprint)
+    for column in blueprint.for_each:
+        held = blueprint.table(table).column(column)
+        field = f"{blueprint.table(table).identifier}_{held.identifier}"
+        # the first row of a selection has its keys; `key` is that of the whole table
+        if held.is_text:
+            yield f'{pad}printf("%s,", data->{field}[0]);'
+        else:
+            yield f'{pad}printf("%.17g,", data->{field}[0] / {number(float(held.factor))});'
+
+
+def _printed(blueprint: Blueprint, unknown: UnknownShape) -> Iterator[str]:
+    pad = "    "
+    yield f"    /* {unknown.name} */"
+    if unknown.family is not None:
+        yield f"    for (m = 0; m < result->{unknown.identifier}_members; m++)"
+    member = "m" if unknown.family is not None else "0"
+    many = unknown.size > 1 or unknown.freedom > 1
+    if unknown.family is not None or many:
+        yield f"{pad}for (c = 0; c < {unknown.size}; c++) {{"
+        pad += "    "
+    component = "c" if unknown.family is not None or many else "0"
+    if blueprint.for_each:
+        yield from _key_text(blueprint, pad)
+    label, arguments = quoted(unknown.name)[1:-1].replace("%", "%%"), []
+    if unknown.family is not None:
+        mark, key = _member_key(blueprint, unknown)
+        label, arguments = label + mark, [key]
+    if many:
+        label, arguments = label + "[%ld]", [*arguments, f"{component} + 1"]
+    place = f"{member} * {unknown.size} + {component}"
+    value = f"result->{unknown.identifier}[{place}] / {number(float(unknown.factor))}"
+    if unknown.dimension:
+        # numbers of rotations and the like; their standard deviations belong to coordinates, which are others
+        yield f'{pad}printf("{label},%.17g,,\\n", {", ".join([*arguments, f"result->{unknown.identifier}[{place}]"])});'
+    else:
+        sigma = f"result->{unknown.identifier}_sigma[{place}] / {number(float(unknown.factor))}"
+        values = ", ".join([*arguments, value, sigma])
+        unit = quoted(unknown.unit)[1:-1].replace("%", "%%")
+        yield f'{pad}printf("{label},%.17g,%.17g,{unit}\\n", {values});'
+    if unknown.family is not None or many:
+        yield "    }"
+
+
+def _member_key(blueprint: Blueprint, unknown: UnknownShape) -> tuple[str, str]:
+    """How the key of member ``m`` is printed, and where it stands."""
+    family = blueprint.families[unknown.family or 0]
+    row = f"result->{unknown.identifier}_rows[m]"
+    if family.key is None:
+        return "[%ld]", f"{row} + 1"
+    table = blueprint.table(family.table)
+    column = table.column(family.key)
+    cell = f"data->{table.identifier}_{column.identifier}[{row}]"
+    return ("[%s]", cell) if column.is_text else ("[%g]", f"{cell} / {number(float(column.factor))}")
+
+
+def test_file(blueprint: Blueprint) -> str:
+    """``test.c``: solves the data of ``data/`` and compares with ``reference.csv``."""
+    name = blueprint.identifier
+    paths = ", ".join(quoted(f"data/{t.identifier}.csv") for t in blueprint.tables) or '""'
+    lines = [
+        *_heads(blueprint, f"{blueprint.name}: the numbers of `mbm solve` for the data of `data/` must come again.")
+    ]
+    lines += [_COMPARE.format(name=name), "int main(void)", "{"]
+    lines += [f"    char *const paths[] = {{{_writable(paths)}}};", f"    struct {name}_tables tables;"]
+    lines += ["    struct csv reference;", "    long solve = 0, wrong = 0, compared = 0;"]
+    lines += ["    long row;", ""] if blueprint.for_each else [""]
+    lines += ['    if (!csv_read(&reference, "reference.csv"))', "        return 2;"]
+    lines += [f"    if (!{name}_read_tables(&tables, paths))", "        return 2;"]
+    lines += _each(blueprint, "wrong += compare({data}, solve++, &reference, &compared);")
+    lines += [f"    {name}_free_tables(&tables);", "    csv_free(&reference);"]
+    lines += ['    printf("%ld of %ld numbers differ\\n", wrong, compared);']
+    lines += ["    return wrong == 0 && compared > 0 ? 0 : 1;", "}", ""]
+    return "\n".join(lines)
+
+
+def _writable(paths: str) -> str:
+    return ", ".join(f"(char *){p}" for p in paths.split(", "))
+
+
+_COMPARE = """/* How far a number may lie from its reference: 1e-9 of its size or its standard deviation. */
+static int differs(double value, double reference, double sigma)
+{{
+    const double size = fabs(reference) > sigma ? fabs(reference) : sigma;
+    return !(fabs(value - reference) <= 1e-9 * size);
+}}
+
+/* Solves one data set and counts the numbers that differ from the rows of `reference.csv` for it. */
+static long compare(const {name}_data *data, long solve, const struct csv *reference, long *compared)
+{{
+    {name}_workspace workspace;
+    {name}_result result;
+    long row, wrong = 0;
+
+    if (!reserve(data, &workspace))
+        return 1;
+    if ({name}_solve(data, &result, &workspace) >= 4) {{
+        fprintf(stderr, "solve %ld: %s\\n", solve + 1, {name}_status_text(result.status));
+        release(&workspace);
+        return 1;
+    }}
+    for (row = 0; row < reference->rows; row++) {{
+        const char *what = csv_cell(reference, row, 1);
+        const long i = atol(csv_cell(reference, row, 2)), j = atol(csv_cell(reference, row, 3));
+        const double expected = strtod(csv_cell(reference, row, 4), NULL);
+        const double spread = strtod(csv_cell(reference, row, 5), NULL);
+        double found = 0.0;
+        if (atol(csv_cell(reference, row, 0)) != solve + 1)
+            continue;
+        if (strcmp(what, "status") == 0)
+            found = (double)result.status;
+        else if (strcmp(what, "number") == 0)
+            found = i < result.numbers ? result.point[i] : HUGE_VAL;
+        else if (strcmp(what, "covariance") == 0)
+            found = i < result.free && j < result.free ? result.covariance[i * result.free + j] : HUGE_VAL;
+        else if (strcmp(what, "freedom") == 0)
+            found = (double)result.freedom;
+        else if (strcmp(what, "cost") == 0)
+            found = result.cost;
+        (*compared)++;
+        if (differs(found, expected, spread)) {{
+            fprintf(stderr, "solve %ld: %s %ld %ld: %.17g, wanted %.17g\\n", solve + 1, what, i, j, found, expected);
+            wrong++;
+        }}
+    }}
+    release(&workspace);
+    return wrong;
+}}
+"""

@@ -1,0 +1,294 @@
+"""The functions of a generated solver in C that its caller calls."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from mbm.emit.c.cells import Cells
+from mbm.emit.c.header import STATUSES
+from mbm.emit.c.sizes import lossy
+from mbm.emit.system import StaticSystem
+from mbm.emit.types import Blueprint
+from mbm.target.solver import description as at
+
+_FRAME_ARGUMENTS = "f->parameters, f->weights, f->index, f->columns"
+
+
+def call_kernel(blueprint: Blueprint) -> str:
+    """``call_kernel``: which function a number means."""
+    lines = ["/* Kernel 2k gives the values of kernel k, 2k + 1 the values and the derivatives; `rows` of them. */"]
+    lines += ["static void call_kernel(long kernel, const double *inputs, double *outputs, long rows)", "{"]
+    lines += ["    long row;", "", "    switch (kernel) {"]
+    for number, (_, case) in enumerate(blueprint.cases):
+        wide = len(case.variables) + len(case.parameters)
+        for shift, word, count in (
+            (0, "values", case.kernel.outputs),
+            (1, "jacobian", case.kernel.outputs + len(case.kernel.jacobian_rows)),
+        ):
+            lines += [f"    case {2 * number + shift}:", "        for (row = 0; row < rows; row++)"]
+            lines.append(f"            {case.identifier}_{word}(inputs + row * {wide}, outputs + row * {count});")
+            lines.append("        break;")
+    return "\n".join([*lines, "    default:", "        break;", "    }", "}", ""])
+
+
+def roots(blueprint: Blueprint) -> tuple[str, ...]:
+    """The functions of the solver that the text calls."""
+    matrices = {e.noise_kind.value for _, c in blueprint.cases if c.noise is not None for e in c.equations}
+    names = ["place_unknowns", "mark_used", "free_coordinates", "renumber", "set_capacities", "set_coordinates"]
+    names += ["set_constants", "solve_noises", "all_rows", "sweep", "set_covariance", "work_reals", "work_integers"]
+    names += ["residuals_at_point", "load_rows"]
+    names += ["weight_of_sigma"] if "sigma" in matrices else []
+    names += [f"weights_of_{word}" for word in ("covariance", "information") if word in matrices]
+    names += ["sandwich"] if lossy(blueprint) else []
+    for unknown in blueprint.unknowns:
+        names += starts_called(unknown.dimension, unknown.kind.value, unknown.start is not None)
+        plain = not unknown.dimension
+        bounded = unknown.start_range is not None or unknown.lower is not None
+        if plain and not unknown.replaced and (unknown.start is not None or bounded):
+            names += ["begun"] + (["within_turn"] if unknown.angle else [])
+    return tuple(dict.fromkeys(names))
+
+
+def starts_called(dimension: int, kind: str, stated: bool) -> list[str]:
+    """What turns a stated rotation or direction into numbers."""
+    if not dimension or not stated:
+        return []
+    if kind == "direction":
+        return ["unit_vector"]
+    return ["quaternion_of_matrix"] if dimension == 3 else ["angle_of_matrix"]
+
+
+def solve_functions(blueprint: Blueprint, static: StaticSystem) -> str:
+    """From the prepared arrays to the answer."""
+    cells = Cells(blueprint)
+    parts = [
+        *_prepare(blueprint, static, cells),
+        *_answer(blueprint, static, cells),
+        *_public(blueprint, static, cells),
+    ]
+    return "\n".join(parts)
+
+
+def _prepare(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator[str]:
+    count = len(blueprint.unknowns)
+    yield "/* Everything of a data set that the solver is handed. */"
+    yield f"static int prepare(struct frame *f, const {blueprint.identifier}_data *data,"
+    yield f"    {blueprint.identifier}_workspace *workspace)"
+    yield "{"
+    yield "    struct arena a = {0};"
+    yield "    long b, c, count;"
+    yield "    int status;"
+    yield ""
+    yield "    lay_out(f, data, &a);"
+    yield "    if (a.reals_used > workspace->reals_size || a.integers_used > workspace->integers_size)"
+    yield f"        return {cells.status('WORKSPACE_TOO_SMALL')};"
+    yield "    a.reals = workspace->reals;"
+    yield "    a.integers = workspace->integers;"
+    yield "    a.reals_used = a.integers_used = 0;"
+    yield "    lay_out(f, data, &a);"
+    yield "    status = find_rows(f);"
+    yield "    if (status != 0)"
+    yield "        return status;"
+    yield f"    place_unknowns(UNKNOWNS, {count}, f->members, f->offsets, f->firsts);"
+    yield "    status = set_up(f);"
+    yield "    if (status == 0)"
+    yield "        status = assemble(f);"
+    yield "    if (status != 0)"
+    yield "        return status;"
+    yield f"    for (c = 0; c < {len(static.prefix)}; c++)"
+    yield "        f->system[c] = SYSTEM[c];"
+    yield f"    count = f->firsts[{count}];"
+    yield "    for (c = 0; c < count; c++)"
+    yield "        f->used[c] = 0;"
+    yield f"    for (b = 0; b < {len(blueprint.cases)}; b++) {{"
+    yield f"        const long *block = f->system + {at.HEADER} + b * {at.BLOCK};"
+    yield f"        const long *own = f->data_set + {at.DATA_HEAD} + b * {at.DATA_BLOCK};"
+    yield f"        mark_used(f->system, block, own[{at.DATA_ROWS}], f->columns + own[{at.DATA_COLUMNS}], f->used);"
+    yield "    }"
+    yield f"    c = free_coordinates(UNKNOWNS, {count}, f->members, f->firsts, f->used, f->fixed, f->column);"
+    yield "    renumber(f->columns_used, f->column, f->columns);"
+    yield f"    set_coordinates(f->system, {len(static.prefix)}, c, UNKNOWNS, {count}, f->members, f->offsets,"
+    yield "        f->firsts, f->column);"
+    yield f"    f->data_set[{at.DATA_COUNT}] = set_capacities(f->system, f->data_set);"
+    yield "    set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);"
+    yield "    for (b = 0; b < count; b++)"
+    yield "        if (f->column[b] >= 0)"
+    yield "            f->coordinates[f->column[b]] = b;"
+    yield "    return 0;"
+    yield "}"
+    yield ""
+
+
+def _answer(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator[str]:
+    name = blueprint.identifier
+    yield "/* Where the answer stands; `sigma` of what is not determined is negative, of what stays 0. */"
+    yield f"static void answer(struct frame *f, {name}_result *result)"
+    yield "{"
+    yield f"    const long n = f->system[{at.COORDINATES}], all = f->firsts[{len(blueprint.unknowns)}];"
+    yield "    long c;"
+    yield ""
+    yield "    for (c = 0; c < all; c++)"
+    yield "        f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;"
+    yield "    for (c = 0; c < n; c++) {"
+    yield "        const double variance = f->covariance[c * n + c];"
+    yield "        f->sigma[f->coordinates[c]] = variance >= 0.0 ? sqrt(variance) : -1.0;"
+    yield "    }"
+    yield f"    result->numbers = f->offsets[{len(blueprint.unknowns)}];"
+    yield "    result->point = f->point;"
+    yield "    result->free = n;"
+    yield "    result->coordinates = f->coordinates;"
+    yield "    result->covariance = f->covariance;"
+    yield "    result->sigmas = f->sigma;"
+    for number, unknown in enumerate(blueprint.unknowns):
+        if unknown.family is not None:
+            family = blueprint.families[unknown.family]
+            yield f"    result->{unknown.identifier}_members = f->members[{number}];"
+            yield f"    result->{unknown.identifier}_rows = f->{family.identifier};"
+        yield f"    result->{unknown.identifier} = f->point + f->offsets[{number}];"
+        yield f"    result->{unknown.identifier}_sigma = f->sigma + f->firsts[{number}];"
+    yield "}"
+    yield ""
+    yield "/* What the reason of the solver means to the caller. */"
+    yield "static int status_of(const struct frame *f)"
+    yield "{"
+    yield f"    const long reason = f->states[{at.REASON}];"
+    yield ""
+    yield f"    if (reason == {at.NOT_FINITE_AT_START})"
+    yield f"        return {cells.status('NOT_FINITE')};"
+    yield f"    if (reason == {at.INFEASIBLE})"
+    yield f"        return {cells.status('INFEASIBLE')};"
+    yield f"    if (f->states[{at.DEFICIENT}] != 0)"
+    yield f"        return {cells.status('UNOBSERVABLE')};"
+    yield f"    if (reason < {at.SMALL_OFFSET} || reason > {at.ONE_STEP})"
+    yield f"        return {cells.status('NOT_CONVERGED')};"
+    yield f"    return {cells.status('CONVERGED')};"
+    yield "}"
+    yield ""
+
+
+def _public(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator[str]:
+    name = blueprint.identifier
+    yield f"void {name}_workspace_size(const {name}_data *data, {name}_workspace *workspace)"
+    yield "{"
+    yield "    struct frame f;"
+    yield "    struct arena a = {0};"
+    yield ""
+    yield "    lay_out(&f, data, &a);"
+    yield "    workspace->reals_size = a.reals_used;"
+    yield "    workspace->integers_size = a.integers_used;"
+    yield "}"
+    yield ""
+    yield f"int {name}_solve(const {name}_data *data, {name}_result *result, {name}_workspace *workspace)"
+    yield "{"
+    yield "    struct frame frame, *f = &frame;"
+    yield f"    double factors[{max(len(static.noises), 1)}];"
+    yield "    long c, n;"
+    yield ""
+    yield "    result->status = prepare(f, data, workspace);"
+    yield "    if (result->status != 0)"
+    yield "        return result->status;"
+    yield f"    n = f->system[{at.COORDINATES}];"
+    yield f"    solve_noises(f->system, f->constants, {_FRAME_ARGUMENTS}, f->data_set,"
+    yield "        f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,"
+    yield "        f->multipliers, factors, f->spare);"
+    if lossy(blueprint):
+        yield f"    if (f->states[{at.DEFICIENT}] == 0"
+        yield "        && !sandwich(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index,"
+        yield "            f->columns, f->point, f->sides, f->spare, f->covariance))"
+        yield f"        f->states[{at.DEFICIENT}] = 1;"
+    yield "    result->status = status_of(f);"
+    yield f"    result->iterations = f->states[{at.STEPS}];"
+    yield f"    result->evaluations = f->states[{at.EVALUATIONS}];"
+    yield f"    result->cost = f->results[{at.PLAIN_COST}];"
+    yield f"    result->robust_cost = f->results[{at.COST}];"
+    yield f"    result->freedom = f->states[{at.FREEDOM}];"
+    if len(static.noises) == 1:
+        yield "    /* one unknown factor counts as 1 in the cost */"
+        yield "    result->cost += (factors[0] * factors[0] - 1.0) * f->spare[1];"
+    yield "    result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;"
+    if static.scaled:
+        yield "    /* all residuals share one unknown factor: the noise is as large as the residuals say */"
+        yield "    for (c = 0; c < n * n; c++)"
+        yield "        f->covariance[c] *= result->sigma0 * result->sigma0;"
+        yield "    if (result->freedom <= 0)"
+        yield "        for (c = 0; c < n; c++)"
+        yield "            f->covariance[c * n + c] = -1.0;"
+    else:
+        yield "    (void)c;"
+        yield "    (void)n;"
+    yield "    answer(f, result);"
+    yield "    return result->status;"
+    yield "}"
+    yield ""
+    yield from _begin(name, cells)
+    yield from _functions(name)
+    yield f"const char *{name}_status_text(int status)"
+    yield "{"
+    yield "    switch (status) {"
+    for word, sentence in STATUSES.items():
+        yield f"    case {cells.status(word)}:"
+        yield f'        return "{sentence}";'
+    yield "    default:"
+    yield '        return "no status";'
+    yield "    }"
+    yield "}"
+
+
+def _begin(name: str, cells: Cells) -> Iterator[str]:
+    yield f"int {name}_begin(const {name}_data *data, {name}_result *result, {name}_workspace *workspace)"
+    yield "{"
+    yield "    struct frame frame, *f = &frame;"
+    yield "    long c, n;"
+    yield ""
+    yield "    memset(result, 0, sizeof *result);"
+    yield "    result->status = prepare(f, data, workspace);"
+    yield "    if (result->status != 0)"
+    yield "        return result->status;"
+    yield f"    n = f->system[{at.COORDINATES}];"
+    yield "    for (c = 0; c < n * n; c++)"
+    yield "        f->covariance[c] = -1.0;"
+    yield f"    for (c = 0; c < f->system[{at.NUMBERS}]; c++)"
+    yield "        f->point[c] = f->start[c];"
+    yield "    answer(f, result);"
+    yield "    return 0;"
+    yield "}"
+    yield ""
+
+
+def _functions(name: str) -> Iterator[str]:
+    yield f"long {name}_residual_count(const {name}_data *data, {name}_workspace *workspace)"
+    yield "{"
+    yield "    struct frame f;"
+    yield ""
+    yield f"    return prepare(&f, data, workspace) == 0 ? f.data_set[{at.DATA_COUNT}] : 0;"
+    yield "}"
+    yield ""
+    for word, slopes in (("residuals", 0), ("jacobian", 1)):
+        yield f"void {name}_{word}(const {name}_data *data, const double *point, double *{word},"
+        yield f"    {name}_workspace *workspace)"
+        yield "{"
+        yield "    struct frame frame, *f = &frame;"
+        yield ""
+        yield "    if (prepare(f, data, workspace) != 0)"
+        yield "        return;"
+        yield f"    all_rows(f->system, f->data_set, {_FRAME_ARGUMENTS}, point, {slopes},"
+        yield f"        f->spare, f->spare + row_scratch(f->system), {word});"
+        yield "}"
+        yield ""
+    yield f"int {name}_covariance(const {name}_data *data, const double *point, double *covariance,"
+    yield f"    {name}_workspace *workspace)"
+    yield "{"
+    yield "    struct frame frame, *f = &frame;"
+    yield "    long c;"
+    yield ""
+    yield "    if (prepare(f, data, workspace) != 0)"
+    yield "        return 0;"
+    yield "    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work);"
+    yield "    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, f->work, f->constants,"
+    yield "        f->triangle);"
+    yield f"    for (c = 0; c < f->system[{at.COORDINATES}]; c++)"
+    yield "        f->sides[c] = 0;"
+    yield "    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)"
+    yield "        < 1e300;"
+    yield "}"
+    yield ""

@@ -1,0 +1,86 @@
+"""The text of ``<problem>_kernels.h``, ``<problem>_solver.h`` and ``<problem>.c``."""
+
+from __future__ import annotations
+
+from mbm.emit.c.cells import input_name, program_name
+from mbm.emit.c.clauses import clause_functions
+from mbm.emit.c.dialect import helpers
+from mbm.emit.c.frame import frame_text
+from mbm.emit.c.kernels import function, kernel_functions
+from mbm.emit.c.layout import comment, doubles, longs
+from mbm.emit.c.solve import call_kernel, roots, solve_functions
+from mbm.emit.c.tables import programs_used, table_functions
+from mbm.emit.c.unknowns import unknown_functions
+from mbm.emit.routines.modules import emitted_module
+from mbm.emit.system import StaticSystem
+from mbm.emit.types import Blueprint
+from mbm.target.c import PRELUDE, number
+from mbm.target.c import text as module_text
+
+
+def kernels_file(blueprint: Blueprint) -> str:
+    """The equations, and the programs of data, as functions."""
+    parts = [kernel_functions(case) for _, case in blueprint.cases]
+    for _, case in blueprint.cases:
+        if case.noise is not None:
+            names = [input_name(v) for v in case.noise.inputs]
+            parts.append(
+                function(f"{case.identifier}_noise", case.noise.program, names, [f"{case.identifier}: stated noise."])
+            )
+    for programs, words in programs_used(blueprint):
+        for position, each in enumerate(programs.cases):
+            names = [input_name(v) for v in each.inputs]
+            parts.append(function(program_name(programs, position), each.program, names, [f"{words}."]))
+    body = "\n".join(parts)
+    doc = [f"{blueprint.name}: its equations. Everything is in SI, angles in radians."]
+    constants = _constants(blueprint)
+    return "\n".join(
+        [comment(doc), "", "#include <math.h>", "", helpers(body), body, call_kernel(blueprint), constants]
+    )
+
+
+def _constants(blueprint: Blueprint) -> str:
+    lines = [
+        f"#define constant_{c.identifier} {number(c.value)}    /* {c.name.replace('*/', '')} */"
+        for c in blueprint.constants
+    ]
+    return "\n".join(["/* Constants of the problem. */", *lines, ""]) if lines else ""
+
+
+def solver_file(blueprint: Blueprint) -> str:
+    """The solver: the same for all problems, as far as this one calls it."""
+    doc = [
+        "Least squares with Marquardt's method in a trust region: losses, bounds, constraints, covariance.",
+        "The same algorithm as mbm's own native solver; arrays are described where the solver is called.",
+    ]
+    text = module_text(emitted_module(roots(blueprint)))
+    return "\n".join([comment(doc), "", PRELUDE, text])
+
+
+def source_file(blueprint: Blueprint, static: StaticSystem) -> str:
+    """Data → arrays of the solver → answer."""
+    name = blueprint.identifier
+    parts = [
+        comment([f"{blueprint.name}: from tables to the arrays of the solver, and back."]),
+        "",
+        f'#include "{name}.h"',
+        "",
+        "#include <stddef.h>",
+        "#include <string.h>",
+        "",
+        f'#include "{name}_kernels.h"',
+        f'#include "{name}_solver.h"',
+        "",
+        longs("SYSTEM", static.prefix, "How the solver's description of the equations begins: what no data change."),
+        longs("UNKNOWNS", static.unknowns, "Of each unknown: numbers, coordinates, family, positive, pieces."),
+        doubles("LOSSES", static.losses, "Parameter and shape of each loss."),
+        f"#define TOLERANCE {number(blueprint.settings.tolerance)}    /* of the next step, in standard deviations */",
+        "",
+        frame_text(blueprint, static),
+        table_functions(blueprint),
+        unknown_functions(blueprint),
+        clause_functions(blueprint),
+        solve_functions(blueprint, static),
+        "",
+    ]
+    return "\n".join(parts)

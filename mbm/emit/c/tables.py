@@ -1,0 +1,157 @@
+"""C functions that find rows: those that are kept, the members of families, and what keys name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from mbm.emit.c.cells import Cells
+from mbm.emit.c.frame import ends
+from mbm.emit.types import Blueprint, Choice, FamilyShape, Link, RowPrograms
+
+FIND_TEXT = """/* The place of a key among cells: those in `rows`, or the first `count`; -1: it is none. Data often come
+ * in the order of their keys, so the search begins behind the place that was found last, and goes round. */
+static long place_of_text(const char *key, const char *const *cells, const long *rows, long count, long last)
+{
+    long i;
+    for (i = 0; i < count; i++) {
+        const long place = (last + 1 + i) % count;
+        if (strcmp(cells[rows != NULL ? rows[place] : place], key) == 0)
+            return place;
+    }
+    return -1;
+}
+"""
+FIND_NUMBER = """/* The place of a key among numbers; without `cells` rows are named by their number, from 1. */
+static long place_of_number(double key, const double *cells, const long *rows, long count, long last)
+{
+    long i;
+    for (i = 0; i < count; i++) {
+        const long place = (last + 1 + i) % count;
+        const long row = rows != NULL ? rows[place] : place;
+        if ((cells != NULL ? cells[row] : (double)(row + 1)) == key)
+            return place;
+    }
+    return -1;
+}
+"""
+
+
+def table_functions(blueprint: Blueprint) -> str:
+    """``find_rows``: kept rows, families, links, in the order in which they need one another."""
+    cells = Cells(blueprint)
+    body = [*_kept(blueprint, cells)]
+    for name, choice in ends(blueprint):
+        body += _end(blueprint, cells, name, choice)
+    for family in blueprint.families:
+        body += _family(blueprint, cells, family)
+    for link in blueprint.links:
+        body += _link(blueprint, cells, link)
+    text = "\n".join(body)
+    wide = max((len(c.inputs) for t in blueprint.tables if t.where is not None for c in t.where.cases), default=0)
+    head = ["/* The rows that count, the members of families, and what the keys name. */"]
+    head += ["static int find_rows(struct frame *f)", "{"]
+    head += [f"    const {blueprint.identifier}_data *data = f->data;"]
+    names = [n for n in ("row", "i", "last") if _uses(text, n)]
+    head += [f"    long {', '.join(names)};"] if names else []
+    if "inputs[" in text or "(inputs," in text:
+        head += [f"    double inputs[{max(wide, 1)}], kept;"]
+    found = [*head, "", "    (void)data;", text, "    return 0;", "}", ""]
+    finders = [f for f, n in ((FIND_TEXT, "place_of_text("), (FIND_NUMBER, "place_of_number(")) if n in text]
+    return "\n".join([*finders, *found])
+
+
+def _uses(text: str, name: str) -> bool:
+    """Whether a loop variable is used that no inner declaration brings."""
+    return any(f"for ({name} =" in line or f"    {name} = " in line for line in text.split("\n"))
+
+
+def _kept(blueprint: Blueprint, cells: Cells) -> Iterator[str]:
+    for table in blueprint.tables:
+        if table.where is None:
+            continue
+        count = f"f->kept_of_{table.identifier}_count"
+        yield f"    /* the rows of `{table.name}` that the problem keeps */"
+        yield f"    {count} = 0;"
+        yield f"    for (row = 0; row < {cells.rows(table.name)}; row++) {{"
+        yield from cells.call(table.where, "&kept", "        ")
+        yield "        if (kept == 1.0)"
+        yield f"            f->kept_of_{table.identifier}[{count}++] = row;"
+        yield "    }"
+
+
+def _end(blueprint: Blueprint, cells: Cells, name: str, choice: Choice) -> Iterator[str]:
+    table = blueprint.table(name)
+    count = cells.rows(name) if table.where is None else f"f->kept_of_{table.identifier}_count"
+    place = "0" if choice is Choice.FIRST else f"{count} - 1"
+    row = place if table.where is None else f"f->kept_of_{table.identifier}[{place}]"
+    yield f"    if ({count} == 0)"
+    yield f"        return {cells.status('NO_ROWS')};"
+    yield f"    f->{choice.value}_of_{table.identifier} = {row};"
+
+
+def _family(blueprint: Blueprint, cells: Cells, family: FamilyShape) -> Iterator[str]:
+    count = f"f->{family.identifier}_count"
+    opened, closed = cells.loop(family.table)
+    yield f"    /* the members: {'distinct values' if family.distinct else 'rows'} of `{family.table}` */"
+    yield f"    {count} = 0;"
+    yield from opened
+    if family.distinct and family.key is not None:
+        text = blueprint.table(family.table).column(family.key).is_text
+        finder = "place_of_text" if text else "place_of_number"
+        column = cells.column(family.table, family.key)
+        yield f"        if ({finder}({column}[row], {column}, f->{family.identifier}, {count}, -1) >= 0)"
+        yield "            continue;"
+    yield f"        f->{family.identifier}[{count}++] = row;"
+    yield from closed
+    for number, unknown in enumerate(blueprint.unknowns):
+        if unknown.family == family.number:
+            yield f"    f->members[{number}] = {count};    /* {unknown.name} */"
+
+
+def _link(blueprint: Blueprint, cells: Cells, link: Link) -> Iterator[str]:
+    key, text = cells.key(link.cell)
+    column = "NULL" if link.key is None else cells.column(link.target, link.key)
+    rows, count = "NULL", cells.rows(link.target)
+    if link.family is not None:
+        family = blueprint.families[link.family]
+        rows, count = f"f->{family.identifier}", f"f->{family.identifier}_count"
+    finder = "place_of_text" if text else "place_of_number"
+    what = "member" if link.family is not None else f"row of `{link.target}`"
+    yield f"    /* the {what} that {'each row of `' + link.table + '`' if link.table else 'the problem'} names */"
+    missing = f"return {cells.status('UNKNOWN_KEY')};"
+    if link.table is None:
+        yield f"    f->{link.identifier}[0] = {finder}({key}, {column}, {rows}, {count}, -1);"
+        yield f"    if (f->{link.identifier}[0] < 0)"
+        yield f"        {missing}"
+        return
+    yield "    last = -1;"
+    opened, closed = cells.loop(link.table)
+    if link.family is None:
+        opened, closed = [f"    for (row = 0; row < {cells.rows(link.table)}; row++) {{"], ["    }"]
+    yield from opened
+    yield f"        last = {finder}({key}, {column}, {rows}, {count}, last);"
+    yield "        if (last < 0)"
+    yield f"            {missing}"
+    yield f"        f->{link.identifier}[row] = last;"
+    yield from closed
+
+
+def programs_used(blueprint: Blueprint) -> Iterator[tuple[RowPrograms, str]]:
+    """The programs of data, with what they compute in words."""
+    for table in blueprint.tables:
+        if table.where is not None:
+            yield table.where, f"whether a row of `{table.name}` is kept: 1 or 0"
+    for unknown in blueprint.unknowns:
+        for programs, words in (
+            (unknown.start, "where the iteration begins"),
+            (unknown.lower, "the lower bounds"),
+            (unknown.upper, "the upper bounds"),
+            (unknown.fixed, "which coordinates stay: 1 or 0"),
+        ):
+            if programs is not None:
+                yield programs, f"{unknown.name}: {words}"
+        for programs in unknown.start_range or ():
+            yield programs, f"{unknown.name}: an end of the range of starts"
+    for block in blueprint.blocks:
+        if block.when is not None:
+            yield block.when, f"{block.name}: whether a row is used: 1 or 0"

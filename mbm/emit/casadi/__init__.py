@@ -1,0 +1,1 @@
+"""Serialised CasADi functions."""

@@ -1,0 +1,142 @@
+"""All files of the target ``casadi``: serialised functions, and a description of their inputs and outputs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+
+from mbm.emit.types import Blueprint, ColumnValue, InputValue, OutputFile
+from mbm.emit.words import described
+from mbm.kernels.serialised import serialised_kernel, serialised_whole
+
+
+def casadi_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:
+    """The functions of each kernel and of all rows together, ``functions.json``, README, a test."""
+    made: dict[str, str] = {}
+    kernels = []
+    for block, case in blueprint.cases:
+        made[f"{case.identifier}.casadi"] = serialised_kernel(case.identifier, case.kernel)
+        kernels.append(
+            {
+                "file": f"{case.identifier}.casadi",
+                "clause": block.name,
+                "role": block.role.value,
+                "inputs": list(case.input_names),
+                "unknowns": len(case.variables),
+                "parameters": [_shown(value) for value in case.parameters],
+                "where": {str(value.column): key for value, key in case.static},
+                "outputs": case.kernel.outputs,
+                "coordinates": [[s.unknown, s.component + 1] for s in case.kernel.tangents],
+                "equations": list(case.text),
+            }
+        )
+    whole = blueprint.whole
+    made["residuals.casadi"] = serialised_whole("residuals", len(whole.start), len(whole.names), whole.bound)
+    unknowns = [
+        {"name": u.name, "kind": u.kind.value, "numbers": u.size, "coordinates": u.freedom, "unit": u.unit}
+        for u in blueprint.unknowns
+    ]
+    document = {
+        "problem": blueprint.name,
+        "mbm": blueprint.version,
+        "kernels": kernels,
+        "residuals": {
+            "file": "residuals.casadi",
+            "inputs": ["point"],
+            "outputs": ["residuals", "jacobian"],
+            "numbers": len(whole.start),
+            "coordinates": list(whole.names),
+            "rows": len(whole.residuals),
+            "start": whole.start.tolist(),
+        },
+        "unknowns": unknowns,
+        "constants": {c.name: c.value for c in blueprint.constants},
+    }
+    made["functions.json"] = json.dumps(document, indent=2, ensure_ascii=False) + "\n"
+    made["README.md"] = "\n".join([*_readme(blueprint), *described(blueprint)]) + "\n"
+    made["test_functions.py"] = TEST
+    made["reference.json"] = _reference(blueprint)
+    return tuple(OutputFile(path=path, content=text.encode()) for path, text in made.items())
+
+
+def _shown(value: InputValue) -> str:
+    """A parameter in words."""
+    if not isinstance(value, ColumnValue):
+        return value.name
+    return f"{value.owner}.{value.column or 'row number'}"
+
+
+def _reference(blueprint: Blueprint) -> str:
+    """Residuals and Jacobian at the start, as mbm itself has them."""
+    whole = blueprint.whole
+    rows, columns = whole.jacobian.nonzero()
+    slopes = [[int(i), int(j), float(whole.jacobian[i, j])] for i, j in zip(rows, columns, strict=True)]
+    found = {"point": whole.start.tolist(), "residuals": whole.residuals.tolist(), "jacobian": slopes}
+    return json.dumps(found) + "\n"
+
+
+def _readme(blueprint: Blueprint) -> Iterator[str]:
+    yield f"# {blueprint.name}"
+    yield ""
+    yield f"{blueprint.doc} " if blueprint.doc else ""
+    yield f"Serialised CasADi functions, written by mbm {blueprint.version}; `functions.json` names inputs and outputs."
+    yield ""
+    yield "```python"
+    yield "import casadi"
+    yield ""
+    yield 'residuals = casadi.Function.deserialize(open("residuals.casadi").read())'
+    yield "r, J = residuals(point)    # all numbers in SI → whitened residuals, and their derivatives"
+    yield "```"
+    yield ""
+    yield "`residuals.casadi` holds the data of the tables that it was made with"
+    yield "(of the first data set, where there are several), without losses; the other files have one function for each"
+    yield "group of rows, from the unknowns and the data of one row to its equations (not divided by their noise) and"
+    yield "their derivatives. Derivatives are by steps in the tangent space: a rotation has three, `q Exp(ω)`."
+    yield "`python test_functions.py` compares with the numbers of mbm."
+    yield ""
+
+
+TEST = '''"""The functions give the numbers of mbm: `python test_functions.py`, or pytest."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import casadi
+import numpy as np
+
+FOLDER = Path(__file__).parent
+
+
+def load(name: str) -> casadi.Function:
+    """A function of the folder."""
+    return casadi.Function.deserialize((FOLDER / name).read_text(encoding="utf-8"))
+
+
+def test_residuals_and_jacobian() -> None:
+    """As mbm has them at the start, to the rounding of another order of operations."""
+    reference = json.loads((FOLDER / "reference.json").read_text(encoding="utf-8"))
+    residuals, jacobian = load("residuals.casadi")(reference["point"])
+    wanted = np.array(reference["residuals"])
+    assert np.allclose(np.array(residuals).ravel(), wanted, rtol=1e-10, atol=1e-10 * np.abs(wanted).max(initial=0.0))
+    slopes = np.zeros(jacobian.shape)
+    for row, column, value in reference["jacobian"]:
+        slopes[row, column] = value
+    assert np.allclose(np.array(jacobian.full()), slopes, rtol=1e-10, atol=1e-10 * np.abs(slopes).max(initial=0.0))
+
+
+def test_kernels_are_named() -> None:
+    """Every function has the inputs and outputs that `functions.json` says."""
+    for kernel in json.loads((FOLDER / "functions.json").read_text(encoding="utf-8"))["kernels"]:
+        function = load(kernel["file"])
+        assert function.size1_in(0) == len(kernel["inputs"])
+        assert function.size1_out(0) == kernel["outputs"]
+        assert function.size2_out(1) == len(kernel["coordinates"])
+
+
+if __name__ == "__main__":
+    test_residuals_and_jacobian()
+    test_kernels_are_named()
+    print("all functions agree")
+'''

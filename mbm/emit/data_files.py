@@ -1,0 +1,66 @@
+"""The data and the reference numbers of compile time, as CSV files that every generated solver reads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mbm.emit.types import Blueprint, GivenTable, OutputFile, Reference, TableShape
+
+MOST_COVARIANCES = 60
+"""Coordinates up to which all covariances are kept; beyond only the variances."""
+STATUSES = ("converged", "not-converged", "unobservable", "infeasible")
+
+
+def data_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:
+    """``data/<table>.csv`` for each table, and ``reference.csv``."""
+    given = {table.name: table for table in blueprint.given}
+    files = [
+        OutputFile(path=f"data/{t.identifier}.csv", content=_table(t, given[t.name]).encode()) for t in blueprint.tables
+    ]
+    return (*files, OutputFile(path="reference.csv", content=_references(blueprint).encode()))
+
+
+def _table(shape: TableShape, given: GivenTable) -> str:
+    """The columns that the solver reads, in the units of the file."""
+    lines = [",".join(_field(c.source) for c in shape.columns)]
+    columns = []
+    for column in shape.columns:
+        held = given.columns[column.name]
+        if isinstance(held, tuple):
+            columns.append([_field(text) for text in held])
+        else:
+            columns.append([repr(float(value)) for value in np.asarray(held) / column.factor])
+    lines += [",".join(cells) for cells in zip(*columns, strict=True)]
+    return "\n".join(lines) + "\n"
+
+
+def _field(text: str) -> str:
+    return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"\n\r') or not text else text
+
+
+def _references(blueprint: Blueprint) -> str:
+    """``spread`` is the standard deviation by which a difference is measured where the number itself is small."""
+    lines = ["solve,what,row,column,value,spread"]
+    for number, reference in enumerate(blueprint.references):
+        lines += [f"{number + 1},{line}" for line in _reference(reference)]
+    return "\n".join(lines) + "\n"
+
+
+def _reference(reference: Reference) -> Iterator[str]:
+    yield f"status,0,0,{STATUSES.index(reference.status)},0"
+    if reference.status != "converged":
+        return
+    spread = reference.spread
+    for i, value in enumerate(reference.numbers):
+        if np.isfinite(value):
+            yield f"number,{i},0,{float(value)!r},{float(spread[i])!r}"
+    yield f"freedom,0,0,{reference.dof},0"
+    yield f"cost,0,0,{reference.cost!r},1"
+    covariance = reference.covariance
+    sigma = np.sqrt(np.diag(covariance))
+    for i in range(len(covariance)):
+        for j in range(i + 1) if len(covariance) <= MOST_COVARIANCES else (i,):
+            if np.isfinite(covariance[i, j]):
+                yield f"covariance,{i},{j},{float(covariance[i, j])!r},{float(sigma[i] * sigma[j])!r}"

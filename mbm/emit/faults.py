@@ -1,0 +1,19 @@
+"""What cannot leave the house: codes and constructors."""
+
+from __future__ import annotations
+
+from mbm.text.types import Code, Diagnostic, Place
+
+NOT_EMITTED = Code(
+    "not-emitted",
+    "The problem uses something that generated solvers do not have: `mbm compile` refuses it rather than write one "
+    "that answers differently.",
+    "Solve the problem with `mbm solve`, or state it without what the message names.",
+)
+
+
+def not_emitted(place: Place | None, what: str, why: str) -> Diagnostic:
+    """``what`` the problem has, and ``why`` a generated solver cannot."""
+    return Diagnostic(
+        code=NOT_EMITTED, message=f"{what} cannot be compiled: {why}", place=place, hint="use `mbm solve`"
+    )

@@ -1,0 +1,49 @@
+"""NumPy expressions for cells of the tables: ``t`` has the tables, ``f`` what was found in them, ``row`` the rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mbm.emit.types import Blueprint, Choice, ColumnValue, InputValue, LiteralKey
+
+
+@dataclass(frozen=True, slots=True)
+class Cells:
+    """Texts for the cells of one problem."""
+
+    blueprint: Blueprint
+
+    def row_of(self, value: ColumnValue, row: str) -> str:
+        """The rows that cells stand in."""
+        if value.place.choice is not Choice.HERE:
+            row = f"f[{f'{value.place.choice.value} of {value.place.table}'!r}]"
+        for number in value.place.links:
+            row = self.linked(number, row)
+        return row
+
+    def linked(self, number: int, row: str) -> str:
+        """What a link leads to."""
+        link = self.blueprint.links[number]
+        return f"f[{link.identifier!r}][{row if link.table is not None else 0}]"
+
+    def cell(self, value: ColumnValue, row: str = "row") -> str:
+        """The cells of the rows."""
+        place = self.row_of(value, row)
+        if value.column is None:
+            return f"({place} + 1.0)"
+        return f"t[{value.owner!r}][{value.column!r}][{place}]"
+
+    def input(self, value: InputValue, row: str = "row") -> str:
+        """What a kernel or program takes for the rows."""
+        if isinstance(value, ColumnValue):
+            return self.cell(value, row)
+        constant = next(c for c in self.blueprint.constants if c.name == value.name)
+        return f"CONSTANTS[{constant.name!r}]"
+
+    def key(self, cell: ColumnValue | LiteralKey, row: str = "row") -> str:
+        """The keys of the rows."""
+        return f"[{cell.key!r}]" if isinstance(cell, LiteralKey) else self.cell(cell, row)
+
+    def is_text(self, value: ColumnValue) -> bool:
+        """Whether cells are texts."""
+        return value.column is not None and self.blueprint.table(value.owner).column(value.column).is_text

@@ -1,0 +1,86 @@
+"""Kernels and the programs of data as Python functions of arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from textwrap import wrap
+
+from mbm.emit.python.cells import Cells
+from mbm.emit.python.dialect import DIALECT
+from mbm.emit.statements import statements
+from mbm.emit.types import BlockCase, Blueprint, ColumnValue, InputValue, RowPrograms
+from mbm.target.program import Program
+
+WIDTH = 116
+
+
+def docstring(lines: Iterable[str]) -> list[str]:
+    """A docstring, long lines over several."""
+    text = [line.replace("\\", "\\\\").replace('"""', "'''") for line in lines]
+    found = []
+    for line in text:
+        indent = line[: len(line) - len(line.lstrip())]
+        found += wrap(line, WIDTH - 4, subsequent_indent=indent + "    ", break_long_words=False) or [""]
+    if len(found) == 1:
+        return [f'    """{found[0]}"""']
+    return [f'    """{found[0]}', *(f"    {line}".rstrip() for line in found[1:]), '    """']
+
+
+def function(name: str, program: Program, names: Sequence[str], doc: Iterable[str]) -> str:
+    """``name(inputs, outputs)``: one array over the rows for each input; one line of ``outputs`` for each output."""
+    made = statements(program, names, DIALECT)
+    lines = [f"def {name}(inputs: Sequence[Array], outputs: Array) -> None:", *docstring(doc)]
+    for identifier, position in made.inputs:
+        shown = "" if names[position] == identifier else f"  # {names[position]}"
+        lines.append(f"    {identifier} = inputs[{position}]{shown}")
+    for left, right in made.assignments:
+        lines += _wrapped(f"    {left} = {right}")
+    for position, text in enumerate(made.outputs):
+        lines += _wrapped(f"    outputs[{position}] = {text}")
+    return "\n".join(lines)
+
+
+def _wrapped(line: str) -> Iterator[str]:
+    """A statement, a long one in parentheses over several lines."""
+    if len(line) <= WIDTH:
+        yield line
+        return
+    left, right = line.split(" = ", 1)
+    yield f"{left} = ("
+    yield from wrap(
+        right, WIDTH, initial_indent=" " * 8, subsequent_indent=" " * 8, break_long_words=False, break_on_hyphens=False
+    )
+    yield "    )"
+
+
+def kernel_functions(case: BlockCase) -> str:
+    """The values of a kernel, and the values with the nonzeros of their Jacobian behind them."""
+    head = [f"{case.identifier}: what should be zero in each row.", "", *(f"    {line}" for line in case.text)]
+    slopes = [f"{case.identifier}: the same, and behind it the derivatives that are not zero everywhere."]
+    values = function(f"{case.identifier}_values", case.kernel.value_program, case.input_names, head)
+    jacobian = function(f"{case.identifier}_jacobian", case.kernel.jacobian_program, case.input_names, slopes)
+    return f"{values}\n\n\n{jacobian}"
+
+
+def rows_function(blueprint: Blueprint, programs: RowPrograms, words: str) -> str:
+    """The functions of programs of data, and one that computes them for rows: (width, rows)."""
+    cells = Cells(blueprint)
+    parts = []
+    lines = [f"def {programs.identifier}(t: Tables, f: Found, row: Indices) -> Array:", *docstring([f"{words}."])]
+    lines.append(f"    outputs = np.full(({programs.width}, len(row)), np.nan)")
+    for position, case in enumerate(programs.cases):
+        name = f"{programs.identifier}_{position + 1}"
+        parts.append(function(name, case.program, [input_name(v) for v in case.inputs], [f"{words}."]))
+        tests = "".join(f" & ({cells.cell(value)} == {key!r})" for value, key in case.static)
+        lines.append(f"    chosen = np.ones(len(row), dtype=bool){tests}")
+        lines.append(f"    part = np.empty(({programs.width}, int(chosen.sum())))")
+        inputs = ", ".join(cells.input(v, "row[chosen]") for v in case.inputs)
+        lines.append('    with np.errstate(all="ignore"):')
+        lines.append(f"        {name}([{inputs}], part)")
+        lines.append("    outputs[:, chosen] = part")
+    return "\n\n\n".join([*parts, "\n".join([*lines, "    return outputs"])])
+
+
+def input_name(value: InputValue) -> str:
+    """What an input of a program of data is called."""
+    return (value.column or "row") if isinstance(value, ColumnValue) else value.name

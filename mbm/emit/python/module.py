@@ -1,0 +1,132 @@
+"""The text of a generated Python module."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from textwrap import wrap
+
+from mbm.emit.c.sizes import lossy, row_scratch
+from mbm.emit.c.tables import programs_used
+from mbm.emit.python.clauses import clause_functions
+from mbm.emit.python.kernels import WIDTH, docstring, function, input_name, kernel_functions, rows_function
+from mbm.emit.python.rows import finding, set_up
+from mbm.emit.python.runtime import HEAD, TAIL
+from mbm.emit.routines.modules import emitted_module
+from mbm.emit.system import StaticSystem
+from mbm.emit.types import Blueprint
+from mbm.problem.types import NoiseKind
+from mbm.target.program import Operator
+from mbm.target.python import PRELUDE
+from mbm.target.python import text as module_text
+from mbm.target.solver import description
+
+_ROOTS = (
+    "place_unknowns", "mark_used", "free_coordinates", "renumber", "set_capacities", "set_coordinates", "set_constants",
+    "solve_noises", "all_rows", "row_scratch", "work_reals", "work_integers", "begun", "within_turn", "unit_vector",
+    "quaternion_of_matrix", "angle_of_matrix", "weights_of_covariance", "weights_of_information", "sandwich",
+)  # fmt: skip
+_DESCRIPTION = (
+    "HEADER", "BLOCK", "PIECE", "BOUNDS_AT", "MULTIPLIERS", "NOISES", "DATA_HEAD", "DATA_BLOCK", "DATA_COUNT",
+    "DATA_COLUMNS", "DATA_ROWS", "RESULTS", "COST", "PLAIN_COST", "STATES", "REASON", "STEPS", "EVALUATIONS", "FREEDOM",
+    "DEFICIENT", "SMALL_OFFSET", "ONE_STEP", "NOT_FINITE_AT_START", "INFEASIBLE",
+)  # fmt: skip
+_ERROR_FUNCTION = '''error_function = np.vectorize(math.erf, otypes=[float])
+"""erf, which NumPy does not have."""
+'''
+
+
+def module(blueprint: Blueprint, static: StaticSystem) -> str:
+    """All of it, in the order in which Python wants it."""
+    parts = ["\n".join([*_doc(blueprint), "", HEAD.rstrip()]), *_tables(blueprint), *_constants(blueprint, static)]
+    programs = [p for c in blueprint.cases for p in (c[1].kernel.jacobian_program,)]
+    if any(i.operator is Operator.ERF for p in programs for i in p.instructions):
+        parts.append(_ERROR_FUNCTION.rstrip())
+    for _, case in blueprint.cases:
+        parts.append(kernel_functions(case))
+        if case.noise is not None:
+            names = [input_name(v) for v in case.noise.inputs]
+            parts.append(
+                function(f"{case.identifier}_noise", case.noise.program, names, [f"{case.identifier}: stated noise."])
+            )
+    parts += [rows_function(blueprint, each, words) for each, words in programs_used(blueprint)]
+    parts += [PRELUDE.rstrip(), module_text(emitted_module(_ROOTS)).rstrip()]
+    parts += [finding(blueprint), *set_up(blueprint), *clause_functions(blueprint), *_lists(blueprint)]
+    return "\n\n\n".join(p.strip("\n") for p in (*parts, TAIL)) + "\n"
+
+
+def _doc(blueprint: Blueprint) -> Iterator[str]:
+    lines = [f"{blueprint.name}" + (f": {blueprint.doc}" if blueprint.doc else "")]
+    lines += ["", f"Written by mbm {blueprint.version}; needs NumPy only. Everything is in SI, angles in radians."]
+    lines += ["`solve(tables)` solves; `python <this file> TABLE.csv …` prints `name,value,sigma,unit`."]
+    yield from (line.removeprefix("    ") for line in docstring(lines))
+
+
+def _tables(blueprint: Blueprint) -> Iterator[str]:
+    lines = ["COLUMNS: dict[str, dict[str, tuple[bool, str, float]]] = {"]
+    for table in blueprint.tables:
+        lines.append(f"    {table.name!r}: {{")
+        lines += [
+            f"        {c.name!r}: ({c.is_text}, {c.source!r}, {float(c.factor)!r}),"
+            + (f"  # {c.unit}" if c.unit else "")
+            for c in table.columns
+        ]
+        lines.append("    },")
+    lines += ["}", '"""Tables and columns: whether it holds texts, its name in files, the unit of the file in SI."""']
+    yield "\n".join(lines)
+    shapes = [None if u.family is None else blueprint.families[u.family] for u in blueprint.unknowns]
+    families = [None if s is None else (s.identifier, s.table, s.key) for s in shapes]
+    plain = [bool(u.dimension) for u in blueprint.unknowns]
+    shown = [
+        ("" if t else u.unit, 1.0 if t else float(u.factor), t) for u, t in zip(blueprint.unknowns, plain, strict=True)
+    ]
+    yield "\n".join(
+        [
+            *_assigned("KEYS", blueprint.for_each, "Columns that tell the data sets apart."),
+            *_assigned("NAMES", [u.name for u in blueprint.unknowns], "The unknowns."),
+            *_assigned("FAMILIES", families, "Where their members stand: name, table, key; None: there is one."),
+            *_assigned("SHOWN", shown, "Unit, its factor in SI, and whether numbers are no coordinates."),
+        ]
+    )
+
+
+def _assigned(name: str, values: Iterable[object], doc: str) -> list[str]:
+    """A tuple with its documentation."""
+    items = [repr(v) for v in values]
+    text = ", ".join(items) + ("," if len(items) == 1 else "")
+    line = f"{name} = ({text})"
+    if len(line) > WIDTH:
+        body = wrap(text, WIDTH - 4, break_long_words=False, break_on_hyphens=False)
+        line = "\n".join([f"{name} = (", *(f"    {part}" for part in body), ")"])
+    return [line, f'"""{doc}"""']
+
+
+def _constants(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
+    yield "CONSTANTS = {" + ", ".join(f"{c.name!r}: {c.value!r}" for c in blueprint.constants) + "}"
+    lines = _assigned("_SYSTEM", static.prefix, "How the solver's description of the equations begins.")
+    lines += _assigned("_UNKNOWNS", static.unknowns, "Of each unknown: numbers, coordinates, family, positive, pieces.")
+    lines += _assigned("_LOSSES", static.losses, "Parameter and shape of each loss.")
+    lines += ["SYSTEM = np.array(_SYSTEM, dtype=np.int64)"]
+    lines += ["UNKNOWNS = np.array(_UNKNOWNS, dtype=np.int64)"]
+    lines += ["LOSSES = np.array(_LOSSES, dtype=float)"]
+    lines += [f"TOLERANCE = {blueprint.settings.tolerance!r}", f"LOSSY = {lossy(blueprint)}"]
+    lines += [f"SCALED = {static.scaled}", f"SPARE = {row_scratch(blueprint)!r}"]
+    yield "\n".join(lines)
+    values = [(name, getattr(description, name)) for name in _DESCRIPTION]
+    yield "\n".join(["# places in the arrays of the solver, and its reasons", *(f"{n} = {v}" for n, v in values)])
+
+
+def _lists(blueprint: Blueprint) -> Iterator[str]:
+    lines = ["KERNELS: tuple[tuple[Callable[..., None], int, int], ...] = ("]
+    for _, case in blueprint.cases:
+        wide, outputs = len(case.variables) + len(case.parameters), case.kernel.outputs
+        lines.append(f"    ({case.identifier}_values, {wide}, {outputs}),")
+        lines.append(f"    ({case.identifier}_jacobian, {wide}, {outputs + len(case.kernel.jacobian_rows)}),")
+    yield "\n".join([*lines, ")", '"""Function, inputs and outputs of each kernel."""'])
+    lines = ["SET_UP = (" + ", ".join(f"set_up_{u.identifier}" for u in blueprint.unknowns) + ",)", "CASES = ("]
+    clauses = {id(block): number for number, block in enumerate(blueprint.blocks)}
+    for block, case in blueprint.cases:
+        lines.append(f"    ({clauses[id(block)]}, {block.identifier}_rows, {case.identifier}_assemble),")
+    kinds = (NoiseKind.COVARIANCE, NoiseKind.INFORMATION)
+    lines += [")", '"""Clause, its rows, and what makes arrays of them, for each kernel."""']
+    lines += ["MATRIX_WEIGHTS = {" + ", ".join(f"{k.value!r}: weights_of_{k.value}" for k in kinds) + "}"]
+    yield "\n".join(lines)

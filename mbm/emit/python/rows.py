@@ -1,0 +1,128 @@
+"""Python functions that find rows and set unknowns up."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from mbm.emit.c.frame import ends
+from mbm.emit.python.cells import Cells
+from mbm.emit.types import Blueprint, Choice, UnknownShape
+from mbm.problem.types import UnknownKind
+
+
+def finding(blueprint: Blueprint) -> str:
+    """``find_rows`` and ``kept_rows``."""
+    cells = Cells(blueprint)
+    lines = ["def kept_rows(t: Tables, f: Found, table: str) -> Indices:", '    """The rows of a table that count."""']
+    lines += [
+        '    kept = f.get("kept " + table)',
+        "    return np.arange(row_count(t, table)) if kept is None else kept",
+    ]
+    lines += ["", "", "def find_rows(t: Tables) -> Found:"]
+    lines += ['    """Rows that are kept, the members of families, and what keys name."""', "    f: Found = {}"]
+    for table in blueprint.tables:
+        if table.where is not None:
+            lines.append(f"    row = np.arange(row_count(t, {table.name!r}))")
+            lines.append(f"    f[{'kept ' + table.name!r}] = row[{table.where.identifier}(t, f, row)[0] == 1.0]")
+    for name, choice in ends(blueprint):
+        place = 0 if choice is Choice.FIRST else -1
+        lines.append(f"    if not len(kept_rows(t, f, {name!r})):")
+        lines.append(f"        raise DataError({f'the table {name!r} has no rows'!r})")
+        lines.append(f"    f[{f'{choice.value} of {name}'!r}] = kept_rows(t, f, {name!r})[{place}]")
+    for family in blueprint.families:
+        lines.append(f"    row = kept_rows(t, f, {family.table!r})")
+        if family.distinct:
+            lines.append(f"    known = t[{family.table!r}][{family.key!r}][row].tolist()")
+            lines.append("    row = row[[known.index(value) for value in dict.fromkeys(known)]]")
+        lines.append(f"    f[{family.identifier!r}] = row")
+    for link in blueprint.links:
+        if link.family is not None:
+            members = f"f[{blueprint.families[link.family].identifier!r}]"
+            what = f"member of {link.target}"
+        else:
+            members, what = f"np.arange(row_count(t, {link.target!r}))", f"row of {link.target}"
+        known = f"{members} + 1.0" if link.key is None else f"t[{link.target!r}][{link.key!r}][{members}]"
+        if link.table is None:
+            lines.append(f"    f[{link.identifier!r}] = places({cells.key(link.cell)}, {known}, {what!r})")
+            continue
+        rows = (
+            f"kept_rows(t, f, {link.table!r})"
+            if link.family is not None
+            else f"np.arange(row_count(t, {link.table!r}))"
+        )
+        lines.append(f"    row = {rows}")
+        lines.append(f"    f[{link.identifier!r}] = np.full(row_count(t, {link.table!r}), -1)")
+        lines.append(f"    f[{link.identifier!r}][row] = places({cells.key(link.cell)}, {known}, {what!r})")
+    return "\n".join([*lines, "    return f"])
+
+
+def set_up(blueprint: Blueprint) -> Iterator[str]:
+    """One function for each unknown: numbers (members, size), bounds and what stays (members, coordinates)."""
+    for unknown in blueprint.unknowns:
+        lines = [
+            f"def set_up_{unknown.identifier}(t: Tables, f: Found, members: int) -> tuple[Array, Array, Array, Array]:"
+        ]
+        doc = f"Start, bounds and what stays of {unknown.name}" + (f": {unknown.doc}" if unknown.doc else "")
+        lines.append(f'    """{doc}."""')
+        rows = "np.zeros(1, dtype=int)"
+        if unknown.family is not None:
+            rows = f"f[{blueprint.families[unknown.family].identifier!r}]"
+        lines.append(f"    row = {rows}")
+        lines += _bounds(unknown)
+        lines += _start(unknown)
+        yield "\n".join([*lines, "    return numbers, lower, upper, fixed"])
+
+
+def _bounds(unknown: UnknownShape) -> Iterator[str]:
+    for word, far, programs in (("lower", "-np.inf", unknown.lower), ("upper", "np.inf", unknown.upper)):
+        yield f"    {word} = np.full((members, {unknown.freedom}), {far})"
+        if programs is not None:
+            yield f"    {word}[:, {list(unknown.bounded)}] = {programs.identifier}(t, f, row).T"
+    if unknown.fixed is None:
+        yield f"    fixed = np.zeros((members, {unknown.freedom}), dtype=int)"
+    else:
+        yield f"    fixed = ({unknown.fixed.identifier}(t, f, row).T == 1.0).astype(int)"
+
+
+def _start(unknown: UnknownShape) -> Iterator[str]:
+    size = unknown.size
+    ranged = unknown.start_range is not None or unknown.lower is not None
+    if unknown.start is None and (unknown.replaced or unknown.dimension or not ranged):
+        fallback = [float(v) for v in unknown.fallback] or [float("nan")] * size
+        yield f"    numbers = np.tile(np.array({fallback!r}), (members, 1))".replace("nan", "np.nan")
+        return
+    if unknown.start is None:
+        yield f"    stated = np.full((members, {size}), np.nan)"
+    else:
+        yield f"    stated = {unknown.start.identifier}(t, f, row).T"
+    if unknown.dimension:
+        yield from _turned(unknown)
+        return
+    yield f"    least, greatest = np.full((members, {size}), -np.inf), np.full((members, {size}), np.inf)"
+    if unknown.start_range is not None:
+        for word, programs in zip(("least", "greatest"), unknown.start_range, strict=True):
+            yield f"    {word}[:, {list(unknown.bounded)}] = {programs.identifier}(t, f, row).T"
+    yield "    ends = zip(*(each.ravel().tolist() for each in (stated, least, greatest, lower, upper)), strict=True)"
+    if unknown.angle:
+        yield "    found = [within_turn(begun(*each), each[3], each[4]) for each in ends]"
+    else:
+        yield "    found = [begun(*each) for each in ends]"
+    yield f"    numbers = np.array(found).reshape(members, {size})"
+    if unknown.positive:
+        yield "    if not bool(np.all(numbers > 0.0)):"
+        yield f"        raise DataError({f'{unknown.name} does not begin above zero'!r})"
+
+
+def _turned(unknown: UnknownShape) -> Iterator[str]:
+    """Directions, rotations, poses and similarities: stated as a vector, or as a matrix and what follows it."""
+    yield f"    numbers = np.empty((members, {unknown.size}))"
+    yield "    for m in range(members):"
+    if unknown.kind is UnknownKind.DIRECTION:
+        yield "        unit_vector(stated[m], numbers[m])"
+        return
+    held = 4 if unknown.dimension == 3 else 1
+    if unknown.dimension == 3:
+        yield "        quaternion_of_matrix(stated[m], numbers[m])"
+    else:
+        yield "        numbers[m, 0] = angle_of_matrix(stated[m])"
+    yield f"        numbers[m, {held}:] = stated[m, {unknown.dimension**2}:]"

@@ -1,0 +1,377 @@
+"""The part of a generated Python module that is the same for all problems."""
+
+HEAD = '''from __future__ import annotations
+
+import csv
+import math
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+Array = Any
+"""A NumPy array of numbers."""
+Indices = Any
+"""A NumPy array of whole numbers."""
+Tables = Mapping[str, Mapping[str, Any]]
+"""Tables by name: columns by name, NumPy arrays of numbers in SI or of texts."""
+Found = dict[str, Any]
+"""Rows that are kept, rows and members that keys name."""
+
+
+class DataError(ValueError):
+    """The data are wrong."""
+'''
+
+TAIL = '''def call_kernel(kernel: int, inputs: Array, outputs: Array, rows: int) -> None:
+    """Kernel 2k gives the values of kernel k, 2k + 1 the values and the derivatives, all rows at once."""
+    function, wide, count = KERNELS[kernel]
+    function(inputs[: rows * wide].reshape(rows, wide).T, outputs[: rows * count].reshape(rows, count).T)
+
+
+def arrays_of(tables: Mapping[str, Mapping[str, Any]]) -> Tables:
+    """The tables with NumPy arrays for columns, and ``row`` counts; raises DataError for columns that are missing."""
+    found: dict[str, dict[str, Any]] = {}
+    for name, columns in COLUMNS.items():
+        if name not in tables:
+            raise DataError(f"the table {name!r} is missing")
+        found[name] = {}
+        for column, (is_text, _, _) in columns.items():
+            if column not in tables[name]:
+                raise DataError(f"the table {name!r} has no column {column!r}")
+            given = tables[name][column]
+            found[name][column] = np.asarray([str(g) for g in given]) if is_text else np.asarray(given, dtype=float)
+        if len({len(c) for c in found[name].values()}) > 1:
+            raise DataError(f"the columns of {name!r} differ in length")
+    return found
+
+
+def row_count(t: Tables, table: str) -> int:
+    """Rows of a table."""
+    return len(next(iter(t[table].values()))) if t[table] else 0
+
+
+def places(keys: Any, cells: Any, what: str) -> Indices:
+    """For each key its place among cells."""
+    known = {cell: place for place, cell in reversed(list(enumerate(np.asarray(cells).tolist())))}
+    try:
+        return np.array([known[key] for key in np.asarray(keys).tolist()], dtype=np.int64)
+    except KeyError as error:
+        raise DataError(f"{error.args[0]!r} is no {what}") from None
+
+
+def keys_of(t: Tables, f: Found, family: tuple[str, str, str | None]) -> list[Any]:
+    """The keys of the members of a family: rows' numbers where no column holds them."""
+    rows, table, key = f[family[0]], family[1], family[2]
+    return (rows + 1).tolist() if key is None else t[table][key][rows].tolist()
+
+
+def reals(count: int) -> Array:
+    """Room for numbers."""
+    return np.zeros(max(count, 1))
+
+
+def integers(count: int) -> Array:
+    """Room for whole numbers."""
+    return np.zeros(max(count, 1), dtype=np.int64)
+
+
+def view(values: Any, kind: type = float) -> Array:
+    """Numbers as the solver takes them."""
+    found = np.asarray(values, dtype=np.int64 if kind is int else float).ravel()
+    return found if found.size else np.zeros(1, dtype=found.dtype)
+
+
+def matrix_weights(kind: str, matrices: Array, size: int) -> Array:
+    """Weights (rows, size * size) of covariance or information matrices (rows, size * size)."""
+    found = np.empty((len(matrices), size * size))
+    for row, matrix in enumerate(matrices):
+        target = reals(size * size)
+        if not MATRIX_WEIGHTS[kind](view(matrix), size, reals(size * size), target):
+            raise DataError(f"the {kind} matrix of row {row + 1} is not symmetric and positive definite")
+        found[row] = target
+    return found
+
+
+def sigma_weights(sigmas: Array) -> Array:
+    """Weights of standard deviations."""
+    if not bool(np.all((sigmas > 0.0) & np.isfinite(sigmas))):
+        raise DataError("a standard deviation is not above zero")
+    return 1.0 / sigmas
+
+
+class Prepared:
+    """Everything of a data set that the solver is handed, in arrays; `solve` says what is in it."""
+
+    def __init__(self, tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | None) -> None:
+        t = arrays_of(tables)
+        f = find_rows(t)
+        count = len(NAMES)
+        self.members = integers(count)
+        self.keys: list[list[Any]] = []
+        for u, family in enumerate(FAMILIES):
+            self.members[u] = 1 if family is None else len(f[family[0]])
+            self.keys.append([] if family is None else keys_of(t, f, family))
+        self.offsets, self.firsts = integers(count + 1), integers(count + 1)
+        place_unknowns(UNKNOWNS, count, self.members, self.offsets, self.firsts)
+        numbers, every = self.offsets[count], self.firsts[count]
+        self.start, self.lower, self.upper = reals(numbers), reals(every), reals(every)
+        self.fixed, self.used, self.column = integers(every), integers(every), integers(every)
+        self._set_up(t, f, start or {})
+        self._assemble(t, f)
+        self.system = integers(len(SYSTEM) + (2 + PIECE) * every)
+        for i, value in enumerate(SYSTEM):
+            self.system[i] = value
+        for b in range(len(CASES)):
+            own = self.data[DATA_HEAD + DATA_BLOCK * b :]
+            block = self.system[HEADER + BLOCK * b :]
+            mark_used(self.system, block, own[DATA_ROWS], self.columns[own[DATA_COLUMNS] :], self.used)
+        self.free = free_coordinates(
+            UNKNOWNS, count, self.members, self.firsts, self.used, self.fixed, self.column
+        )
+        renumber(self.columns_count, self.column, self.columns)
+        set_coordinates(
+            self.system, len(SYSTEM), self.free, UNKNOWNS, count, self.members, self.offsets, self.firsts, self.column
+        )
+        self.data[DATA_COUNT] = set_capacities(self.system, self.data)
+        self.constants = reals(BOUNDS_AT + 2 * self.free + len(LOSSES))
+        set_constants(self.system, self.constants, every, self.column, self.lower, self.upper, TOLERANCE, LOSSES)
+        self.work = reals(work_reals(self.system))
+        self.flags = integers(work_integers(self.system))
+        self.spare = reals(4 * self.free * self.free + 64 + SPARE[0] + (SPARE[1] + 1) * self.free)
+
+    def _set_up(self, t: Tables, f: Found, start: Mapping[str, Any]) -> None:
+        """Starts, bounds, and what stays."""
+        for u, (name, function) in enumerate(zip(NAMES, SET_UP, strict=True)):
+            numbers, lower, upper, fixed = function(t, f, self.members[u])
+            if not bool(np.all(lower < upper)):
+                raise DataError(f"a lower bound of {name!r} is not below the upper one")
+            if name in start:
+                numbers = np.asarray(start[name], dtype=float).reshape(numbers.shape)
+            for target, values, at in (
+                (self.start, numbers, self.offsets[u]),
+                (self.lower, lower, self.firsts[u]),
+                (self.upper, upper, self.firsts[u]),
+                (self.fixed, fixed, self.firsts[u]),
+            ):
+                for i, value in enumerate(values.ravel().tolist()):
+                    target[at + i] = value
+
+    def _assemble(self, t: Tables, f: Found) -> None:
+        """Parameters, weights and unknowns of all rows, kernel after kernel."""
+        parts: list[list[Array]] = [[], [], [], []]
+        used = [0, 0, 0, 0]
+        self.data = integers(DATA_HEAD + DATA_BLOCK * len(CASES))
+        held: dict[int, int] = {}
+        for b, (clause, rows_of, function) in enumerate(CASES):
+            row = rows_of(t, f)
+            chosen, found = function(t, f, row, self.offsets, self.firsts)
+            held[clause] = held.get(clause, len(row)) - int(chosen)
+            for k, values in enumerate(found):
+                self.data[DATA_HEAD + DATA_BLOCK * b + k] = used[k]
+                used[k] += values.size
+                parts[k].append(values.ravel())
+            self.data[DATA_HEAD + DATA_BLOCK * b + DATA_ROWS] = int(chosen)
+        if any(held.values()):
+            raise DataError("a row has values that no row had when the solver was made")
+        self.parameters, self.weights = view(np.concatenate(parts[0])), view(np.concatenate(parts[1]))
+        self.index, self.columns = view(np.concatenate(parts[2]), int), view(np.concatenate(parts[3]), int)
+        self.columns_count = used[3]
+
+    @property
+    def arrays(self) -> tuple[Array, ...]:
+        """Parameters, weights, index and columns."""
+        return self.parameters, self.weights, self.index, self.columns
+
+
+def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Solve one data set.
+
+    Args:
+        tables: by name, each a mapping of columns by name (see `COLUMNS`): numbers in SI, texts.
+        start: where unknowns begin, by name: the numbers that hold them, in SI.
+
+    Returns:
+        ``status`` (see `STATUSES`), ``iterations``, ``evaluations``, ``cost`` (weighted sum of squares without losses),
+        ``robust_cost``, ``freedom``, ``sigma0``; ``estimates``: name → ``value`` (members, size), ``sigma`` (members,
+        coordinates; 0: it stays, NaN: not determined), in SI, and ``keys`` (members,) of families; ``covariance``
+        (n, n), and ``coordinates`` (n,): the place of each of its rows among all coordinates; ``point`` (N,).
+
+    Raises:
+        DataError: the data are wrong.
+
+    """
+    p = Prepared(tables, start)
+    n = p.free
+    point, triangle, covariance = reals(p.offsets[len(NAMES)]), reals((n + 1) * (n + 1)), reals(n * n)
+    results, states, sides = reals(RESULTS), integers(STATES), integers(n)
+    multipliers, factors = reals(p.system[MULTIPLIERS]), reals(p.system[NOISES])
+    with np.errstate(all="ignore"):
+        solve_noises(
+            p.system, p.constants, *p.arrays, p.data, p.start, p.work, p.flags, point, results, states, sides, triangle,
+            covariance, multipliers, factors, p.spare,
+        )
+        if LOSSY and states[DEFICIENT] == 0:
+            states[DEFICIENT] = 1 - sandwich(
+                p.system, p.constants, p.data, *p.arrays, point, sides, p.spare, covariance
+            )
+    cost, freedom = float(results[PLAIN_COST]), int(states[FREEDOM])
+    if p.system[NOISES] == 1:
+        cost += (factors[0] * factors[0] - 1.0) * p.spare[1]  # one unknown factor counts as 1 in the cost
+    sigma0 = math.sqrt(cost / freedom) if freedom > 0 else 0.0
+    matrix = covariance[: n * n].reshape(n, n)
+    if SCALED:
+        matrix = matrix * sigma0**2 if freedom > 0 else np.full((n, n), np.nan)
+    coordinates = np.array([c for c in range(p.firsts[len(NAMES)]) if p.column[c] >= 0], dtype=np.int64)
+    sigma = np.where(np.array(p.fixed[: p.firsts[len(NAMES)]]) != 0, 0.0, np.nan)
+    with np.errstate(all="ignore"):
+        sigma[coordinates] = np.sqrt(np.diag(matrix))
+    numbers = point
+    estimates = {}
+    for u, name in enumerate(NAMES):
+        own, mine = slice(p.offsets[u], p.offsets[u + 1]), slice(p.firsts[u], p.firsts[u + 1])
+        estimates[name] = {
+            "value": numbers[own].reshape(p.members[u], -1),
+            "sigma": sigma[mine].reshape(p.members[u], -1),
+            "keys": p.keys[u],
+        }
+    return {
+        "status": status_of(int(states[REASON]), int(states[DEFICIENT])),
+        "iterations": int(states[STEPS]),
+        "evaluations": int(states[EVALUATIONS]),
+        "cost": cost,
+        "robust_cost": float(results[COST]),
+        "freedom": freedom,
+        "sigma0": sigma0,
+        "estimates": estimates,
+        "covariance": matrix,
+        "coordinates": coordinates,
+        "point": numbers,
+    }
+
+
+STATUSES = ("converged", "not-converged", "unobservable", "infeasible", "not-finite")
+
+
+def status_of(reason: int, deficient: int) -> str:
+    """What the reason of the solver means."""
+    if reason == NOT_FINITE_AT_START:
+        return "not-finite"
+    if reason == INFEASIBLE:
+        return "infeasible"
+    if deficient:
+        return "unobservable"
+    return "converged" if SMALL_OFFSET <= reason <= ONE_STEP else "not-converged"
+
+
+def residuals(tables: Mapping[str, Mapping[str, Any]], point: Array) -> Array:
+    """Whitened residuals (m,) at a point (N,), without losses."""
+    p = Prepared(tables, None)
+    found = reals(p.data[DATA_COUNT])
+    with np.errstate(all="ignore"):
+        all_rows(p.system, p.data, *p.arrays, view(point), 0, p.spare, p.spare[row_scratch(p.system) :], found)
+    return found[: p.data[DATA_COUNT]]
+
+
+def jacobian(tables: Mapping[str, Mapping[str, Any]], point: Array) -> Array:
+    """Derivatives of `residuals` by the estimated coordinates (m, n)."""
+    p = Prepared(tables, None)
+    found = reals(p.data[DATA_COUNT] * p.free)
+    with np.errstate(all="ignore"):
+        all_rows(p.system, p.data, *p.arrays, view(point), 1, p.spare, p.spare[row_scratch(p.system) :], found)
+    return found[: p.data[DATA_COUNT] * p.free].reshape(p.data[DATA_COUNT], p.free)
+
+
+def solve_each(tables: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """The keys and the answer of each data set: the rows that agree in the columns `KEYS`, in the order met."""
+    t = arrays_of(tables)
+    if not KEYS:
+        yield {}, solve(t)
+        return
+    whole = next(name for name, columns in COLUMNS.items() if set(KEYS) <= set(columns))
+    for key in dict.fromkeys(zip(*(t[whole][k].tolist() for k in KEYS), strict=True)):
+        chosen: dict[str, dict[str, Any]] = {}
+        for name, columns in t.items():
+            mask = np.ones(row_count(t, name), dtype=bool)
+            for k, value in zip(KEYS, key, strict=True):
+                if k in columns:
+                    mask &= columns[k] == value
+            chosen[name] = {column: values[mask] for column, values in columns.items()}
+        yield dict(zip(KEYS, key, strict=True)), solve(chosen)
+
+
+def read_tables(paths: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """The tables from CSV files in the order of `COLUMNS`; numbers are turned into SI."""
+    found: dict[str, dict[str, Any]] = {}
+    for path, (table, columns) in zip(paths, COLUMNS.items(), strict=True):
+        try:
+            with open(path, encoding="utf-8-sig", newline="") as file:
+                rows = [row for row in csv.reader(file) if row]
+        except (OSError, UnicodeDecodeError) as error:
+            raise DataError(f"{path}: cannot be read: {error}") from None
+        names = rows[0] if rows else []
+        found[table] = {}
+        for column, (is_text, source, factor) in columns.items():
+            if source not in names:
+                raise DataError(f"{path}, row 1: there is no column `{source}`")
+            place = names.index(source)
+            values: list[Any] = []
+            for number, row in enumerate(rows[1:], start=2):
+                if len(row) != len(names):
+                    raise DataError(f"{path}, row {number}: has another number of fields than the names in row 1")
+                try:
+                    values.append(row[place] if is_text else finite(row[place]) * factor)
+                except ValueError:
+                    raise DataError(f"{path}, row {number}, column `{source}`: `{row[place]}` is no number") from None
+            found[table][column] = np.array(values, dtype=str if is_text else float)
+    return found
+
+
+def finite(cell: str) -> float:
+    """A decimal number; raises ValueError for anything else."""
+    value = float(cell)
+    if "_" in cell or not math.isfinite(value):
+        raise ValueError(cell)
+    return value
+
+
+def lines_of(result: Mapping[str, Any]) -> Iterator[str]:
+    """``name,value,sigma,unit`` for each number, in the unit that the problem shows."""
+    for u, name in enumerate(NAMES):
+        unit, factor, turned = SHOWN[u]
+        values, sigmas = result["estimates"][name]["value"], result["estimates"][name]["sigma"]
+        for m, member in enumerate(values):
+            for c, value in enumerate(member):
+                label = name + (f"[{result['estimates'][name]['keys'][m]}]" if FAMILIES[u] is not None else "")
+                label += f"[{c + 1}]" if len(member) > 1 else ""
+                sigma = "" if turned else f"{sigmas[m][c] / factor:.17g}"
+                yield f"{label},{value / factor:.17g},{sigma},{unit}"
+
+
+def main(paths: Sequence[str]) -> int:
+    """Solve the tables of files; 0 solved, 1 an answer that should not be trusted, 2 wrong data."""
+    if len(paths) != len(COLUMNS):
+        print(f"usage: {sys.argv[0]} " + " ".join(f"{name.upper()}.csv" for name in COLUMNS), file=sys.stderr)
+        return 2
+    worst = 0
+    try:
+        print(",".join([*KEYS, "name", "value", "sigma", "unit"]))
+        for key, result in solve_each(read_tables(paths)):
+            for line in lines_of(result):
+                print(",".join([*(str(value) for value in key.values()), line]))
+            print(
+                f"{result['status']}: chi2 {result['cost']:.9g}, {result['freedom']} degrees of freedom, "
+                f"sigma0 {result['sigma0']:.6g}, {result['iterations']} iterations",
+                file=sys.stderr,
+            )
+            worst = max(worst, 0 if result["status"] == "converged" else 1)
+    except DataError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return worst
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
+'''

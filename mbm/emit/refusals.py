@@ -1,0 +1,96 @@
+"""What generated solvers do not have: said before anything is written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from mbm.emit import faults
+from mbm.expression.nodes import Column, leaves
+from mbm.problem.elaborated import Elaborated
+from mbm.problem.types import BlockRole, Gauge, Method, Problem, Unknown
+from mbm.text.types import Diagnostic, MbmError
+
+MOST_COORDINATES = 300
+"""Coordinates beyond which a dense solver is the wrong one: `mbm solve` takes a sparse one there."""
+
+
+def refuse(found: Elaborated) -> None:
+    """Raise what a generated solver cannot do.
+
+    Raises:
+        MbmError: with everything found.
+
+    """
+    faults_found = [*_data(found.problem), *_request(found.problem), *_blocks(found.problem)]
+    count = sum(
+        u.freedom * (1 if u.family is None else len(found.tables[u.family.rows])) for u in found.problem.unknowns
+    )
+    if count > MOST_COORDINATES:
+        message = f"generated solvers are dense, for up to {MOST_COORDINATES} coordinates"
+        faults_found.append(faults.not_emitted(found.problem.span, f"a problem of {count} coordinates", message))
+    if faults_found:
+        raise MbmError(*faults_found)
+
+
+def _data(problem: Problem) -> Iterator[Diagnostic]:
+    for pair in problem.pairs:
+        yield faults.not_emitted(pair.span, "`pair`", "generated solvers do not match the times of tables")
+    for plan in problem.plans:
+        if plan.declaration.skip_missing:
+            yield faults.not_emitted(
+                plan.declaration.span, "a table with gaps", "generated solvers want a number in every cell"
+            )
+    for unknown in problem.unknowns:
+        if unknown.family is not None and _startless(unknown):
+            why = "a generated solver finds no starts: state one with `:init`"
+            yield faults.not_emitted(unknown.span, f"the family `{unknown.name}` without a start", why)
+
+
+def _startless(unknown: Unknown) -> bool:
+    """Whether nothing says where an unknown begins."""
+    return unknown.start is None and unknown.start_lower is None and unknown.lower is None
+
+
+def _request(problem: Problem) -> Iterator[Diagnostic]:
+    request, place = problem.request, problem.span
+    if request.window is not None:
+        yield faults.not_emitted(request.window.span, "`window`", "a generated solver solves one data set in one call")
+    if request.robust is not None:
+        what = f"`:robust {request.robust.kind.value}`"
+        yield faults.not_emitted(place, what, "generated solvers have no consensus; they have losses (`:loss`)")
+    if request.method in (Method.CLOSED_FORM, Method.DIRECT_SEARCH) or request.routine is not None:
+        what = f"`:method {request.routine or request.method.value}`"
+        yield faults.not_emitted(place, what, "generated solvers iterate from a start")
+    if request.gauge is Gauge.FREE:
+        yield faults.not_emitted(place, "`:gauge free`", "generated solvers want every unknown determined")
+    if request.starts is not None:
+        yield faults.not_emitted(
+            place, "`:starts`", "a generated solver iterates from one start, which its caller gives"
+        )
+    if request.for_each:
+        yield from _keys(problem)
+    for unknown in problem.unknowns if request.for_each else ():
+        if unknown.family is None and _startless(unknown):
+            why = "each data set needs a start, and none is stated: state one with `:init`"
+            yield faults.not_emitted(unknown.span, f"`for-each` with `{unknown.name}`", why)
+
+
+def _keys(problem: Problem) -> Iterator[Diagnostic]:
+    """`for-each` over columns that stand together in one table that keeps all its rows."""
+    if any(plan.where is not None for plan in problem.plans):
+        yield faults.not_emitted(
+            problem.span, "`for-each` with `:where`", "the program would have to know both at once"
+        )
+
+
+def _blocks(problem: Problem) -> Iterator[Diagnostic]:
+    lossy = next((b for b in problem.blocks if b.loss is not None), None)
+    for block in problem.blocks:
+        if block.errors:
+            yield faults.not_emitted(block.span, "`:errors`", "generated solvers take measured columns as exact")
+        nodes = [n for case in block.cases for e in case.equations for n in (*e.components, *e.noise)]
+        if any(isinstance(leaf, Column) and leaf.sampling is not None for leaf in leaves(tuple(nodes))):
+            yield faults.not_emitted(block.span, "`sample`", "generated solvers do not interpolate tables")
+        if block.role is BlockRole.CONSTRAINT and lossy is not None:
+            what = f"the constraint beside the loss of `{lossy.name}`"
+            yield faults.not_emitted(block.span, what, "generated solvers have no covariance for both together")

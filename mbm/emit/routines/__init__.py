@@ -1,0 +1,1 @@
+"""What generated solvers do besides solving, once for all languages, in restricted Python."""

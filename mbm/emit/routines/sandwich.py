@@ -1,0 +1,269 @@
+"""The covariance of estimates with losses: the sandwich ``H⁻¹ G H⁻¹`` (Huber 1967), as `mbm.solution.robust` has it.
+
+With the weights w = ρ' of a loss's units and k components each, ``A = Σ w JᵀJ``, ``H = Σ E[tr Dψ]/(w k) A``,
+``G = Σ E[|ψ|²]/(w k) A`` with Huber's correction for small samples; what has no loss enters both with ``JᵀJ``.
+"""
+
+from __future__ import annotations
+
+from math import fabs, sqrt
+
+from mbm.emit.routines.rows import evaluate_row, row_scratch
+from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.target.solver.description import (
+    BLOCK,
+    BLOCK_OUTPUTS,
+    BLOCK_UNITS,
+    BLOCK_UNITS_AT,
+    BLOCKS,
+    BLOCKS_AT,
+    COORDINATES,
+    DATA_BLOCK,
+    DATA_HEAD,
+    DATA_ROWS,
+    NO_LOSS,
+    UNIT,
+    UNIT_FIRST,
+    UNIT_LAST,
+    UNIT_LOSS,
+    UNIT_LOSS_AT,
+)
+from mbm.target.solver.losses import loss_slope, loss_weight
+
+TOTAL = 0
+SLOPE = 1
+SPREAD = 2
+COUNT = 3
+TRACES = 4
+SQUARED_TRACES = 5
+SUMS = 6
+
+
+def same_loss(system: ConstantIntegers, constants: ConstantReals, unit: Integer, loss: Integer) -> Integer:
+    """Whether a unit has the loss of the unit at ``loss``; both at offsets in ``system``."""
+    if system[unit + UNIT_LOSS] != system[loss + UNIT_LOSS]:
+        return 0
+    if system[unit + UNIT_LOSS] == NO_LOSS:
+        return 1
+    a = system[unit + UNIT_LOSS_AT]
+    b = system[loss + UNIT_LOSS_AT]
+    return 1 if constants[a] == constants[b] and constants[a + 1] == constants[b + 1] else 0
+
+
+def first_with_loss(system: ConstantIntegers, constants: ConstantReals, unit: Integer) -> Integer:
+    """Whether no earlier unit has the same loss."""
+    for b in range(system[BLOCKS]):
+        at = system[BLOCKS_AT] + b * BLOCK
+        for u in range(system[at + BLOCK_UNITS]):
+            other = system[at + BLOCK_UNITS_AT] + u * UNIT
+            if other == unit:
+                return 1
+            if same_loss(system, constants, other, unit) == 1:
+                return 0
+    return 1
+
+
+def pool(
+    system: ConstantIntegers,
+    constants: ConstantReals,
+    data: ConstantIntegers,
+    parameters: ConstantReals,
+    weights: ConstantReals,
+    index: ConstantIntegers,
+    columns: ConstantIntegers,
+    point: ConstantReals,
+    loss: Integer,
+    sums: Reals,
+    information: Reals,
+    scratch: Reals,
+) -> None:
+    """The sums over all units with the loss of the unit at ``loss``, and A (n, n)."""
+    n = system[COORDINATES]
+    line = scratch[row_scratch(system) :]
+    kind = system[loss + UNIT_LOSS]
+    for i in range(SUMS):
+        sums[i] = 0.0
+    for i in range(n * n):
+        information[i] = 0.0
+    for b in range(system[BLOCKS]):
+        at = system[BLOCKS_AT] + b * BLOCK
+        lines = system[at + BLOCK_OUTPUTS]
+        for u in range(system[at + BLOCK_UNITS]):
+            unit = system[at + BLOCK_UNITS_AT] + u * UNIT
+            if same_loss(system, constants, unit, loss) == 1:
+                first = system[unit + UNIT_FIRST]
+                size = system[unit + UNIT_LAST] - first
+                for row in range(data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]):
+                    evaluate_row(
+                        system, data, parameters, weights, index, columns, point, b, row, scratch, line, line[lines:]
+                    )
+                    square = 0.0
+                    for i in range(first, first + size):
+                        square += line[i] * line[i]
+                    weight = 1.0
+                    trace = float(size)
+                    if kind != NO_LOSS:
+                        scale = constants[system[loss + UNIT_LOSS_AT]]
+                        shape = constants[system[loss + UNIT_LOSS_AT] + 1]
+                        weight = loss_weight(kind, square, scale, shape)
+                        trace = float(size) * weight + 2.0 * loss_slope(kind, square, scale, shape) * square
+                    sums[TOTAL] += float(size) * weight
+                    sums[SLOPE] += trace
+                    sums[SPREAD] += weight * weight * square
+                    sums[COUNT] += float(size)
+                    sums[TRACES] += trace
+                    sums[SQUARED_TRACES] += trace * trace / float(size)
+                    for i in range(first, first + size):
+                        slopes = line[lines + i * n :]
+                        for j in range(n):
+                            for k in range(n):
+                                information[j * n + k] += weight * slopes[j] * slopes[k]
+
+
+def inverted(n: Integer, matrix: Reals, scale: Reals, inverse: Reals) -> Integer:
+    """The inverse of a symmetric positive definite matrix, scaled to a unit diagonal; 0 where it is none.
+
+    ``matrix`` becomes its factor.
+    """
+    for i in range(n):
+        if not matrix[i * n + i] > 0.0:
+            return 0
+        scale[i] = 1.0 / sqrt(matrix[i * n + i])
+    for i in range(n):
+        for j in range(i + 1):
+            total = matrix[i * n + j] * scale[i] * scale[j]
+            for k in range(j):
+                total -= matrix[i * n + k] * matrix[j * n + k]
+            if i == j:
+                if not total > 1e-15:
+                    return 0
+                matrix[i * n + i] = sqrt(total)
+            else:
+                matrix[i * n + j] = total / matrix[j * n + j]
+    for column in range(n):
+        for i in range(n):
+            total = scale[column] if i == column else 0.0
+            for k in range(i):
+                total -= matrix[i * n + k] * inverse[k * n + column]
+            inverse[i * n + column] = total / matrix[i * n + i]
+        for step in range(n):
+            i = n - 1 - step
+            total = inverse[i * n + column]
+            for k in range(i + 1, n):
+                total -= matrix[k * n + i] * inverse[k * n + column]
+            inverse[i * n + column] = total / matrix[i * n + i]
+    for i in range(n):
+        for j in range(n):
+            inverse[i * n + j] *= scale[i]
+    return 1
+
+
+def freed_of(n: Integer, sides: ConstantIntegers, matrix: Reals) -> None:
+    """Rows and columns of coordinates that a bound holds become those of the identity."""
+    for i in range(n):
+        for j in range(n):
+            if sides[i] != 0 or sides[j] != 0:
+                matrix[i * n + j] = 1.0 if i == j else 0.0
+
+
+def sandwich(
+    system: ConstantIntegers,
+    constants: ConstantReals,
+    data: ConstantIntegers,
+    parameters: ConstantReals,
+    weights: ConstantReals,
+    index: ConstantIntegers,
+    columns: ConstantIntegers,
+    point: ConstantReals,
+    sides: ConstantIntegers,
+    spare: Reals,
+    covariance: Reals,
+) -> Integer:
+    """The covariance (n, n), 0 for what bounds hold; answers 0 where there is none.
+
+    ``spare``: four matrices (n, n), a vector (n,), `SUMS` sums, and what a row wants.
+    """
+    n = system[COORDINATES]
+    curvature = spare[0:]
+    spread = spare[n * n :]
+    inverse = spare[2 * n * n :]
+    information = spare[3 * n * n :]
+    sums = spare[4 * n * n :]
+    scale = spare[4 * n * n + SUMS :]
+    scratch = spare[4 * n * n + SUMS + n :]
+    for i in range(n * n):
+        curvature[i] = 0.0
+        spread[i] = 0.0
+    good = 1
+    for around in range(2):
+        for b in range(system[BLOCKS]):
+            at = system[BLOCKS_AT] + b * BLOCK
+            for u in range(system[at + BLOCK_UNITS]):
+                unit = system[at + BLOCK_UNITS_AT] + u * UNIT
+                if first_with_loss(system, constants, unit) == 1:
+                    pool(
+                        system, constants, data, parameters, weights, index, columns, point, unit, sums,
+                        information, scratch,
+                    )  # fmt: skip
+                    slope = 1.0
+                    if system[unit + UNIT_LOSS] != NO_LOSS:
+                        slope = sums[SLOPE] / max(sums[TOTAL], 1e-300)
+                    factor = slope
+                    if around == 1 and system[unit + UNIT_LOSS] != NO_LOSS:
+                        factor = corrected(n, slope, sums, inverse, information, sides)
+                    target = curvature if around == 0 else spread
+                    for i in range(n * n):
+                        target[i] += factor * information[i]
+        if around == 0:
+            freed_of(n, sides, curvature)
+            good = inverted(n, curvature, scale, inverse)
+            if good == 0:
+                return 0
+    for i in range(n):
+        for j in range(n):
+            total = 0.0
+            for k in range(n):
+                if sides[k] == 0:
+                    total += inverse[i * n + k] * spread[k * n + j]
+            information[i * n + j] = total
+    for i in range(n):
+        for j in range(n):
+            total = 0.0
+            for k in range(n):
+                if sides[k] == 0:
+                    total += information[i * n + k] * inverse[k * n + j]
+            covariance[i * n + j] = total if sides[i] == 0 and sides[j] == 0 else 0.0
+    return good
+
+
+def corrected(
+    n: Integer,
+    slope: Real,
+    sums: ConstantReals,
+    inverse: ConstantReals,
+    information: ConstantReals,
+    sides: ConstantIntegers,
+) -> Real:
+    """The factor of A in G with Huber's correction (Huber 1981, 7.6)."""
+    spread = sums[SPREAD] / max(sums[TOTAL], 1e-300)
+    share = 0.0
+    for i in range(n):
+        for j in range(n):
+            if sides[i] == 0 and sides[j] == 0:
+                share += slope * inverse[i * n + j] * information[j * n + i]
+    count = sums[COUNT]
+    freedom = count - share
+    found = 0.0
+    if freedom <= 0.0:
+        found = spread
+    else:
+        mean = sums[TRACES] / count
+        bend = 0.0
+        if mean > 0.0:
+            bend = (sums[SQUARED_TRACES] / count - mean * mean) / (mean * mean)
+        whole = 1.0 + share / count * bend
+        found = spread * whole * whole * count / freedom
+    return fabs(found)  # it is not negative
+
+
+ROUTINES = (same_loss, first_with_loss, pool, inverted, freed_of, corrected, sandwich)

@@ -1,0 +1,144 @@
+"""The part of the solver's description that does not depend on data: blocks, units, nonzeros, unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbm.emit.routines.description import NUMBER, UNKNOWN
+from mbm.emit.types import BlockCase, BlockShape, Blueprint, EquationShape
+from mbm.problem.kinds import LossKind
+from mbm.problem.manifold import Piece
+from mbm.problem.types import BlockRole, NoiseKind
+from mbm.target.solver import description as at
+
+_LOSSES: Mapping[LossKind, int] = {
+    LossKind.HUBER: at.HUBER,
+    LossKind.SOFT_L1: at.SOFT_L1,
+    LossKind.CAUCHY: at.CAUCHY,
+    LossKind.TUKEY: at.TUKEY,
+    LossKind.GEMAN_MCCLURE: at.GEMAN_MCCLURE,
+    LossKind.BARRON: at.BARRON,
+}
+_PIECES: Mapping[str, int] = {
+    Piece.NUMBER.label: NUMBER,
+    Piece.SCALE.label: at.SCALE,
+    Piece.QUATERNION.label: at.QUATERNION,
+    Piece.SPHERE.label: at.DIRECTION,
+}
+_TRIANGLES: Mapping[NoiseKind, int] = {NoiseKind.SIGMA: 0, NoiseKind.COVARIANCE: 1, NoiseKind.INFORMATION: 2}
+"""What the weights are: factors, a lower or an upper triangular matrix."""
+SMALLEST_CHUNK = 32
+"""Residuals that are triangularised at a time, at least: the matrices stay in the cache, the loop's share is small."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StaticSystem:
+    """``prefix`` is how the array ``system`` begins, ``unknowns`` what the routines are told of the unknowns.
+
+    ``losses`` has the parameter and the shape of each loss, two numbers each. ``scaled``: all residuals share one
+    unknown factor of their noise, so that the covariance is multiplied by ``cost / freedom``.
+    """
+
+    prefix: tuple[int, ...]
+    unknowns: tuple[int, ...]
+    losses: tuple[float, ...]
+    noises: tuple[str, ...]
+    scaled: bool
+
+
+def weights_width(case: BlockCase) -> int:
+    """Numbers that whiten a row."""
+    return sum(_weights(e) for e in case.equations)
+
+
+def _weights(equation: EquationShape) -> int:
+    size = equation.last - equation.first
+    return size if equation.noise_kind is NoiseKind.SIGMA else size * size
+
+
+def varies(blueprint: Blueprint, case: BlockCase) -> bool:
+    """Whether the unknowns are others from row to row: some member is named by the row at hand."""
+    links = {s.member for s in (*case.variables, *case.tangents) if s.member is not None}
+    return any(blueprint.links[number].table is not None for number in links)
+
+
+def static_system(blueprint: Blueprint) -> StaticSystem:
+    """What is known of the arrays when the problem is compiled."""
+    cases = blueprint.cases
+    measured = [(b, c) for b, c in cases if b.role is not BlockRole.CONSTRAINT]
+    unknown = [b.name for b in blueprint.blocks if b.unknown_factor]
+    scaled = len(unknown) == 1 and all(b.unknown_factor for b, _ in measured)
+    noises = () if scaled else tuple(unknown)
+    prefix = [0] * at.HEADER + [0] * (at.BLOCK * len(cases))
+    prefix[at.BLOCKS], prefix[at.CONSTRAINTS] = len(measured), len(cases) - len(measured)
+    prefix[at.BLOCKS_AT] = at.HEADER
+    prefix[at.ITERATIONS] = blueprint.settings.max_iterations
+    prefix[at.NOISES] = len(noises)
+    lossy = any(b.loss is not None for b, _ in measured)
+    every = [np.ones(len(c.tangents), dtype=bool) for _, c in measured]
+    linear = not lossy and all(c.kernel.affine_in(mask) for (_, c), mask in zip(measured, every, strict=True))
+    prefix[at.LINEAR] = int(linear)
+    prefix[at.DIRECT] = int(linear and len(measured) == len(cases))
+    largest = max(c.kernel.outputs for _, c in cases)
+    prefix[at.CHUNK] = max(SMALLEST_CHUNK, 4 * (-(-largest // 4)))
+    losses: list[float] = []
+    for number, (block, case) in enumerate(cases):
+        _block(prefix, number, block, case, varies(blueprint, case), losses)
+        group = noises.index(block.name) if block.unknown_factor and block.name in noises else -1
+        prefix[at.HEADER + number * at.BLOCK + at.BLOCK_NOISE] = group
+    return StaticSystem(
+        prefix=tuple(prefix), unknowns=_unknowns(blueprint), losses=tuple(losses), noises=noises, scaled=scaled
+    )
+
+
+def _block(
+    prefix: list[int], number: int, block: BlockShape, case: BlockCase, moving: bool, losses: list[float]
+) -> None:
+    kernel = case.kernel
+    constraint = block.role is BlockRole.CONSTRAINT
+    head = at.HEADER + number * at.BLOCK
+    prefix[head + at.BLOCK_VALUES], prefix[head + at.BLOCK_JACOBIAN] = 2 * number, 2 * number + 1
+    prefix[head + at.BLOCK_OUTPUTS] = kernel.outputs
+    prefix[head + at.BLOCK_VARIABLES] = len(case.variables)
+    prefix[head + at.BLOCK_PARAMETERS] = len(case.parameters)
+    prefix[head + at.BLOCK_TANGENTS] = len(case.tangents)
+    prefix[head + at.BLOCK_NONZEROS] = len(kernel.jacobian_rows)
+    prefix[head + at.BLOCK_INDEX] = len(case.variables) if moving else 0
+    prefix[head + at.BLOCK_COLUMNS] = len(case.tangents) if moving else 0
+    prefix[head + at.BLOCK_WEIGHTS] = 0 if constraint else weights_width(case)
+    places = [-1] * kernel.outputs
+    prefix[head + at.BLOCK_UNITS] = 0 if constraint else len(case.equations)
+    prefix[head + at.BLOCK_UNITS_AT] = len(prefix)
+    weight = 0
+    for equation in () if constraint else case.equations:
+        matrix = _TRIANGLES[equation.noise_kind]
+        kind, place = at.NO_LOSS, 0
+        if block.loss is not None:
+            kind, place = _LOSSES[block.loss.kind], at.BOUNDS_AT + len(losses)
+            losses += [equation.loss_scale, block.loss.shape or 0.0]
+        prefix += [equation.first, equation.last, weight, matrix, kind, place]
+        for output in range(equation.first, equation.last):
+            places[output] = -1 if matrix else weight + output - equation.first
+        weight += _weights(equation)
+    prefix[head + at.BLOCK_NONZEROS_AT] = len(prefix)
+    for output, tangent in zip(kernel.jacobian_rows, kernel.jacobian_columns, strict=True):
+        prefix += [int(output), int(tangent), places[int(output)]]
+    prefix[head + at.BLOCK_EQUALITY_AT] = len(prefix)
+    if constraint:
+        prefix += [int(e.equality) for e in case.equations for _ in range(e.first, e.last)]
+
+
+def _unknowns(blueprint: Blueprint) -> tuple[int, ...]:
+    heads: list[int] = []
+    parts: list[int] = []
+    first = UNKNOWN * len(blueprint.unknowns)
+    for unknown in blueprint.unknowns:
+        place = first + len(parts)
+        family = unknown.family is not None
+        heads += [unknown.size, unknown.freedom, int(family), int(unknown.positive), len(unknown.pieces), place]
+        for label, number, coordinate in unknown.pieces:
+            parts += [_PIECES[label], number, coordinate]
+    return (*heads, *parts)

@@ -1,0 +1,352 @@
+"""Values of the emitting stage: a solver as plain data, before it is text in some language.
+
+A *row* of a table is its position (from 0) in the table as it is given; *kept* rows are those that ``:where`` leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.kernels.types import Kernel
+
+if TYPE_CHECKING:
+    from mbm.kernels.serialised import BoundRows
+from mbm.problem.tables import CellKey
+from mbm.problem.types import BlockRole, Loss, NoiseKind, UnknownKind
+from mbm.target.program import Program
+
+Floats: TypeAlias = NDArray[np.float64]
+
+
+class Target(StrEnum):
+    """What a solver is written in; the value is the name in ``--target``."""
+
+    C = "c"
+    PYTHON = "python"
+    CASADI = "casadi"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutputFile:
+    """A file of the folder that is made: its path there, and its content."""
+
+    path: str
+    content: bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableColumn:
+    """A column of a table: ``source`` is its name in the file's header, ``name`` that of the problem.
+
+    Numbers are given to the solver in SI; ``unit`` (of ``factor`` in SI) is what the file states them in, "" for none.
+    ``used``: the solver reads it; the others are no part of its data.
+    """
+
+    name: str
+    identifier: str
+    source: str
+    is_text: bool
+    unit: str
+    factor: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableShape:
+    """A table that the solver is given: the columns that it reads, and the condition on the rows that it keeps."""
+
+    name: str
+    identifier: str
+    columns: tuple[TableColumn, ...]
+    where: RowPrograms | None = None
+
+    def column(self, name: str) -> TableColumn:
+        """A column by the problem's name."""
+        return next(c for c in self.columns if c.name == name)
+
+
+class Choice(StrEnum):
+    """Which row of a table is meant."""
+
+    HERE = "here"
+    FIRST = "first"
+    LAST = "last"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RowPlace:
+    """A row: the one of ``table`` at hand, or its first or last kept, and from there the one that ``links`` lead to."""
+
+    table: str
+    choice: Choice
+    links: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ColumnValue:
+    """A cell: ``column`` of table ``owner``, where the links of ``place`` end; None: the row's number, from 1."""
+
+    place: RowPlace
+    owner: str
+    column: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConstantValue:
+    """An element of a constant of the problem, by the name that expressions have for it."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiteralKey:
+    """A key that stands in the problem."""
+
+    key: CellKey
+
+
+InputValue: TypeAlias = ColumnValue | ConstantValue
+"""Where an input of a program comes from."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Link:
+    """For each row of ``table`` (None: once) what the key in ``cell`` names.
+
+    It names a row of table ``target`` by its column ``key``, or (``family`` not None) a member of that family.
+    """
+
+    number: int
+    identifier: str
+    table: str | None
+    cell: ColumnValue | LiteralKey
+    target: str
+    key: str | None
+    family: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FamilyShape:
+    """Members: the kept rows of ``table`` (``distinct`` False), or one for each distinct value of ``key`` in them.
+
+    ``key`` None: rows are named by their number.
+    """
+
+    number: int
+    identifier: str
+    table: str
+    key: str | None
+    distinct: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CaseProgram:
+    """A program for the rows that have the ``static`` values; what it computes, in words, in ``names``."""
+
+    static: tuple[tuple[ColumnValue, CellKey], ...]
+    inputs: tuple[InputValue, ...]
+    program: Program
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RowPrograms:
+    """Numbers computed from the row at hand of ``table`` (once if None): ``width`` of them."""
+
+    identifier: str
+    table: str | None
+    width: int
+    cases: tuple[CaseProgram, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnknownShape:
+    """An unknown: ``size`` numbers and ``freedom`` coordinates for each member of ``family`` (None: one member).
+
+    ``pieces`` are the parts of its manifold in order: label, numbers, coordinates. ``unit`` has ``factor`` in SI.
+    ``bounded`` are the coordinates that
+    ``lower`` and ``upper`` speak of; ``fallback`` are the numbers to begin with where the problem states none, or
+    (``replaced``) instead of what it states.
+    """
+
+    name: str
+    identifier: str
+    kind: UnknownKind
+    dimension: int
+    shape: tuple[int, ...]
+    size: int
+    freedom: int
+    labels: tuple[str, ...]
+    pieces: tuple[tuple[str, int, int], ...]
+    angle: bool
+    positive: bool
+    family: int | None
+    start: RowPrograms | None
+    start_range: tuple[RowPrograms, RowPrograms] | None
+    fallback: tuple[float, ...]
+    replaced: bool
+    lower: RowPrograms | None
+    upper: RowPrograms | None
+    bounded: tuple[int, ...]
+    fixed: RowPrograms | None
+    unit: str
+    factor: float
+    doc: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlotPlace:
+    """An input or tangent of a kernel: component of an unknown, of the member that a link names (None: the one)."""
+
+    unknown: int
+    component: int
+    member: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EquationShape:
+    """Components ``first … last`` of a kernel's outputs, their noise, the parameter of their loss (0: none)."""
+
+    first: int
+    last: int
+    noise_kind: NoiseKind
+    loss_scale: float
+    equality: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlockCase:
+    """A kernel and the rows it holds for; ``noise`` computes what is stated of all equations, one after the other.
+
+    ``input_names`` and ``equations`` are for readers.
+    """
+
+    identifier: str
+    kernel: Kernel = field(repr=False)
+    static: tuple[tuple[ColumnValue, CellKey], ...]
+    variables: tuple[SlotPlace, ...]
+    tangents: tuple[SlotPlace, ...]
+    parameters: tuple[InputValue, ...]
+    equations: tuple[EquationShape, ...]
+    noise: CaseProgram | None
+    input_names: tuple[str, ...]
+    text: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlockShape:
+    """A clause: observation, prior or constraint, with its rows and cases."""
+
+    name: str
+    identifier: str
+    role: BlockRole
+    table: str | None
+    when: RowPrograms | None
+    distinct: tuple[ColumnValue, ...]
+    cases: tuple[BlockCase, ...]
+    unknown_factor: bool
+    loss: Loss | None
+    constraint: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConstantShape:
+    """An element of a constant, in SI."""
+
+    name: str
+    identifier: str
+    value: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SolverSettings:
+    """How the iteration ends."""
+
+    max_iterations: int
+    tolerance: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Reference:
+    """What ``mbm solve`` answered for the data of compile time, one for each solve: what the test wants to see again.
+
+    ``numbers`` (N,) are the estimates in SI, ``spread`` (N,) the standard deviations of plain ones (0 else),
+    ``covariance`` (n, n) that of the estimated coordinates (NaN: not determined). ``start`` (N,) is where the iteration
+    begins, ``stated`` False where the problem's own starts do not lead to the answer.
+    """
+
+    key: Mapping[str, CellKey]
+    status: str
+    numbers: Floats
+    spread: Floats
+    covariance: Floats
+    cost: float
+    dof: int
+    start: Floats
+    stated: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Whole:
+    """All rows of the first solve: the start (N,), the coordinates' names (n,), the rows of each kernel.
+
+    ``residuals`` (m,) and ``jacobian`` (m, n) are the whitened ones at the start.
+    """
+
+    start: Floats
+    names: tuple[str, ...]
+    bound: tuple[BoundRows, ...]
+    residuals: Floats
+    jacobian: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Answers:
+    """What mbm itself makes of the data of compile time."""
+
+    references: tuple[Reference, ...]
+    whole: Whole
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GivenTable:
+    """The rows of a table at compile time: numbers in SI or texts, by the problem's column name."""
+
+    name: str
+    columns: Mapping[str, Floats | tuple[str, ...]]
+    rows: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Blueprint:
+    """A solver as plain data: what is given to it, how the equations are made of that, what it answers."""
+
+    name: str
+    identifier: str
+    version: str
+    doc: str
+    tables: tuple[TableShape, ...]
+    links: tuple[Link, ...]
+    families: tuple[FamilyShape, ...]
+    constants: tuple[ConstantShape, ...]
+    unknowns: tuple[UnknownShape, ...]
+    blocks: tuple[BlockShape, ...]
+    for_each: tuple[str, ...]
+    settings: SolverSettings
+    references: tuple[Reference, ...]
+    given: tuple[GivenTable, ...]
+    whole: Whole
+
+    def table(self, name: str) -> TableShape:
+        """A table by name."""
+        return next(t for t in self.tables if t.name == name)
+
+    @property
+    def cases(self) -> tuple[tuple[BlockShape, BlockCase], ...]:
+        """All kernels with the clause of each, those of constraints last: kernel k of the solver is element k."""
+        every = [(block, case) for block in self.blocks for case in block.cases]
+        return tuple(sorted(every, key=lambda each: each[0].role is BlockRole.CONSTRAINT))

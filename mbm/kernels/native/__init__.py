@@ -1,0 +1,1 @@
+"""Kernels as machine code: compiled by LLVM in this process, kept in a store, called on blocks of rows."""

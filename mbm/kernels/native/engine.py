@@ -1,0 +1,211 @@
+"""LLVM IR → machine code in this process, through llvmlite; what was compiled is kept in a store.
+
+Machine code is made for the processor that it runs on, so the key under which it is kept names the processor with its
+features beside the text, the level and the versions of what made it. Where images run (`image`), what is in the store
+is loaded without llvmlite; elsewhere LLVM links it. What cannot be loaded is compiled anew.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable
+from hashlib import sha256
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mbm.kernels.native import image
+from mbm.kernels.native.processor import described
+
+if TYPE_CHECKING:
+    from mbm.kernels.store import Store
+
+ENGINE = 1
+"""Counts up when the way from IR to what is kept changes."""
+
+KIND = "object"
+"""The kind of what is kept in the store."""
+
+_DYLIB = "kernels"
+_WHOLE = "mbm_whole"
+"""A function that every module has. It is asked for at once: what is not whole is found out before it is used."""
+
+_LIBRARIES = ("libm.so.6", "libmvec.so.1")
+"""What LLVM has to find beside what the process has loaded."""
+
+
+class NotCompilingError(Exception):
+    """IR that LLVM refuses or cannot link: an internal fault."""
+
+
+def available() -> bool:
+    """Whether machine code can be made and run here: llvmlite is there, and memory may be executed."""
+    if find_spec("llvmlite") is None:
+        return False
+    if image.supported():
+        return image.executable()
+    try:
+        import llvmlite.binding as binding
+
+        binding.check_jit_execution()
+    except (ImportError, OSError):
+        return False
+    return True
+
+
+class Library:
+    """Compiled functions; the code lives as long as this does."""
+
+    def __init__(self, find: Callable[[str], int]) -> None:
+        self._find = find
+        self._addresses: dict[str, int] = {}
+        self.address(_WHOLE)
+
+    def address(self, name: str) -> int:
+        """Where the function ``name`` begins.
+
+        Raises:
+            NotCompilingError: there is none of that name, or it calls one that there is not.
+        """
+        if name not in self._addresses:
+            try:
+                self._addresses[name] = self._find(name)
+            except (RuntimeError, image.DamagedImageError) as error:
+                raise NotCompilingError(str(error)) from error
+        return self._addresses[name]
+
+
+def compiled(text_of_ir: str, store: Store | None, level: int = 2) -> Library:
+    """The functions of a module of IR as machine code, from the store or compiled and put there.
+
+    Args:
+        text_of_ir: the module; triple and layout are set here.
+        store: where machine code is kept; None: nowhere.
+        level: 0 (made fast), 1, 2, 3 (runs fast).
+
+    Raises:
+        NotCompilingError: LLVM refuses the module.
+    """
+    return kept(text_of_ir, lambda: text_of_ir, store, level)
+
+
+def kept(
+    name: str, text_of_ir: Callable[[], str], store: Store | None, level: int = 2, *, loops: bool = True
+) -> Library:
+    """As `compiled`, but the IR is made only where the store has nothing under ``name``, which must determine it.
+
+    ``loops``: LLVM puts several rounds of a loop into a vector; else operations that stand side by side.
+    """
+    key = sha256("\n".join((str(ENGINE), _version(), described(), f"{level} {loops}", name)).encode()).hexdigest()
+    found = None if store is None else store.get(KIND, key)
+    if found is not None:
+        try:
+            return _loaded(found)
+        except NotCompilingError:
+            pass  # not what was put there: made anew below
+    content = _content(_object_code(text_of_ir(), level, loops=loops))
+    if store is not None:
+        store.put(KIND, key, content)
+    return _loaded(content)
+
+
+def _version() -> str:
+    """Of llvmlite, without loading it."""
+    spec = find_spec("llvmlite")
+    if spec is None or spec.origin is None:
+        return ""
+    return Path(spec.origin).with_name("_version.py").read_text("utf-8")
+
+
+def _object_code(text: str, level: int, *, loops: bool = True) -> bytes:
+    """A module compiled."""
+    import llvmlite.binding as binding
+
+    machine = _machine(level)
+    try:
+        module = binding.parse_assembly(f"{text}\ndefine void @{_WHOLE}() {{ ret void }}\n")
+        module.triple = binding.get_default_triple()
+        module.data_layout = str(machine.target_data)
+        module.verify()
+    except RuntimeError as error:
+        raise NotCompilingError(str(error)) from error
+    if level:
+        tuning = binding.create_pipeline_tuning_options(speed_level=level)
+        tuning.loop_vectorization = loops
+        tuning.slp_vectorization = not loops
+        builder = binding.create_pass_builder(machine, tuning)
+        builder.getModulePassManager().run(module, builder)
+    code: bytes = machine.emit_object(module)
+    return code
+
+
+def _machine(level: int) -> Any:
+    """The machine at hand, at one level of optimisation, as LLVM describes it."""
+    import llvmlite.binding as binding
+
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    return binding.Target.from_default_triple().create_target_machine(
+        cpu=binding.get_host_cpu_name(),
+        features=binding.get_host_cpu_features().flatten(),
+        opt=level,
+        reloc="pic",
+        codemodel="small" if image.supported() else "jitdefault",
+        jit=not image.supported(),
+    )
+
+
+def _content(code: bytes) -> bytes:
+    """What is kept: an image where those run, else the object code."""
+    if not image.supported():
+        return code
+    try:
+        return image.linked(code).written()
+    except image.UnsupportedObjectError:
+        return code
+
+
+def _loaded(content: bytes) -> Library:
+    """What was kept, in memory, with what it calls.
+
+    Raises:
+        NotCompilingError: it is no machine code for this system, or not whole.
+    """
+    if not content.startswith(image.MAGIC):
+        return _linked(content)
+    try:
+        return Library(image.Loaded(image.read(content)).address)
+    except image.DamagedImageError as error:
+        raise NotCompilingError(str(error)) from error
+
+
+def _linked(code: bytes) -> Library:
+    """Object code linked by LLVM."""
+    import llvmlite.binding as binding
+
+    for name in _LIBRARIES:
+        if image.has_library(name):
+            binding.load_library_permanently(name)
+    jit = binding.create_lljit_compiler(_machine(0), suppress_errors=True)
+    try:
+        tracker = binding.JITLibraryBuilder().add_object_img(code).add_current_process().link(jit, _DYLIB)
+    except RuntimeError as error:
+        raise NotCompilingError(str(error)) from error
+    held = [tracker]
+
+    def find(name: str) -> int:
+        found = jit.lookup(_DYLIB, name)
+        held.append(found)
+        address: int = found[name]
+        return address
+
+    library = Library(find)
+    # The code goes before what holds it; at the end of the process nothing needs to go.
+    weakref.finalize(library, _release, held, jit).atexit = False
+    return library
+
+
+def _release(held: list[Any], jit: Any) -> None:
+    while held:
+        held.pop().close()
+    jit.close()

@@ -1,0 +1,122 @@
+"""Many solves in columns: one value for each solve, whether there are reports of them or columns from the beginning."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbm.report.blocks import BlockReports, ManyReports
+from mbm.report.elements import solve_scalars
+from mbm.report.types import Floats, Key, Mask, SolveReport, SolveStatus
+
+FITS = ("cost", "dof", "sigma0", "chi2_p")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ScalarColumn:
+    """One scalar of all solves, in the unit shown: ``values`` and ``sigmas`` (T,); ``there`` where a solve has it."""
+
+    name: str
+    values: Floats
+    sigmas: Floats
+    there: Mask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SolveColumns:
+    """T solves: their keys, statuses, the statistics called ``FITS`` (None: there is none), scalars in their order.
+
+    ``stated``: no noise was estimated.
+    """
+
+    keys: Sequence[Mapping[str, Key]]
+    statuses: Sequence[SolveStatus]
+    fits: Mapping[str, Sequence[float | int | None]]
+    scalars: tuple[ScalarColumn, ...]
+    stated: bool
+
+    @property
+    def key_names(self) -> list[str]:
+        """The names of all keys, in the order in which they first occur."""
+        return list(dict.fromkeys(name for key in self.keys for name in key))
+
+
+def solve_columns(solves: Sequence[SolveReport]) -> SolveColumns:
+    """The solves in columns; those of blocks without a report for each."""
+    made = _Maker(len(solves))
+    if not isinstance(solves, ManyReports):
+        for place, solve in enumerate(solves):
+            made.add(place, solve)
+        return made.finished()
+    first = 0
+    for block in solves.blocks:
+        if len(block):
+            made.add_block(first, block)
+        first += len(block)
+    return made.finished()
+
+
+class _Maker:
+    """Fills the columns of ``count`` solves."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.keys: list[Mapping[str, Key]] = [{}] * count
+        self.statuses = [SolveStatus.CONVERGED] * count
+        self.fits: dict[str, list[float | int | None]] = {name: [None] * count for name in FITS}
+        self.scalars: dict[str, ScalarColumn] = {}
+        self.stated = True
+
+    def column(self, name: str) -> ScalarColumn:
+        """The column of a scalar, made when it is first met."""
+        found = self.scalars.get(name)
+        if found is None:
+            values, sigmas = np.full(self.count, np.nan), np.full(self.count, np.nan)
+            found = ScalarColumn(name=name, values=values, sigmas=sigmas, there=np.zeros(self.count, dtype=bool))
+            self.scalars[name] = found
+        return found
+
+    def add(self, place: int, solve: SolveReport) -> None:
+        """A solve that has a report."""
+        self.keys[place] = solve.key
+        self.statuses[place] = solve.status
+        self.stated &= all(factor is None for factor in solve.noise.values())
+        for name in FITS:
+            self.fits[name][place] = getattr(solve, name)
+        for scalar in solve_scalars(solve):
+            column = self.column(scalar.name)
+            column.values[place], column.sigmas[place], column.there[place] = scalar.value, scalar.sigma, True
+
+    def add_block(self, first: int, reports: BlockReports) -> None:
+        """The solves of a block, whose first stands at ``first``."""
+        columns, begin = reports.block.columns, reports.block.which.start
+        places = slice(first, first + len(reports))
+        self.keys[places] = [reports.key(i) for i in range(len(reports))]
+        self.stated &= not any(block.unknown_factor for block in reports.problem.blocks)
+        for name in FITS:
+            self.fits[name][places] = list(_numbers(getattr(columns, name)))
+        for name, values, sigmas in reports.scalars():
+            column = self.column(name)
+            column.values[places], column.sigmas[places], column.there[places] = values, sigmas, True
+        for number, report in reports.apart.items():
+            place = first + number - begin
+            for each in self.scalars.values():
+                each.there[place] = False
+            self.add(place, report)
+
+    def finished(self) -> SolveColumns:
+        """What was filled."""
+        return SolveColumns(
+            keys=self.keys,
+            statuses=self.statuses,
+            fits=self.fits,
+            scalars=tuple(self.scalars.values()),
+            stated=self.stated,
+        )
+
+
+def _numbers(values: Floats) -> Iterator[float | int | None]:
+    """Numbers as Python has them, None in place of NaN."""
+    return (None if value != value else value for value in values.tolist())

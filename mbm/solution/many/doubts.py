@@ -1,0 +1,159 @@
+"""Which of many solves might be doubted: looked at all together, and a little more strictly than one by one.
+
+What is found here is looked at again by `plausibility.doubts`, which decides; what is not found needs no second look.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mbm.problem.types import BlockRole, Problem
+from mbm.solution.manifolds import moved
+from mbm.solution.many.derived import DerivedColumns
+from mbm.solution.many.factor import Factors
+from mbm.solution.many.stack import Portion, stated
+from mbm.solution.many.types import Ends
+from mbm.solution.nonlinearity import LOOKED_AT, MOST_COORDINATES, MOST_RESIDUALS, NORMAL_95, TOLERATED
+from mbm.solution.plausibility import MOST_DERIVED, STRAINED
+from mbm.solution.stationary import FAR
+from mbm.solution.types import Floats, Mask
+
+MARGIN = 1e-6
+"""Share by which limits are narrowed here: far above what roundings in another order make of the same numbers."""
+
+
+@np.errstate(all="ignore")
+def doubtful(
+    problem: Problem,
+    portion: Portion,
+    ends: Ends,
+    found: Factors,
+    noise: Floats,
+    derived: tuple[DerivedColumns, ...],
+    residuals: Floats,
+) -> Mask:
+    """Solves (K,) whose intervals may miss their ends, whose priors may be strained, or with a column near zero.
+
+    ``noise`` (K,) is the estimated factor in the covariance (1 where noise is stated), ``residuals`` (K, m).
+    """
+    wrong = _stationary(portion, ends, found)
+    wrong |= _strained(problem, portion, found, residuals)
+    around = _Intervals(portion, ends, found, noise)
+    if around.too_much:
+        return wrong
+    # `nonlinearity.surroundings` looks whether the cost is that of these residuals; here they are, but for roundings
+    linear = portion.equations.linear
+    if not linear:
+        deviation = noise[:, None] * np.sqrt(np.square(found.root).sum(axis=2))
+        for place in range(deviation.shape[1]):
+            along = found.root[:, place] * (noise / deviation[:, place])[:, None]
+            wrong |= _off(around.ratios(along), LOOKED_AT)
+    for one, place in _looked_at(problem, derived):
+        wrong |= _off(_derived_ends(around, one, place, problem.derived[one.owner].angle, linear), TOLERATED)
+    return wrong
+
+
+class _Intervals:
+    """The linear 95 % intervals of K solves."""
+
+    def __init__(self, portion: Portion, ends: Ends, found: Factors, noise: Floats) -> None:
+        self.portion = portion
+        self.ends = ends
+        self.found = found
+        self.noise = noise
+        k = found.root.shape[2]
+        self.too_much = k > MOST_COORDINATES or 2 * k * portion.most > MOST_RESIDUALS
+
+    def point(self, along: Floats, side: float) -> Floats:
+        """The points (K, N) at one end of the intervals in the directions ``along`` (K, k)."""
+        steps = side * NORMAL_95 * self.noise[:, None] * np.matmul(self.found.root, along[:, :, None])[:, :, 0]
+        return stepped(self.portion, self.ends.points, steps)
+
+    def ratios(self, along: Floats) -> Floats:
+        """The true ends (2, K) as multiples of the linear ones, as `nonlinearity.Surroundings.ratios` has them."""
+        result = []
+        for side in (-1.0, 1.0):
+            residuals = self.portion.residuals(self.point(along, side))
+            seen = np.matmul(self.found.basis.transpose(0, 2, 1), residuals[:, :, None])[:, :, 0]
+            own = np.einsum("kj,kj->k", seen, along)
+            least = np.square(residuals).sum(axis=1) - np.square(seen).sum(axis=1) + np.square(own)
+            grown = (least - self.ends.cost) / np.square(self.noise)
+            ratio = np.where(grown > 0.0, NORMAL_95 / np.sqrt(np.maximum(grown, 0.0)), np.inf)
+            result.append(np.where(np.isfinite(least), ratio, 0.0))
+        return np.stack(result)
+
+
+def _looked_at(problem: Problem, derived: tuple[DerivedColumns, ...]) -> Iterator[tuple[DerivedColumns, int]]:
+    """The numbers of derived quantities whose intervals are looked at, as `plausibility.doubts` picks them."""
+    left = MOST_DERIVED
+    for one in derived:
+        if problem.derived[one.owner].kind is None and one.sigma.shape[1] <= left:
+            left -= one.sigma.shape[1]
+            yield from ((one, place) for place in range(one.sigma.shape[1]))
+
+
+def _derived_ends(around: _Intervals, one: DerivedColumns, place: int, angle: bool, linear: bool) -> Floats:
+    """The true ends (2, K) of the interval of one derived number; 1 where it has no standard deviation."""
+    image = np.matmul(one.gradient[:, place, None, :], around.found.root)[:, 0]
+    length = np.sqrt(np.square(image).sum(axis=1))
+    along = image / np.where(length > 0.0, length, 1.0)[:, None]
+    grown = np.ones((2, len(length))) if linear else around.ratios(along)
+    gone = []
+    for side in (-1.0, 1.0):
+        move = stated(one.group, around.point(along, side))[:, place] - one.values[:, place]
+        if angle:
+            move = move - 2 * np.pi * np.round(move / (2 * np.pi))
+        gone.append(move / (side * NORMAL_95 * around.noise * length))
+    found = np.stack(gone)
+    ends = np.where(np.isfinite(found), np.where(found < 0.0, -np.inf, found) * grown, 0.0)
+    return np.where(length > 0.0, ends, 1.0)
+
+
+def _off(ends: Floats, limit: float) -> Mask:
+    """Solves (K,) one of whose ends (2, K) may be farther from 1 than the limit."""
+    return np.asarray(~(np.abs(ends - 1.0) <= limit - MARGIN).all(axis=0))
+
+
+def _strained(problem: Problem, portion: Portion, found: Factors, residuals: Floats) -> Mask:
+    """Solves (K,) with a prior that may be farther from the data than `plausibility` leaves unsaid."""
+    wrong = np.zeros(portion.count, dtype=bool)
+    for owner, block in enumerate(problem.blocks):
+        if block.role is BlockRole.PRIOR:
+            solve, slot = portion.block_slots(owner)
+            leverage = np.square(found.basis[solve, slot]).sum(axis=1)
+            free = np.maximum(1.0 - leverage, 0.0)
+            innovation = np.abs(residuals[solve, slot]) / np.sqrt(np.maximum(free, 1e-13))
+            np.logical_or.at(wrong, solve, ~(innovation <= STRAINED * (1 - MARGIN)))
+    return wrong
+
+
+def _stationary(portion: Portion, ends: Ends, found: Factors) -> Mask:
+    """Solves (K,) with a column that `stationary` would look into."""
+    # the scaled factor's rows are at most as long as 1 over the column: a bound on what that rule compares
+    length = 1.0 / np.sqrt(np.square(found.root).sum(axis=2))
+    equations = portion.equations
+    places = equations.layout.number[equations.free]
+    size = np.abs(np.where(places >= 0, ends.points[:, places], 0.0))
+    spread = np.maximum(1.0, np.sqrt(ends.cost / max(portion.most, 1)))
+    near = length * FAR * np.where(size > 0.0, size, 1.0) < spread[:, None]
+    return np.asarray(near.any(axis=1))
+
+
+def stepped(portion: Portion, points: Floats, steps: Floats) -> Floats:
+    """Points (K, N) after steps (K, n) of the free coordinates, bounds left aside."""
+    layout, free = portion.equations.layout, portion.equations.free
+    every = np.zeros((len(points), len(layout.number)))
+    every[:, free] = steps
+    result = points.copy()
+    plain = layout.number >= 0
+    result[:, layout.number[plain]] += every[:, plain]
+    for curved in layout.curved:
+        turned = moved(
+            curved.piece,
+            points[:, curved.numbers].reshape(-1, curved.piece.size),
+            every[:, curved.coordinates].reshape(-1, curved.piece.tangent),
+        )
+        result[:, curved.numbers] = turned.reshape(len(points), *curved.numbers.shape)
+    return result

@@ -1,0 +1,137 @@
+"""Values of many solves in columns: arrays over the solves in place of one object for each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.problem.tables import CellKey, Table
+from mbm.solution.layout import Layout
+from mbm.solution.solution import Failure, Skipped, Solution
+from mbm.solution.types import Floats, Indices, Mask, Reason
+
+REASONS = tuple(Reason)
+"""Reasons by number: ``Columns.reason`` counts in this order."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ends:
+    """Where the descents of K solves ended.
+
+    ``points`` (K, N); ``cost`` (K,) ``Σ r²``; ``reason`` (K,) numbers of ``REASONS``, -1 where another method is to
+    take over; ``held`` (K,): some coordinate is at a bound; ``offset`` as `Minimum` has it. ``kept``: what consensus
+    left in (None: everything).
+    """
+
+    points: Floats
+    cost: Floats
+    offset: Floats
+    reason: NDArray[np.int64]
+    iterations: Indices
+    evaluations: Indices
+    held: Mask
+    kept: Kept | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Kept:
+    """What consensus keeps of the one group of equations that K solves have.
+
+    ``outputs`` (rows, outputs) of all K; ``information`` (K,) is κ of what is kept (`robust.scale.information_left`),
+    ``count`` (K,) how many scalars are kept.
+    """
+
+    outputs: Mask
+    information: Floats
+    count: Indices
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Outliers:
+    """Rows that are taken for outliers: ``positions`` in ``table``, those of solve k from ``first[k]`` on."""
+
+    table: Table
+    positions: Indices
+    first: Indices
+
+    def of(self, place: int) -> list[int]:
+        """The positions of one solve, ascending."""
+        found: list[int] = self.positions[self.first[place] : self.first[place + 1]].tolist()
+        return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Columns:
+    """Answers of T solves.
+
+    ``points`` (T, N), ``sigma`` (T, n), ``factor`` (T, n, n) with ``factor @ factorᵀ`` the covariance; ``cost``,
+    ``offset``, ``reason``, ``iterations``, ``evaluations`` as `Ends` has them; ``dof``, ``sigma0`` and ``chi2_p``
+    (NaN: there is none), ``noise`` the common unknown factor (1 where noise is stated); ``scale`` (T, n) the column
+    norms of the Jacobian; ``derived`` has for each derived quantity its values (T, numbers), its sigmas (T, size), and
+    its gradient times ``factor`` (T, size, n); ``rms`` and ``used`` (T, blocks) are the normalised root mean
+    square of the residuals of each block of equations (NaN: there is none), and its rows in use. ``solved`` (T,): the
+    end is a minimum that determines everything; ``clean`` (T,): and there is nothing else to be said of it. Where it is
+    not, columns hold anything. ``expected`` (T,): the fit is as good as stated noise lets expect. ``outliers`` are the
+    rows left out (None: none are looked for). ``seconds`` (T,).
+    """
+
+    points: Floats
+    cost: Floats
+    offset: Floats
+    reason: NDArray[np.int64]
+    iterations: Indices
+    evaluations: Indices
+    dof: Indices
+    sigma0: Floats
+    chi2_p: Floats
+    noise: Floats
+    sigma: Floats
+    factor: Floats
+    scale: Floats
+    derived: tuple[tuple[Floats, Floats, Floats], ...]
+    rms: Floats
+    used: Indices
+    clean: Mask
+    solved: Mask
+    expected: Mask
+    outliers: Outliers | None
+    seconds: Floats
+
+    def first(self, count: int) -> Columns:
+        """The columns of the first ``count`` solves."""
+        whole = ("derived", "outliers")  # outliers are looked up by the number of a solve
+        own = {f.name: getattr(self, f.name)[:count] for f in fields(self) if f.name not in whole}
+        return replace(self, **own, derived=tuple((a[:count], b[:count], c[:count]) for a, b, c in self.derived))
+
+
+Descent: TypeAlias = Callable[[range], Ends]
+"""Solves some consecutive solves from their starts; may be called by several threads at once."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Block:
+    """Some consecutive solves: those of ``which``, with their ``columns``; ``apart`` has those that are not clean.
+
+    ``rows`` (solves, blocks) are the rows of the tables, used or not. ``names`` are the key columns and ``keys`` their
+    cells in all solves; ``layout`` and ``free`` say what the numbers are. ``make`` gives all that is to be said of a
+    solve whose columns are clean.
+    """
+
+    which: range
+    names: tuple[str, ...]
+    keys: Sequence[tuple[CellKey, ...]]
+    columns: Columns
+    rows: Indices
+    apart: Mapping[int, Solution | Failure | Skipped]
+    make: Callable[[int, Columns, int], Solution]
+    layout: Layout
+    free: Indices
+
+    def solution(self, number: int) -> Solution | Failure | Skipped:
+        """One solve of ``which``, made now if it was left in the columns."""
+        found = self.apart.get(number)
+        return found if found is not None else self.make(number, self.columns, number - self.which.start)

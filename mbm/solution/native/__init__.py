@@ -1,0 +1,1 @@
+"""Solves in native code: equations as flat arrays, and what comes back."""

@@ -1,0 +1,157 @@
+"""The solver and the kernels of a problem as machine code, made once and kept with what else is kept of the problem."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.kernels.types import Kernel, KernelSet
+
+if TYPE_CHECKING:
+    from mbm.kernels.native.engine import Library
+    from mbm.kernels.native.kernels import NativeKernels
+    from mbm.kernels.store import Store
+
+LANES = 4
+"""Rows that the kernels take at a time in this process."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Routine:
+    """A function of the solver: arrays and integers go in, changed arrays come out.
+
+    The call lets other threads run.
+    """
+
+    function: Any
+    kinds: tuple[bool, ...]
+
+    def __call__(self, *arguments: NDArray[Any] | int) -> int:
+        """Call it; arrays are of 64-bit numbers, contiguous, and stay with the caller."""
+        plain = [a if isinstance(a, int) else a.ctypes.data for a in arguments]
+        found: int = self.function(*plain)
+        return found
+
+
+class SolverCode:
+    """The compiled solver. Local to one process; several threads may call its routines."""
+
+    def __init__(self, store: Store | None, name: str, text: Callable[[], str]) -> None:
+        from mbm.kernels.native.engine import kept
+
+        self._library: Library = kept(f"{name} {source_digest()}", text, store)
+        self._known: dict[str, Routine] = {}
+
+    def routine(self, name: str, *kinds: type) -> Routine:
+        """The public function ``name``; ``kinds`` says of each argument whether it is an array or an ``int``."""
+        found = self._known.get(name)
+        if found is None:
+            plain = tuple(kind is int for kind in kinds)
+            types = [ctypes.c_int64 if whole else ctypes.c_void_p for whole in plain]
+            signature = ctypes.CFUNCTYPE(ctypes.c_int64, *types)
+            found = self._known[name] = Routine(signature(self._library.address(name)), plain)
+        return found
+
+
+def source_digest() -> str:
+    """SHA-256 of the texts that the solver is made of: equal content, equal code."""
+    import mbm.target
+
+    folder = Path(mbm.target.__file__).parent
+    digest = sha256()
+    for path in sorted([*folder.glob("*.py"), *(folder / "solver").glob("*.py")]):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _text() -> str:
+    """The IR of the solver."""
+    from llvmlite import ir
+
+    from mbm.target.llvm import lower_into
+    from mbm.target.solver.modules import INNER, solver_module
+    from mbm.target.tree import Return
+
+    target, solver = ir.Module("solver"), solver_module(LANES)
+    lower_into(target, solver)
+    for each in solver.functions:
+        made = target.get_global(each.name)
+        if each.name not in INNER:
+            # What is not in the inner loops gains nothing from being unrolled, and compiles in half the time.
+            made.attributes.add("optsize")
+        if len(each.body) == 1 and isinstance(each.body[0], Return):
+            made.attributes.add("alwaysinline")
+    return str(target)
+
+
+def _consensus_text() -> str:
+    """The IR of consensus."""
+    from llvmlite import ir
+
+    from mbm.target.llvm import lower_into
+    from mbm.target.solver.consensus_modules import consensus_module
+
+    target = ir.Module("consensus")
+    lower_into(target, consensus_module(LANES))
+    return str(target)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Described:
+    """``system`` and ``constants`` of equations with up to ``rows`` rows in each group."""
+
+    rows: tuple[int, ...]
+    system: NDArray[np.int64]
+    constants: NDArray[np.float64]
+
+
+class NativeCode:
+    """What native solves of one compiled problem share; local to it, as `EvaluationCache` is.
+
+    ``asked`` counts the minima that were asked for, ``systems`` keeps descriptions by structure and settings.
+    """
+
+    def __init__(self, store: Store | None) -> None:
+        self.store = store
+        self._solver: SolverCode | None = None
+        self._consensus: SolverCode | None = None
+        self.consensus_asked = 0
+        self._kernels: dict[tuple[int, ...], NativeKernels | None] = {}
+        self.asked = 0
+        self.systems: dict[object, Described] = {}
+
+    @property
+    def solver(self) -> SolverCode:
+        """The solver, compiled or fetched when first asked for."""
+        if self._solver is None:
+            self._solver = SolverCode(self.store, "solver", _text)
+        return self._solver
+
+    @property
+    def consensus(self) -> SolverCode:
+        """Consensus, likewise."""
+        if self._consensus is None:
+            self._consensus = SolverCode(self.store, "consensus", _consensus_text)
+        return self._consensus
+
+    def kernels(self, numbers: Sequence[int], kernels: Sequence[Kernel], rows: int) -> NativeKernels | None:
+        """The code of some kernels, the k-th under the number k; None where one cannot be printed."""
+        from mbm.kernels.native.kernels import native_kernels
+        from mbm.target.vectors import NoPrinterError
+
+        key = tuple(numbers)
+        if key not in self._kernels:
+            try:
+                found = native_kernels(KernelSet(name="system", kernels=tuple(kernels)), self.store, rows)
+            except NoPrinterError:
+                self._kernels[key] = None
+            else:
+                self._kernels[key] = found
+        return self._kernels[key]

@@ -1,0 +1,207 @@
+"""What closed forms know of the rows, straight from their data: recognised once for all data sets of a problem.
+
+A closed form probes the equations to learn what each row is: a station and a length, a point and a line of sight. Most
+often these are affine in the row's data (lines of sight up to their length). Then rows with random data tell how, and
+later data sets need no probing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbm.solution.assembly import Assembled
+from mbm.solution.binding import Group
+from mbm.solution.closed_forms.frames import Frame, RotationVectorFrame, SeparateFrame, WholeFrame
+from mbm.solution.closed_forms.minimal import MinimalSolver, minimal_solver
+from mbm.solution.closed_forms.multilateration import Spheres
+from mbm.solution.closed_forms.pose_from_points import Sights
+from mbm.solution.closed_forms.types import ClosedForm
+from mbm.solution.native.consensus_rules import NO_FORM, Form
+from mbm.solution.types import Floats
+from mbm.target.solver import consensus_description as c
+
+DRAWS = 6
+"""Sets of random data at most that the dependence is learnt from."""
+
+SPREAD = 0.3
+"""Random data lie about the given ones by so much of their extent."""
+
+EXACT = 1e-8
+"""What an affine dependence may leave, beside the size of what it gives."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Map:
+    """What is known of the units of one equation: ``[data, 1] @ matrix``, (parameters + 1, width)."""
+
+    group: int
+    whitener: int
+    matrix: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class KnownForm:
+    """A closed form for the problem; ``maps`` is None where each data set has to be probed by itself.
+
+    ``axis`` and ``sign`` are those of the component of lines of sight that has length 1 in the maps.
+    """
+
+    form: Form
+    maps: tuple[_Map, ...] | None
+    axis: int
+    sign: float
+
+    def of_rows(self, equations: Assembled, ruled: tuple[bool, ...], forms: Iterable[ClosedForm]) -> Floats | None:
+        """What it knows of the units of all ruled groups (units, width), NaN where it knows nothing."""
+        if self.maps is None:
+            solver = minimal_solver(equations, equations.numbers, forms)
+            return None if solver is None else _expanded(equations, ruled, solver, _told(solver), self.form.width)
+        found = []
+        for number, group in enumerate(equations.groups):
+            if not ruled[number]:
+                continue
+            units = np.full((group.rows, len(group.whiteners), self.form.width), np.nan)
+            for each in self.maps:
+                if each.group == number:
+                    units[:, each.whitener] = group.parameters @ each.matrix[:-1] + each.matrix[-1]
+            found.append(units.reshape(-1, self.form.width))
+        every = np.concatenate(found)
+        if self.form.kind == c.SIGHTS:
+            every[:, 3:] *= self.sign / np.linalg.norm(every[:, 3:], axis=1)[:, None]
+        return every
+
+
+def known_form(equations: Assembled, forms: Iterable[ClosedForm]) -> KnownForm | None:
+    """The closed form that fits subsets of these equations, if there is one that consensus has in native code."""
+    given = tuple(forms)
+    solver = minimal_solver(equations, equations.numbers, given)
+    form = NO_FORM if solver is None else _form(solver)
+    if solver is None or form is NO_FORM:
+        return None
+    told = _told(solver)
+    axis, sign = 0, 1.0
+    if form.kind == c.SIGHTS:
+        axis = int(np.argmax(np.abs(told[:, 3:]).min(axis=0)))
+        sign = float(np.sign(told[0, 3 + axis]))
+        if bool((np.sign(told[:, 3 + axis]) != sign).any()):
+            return KnownForm(form=form, maps=None, axis=axis, sign=sign)
+    maps = _maps(equations, solver, given, axis if form.kind == c.SIGHTS else None)
+    found = KnownForm(form=form, maps=maps, axis=axis, sign=sign)
+    if maps is not None:
+        ruled = tuple(True for _ in equations.groups)
+        expected = _expanded(equations, ruled, solver, told, form.width)
+        mine = found.of_rows(equations, ruled, given)
+        if mine is None or not _agrees(mine, expected):
+            return replace(found, maps=None)
+    return found
+
+
+def _agrees(mine: Floats, expected: Floats) -> bool:
+    known = np.isfinite(expected).all(axis=1)
+    size = np.abs(expected[known]).max(initial=1.0)
+    return bool((np.abs(mine[known] - expected[known]) <= 1e-6 * size).all())
+
+
+def _form(solver: MinimalSolver) -> Form:
+    places = solver.plan.candidate.places[0].tolist()
+    data = solver.plan.data
+    if isinstance(data, Spheres):
+        d, offset = data.stations.shape[1], data.offset is not None
+        columns = [*data.point, *([] if data.offset is None else [data.offset])]
+        return Form(kind=c.SPHERES, about=(d, int(offset), int(data.even), *(places[k] for k in columns)), width=d + 3)
+    if isinstance(data, Sights) and data.bearings.shape[1] == 3:
+        numbers = _frame_numbers(data.moved.frame)
+        if numbers is not None:
+            kind, columns = numbers
+            about = (int(data.moved.inverse), kind, *(places[k] for k in columns))
+            return Form(kind=c.SIGHTS, about=about, width=6)
+    return NO_FORM
+
+
+def _frame_numbers(frame: Frame) -> tuple[int, list[int]] | None:
+    """How the rotation is held, and the columns of its numbers and of the translation."""
+    if isinstance(frame, WholeFrame):
+        return c.AS_QUATERNION, list(range(7))
+    if isinstance(frame, SeparateFrame):
+        return c.AS_EULER_ANGLES, [*frame.angles, *frame.position]
+    if isinstance(frame, RotationVectorFrame):
+        return c.AS_ROTATION_VECTOR, [*frame.vector, *frame.position]
+    return None
+
+
+def _told(solver: MinimalSolver) -> Floats:
+    """What the form says of each of its rows (rows, width)."""
+    data = solver.plan.data
+    if isinstance(data, Spheres):
+        return np.column_stack([data.stations, data.length, data.extra, data.slope])
+    return np.hstack([data.moved.points, data.bearings])
+
+
+def _expanded(equations: Assembled, ruled: tuple[bool, ...], solver: MinimalSolver, told: Floats, width: int) -> Floats:
+    """What is told of rows of the plan as what is known of the units of the ruled groups."""
+    numbers = [
+        group.first_unit + np.arange(group.rows * len(group.whiteners))
+        for group, mine in zip(equations.groups, ruled, strict=True)
+        if mine
+    ]
+    units = np.concatenate(numbers)
+    row = np.where(units < len(solver.row_of), solver.row_of[np.minimum(units, len(solver.row_of) - 1)], -1)
+    found = np.full((len(units), width), np.nan)
+    found[row >= 0] = told[row[row >= 0]]
+    return found
+
+
+def _maps(
+    equations: Assembled, solver: MinimalSolver, forms: tuple[ClosedForm, ...], axis: int | None
+) -> tuple[_Map, ...] | None:
+    """The affine dependence of what is told on the data, learnt from random data; None where there is none."""
+    generator = np.random.default_rng(0)
+    pieces = solver.plan.rows.pieces
+    seen: list[list[tuple[Floats, Floats]]] = [[] for _ in pieces]
+    for _ in range(DRAWS):
+        probed = replace(equations, groups=tuple(_with_random_data(g, generator) for g in equations.groups))
+        other = minimal_solver(probed, probed.numbers, forms)
+        if other is None or len(other.plan.rows) != len(solver.plan.rows) or _form(other) != _form(solver):
+            return None
+        told = _told(other)
+        if axis is not None:
+            told[:, 3:] /= np.abs(told[:, 3 + axis])[:, None] * np.sign(told[:, 3 + axis])[:, None]
+        first = 0
+        for number, piece in enumerate(other.plan.rows.pieces):
+            mine = told[first : first + len(piece.lines)]
+            seen[number].append((piece.group.parameters[piece.lines], mine))
+            first += len(piece.lines)
+    found = []
+    for piece, parts in zip(pieces, seen, strict=True):
+        matrix = _affine(np.vstack([p for p, _ in parts]), np.vstack([t for _, t in parts]))
+        group = next(k for k, g in enumerate(equations.groups) if g.first == piece.group.first)
+        whitener = [w.first for w in piece.group.whiteners].index(piece.first)
+        if matrix is None:
+            return None
+        found.append(_Map(group=group, whitener=whitener, matrix=matrix))
+    return tuple(found)
+
+
+def _with_random_data(group: Group, generator: np.random.Generator) -> Group:
+    """A group of equations with other data, near those that it has."""
+    given = group.parameters
+    extent = np.ptp(given, axis=0) if len(given) else np.zeros(given.shape[1])
+    typical = np.abs(given).max(initial=0.0) or 1.0
+    size = np.maximum(extent, np.where(np.abs(given).max(axis=0, initial=0.0) > 0, np.abs(given).mean(axis=0), typical))
+    return replace(group, parameters=given + SPREAD * size * generator.uniform(-1.0, 1.0, given.shape))
+
+
+def _affine(data: Floats, told: Floats) -> Floats | None:
+    """The matrix (p + 1, width) with ``[data, 1] @ matrix = told``; None if there is none, or several."""
+    middle, size = data.mean(axis=0), np.maximum(np.abs(data).max(axis=0), 1e-300)
+    design = np.column_stack([(data - middle) / size, np.ones(len(data))])
+    if len(design) <= design.shape[1] + 1 or np.linalg.matrix_rank(design) < design.shape[1]:
+        return None
+    found = np.linalg.lstsq(design, told, rcond=None)[0]
+    if not bool((np.abs(design @ found - told) <= EXACT * np.abs(told).max(axis=0, initial=1.0)).all()):
+        return None
+    slopes = found[:-1] / size[:, None]
+    return np.vstack([slopes, found[-1] - middle @ slopes])

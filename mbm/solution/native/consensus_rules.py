@@ -1,0 +1,106 @@
+"""What a problem asks of consensus → the arrays that the native consensus takes (`consensus_description`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbm.problem.types import Consensus, ConsensusKind, Problem
+from mbm.solution.assembly import Assembled
+from mbm.solution.robust.scores import STATED_CUT
+from mbm.solution.robust.subsets import first_states, needed_trials
+from mbm.solution.robust.units import CUT, limits, medians
+from mbm.solution.types import Floats, Indices
+from mbm.target.solver import consensus_description as c
+from mbm.target.solver.consensus_order import STATED
+from mbm.target.solver.consensus_scores import GNC, LMEDS, MSAC, RANSAC
+
+KINDS = {
+    ConsensusKind.LMEDS: LMEDS,
+    ConsensusKind.RANSAC: RANSAC,
+    ConsensusKind.MSAC: MSAC,
+    ConsensusKind.GNC: GNC,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rules:
+    """``rules`` and ``levels`` as the native consensus takes them, without the capacities, which data sets decide.
+
+    ``ruled`` says which blocks have units.
+    """
+
+    rules: Indices
+    levels: Floats
+    ruled: tuple[bool, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Form:
+    """A closed form by its kind and what it says of itself; ``width`` numbers for each unit."""
+
+    kind: int
+    about: tuple[int, ...]
+    width: int
+
+
+NO_FORM = Form(kind=0, about=(), width=0)
+
+
+def rules_of(
+    problem: Problem,
+    equations: Assembled,
+    consensus: Consensus,
+    ruled: tuple[bool, ...],
+    *,
+    seed: int,
+    starts: int,
+    form: Form = NO_FORM,
+) -> Rules:
+    """The arrays for data sets whose blocks are the groups of ``equations``.
+
+    Args:
+        problem: the problem.
+        equations: one data set of those.
+        consensus: what is asked for.
+        ruled: for each group whether units of it may be taken out.
+        seed: that of the trials.
+        starts: points that each data set is begun at.
+        form: the closed form that fits subsets.
+    """
+    n = equations.dimension
+    trials = [needed_trials(size, consensus.trials) for size in range(n + 1)]
+    groups: dict[int, int] = {}
+    table: list[int] = []
+    levels: list[list[float]] = []
+    for group, mine in zip(equations.groups, ruled, strict=True):
+        block = problem.blocks[group.kernel.owner]
+        if not mine:
+            table += [-1, STATED]
+            continue
+        noise = groups.setdefault(group.kernel.owner, len(groups)) if block.unknown_factor else STATED
+        table += [len(levels), noise]
+        for whitener in group.whiteners:
+            size = np.full(1, whitener.last - whitener.first)
+            deviations = STATED_CUT if noise == STATED else CUT
+            cut = limits(size, deviations if consensus.threshold is None else consensus.threshold)[0]
+            levels.append([medians(size)[0], cut, limits(size, STATED_CUT)[0], 0.0])
+    first, second = first_states(seed)
+    solutions = 4 if form.kind else starts
+    head = np.zeros(c.HEADER, dtype=np.int64)
+    head[c.KIND] = KINDS[consensus.kind]
+    head[c.GROUPS] = len(groups)
+    head[c.FIRST_STATE], head[c.SECOND_STATE] = first, second
+    head[c.FORM], head[c.FORM_WIDTH] = form.kind, form.width
+    head[c.STARTS] = starts
+    head[c.MOST_POINTS] = max(trials) * solutions + starts + 2 * c.FEW_STARTS + 4
+    head[c.TRIALS_AT] = c.HEADER
+    head[c.BLOCKS_AT] = c.HEADER + len(trials)
+    head[c.FORM_AT] = c.HEADER + len(trials) + len(table)
+    head[c.THRESHOLDED] = consensus.threshold is not None
+    return Rules(
+        rules=np.concatenate([head, np.array([*trials, *table, *form.about], dtype=np.int64)]),
+        levels=np.array(levels).ravel(),
+        ruled=ruled,
+    )

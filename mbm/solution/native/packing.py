@@ -1,0 +1,286 @@
+"""Groups of equations → the flat arrays that `mbm.target.solver.description` describes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.problem.kinds import LossKind
+from mbm.problem.manifold import Piece
+from mbm.solution.assembly import Assembled
+from mbm.solution.binding import Group
+from mbm.solution.native.code import LANES
+from mbm.solution.robust.losses.barron import Barron
+from mbm.solution.types import Floats, Indices
+from mbm.solution.whitening import Whitener
+from mbm.target.solver import description as of
+
+LOSSES = {
+    LossKind.HUBER: of.HUBER,
+    LossKind.SOFT_L1: of.SOFT_L1,
+    LossKind.CAUCHY: of.CAUCHY,
+    LossKind.TUKEY: of.TUKEY,
+    LossKind.GEMAN_MCCLURE: of.GEMAN_MCCLURE,
+    LossKind.BARRON: of.BARRON,
+}
+PIECES = {Piece.SCALE: of.SCALE, Piece.QUATERNION: of.QUATERNION, Piece.SPHERE: of.DIRECTION}
+
+ROWS_AT_A_TIME = 128
+"""Residuals that are triangularised at a time: with 25 unknowns they take 27 kB, which stay in the cache."""
+
+TRIANGULAR = 1e-14
+"""A share of a whitening matrix beside its triangle that is the rounding of its inversion."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rows:
+    """Rows of all blocks of some data sets: the four arrays, and ``data`` (sets, stride)."""
+
+    parameters: Floats
+    weights: Floats
+    index: Indices
+    columns: Indices
+    data: Indices
+
+
+def weights_of(group: Group, factors: Floats | None, left_out: Floats | None) -> Floats:
+    """What whitens the rows of a group, (rows, weights of a row).
+
+    ``factors`` (rows, outputs) divide the whitened residuals; ``left_out`` (rows, units) is 0 for units that take no
+    part, else 1.
+    """
+    parts = []
+    for k, each in enumerate(group.whiteners):
+        weights = each.weights
+        if factors is not None:
+            own = factors[:, each.first : each.last]
+            weights = weights / (own if weights.ndim == 2 else own[:, :, None])
+        if left_out is not None:
+            weights = np.where(left_out[:, k].reshape(-1, *([1] * (weights.ndim - 1))) == 0.0, 0.0, weights)
+        parts.append(weights.reshape(len(weights), int(np.prod(weights.shape[1:]))))
+    return parts[0] if len(parts) == 1 else np.hstack(parts)
+
+
+def triangle_kind(each: Whitener) -> int | None:
+    """0 for factors, 1 for lower and 2 for upper triangular matrices; None for other ones."""
+    if each.weights.ndim == 2:
+        return 0
+    size = np.abs(each.weights).max(initial=0.0)
+    for kind, other in ((1, np.triu(each.weights, 1)), (2, np.tril(each.weights, -1))):
+        if np.abs(other).max(initial=0.0) <= TRIANGULAR * size:
+            return kind
+    return None
+
+
+def rows_of(equations: Assembled) -> Rows:
+    """The rows of one data set."""
+    parameters: list[Floats] = []
+    weights: list[Floats] = []
+    index: list[Indices] = []
+    columns: list[Indices] = []
+    places = np.zeros(4, dtype=np.int64)
+    column = np.full(len(equations.layout.number), -1, dtype=np.int64)
+    column[equations.free] = np.arange(equations.dimension)
+    taken = None
+    if equations.rows is not None:
+        taken = np.zeros(equations.whole, dtype=np.float64)
+        taken[equations.rows] = 1.0
+    data = [equations.count]
+    for group in (*equations.groups, *equations.constraints):
+        # Arrays never end up empty: what stands at their ends may be pointed to, though it is not read.
+        parts: list[NDArray[Any]] = [
+            group.parameters.ravel(),
+            np.zeros(0),
+            group.places.ravel(),
+            column[group.touched].ravel(),
+        ]
+        if group.whiteners:
+            lines = slice(group.first, group.first + group.count)
+            shape = (group.rows, group.kernel.outputs)
+            factors = None if equations.factors is None else equations.factors[lines].reshape(shape)
+            picked = None
+            if taken is not None:
+                picked = taken[lines].reshape(shape)[:, [w.first for w in group.whiteners]]
+            parts[1] = weights_of(group, factors, picked).ravel()
+        data += [*places.tolist(), group.rows]
+        places += [len(p) for p in parts]
+        parameters.append(parts[0])
+        weights.append(parts[1])
+        index.append(parts[2])
+        columns.append(parts[3])
+    return Rows(
+        parameters=_joined(parameters, np.float64),
+        weights=_joined(weights, np.float64),
+        index=_joined(index, np.int64),
+        columns=_joined(columns, np.int64),
+        data=np.array([data], dtype=np.int64),
+    )
+
+
+def _joined(parts: Sequence[NDArray[Any]], kind: type) -> NDArray[Any]:
+    return np.ascontiguousarray(np.concatenate([*parts, np.zeros(1)]), dtype=kind)
+
+
+def rounded_up(rows: int) -> int:
+    """Rows in whole kernel blocks."""
+    return -(-rows // LANES) * LANES
+
+
+def structure_of(equations: Assembled) -> object:
+    """What `system_arrays` depends on beside the numbers of rows, to be looked up by; addresses follow from it."""
+    layout = equations.layout
+    groups = tuple(
+        (
+            g.number,
+            g.shared,
+            g.shared_columns,
+            g.losses,
+            tuple((w.last, w.weights.shape[1:], triangle_kind(w)) for w in g.whiteners),
+        )
+        for g in (*equations.groups, *equations.constraints)
+    )
+    numbers = (equations.free, layout.number, equations.lower, equations.upper, equations.positive)
+    curved = tuple((c.piece, c.numbers.tobytes(), c.coordinates.tobytes()) for c in layout.curved)
+    return groups, equations.linear, len(layout.start), tuple(each.tobytes() for each in numbers), curved
+
+
+def system_arrays(
+    equations: Assembled,
+    addresses: Sequence[tuple[int, int]],
+    *,
+    most_rows: Sequence[int],
+    iterations: int,
+    tolerance: float,
+    direct: bool,
+    strict: bool = True,
+) -> tuple[Indices, Floats]:
+    """``system`` and ``constants`` for the groups of ``equations`` with up to ``most_rows`` rows each.
+
+    ``addresses`` are those of values and Jacobian of each group's kernel, in the order of the groups, then constraints.
+    """
+    layout, n = equations.layout, equations.dimension
+    groups = (*equations.groups, *equations.constraints)
+    numbers = layout.number[equations.free]
+    pieces = _pieces(equations)
+    constants = [np.zeros(of.BOUNDS_AT), equations.lower, equations.upper]
+    constants[0][of.TOLERANCE] = tolerance
+    places_at = of.HEADER
+    positive_at = places_at + n
+    curved_at = positive_at + n
+    blocks_at = curved_at + pieces.size
+    blocks, tail, losses = _blocks(equations, addresses, blocks_at + len(groups) * of.BLOCK, of.BOUNDS_AT + 2 * n)
+    header = np.zeros(of.HEADER, dtype=np.int64)
+    padded = [rounded_up(rows) for rows in most_rows]
+    outputs = blocks[:, of.BLOCK_OUTPUTS]
+    chunk = max([ROWS_AT_A_TIME, *(LANES * outputs).tolist()])
+    chunk += -chunk % LANES
+    at_a_time = chunk // (LANES * outputs)
+    for at, value in (
+        (of.NUMBERS, len(layout.start)),
+        (of.COORDINATES, n),
+        (of.CURVED, len(pieces)),
+        (of.BLOCKS, len(equations.groups)),
+        (of.CONSTRAINTS, len(equations.constraints)),
+        (of.MULTIPLIERS, sum(g.kernel.outputs * r for g, r in zip(groups, most_rows, strict=True) if not g.whiteners)),
+        (of.LINEAR, equations.linear),
+        (of.BOXED, _boxed(equations)),
+        (of.ITERATIONS, iterations),
+        (of.STRICT, strict),
+        (of.RESIDUALS, int(outputs @ padded) + 4),
+        (of.INPUTS, int((blocks[:, of.BLOCK_VARIABLES] + blocks[:, of.BLOCK_PARAMETERS]) @ padded)),
+        (of.WEIGHTS, int(np.where(blocks[:, of.BLOCK_WEIGHTS] > 0, blocks[:, of.BLOCK_WEIGHTS], 2 * outputs) @ padded)),
+        (of.CHUNK, chunk),
+        (of.OUTPUTS, int(((outputs + blocks[:, of.BLOCK_NONZEROS]) * LANES * at_a_time).max(initial=0))),
+        (of.PLACES_AT, places_at),
+        (of.POSITIVE_AT, positive_at),
+        (of.CURVED_AT, curved_at),
+        (of.BLOCKS_AT, blocks_at),
+        (of.DIRECT, direct),
+    ):
+        header[at] = value
+    system = np.concatenate([header, numbers, equations.positive, pieces.ravel(), blocks.ravel(), *tail])
+    return system.astype(np.int64), np.ascontiguousarray(np.concatenate([*constants, *losses]), dtype=np.float64)
+
+
+def _blocks(
+    equations: Assembled, addresses: Sequence[tuple[int, int]], end: int, losses_at: int
+) -> tuple[Indices, list[Indices], list[Floats]]:
+    """The table of blocks, what stands in ``system`` from ``end`` on, and in ``constants`` from ``losses_at`` on."""
+    groups = (*equations.groups, *equations.constraints)
+    blocks = np.zeros((len(groups), of.BLOCK), dtype=np.int64)
+    tail: list[Indices] = []
+    constants: list[Floats] = []
+    for line, group, address in zip(blocks, groups, addresses, strict=True):
+        tables, losses = _tables(group, losses_at, equations)
+        line[: of.BLOCK_WEIGHTS] = (
+            *address,
+            group.kernel.outputs,
+            len(group.kernel.variables),
+            len(group.kernel.parameters),
+            len(group.kernel.tangents),
+            len(group.kernel.jacobian_rows),
+            0 if all(group.shared) else len(group.kernel.variables),
+            0 if all(group.shared_columns) else len(group.kernel.tangents),
+        )
+        line[of.BLOCK_WEIGHTS] = sum(int(np.prod(w.weights.shape[1:])) for w in group.whiteners)
+        line[of.BLOCK_UNITS] = len(group.whiteners)
+        line[of.BLOCK_NOISE] = -1
+        for at, table in zip((of.BLOCK_UNITS_AT, of.BLOCK_NONZEROS_AT, of.BLOCK_EQUALITY_AT), tables, strict=True):
+            line[at] = end
+            end += table.size
+            tail.append(table.ravel())
+        constants.append(losses)
+        losses_at += losses.size
+    return blocks, tail, constants
+
+
+def _boxed(equations: Assembled) -> bool:
+    bounded = np.isfinite(equations.lower) | np.isfinite(equations.upper) | equations.positive
+    return bool(bounded.any())
+
+
+def _pieces(equations: Assembled) -> Indices:
+    """The pieces that do not vary by addition and have a free coordinate."""
+    layout = equations.layout
+    column = np.full(len(layout.number), -1, dtype=np.int64)
+    column[equations.free] = np.arange(equations.dimension)
+    found = []
+    for curved in layout.curved:
+        for numbers, coordinates in zip(curved.numbers, curved.coordinates, strict=True):
+            columns = column[coordinates]
+            if (columns >= 0).any():
+                line = np.full(of.PIECE, -1, dtype=np.int64)
+                line[of.PIECE_KIND] = PIECES[curved.piece]
+                line[of.PIECE_NUMBERS : of.PIECE_NUMBERS + len(numbers)] = numbers
+                line[of.PIECE_COLUMNS : of.PIECE_COLUMNS + len(columns)] = columns
+                found.append(line)
+    return np.array(found, dtype=np.int64).reshape(-1, of.PIECE)
+
+
+def _tables(group: Group, losses_at: int, equations: Assembled) -> tuple[tuple[Indices, ...], Floats]:
+    """Units, nonzeros and equality flags of a block, and the parameters of its losses."""
+    units, losses = [], []
+    factor = np.full(group.kernel.outputs, -1, dtype=np.int64)
+    place = 0
+    for k, each in enumerate(group.whiteners):
+        kind = triangle_kind(each) or 0
+        loss = group.losses[k] if group.losses else None
+        units.append((each.first, each.last, place, kind, 0 if loss is None else LOSSES[loss.loss.kind], losses_at))
+        size = each.last - each.first
+        if kind == 0:
+            factor[each.first : each.last] = place + np.arange(size)
+        place += size * size if kind else size
+        if loss is not None:
+            shape = loss.loss.shape if isinstance(loss.loss, Barron) else 0.0
+            losses += [loss.scale, shape]
+            losses_at += 2
+    rows = group.kernel.jacobian_rows
+    nonzeros = np.stack([rows, group.kernel.jacobian_columns, factor[rows]], axis=1)
+    equality = np.zeros(0, dtype=np.int64)
+    if not group.whiteners:
+        equality = equations.equality[group.first : group.first + group.kernel.outputs].astype(np.int64)
+    return (np.array(units, dtype=np.int64).reshape(-1, of.UNIT), nonzeros, equality), np.array(losses)

@@ -1,0 +1,262 @@
+"""Equations in native code: what of them can be handed over, solved from many points in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.problem.types import Method
+from mbm.solution.assembly import Assembled
+from mbm.solution.native.code import Described, NativeCode, SolverCode
+from mbm.solution.native.packing import LOSSES, Rows, rows_of, structure_of, system_arrays, triangle_kind
+from mbm.solution.settings import Settings
+from mbm.solution.types import Floats, Indices
+from mbm.target.solver import description as of
+from mbm.target.solver.workspace import work_integers, work_reals
+
+MOST_COORDINATES = 80
+"""Beyond, the blocked algebra of LAPACK is faster."""
+
+AT_A_TIME = 2e8
+"""Products in one call, about a tenth of a second: between calls the user may interrupt."""
+
+ITERATIONS_OF_MANY = 20.0
+"""Iterations that a solve of many takes, as a guess."""
+
+
+def never() -> bool:
+    """Nobody interrupts."""
+    return False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NativeEnds:
+    """Where T solves ended, as `mbm.target.solver.description` says."""
+
+    numbers: Floats
+    results: Floats
+    states: Indices
+    sides: Indices
+    triangles: Floats
+    covariances: Floats
+    multipliers: Floats
+
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """All of it, in the order in which the solver takes it."""
+        first = (self.numbers, self.results, self.states, self.sides)
+        return (*first, self.triangles, self.covariances, self.multipliers)
+
+    @property
+    def clean(self) -> NDArray[np.bool_]:
+        """Which solves (T,) ended in a minimum of full rank."""
+        reasons = self.states[:, of.REASON]
+        good = (reasons >= of.SMALL_OFFSET) & (reasons <= of.ONE_STEP)
+        return np.asarray(good & (self.states[:, of.DEFICIENT] == 0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NativeSystem:
+    """A system with its rows, ready to be solved.
+
+    ``code`` and ``held`` keep machine code alive.
+    """
+
+    system: Indices
+    constants: Floats
+    rows: Rows
+    code: SolverCode
+    held: object = field(repr=False)
+    _given: tuple[int, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        rows = self.rows
+        arrays = (self.system, self.constants, rows.parameters, rows.weights, rows.index, rows.columns, rows.data)
+        # Where they begin; asking for that takes longer than a small solve.
+        object.__setattr__(self, "_given", tuple(array.ctypes.data for array in arrays))
+
+    @property
+    def dimension(self) -> int:
+        """Free coordinates n."""
+        return int(self.system[of.COORDINATES])
+
+    def solve(
+        self,
+        points: Floats,
+        which: Indices | None = None,
+        *,
+        workers: int = 1,
+        stopped: Callable[[], bool] = never,
+    ) -> NativeEnds:
+        """Solve from each of ``points`` (T, N), with the data set ``which`` (T,) (None: the first).
+
+        The answers do not depend on ``workers``, the number of threads. ``stopped`` is asked now and then; solves that
+        were not made then, or not to their end, have the reason `RUNNING`.
+        """
+        count = len(points)
+        ends = self._blank(count)
+        chosen = np.zeros(count, dtype=np.int64) if which is None else np.ascontiguousarray(which, dtype=np.int64)
+        starts = np.ascontiguousarray(points, dtype=np.float64)
+        work_size, flags_size = int(work_reals(self.system)), int(work_integers(self.system))
+        at_a_time = AT_A_TIME / self._products
+
+        def part(first: int, last: int) -> None:
+            work, flags = np.empty(work_size), np.empty(flags_size, dtype=np.int64)
+            if at_a_time < ITERATIONS_OF_MANY:
+                most = int(max(at_a_time, 1))
+                for k in range(first, last):
+                    if not stopped():
+                        answer = tuple(array[k : k + 1] for array in ends.arrays())
+                        self._alone(starts[k], int(chosen[k]), answer, (work, flags), most, stopped)
+                return
+            step = int(max(at_a_time / ITERATIONS_OF_MANY, 1))
+            routine = self.code.routine("solve_many", *[object] * 9, int, int, *[object] * 9)
+            scratch = (work.ctypes.data, flags.ctypes.data)
+            out = tuple(array.ctypes.data for array in ends.arrays())
+            given = (*self._given, chosen.ctypes.data, starts.ctypes.data)
+            for k in range(first, last, step):
+                if stopped():
+                    return
+                routine.function(*given, k, min(k + step, last), *scratch, *out)
+
+        if workers <= 1 or count < 2:
+            part(0, count)
+            return ends
+        cuts = np.linspace(0, count, min(workers, count) + 1).astype(int).tolist()
+        with ThreadPoolExecutor(len(cuts) - 1) as pool:
+            list(pool.map(part, cuts[:-1], cuts[1:]))
+        return ends
+
+    @property
+    def _products(self) -> float:
+        """Products in one iteration, about."""
+        return float(self.system[of.RESIDUALS]) * (self.dimension + 4) ** 2
+
+    def _blank(self, count: int) -> NativeEnds:
+        """Room for the answers of so many solves."""
+        n = self.dimension
+        return NativeEnds(
+            numbers=np.zeros((count, int(self.system[of.NUMBERS]))),
+            results=np.zeros((count, of.RESULTS)),
+            states=np.zeros((count, of.STATES), dtype=np.int64),
+            sides=np.zeros((count, n), dtype=np.int64),
+            triangles=np.zeros((count, n + 1, n + 1)),
+            covariances=np.zeros((count, n, n)),
+            multipliers=np.zeros((count, int(self.system[of.MULTIPLIERS]))),
+        )
+
+    def one(self, start: Floats, *, which: int = 0, stopped: Callable[[], bool] | None = None) -> NativeEnds:
+        """Solve from one start (N,); ``stopped`` is asked before each iteration: what is reached comes back."""
+        ends = self._blank(1)
+        begun = np.ascontiguousarray(start, dtype=np.float64)
+        work, flags = np.empty(int(work_reals(self.system))), np.empty(int(work_integers(self.system)), dtype=np.int64)
+        most = 1 if stopped is not None else int(max(AT_A_TIME / self._products, 1))
+        self._alone(begun, which, ends.arrays(), (work, flags), most, stopped or never)
+        return ends
+
+    def _alone(
+        self,
+        start: Floats,
+        which: int,
+        answer: tuple[NDArray[Any], ...],
+        scratch: tuple[Floats, Indices],
+        most: int,
+        stopped: Callable[[], bool],
+    ) -> None:
+        """One solve, ``most`` iterations at a time; ``answer`` are the arrays that it goes to."""
+        begin = self.code.routine("start_solve", *[object] * 7, int, *[object] * 3).function
+        go_on = self.code.routine("go_on", *[object] * 5, int, *[object] * 2).function
+        finish = self.code.routine("finish_solve", *[object] * 14).function
+        system, constants, parameters, weights, index, columns, _ = self._given
+        data = self.rows.data[which].ctypes.data
+        places = tuple(array.ctypes.data for array in scratch)
+        begin(system, constants, parameters, weights, index, columns, data, 0, start.ctypes.data, *places)
+        done = go_on(system, constants, data, index, columns, 0, *places)
+        while not done and not stopped():
+            done = go_on(system, constants, data, index, columns, most, *places)
+        finish(system, constants, data, index, columns, *places, *(array.ctypes.data for array in answer))
+
+
+def handled(equations: object) -> bool:
+    """Whether equations are such as the native solver knows."""
+    if not isinstance(equations, Assembled) or equations.implicit is not None or equations.dimension == 0:
+        return False
+    if equations.dimension > MOST_COORDINATES or equations.count == 0:
+        return False
+    groups = (*equations.groups, *equations.constraints)
+    if any(group.sampled for group in groups) or not all(group.kernel.outputs for group in groups):
+        return False
+    if equations.rows is not None and not _whole_units(equations):
+        return False
+    known = all(loss.loss.kind in LOSSES for group in groups for loss in group.losses)
+    return known and all(triangle_kind(w) is not None for group in groups for w in group.whiteners)
+
+
+def _whole_units(equations: Assembled) -> bool:
+    """Whether the residuals picked are all those of some units."""
+    units = equations.everything().units
+    sizes = np.bincount(units)
+    found = np.bincount(units[equations.rows], minlength=len(sizes))
+    return bool(((found == 0) | (found == sizes)).all())
+
+
+def system_of(
+    equations: Assembled,
+    settings: Settings,
+    *,
+    direct: bool | None = None,
+    most_rows: Sequence[int] | None = None,
+) -> NativeSystem | None:
+    """The equations of one data set for the native solver; None: they are not for it.
+
+    ``direct``: the one step of affine equations (None: where they are affine and nothing else is asked for).
+    ``most_rows`` of each group, where data sets of some of the rows are to be solved (None: all of them are one).
+    """
+    from mbm.kernels.backends.native import NativeBackend
+
+    groups = (*equations.groups, *equations.constraints) if handled(equations) else ()
+    backend = groups[0].cache.backend if groups else None
+    if not isinstance(backend, NativeBackend):
+        return None
+    code = native_code(groups[0].cache.native, backend.store)
+    numbers = [g.number for g in groups]
+    kernels = code.kernels(numbers, [g.kernel for g in groups], max(g.rows for g in groups))
+    if kernels is None:
+        return None
+    if direct is None:
+        boxed = np.isfinite(equations.lower).any() or np.isfinite(equations.upper).any() or equations.positive.any()
+        direct = equations.linear and not (equations.constraints or boxed) and settings.method is Method.AUTO
+    rows = [g.rows for g in groups] if most_rows is None else list(most_rows)
+    key = (structure_of(equations), settings.max_iterations, settings.tolerance, direct)
+    known = code.systems.get(key)
+    if known is None or any(a > b for a, b in zip(rows, known.rows, strict=True)):
+        room = rows if known is None else [max(a, b) for a, b in zip(rows, known.rows, strict=True)]
+        addresses = [(kernels.values_address(k), kernels.jacobian_address(k)) for k in range(len(groups))]
+        system, constants = system_arrays(
+            equations,
+            addresses,
+            most_rows=room,
+            iterations=settings.max_iterations,
+            tolerance=settings.tolerance,
+            direct=direct,
+        )
+        known = code.systems[key] = Described(rows=tuple(room), system=system, constants=constants)
+    return NativeSystem(
+        system=known.system,
+        constants=known.constants,
+        rows=rows_of(equations),
+        code=code.solver,
+        held=(kernels, code),
+    )
+
+
+def native_code(kept: dict[str, object], store: object) -> NativeCode:
+    """What native solves share, from what is ``kept`` for a problem."""
+    found = kept.get("code")
+    if not isinstance(found, NativeCode):
+        found = kept["code"] = NativeCode(store)  # type: ignore[arg-type]
+    return found

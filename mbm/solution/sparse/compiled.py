@@ -1,0 +1,239 @@
+"""The work on blocks by compiled routines (`mbm.target.blocks`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbm.kernels.store import Store
+from mbm.solution.binding import Group
+from mbm.solution.sparse.arithmetic import Places
+from mbm.solution.sparse.elimination import Elimination
+from mbm.solution.sparse.interpreted import triangular
+from mbm.solution.sparse.normal import Contribution, Normal, NormalPattern
+from mbm.solution.sparse.routines import HEAVY, Argument, Routines, routines
+from mbm.solution.sparse.structure import Structure, Values
+from mbm.solution.types import Floats, Indices
+from mbm.target.blocks.names import product_name
+
+NARROW = 512
+"""Columns up to which the reduced matrix stays in the cache (2 MB), and is best added to member by member."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PieceBlocks:
+    """The local blocks of a piece as routines take them: starts, sizes, first columns, members."""
+
+    starts: Indices
+    sizes: Indices
+    heads: Indices
+    members: Indices
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Compiled:
+    """``pieces`` are those of the structure."""
+
+    routines: Routines
+    gone: Elimination | None
+    pieces: tuple[PieceBlocks, ...]
+
+    def put_inputs(self, numbers: Floats, group: Group) -> None:
+        """Row by row, where nothing is sampled at times that are unknown."""
+        inputs = group.evaluation.inputs
+        if group.sampled or not inputs.flags.c_contiguous:
+            group.fill(numbers)
+            return
+        sizes = (group.index.shape[1], group.parameters.shape[1])
+        self.routines.run("put_inputs", group.rows, *sizes, group.index, numbers, group.parameters, inputs)
+
+    def put_nonzeros(self, nonzeros: Floats, weights: Floats, places: Places, values: Floats) -> None:
+        """Row by row."""
+        rows, outputs = weights.shape
+        length = nonzeros.strides[0] // nonzeros.itemsize
+        sizes = (outputs, length, values[0].size if rows else 0)
+        self.routines.run("put_nonzeros", rows, len(places[0]), *places, *sizes, nonzeros, weights, values)
+
+    def products(self, pattern: NormalPattern, values: Values) -> Mapping[tuple[int, int], Floats]:
+        """The blocks of ``JᵀJ``: one pass over the rows of each."""
+        blocks: dict[tuple[int, int], Floats] = {}
+        for key, pair in pattern.pairs.items():
+            total = np.zeros((len(pair.i), *pair.shape))
+            for part in pair.contributions:
+                self._add(values[part.piece], part, part.left.start, part.right.start, total)
+                if part.mirrored:
+                    self._add(values[part.piece], part, part.right.start, part.left.start, total)
+            blocks[key] = total
+        return blocks
+
+    def _add(self, values: Floats, part: Contribution, left: int, right: int, total: Floats) -> None:
+        outputs, width = values.shape[1:]
+        name = product_name(outputs, total.shape[2])
+        where = (part.targets, part.starts, part.rows, width, total.shape[1], left, right)
+        self.routines.run(name, len(part.targets), *where, values, total)
+
+    def gradient(self, layout: Structure, values: Values, residuals: Floats) -> Floats:
+        """``Jᵀ r``."""
+        result = np.zeros(layout.columns)
+        for piece, own, part in zip(layout.pieces, self.pieces, values, strict=True):
+            given = (*_piece_arguments(own, part), np.ascontiguousarray(residuals[piece.residuals]))
+            result += self.routines.total("add_gradient", len(part), result.shape, *given)
+        return result
+
+    def squares(self, layout: Structure, values: Values) -> Floats:
+        """The squared norms of the columns."""
+        result = np.zeros(layout.columns)
+        for own, part in zip(self.pieces, values, strict=True):
+            result += self.routines.total("add_squares", len(part), result.shape, *_piece_arguments(own, part))
+        return result
+
+    def image(self, layout: Structure, values: Values, step: Floats) -> Floats:
+        """``J step``."""
+        result = np.zeros(layout.count)
+        for piece, own, part in zip(layout.pieces, self.pieces, values, strict=True):
+            given = (*_piece_arguments(own, part), np.ascontiguousarray(step), result[piece.residuals])
+            self.routines.run("put_image", len(part), *given)
+        return result
+
+    def roots(self, blocks: Floats, added: Floats) -> Floats | None:
+        """Inverse lower triangles."""
+        result = np.zeros_like(blocks)
+        good = self.routines.run("inverse_roots", len(blocks), blocks, np.ascontiguousarray(added), result)
+        return result if good else None
+
+    def couplings(self, normal: Normal, roots: Floats) -> Floats:
+        """``Y``, from the blocks as they are stored."""
+        gone = self._elimination()
+        y = np.empty(gone.numbers)
+        for cross in gone.crosses:
+            size, wide = cross.shape
+            along, across = (1, size) if cross.flipped else (wide, 1)
+            blocks, lengths = normal.blocks[cross.pair], gone.links.lengths
+            given = (cross.i, cross.places, lengths, wide, along, across, blocks, roots, y)
+            self.routines.run("put_couplings", len(cross.i), *given)
+        return y
+
+    def reduce(self, y: Floats, matrix: Floats) -> None:
+        """``matrix -= YᵀY``, the upper triangle of blocks."""
+        gone = self._elimination()
+        if gone.width <= NARROW:
+            matrix += self.routines.total(
+                "reduce_members", _members(gone), matrix.shape, *_by_member(gone), y, gone.width
+            )
+        else:
+            self.routines.run("reduce_blocks", len(gone.links.heads), *_by_block(gone), y, gone.width, matrix)
+
+    def reduce_entries(self, y: Floats, keys: Indices, entries: Floats) -> None:
+        """The same for a sparse matrix: row by row through a dense line."""
+        gone = self._elimination()
+        rows, indices = np.divmod(keys, gone.width)
+        pointers = np.searchsorted(rows, np.arange(gone.width + 1))
+        given = (gone.width, pointers, indices, entries)
+        self.routines.run("reduce_sparse", len(gone.links.heads), *_by_block(gone), y, *given, scratch=_line(gone))
+
+    def solved(self, lower: Floats, right: Floats) -> Floats:
+        """One right side at once; many by BLAS, which takes a while to load."""
+        if right.shape[1] > 1:
+            return triangular(lower, right)
+        result = right.copy(order="C")
+        self.routines.call("solve_triangular", len(lower), np.ascontiguousarray(lower), result)
+        return result
+
+    def rooted(self, roots: Floats, right: Floats, *, transposed: bool) -> Floats:
+        """``L⁻¹ right``, or ``L⁻ᵀ right``."""
+        right = np.ascontiguousarray(right)
+        result = np.empty(right.shape)
+        given = (int(transposed), roots, right.shape[1], right, result)
+        self.routines.run("put_rooted", len(roots), *given)
+        return result
+
+    def carried(self, y: Floats, inner: Floats) -> Floats:
+        """``Yᵀ inner``."""
+        gone = self._elimination()
+        given = (*_by_member(gone), y, inner.shape[1], np.ascontiguousarray(inner))
+        return self.routines.total("add_carried", _members(gone), (gone.width, inner.shape[1]), *given)
+
+    def returned(self, y: Floats, rest: Floats) -> Floats:
+        """``Y rest``."""
+        gone = self._elimination()
+        result = np.zeros((_members(gone) * gone.size, rest.shape[1]))
+        given = (*_by_member(gone), y, rest.shape[1], np.ascontiguousarray(rest), result)
+        self.routines.run("add_returned", _members(gone), *given)
+        return result
+
+    def inverse_blocks(self, y: Floats, roots: Floats, rest: Any) -> tuple[Floats, Floats]:
+        """Images of ``Y`` at its own pattern, then small products, member by member."""
+        gone = self._elimination()
+        images, across = np.empty_like(y), np.empty_like(y)
+        if isinstance(rest, np.ndarray):
+            given: tuple[Argument, ...] = (np.ascontiguousarray(rest), images)
+            self.routines.run("images_dense", len(gone.links.heads), *_by_block(gone), y, gone.width, *given)
+        else:
+            pointers, indices = rest.indptr.astype(np.int64), rest.indices.astype(np.int64)
+            given = (pointers, indices, rest.data, images)
+            self.routines.run(
+                "images_sparse", len(gone.links.heads), *_by_block(gone), y, gone.width, *given, scratch=_line(gone)
+            )
+        inner, diagonal = np.empty_like(roots), np.empty_like(roots)
+        links = gone.links
+        where = (links.begins, links.places, links.wides, links.lengths)
+        self.routines.run("put_inverse_blocks", len(roots), *where, y, images, roots, inner, across, diagonal)
+        return across, diagonal
+
+    def _elimination(self) -> Elimination:
+        if self.gone is None:
+            message = "nothing is eliminated"
+            raise TypeError(message)
+        return self.gone
+
+
+def compiled(pattern: NormalPattern, gone: Elimination | None, store: Store | None) -> Compiled:
+    """The work for a pattern and an elimination."""
+    layout = pattern.structure
+    sizes = {
+        (layout.pieces[part.piece].outputs, pair.shape[1])
+        for pair in pattern.pairs.values()
+        for part in pair.contributions
+    }
+    pieces = []
+    for piece in layout.pieces:
+        families = [layout.families[f] for f in piece.families]
+        pieces.append(
+            PieceBlocks(
+                starts=np.array(piece.starts, dtype=np.int64),
+                sizes=np.array([f.size for f in families], dtype=np.int64),
+                heads=np.array([f.first for f in families], dtype=np.int64),
+                members=np.ascontiguousarray(piece.members, dtype=np.int64),
+            )
+        )
+    heavy = sum(p.rows * p.outputs * p.width for p in layout.pieces) >= HEAVY
+    made = routines(sizes, None if gone is None else gone.size, store, heavy=heavy)
+    return Compiled(routines=made, gone=gone, pieces=tuple(pieces))
+
+
+def _piece_arguments(own: PieceBlocks, values: Floats) -> tuple[Argument, ...]:
+    rows, outputs, width = values.shape
+    return (outputs, width, len(own.starts), own.starts, own.sizes, own.heads, own.members, rows, values)
+
+
+def _by_block(gone: Elimination) -> tuple[Argument, ...]:
+    links = gone.links
+    blocks = (links.heads, links.sizes, links.starts, links.order, links.members)
+    return (*blocks, links.begins, links.columns, links.places, links.wides, links.lengths)
+
+
+def _by_member(gone: Elimination) -> tuple[Argument, ...]:
+    links = gone.links
+    return (links.begins, links.columns, links.places, links.wides, links.lengths)
+
+
+def _members(gone: Elimination) -> int:
+    return len(gone.links.begins) - 1
+
+
+def _line(gone: Elimination) -> int:
+    """Numbers in the widest block row of the rest."""
+    return int(gone.links.sizes.max(initial=0)) * gone.width

@@ -1,0 +1,140 @@
+"""Compiled routines for blocks of given sizes: made ready once for a pattern, called with arrays."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from hashlib import sha256
+from itertools import pairwise
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbm.solution.types import Floats, Indices
+
+if TYPE_CHECKING:
+    from mbm.kernels.native.engine import Library
+    from mbm.kernels.store import Store
+
+LEVEL = 3
+FLAGS = ("contract", "reassoc")
+"""Sums of products may be fused and taken in another order: they are rounded anyway."""
+
+Argument = int | Floats | Indices
+
+
+PIECES = 4
+"""Parts of a sum that are summed by themselves: their number does not depend on that of the threads, nor do sums."""
+
+HEAVY = 500_000
+"""Numbers in the Jacobian from which several threads are worth their while."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Routines:
+    """The functions of a library, by name; ``threads`` share the work, if there are some."""
+
+    library: Library
+    threads: ThreadPoolExecutor | None = None
+
+    def call(self, name: str, *arguments: Argument) -> int:
+        """Call a routine; what it returns, if it returns something. The last axis of arrays must be contiguous."""
+        kinds: list[type[ctypes.c_void_p | ctypes.c_int64]] = []
+        values: list[int] = []
+        for argument in arguments:
+            if isinstance(argument, np.ndarray):
+                aligned = argument.flags.c_contiguous or argument.strides[-1] == argument.itemsize
+                if not aligned or argument.dtype not in (np.float64, np.int64):
+                    raise TypeError(name)
+                kinds.append(ctypes.c_void_p)
+                values.append(argument.ctypes.data)
+            else:
+                kinds.append(ctypes.c_int64)
+                values.append(int(argument))
+        function: Callable[..., int] = ctypes.CFUNCTYPE(ctypes.c_int64, *kinds)(self.library.address(name))
+        return function(*values)
+
+    def run(self, name: str, count: int, *arguments: Argument, scratch: int = 0) -> bool:
+        """Call a routine for all of ``count``, in parts that write to different places; whether all returned 0.
+
+        ``scratch``: numbers, zero, that each part is given for itself as the last argument.
+        """
+
+        def part(first: int, last: int) -> int:
+            own = (np.zeros(scratch),) if scratch else ()
+            return self.call(name, first, last, *arguments, *own)
+
+        if self.threads is None:
+            return part(0, count) == 0
+        ends = _ends(count, 8 * _processors())
+        return sum(abs(f.result()) for f in [self.threads.submit(part, *end) for end in ends]) == 0
+
+    def total(self, name: str, count: int, shape: tuple[int, ...], *arguments: Argument) -> Floats:
+        """What a routine adds up over all of ``count`` in its last argument, an array of that shape."""
+        sums = np.zeros((PIECES, *shape))
+        parts = [(first, last, *arguments, sums[k]) for k, (first, last) in enumerate(_ends(count, PIECES))]
+        if self.threads is None:
+            for given in parts:
+                self.call(name, *given)
+        else:
+            for future in [self.threads.submit(self.call, name, *given) for given in parts]:
+                future.result()
+        return np.asarray(sums.sum(axis=0))
+
+
+def _ends(count: int, pieces: int) -> list[tuple[int, int]]:
+    """``0 … count`` in so many parts."""
+    return list(pairwise(count * k // pieces for k in range(pieces + 1)))
+
+
+def _processors() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def routines(products: Iterable[tuple[int, int]], size: int | None, store: Store | None, *, heavy: bool) -> Routines:
+    """The routines for products with right blocks (outputs, columns), and for members of ``size`` columns that go.
+
+    From the store, or compiled and put there. ``size`` None: none goes. ``heavy`` work is shared by all processors.
+    """
+    from mbm.kernels.native.engine import kept
+
+    sizes = tuple(sorted(set(products)))
+    name = f"blocks {_texts()} {sizes} {size}"
+    # The inner loops are unrolled and side by side; vectors across the outer ones would gather and scatter.
+    library = kept(name, lambda: _lowered(sizes, size), store, LEVEL, loops=False)
+    count = _processors() if heavy else 1
+    return Routines(library, ThreadPoolExecutor(count) if count > 1 else None)
+
+
+def _lowered(sizes: tuple[tuple[int, int], ...], size: int | None) -> str:
+    from llvmlite import ir
+
+    from mbm.target.blocks.modules import blocks_module
+    from mbm.target.llvm import lower_into
+
+    target = ir.Module("blocks")
+    lower_into(target, blocks_module(sizes, size), FLAGS)
+    return str(target)
+
+
+def _texts() -> str:
+    """A digest of the routines' own texts and of what lowers them."""
+    from mbm import target
+    from mbm.target import blocks
+
+    digest = sha256(repr(FLAGS).encode())
+    for package, names in ((target, ("from_python", "llvm", "tree")), (blocks, ("*",))):
+        for path in _files(package, names):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _files(package: ModuleType, names: Iterable[str]) -> list[Path]:
+    folder = Path(str(package.__path__[0]))
+    return sorted(path for name in names for path in folder.glob(f"{name}.py"))

@@ -1,0 +1,201 @@
+"""The tree as Python text on NumPy arrays: what it computes is what C computes, infinities and NaN included.
+
+Reals are NumPy's, which divide by zero without raising; the text is to be run under ``numpy.errstate(all="ignore")``.
+Arrays from an element on are views.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from mbm.target.tree import (
+    Assign,
+    Binary,
+    Break,
+    Call,
+    Choose,
+    Comment,
+    Compare,
+    Continue,
+    Convert,
+    Element,
+    Expression,
+    For,
+    Function,
+    If,
+    Intrinsic,
+    Literal,
+    Logical,
+    Module,
+    Name,
+    Negate,
+    Offset,
+    Perform,
+    Primitive,
+    Return,
+    Statement,
+    Type,
+    While,
+)
+
+_PRECEDENCE = {"or": 1, "and": 2, "not": 3, "+": 5, "-": 5, "*": 6, "/": 6, "//": 6, "%": 6}
+_COMPARISON = 4
+_UNARY = 7
+_ATOM = 9
+_NAMES: Mapping[Intrinsic, str] = {
+    Intrinsic.MAX: "greater",
+    Intrinsic.MIN: "smaller",
+    Intrinsic.REMAINDER: "nearest_remainder",
+}
+
+
+def definition(function: Function) -> str:
+    """A whole function with its documentation."""
+    parameters = ", ".join(p.name for p in function.parameters)
+    lines = [f"def {function.name}({parameters}):"]
+    if function.doc:
+        lines.append('    """' + function.doc.replace("\\", "\\\\").replace("\n", "\n    ") + '"""')
+    lines += _block(function.body, 1)
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def text(module: Module) -> str:
+    """All functions of a module but the external ones, which the caller brings."""
+    return "\n\n\n".join(definition(f) for f in module.functions if not f.external) + "\n"
+
+
+def _block(body: tuple[Statement, ...], depth: int) -> Iterator[str]:
+    for statement in body:
+        yield from _statement(statement, depth)
+    if all(isinstance(statement, Comment) for statement in body):
+        yield "    " * depth + "pass"
+
+
+def _statement(node: Statement, depth: int) -> Iterator[str]:
+    pad = "    " * depth
+    match node:
+        case Assign():
+            yield f"{pad}{_at(node.target)} = {_number(node.value)}"
+        case For():
+            start = "" if node.start == Literal(0) else f"{_at(node.start)}, "
+            yield f"{pad}for {node.variable.name} in range({start}{_at(node.stop)}):"
+            yield from _block(node.body, depth + 1)
+        case While():
+            yield f"{pad}while {_condition(node.condition)}:"
+            yield from _block(node.body, depth + 1)
+        case If():
+            yield f"{pad}if {_condition(node.condition)}:"
+            yield from _block(node.then, depth + 1)
+            if node.otherwise:
+                yield f"{pad}else:"
+                yield from _block(node.otherwise, depth + 1)
+        case Break():
+            yield f"{pad}break"
+        case Continue():
+            yield f"{pad}continue"
+        case Return():
+            yield f"{pad}return" if node.value is None else f"{pad}return {_number(node.value)}"
+        case Perform():
+            yield f"{pad}{_at(node.call)}"
+        case Comment():
+            yield f"{pad}# {node.text}"
+
+
+def _number(node: Expression) -> str:
+    """A value by itself: reals are NumPy's, so that no later operation on them raises."""
+    if isinstance(node, Literal) and node.type is Type.REAL:
+        return f"float64({_at(node)})"
+    return _at(node)
+
+
+def _condition(node: Expression, outer: int = 0) -> str:
+    """A condition that is asked for, not counted with."""
+    match node:
+        case Compare():
+            written = f"{_at(node.left, _COMPARISON + 1)} {node.operator} {_at(node.right, _COMPARISON + 1)}"
+            return f"({written})" if outer > _COMPARISON else written
+        case Logical():
+            level = _PRECEDENCE[node.operator]
+            if node.operator == "not":
+                written = f"not {_condition(node.arguments[0], level)}"
+            else:
+                written = f" {node.operator} ".join(_condition(a, level + 1) for a in node.arguments)
+            return f"({written})" if outer > level else written
+        case _:
+            return _at(node, outer)
+
+
+def _at(node: Expression, outer: int = 0) -> str:
+    """The text of an expression inside one of precedence ``outer``: in parentheses where it binds less."""
+    written, precedence = _expression(node)
+    return f"({written})" if precedence < outer else written
+
+
+def _expression(node: Expression) -> tuple[str, int]:
+    match node:
+        case Literal():
+            return _literal(node.value), _UNARY if node.value < 0 else _ATOM
+        case Name():
+            return node.name, _ATOM
+        case Element():
+            return f"{_at(node.array, _ATOM)}[{_at(node.index)}]", _ATOM
+        case Offset():
+            return f"{_at(node.array, _ATOM)}[{_at(node.index)}:]", _ATOM
+        case Binary():
+            level = _PRECEDENCE[node.operator]
+            return f"{_at(node.left, level)} {node.operator} {_at(node.right, level + 1)}", level
+        case Negate():
+            return f"-{_at(node.argument, _UNARY + 1)}", _UNARY
+        case Compare() | Logical():
+            return f"int({_condition(node)})", _ATOM
+        case Choose():
+            then = _number(node.then) if isinstance(node.then, Literal) else _at(node.then, 1)
+            return f"{then} if {_condition(node.condition, 1)} else {_number(node.otherwise)}", 0
+        case Convert():
+            return f"float64({_at(node.argument)})", _ATOM
+        case Primitive():
+            name = _NAMES.get(node.function, node.function.value)
+            return f"{name}({', '.join(_at(a) for a in node.arguments)})", _ATOM
+        case Call():
+            return f"{node.function}({', '.join(_number(a) for a in node.arguments)})", _ATOM
+
+
+def _literal(value: float | int) -> str:
+    if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
+        return {"inf": "inf", "-inf": "-inf"}.get(str(value), "nan")
+    return repr(value)
+
+
+PRELUDE = """from math import erf as scalar_erf
+from math import remainder as scalar_remainder
+
+from numpy import arccos as acos
+from numpy import arccosh as acosh
+from numpy import arcsin as asin
+from numpy import arcsinh as asinh
+from numpy import arctan as atan
+from numpy import arctan2 as atan2
+from numpy import arctanh as atanh
+from numpy import (
+    ceil, copysign, cos, cosh, exp, expm1, fabs, float64, floor, fmax, fmin, fmod, hypot, inf, isfinite, log, log1p, nan
+)
+from numpy import power as pow
+from numpy import sin, sinh, sqrt, tan, tanh
+
+
+def greater(a, b):
+    return a if a > b else b
+
+
+def smaller(a, b):
+    return a if a < b else b
+
+
+def erf(x):
+    return float64(scalar_erf(x))
+
+
+def nearest_remainder(a, b):
+    return float64(scalar_remainder(a, b)) if isfinite(a) and b != 0.0 and b == b else float64(nan)
+"""
+"""What every file of Python needs before the functions."""

@@ -1,0 +1,194 @@
+"""Random subsets of units for consensus: which units a trial takes, for all targets the same.
+
+The numbers are those of L'Ecuyer's combined generator (1988, CACM 31 (6), fig. 3), whose products stay below 2⁴⁷: the
+same in 64-bit integers and in Python. Trial t starts ``t · 2¹⁶`` numbers after the first one, so each trial depends on
+the seed and its own number alone.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Reals
+
+FIRST_FACTOR = 40014
+FIRST_MODULUS = 2147483563
+SECOND_FACTOR = 40692
+SECOND_MODULUS = 2147483399
+
+FIRST_JUMP = pow(FIRST_FACTOR, 2**16, FIRST_MODULUS)
+SECOND_JUMP = pow(SECOND_FACTOR, 2**16, SECOND_MODULUS)
+"""Factors that take the state of one trial to that of the next."""
+
+INDEPENDENT = 1e-5
+"""A row whose part outside the rows before it is below this share of it says nothing new."""
+
+WHOLE_ORDER = 1000
+"""Up to so many units they are shuffled; more are drawn with replacement (one drawn again says nothing new)."""
+
+
+def drawn_below(state: Integers, limit: Integer) -> Integer:
+    """The next number of the generator, one of 0 … limit − 1; ``state`` (2,) goes on by one."""
+    state[0] = FIRST_FACTOR * state[0] % FIRST_MODULUS
+    state[1] = SECOND_FACTOR * state[1] % SECOND_MODULUS
+    return (state[0] - state[1] + SECOND_MODULUS) % (FIRST_MODULUS - 1) % limit
+
+
+def jump_to_next_trial(state: Integers) -> None:
+    """From the state (2,) at the start of a trial to that of the next one."""
+    state[0] = FIRST_JUMP * state[0] % FIRST_MODULUS
+    state[1] = SECOND_JUMP * state[1] % SECOND_MODULUS
+
+
+def extended(rank: Integer, n: Integer, row: ConstantReals, basis: Reals) -> Integer:
+    """The rank with one more row (n,) of norm 1 or 0: what it has outside the ``basis`` (rank, n) is added to that."""
+    left = basis[rank * n :]
+    for i in range(n):
+        left[i] = row[i]
+    for _ in range(2):  # the second pass takes out what rounding left of the first
+        for k in range(rank):
+            along = 0.0
+            for i in range(n):
+                along += basis[k * n + i] * left[i]
+            for i in range(n):
+                left[i] -= along * basis[k * n + i]
+    square = 0.0
+    for i in range(n):
+        square += left[i] * left[i]
+    length = sqrt(square)
+    if not length > INDEPENDENT:
+        return rank
+    for i in range(n):
+        left[i] = left[i] / length
+    return rank + 1
+
+
+def unit_added(
+    unit: Integer,
+    rank: Integer,
+    n: Integer,
+    first: ConstantIntegers,
+    rows: ConstantReals,
+    basis: Reals,
+) -> Integer:
+    """The rank with all rows of a unit: ``first`` (U + 1,) says which of the ``rows`` (scalars, n) are a unit's."""
+    for k in range(first[unit], first[unit + 1]):
+        if rank < n:
+            rank = extended(rank, n, rows[k * n :], basis)
+    return rank
+
+
+def subset_drawn(
+    state: Integers,
+    units: Integer,
+    n: Integer,
+    first: ConstantIntegers,
+    rows: ConstantReals,
+    order: Integers,
+    basis: Reals,
+    chosen: Integers,
+) -> Integer:
+    """Units in random order as long as they raise the rank, until it is n: how many are ``chosen`` (n,).
+
+    ``state`` (2,) is that of the trial and is used up; ``order`` (U,) and ``basis`` (n + 1, n) are scratch.
+    """
+    rank = 0
+    count = 0
+    tries = units
+    if units > WHOLE_ORDER:
+        tries = WHOLE_ORDER
+    else:
+        for i in range(units):
+            order[i] = i
+    for position in range(tries):
+        if units > WHOLE_ORDER:
+            unit = drawn_below(state, units)
+        else:
+            other = position + drawn_below(state, units - position)
+            unit = order[other]
+            order[other] = order[position]
+            order[position] = unit
+        before = rank
+        rank = unit_added(unit, rank, n, first, rows, basis)
+        if rank > before:
+            chosen[count] = unit
+            count += 1
+        if rank == n:
+            break
+    if rank < n:
+        return 0
+    return count
+
+
+def subset_taken(
+    size: Integer,
+    n: Integer,
+    combination: ConstantIntegers,
+    first: ConstantIntegers,
+    rows: ConstantReals,
+    basis: Reals,
+    chosen: Integers,
+) -> Integer:
+    """Those of a combination's units (size,) that raise the rank; 0 where it does not come to n."""
+    rank = 0
+    count = 0
+    for i in range(size):
+        before = rank
+        rank = unit_added(combination[i], rank, n, first, rows, basis)
+        if rank > before:
+            chosen[count] = combination[i]
+            count += 1
+    if rank < n:
+        return 0
+    return count
+
+
+def next_combination(units: Integer, size: Integer, combination: Integers) -> Integer:
+    """The next of the ascending combinations (size,) of units in lexical order, in place; 0 after the last one."""
+    place = size - 1
+    while place >= 0 and combination[place] == units - size + place:
+        place = place - 1
+    if place < 0:
+        return 0
+    combination[place] += 1
+    for i in range(place + 1, size):
+        combination[i] = combination[i - 1] + 1
+    return 1
+
+
+def combinations_of(units: Integer, size: Integer, most: Integer) -> Integer:
+    """How many subsets of ``size`` units there are, but no more than ``most`` + 1; 0 where there are too few units."""
+    if size > units:
+        return 0
+    taken = size
+    if units - size < size:
+        taken = units - size
+    found = 1
+    for i in range(taken):
+        found = found * (units - i) // (i + 1)
+        if found > most:
+            return most + 1
+    return found
+
+
+def rank_of_all(units: Integer, n: Integer, first: ConstantIntegers, rows: ConstantReals, basis: Reals) -> Integer:
+    """The rank of all units' rows."""
+    rank = 0
+    for unit in range(units):
+        if rank == n:
+            break
+        rank = unit_added(unit, rank, n, first, rows, basis)
+    return rank
+
+
+ROUTINES = (
+    drawn_below,
+    jump_to_next_trial,
+    extended,
+    unit_added,
+    subset_drawn,
+    subset_taken,
+    next_combination,
+    combinations_of,
+    rank_of_all,
+)

@@ -1,0 +1,110 @@
+"""Order statistics, and the robust scale that the median of squared norms gives."""
+
+from __future__ import annotations
+
+from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Real, Reals
+
+STATED = -1
+"""The noise group of units whose noise is stated."""
+
+
+def selected(count: Integer, place: Integer, values: Reals) -> Real:
+    """The value of rank ``place`` (from 0) of so many; ``values`` are put in another order (Hoare 1961)."""
+    low = 0
+    high = count - 1
+    while low < high:
+        pivot = values[(low + high) // 2]
+        i = low
+        j = high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while pivot < values[j]:
+                j = j - 1
+            if i <= j:
+                kept = values[i]
+                values[i] = values[j]
+                values[j] = kept
+                i += 1
+                j = j - 1
+        if place <= j:
+            high = j
+        elif place >= i:
+            low = i
+        else:
+            break
+    return values[place]
+
+
+def median(count: Integer, values: Reals) -> Real:
+    """The middle value, or the mean of the two in the middle; ``values`` are put in another order."""
+    upper = selected(count, count // 2, values)
+    if count % 2 == 1:
+        return upper
+    lower = values[0]
+    for i in range(1, count // 2):
+        lower = max(values[i], lower)
+    return 0.5 * (lower + upper)
+
+
+def robust_variance(
+    units: Integer,
+    scalars: Integer,
+    dimension: Integer,
+    squares: ConstantReals,
+    medians: ConstantReals,
+    groups: ConstantIntegers,
+    group: Integer,
+    scratch: Reals,
+) -> Real:
+    """``(1.4826 (1 + 5/(n − p)))² med`` of the squared norms of a group's units, each over the median of its law.
+
+    ``scalars`` n counts the residuals of all units, ``dimension`` p the unknowns of the fit; 0 without any unit.
+    Infinite norms are allowed, NaN is not.
+    """
+    count = 0
+    for u in range(units):
+        if groups[u] == group:
+            scratch[count] = squares[u] / medians[u]
+            count += 1
+    if count == 0:
+        return 0.0
+    left = scalars - dimension
+    if left < 1:
+        left = 1
+    small = 1.0 + 5.0 / float(left)
+    return median(count, scratch) * small * small
+
+
+def variances_at(
+    units: Integer,
+    scalars: Integer,
+    dimension: Integer,
+    groups_count: Integer,
+    squares: ConstantReals,
+    medians: ConstantReals,
+    groups: ConstantIntegers,
+    rounding: ConstantReals,
+    scratch: Reals,
+    variances: Reals,
+) -> None:
+    """The variance (U,) of each unit's noise at a point: 1 where it is stated, else the robust one of its group."""
+    for u in range(units):
+        variances[u] = 1.0
+    for group in range(groups_count):
+        found = robust_variance(units, scalars, dimension, squares, medians, groups, group, scratch)
+        found = max(found, 1e-300)
+        for u in range(units):
+            if groups[u] == group:
+                found = max(found, rounding[u])
+        for u in range(units):
+            if groups[u] == group:
+                variances[u] = found
+
+
+ROUTINES = (
+    selected,
+    median,
+    robust_variance,
+    variances_at,
+)

@@ -1,0 +1,125 @@
+"""Rules of the local search behind consensus (`mbm.solution.robust.refine`), at one point.
+
+A rule says which units count at a point, and an objective that a fit to those units lowers: the truncated sum of
+squares ``Σ min(s, L)``, or, where the noise is unknown, the trimmed one of concentration steps.
+"""
+
+from __future__ import annotations
+
+from math import inf, isfinite, log
+
+from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.target.solver.consensus_description import (
+    GROUP_OF,
+    GROUPS,
+    LIMITS,
+    MEDIANS,
+    SORTED,
+    THRESHOLD,
+    VARIANCES,
+    WEIGHTS_OF,
+    place_vector_at,
+    small_at,
+    unit_vector_at,
+)
+from mbm.target.solver.consensus_order import STATED, selected
+from mbm.target.solver.consensus_scores import rank_of_half
+
+TRUNCATED = 0
+"""Units inside their limits count with the inverse of their variances."""
+
+TRIMMED = 1
+"""The better half of each group of unknown noise counts, and units of stated noise inside their limits."""
+
+GIVEN = 2
+"""Weights as they are."""
+
+
+def trimmed_mean(
+    units: Integer,
+    group: Integer,
+    size: Integer,
+    rules: ConstantIntegers,
+    squares: ConstantReals,
+    bench: Reals,
+    places: ConstantIntegers,
+    threshold: Reals,
+) -> Real:
+    """The mean of a group's better half; ``threshold`` (3,): its largest norm, ties of it that count, its units."""
+    groups = places[place_vector_at(rules, GROUP_OF) :]
+    medians = bench[unit_vector_at(rules, MEDIANS) :]
+    values = bench[unit_vector_at(rules, SORTED) :]
+    count = 0
+    for u in range(units):
+        if groups[u] == group:
+            values[count] = squares[u] / medians[u]
+            count += 1
+    threshold[0] = -1.0
+    threshold[1] = 0.0
+    threshold[2] = float(count)
+    if count == 0:
+        return 1.0
+    half = rank_of_half(count, size)
+    middle = selected(count, half - 1, values)
+    total = 0.0
+    ties = 0.0
+    for i in range(half):
+        total += values[i]
+        if values[i] == middle:
+            ties += 1.0
+    threshold[0] = middle
+    threshold[1] = ties
+    return max(total / float(half), 1e-300)
+
+
+def judged(
+    rule: Integer,
+    units: Integer,
+    size: Integer,
+    system: ConstantIntegers,
+    rules: ConstantIntegers,
+    squares: ConstantReals,
+    rest: Real,
+    bench: Reals,
+    places: ConstantIntegers,
+) -> Real:
+    """The objective at squared norms (U,), with the weights (U,) of the units there put down in the bench."""
+    weights = bench[unit_vector_at(rules, WEIGHTS_OF) :]
+    limits = bench[unit_vector_at(rules, LIMITS) :]
+    groups = places[place_vector_at(rules, GROUP_OF) :]
+    total = rest
+    if rule == GIVEN:
+        for u in range(units):
+            if weights[u] > 0.0:
+                total += weights[u] * squares[u]
+        return total if isfinite(total) else inf
+    if rule == TRUNCATED:
+        variances = bench[unit_vector_at(rules, VARIANCES) :]
+        for u in range(units):
+            weight = 1.0 / variances[u]
+            total += min(squares[u], limits[u]) * weight
+            weights[u] = weight if squares[u] <= limits[u] else 0.0
+        return total if isfinite(total) else inf
+    for u in range(units):
+        if groups[u] == STATED:
+            total += min(squares[u], limits[u])
+            weights[u] = 1.0 if squares[u] <= limits[u] else 0.0
+    medians = bench[unit_vector_at(rules, MEDIANS) :]
+    threshold = bench[small_at(system, rules, THRESHOLD) :]
+    for group in range(rules[GROUPS]):
+        mean = trimmed_mean(units, group, size, rules, squares, bench, places, threshold)
+        ties = threshold[1]
+        for u in range(units):
+            if groups[u] == group:
+                normed = squares[u] / medians[u]
+                weights[u] = 0.0
+                if normed < threshold[0]:
+                    weights[u] = 1.0 / mean
+                elif normed == threshold[0] and ties > 0.0:
+                    weights[u] = 1.0 / mean
+                    ties -= 1.0
+        total += threshold[2] * log(mean)
+    return total if isfinite(total) else inf
+
+
+ROUTINES = (trimmed_mean, judged)

@@ -1,0 +1,304 @@
+"""From the best candidate to the fixed point of fit, noise and inliers; whether another candidate is as good."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Reals
+from mbm.target.solver.consensus_description import (
+    COMPONENTS,
+    CUTS,
+    FRESH,
+    GROUP_OF,
+    GROUPS,
+    INSIDE,
+    LIMITS,
+    MEDIANS,
+    NOISE,
+    REACHES,
+    ROUNDINGS,
+    SORTED,
+    SQUARES,
+    THRESHOLDED,
+    VARIANCES,
+    candidate_at,
+    place_vector_at,
+    unit_vector_at,
+)
+from mbm.target.solver.consensus_laws import consistency, mark_inliers, noise_variances
+from mbm.target.solver.consensus_order import STATED, robust_variance, variances_at
+from mbm.target.solver.consensus_refine import STILL, refined
+from mbm.target.solver.consensus_rules import TRUNCATED
+from mbm.target.solver.description import COORDINATES, NUMBERS
+from mbm.target.solver.linear_algebra import copied
+
+STEPS = 12
+ROUNDS = 20
+
+CONTRADICTED = 4.0
+"""Deviations by which the inliers' variance must exceed the stated one before the robust scale takes its place."""
+
+AS_GOOD = 4.0
+"""Another solution whose objective is larger by less than this explains the data as well (two standard deviations)."""
+
+APART = 25.0
+"""… and is another solution if it disagrees with the inliers by so much more in their sum of squares."""
+
+
+def contradicted(
+    system: ConstantIntegers, rules: ConstantIntegers, units: Integer, bench: ConstantReals, places: ConstantIntegers
+) -> Integer:
+    """Whether the inliers with stated noise scatter by more than that."""
+    components = places[place_vector_at(rules, COMPONENTS) :]
+    groups = places[place_vector_at(rules, GROUP_OF) :]
+    inside = places[place_vector_at(rules, INSIDE) :]
+    squares = bench[unit_vector_at(rules, SQUARES) :]
+    cuts = bench[unit_vector_at(rules, CUTS) :]
+    total = 0
+    expected = 0.0
+    summed = 0.0
+    last_cut = -1.0
+    last_size = 0
+    left = 1.0
+    for u in range(units):
+        if inside[u] == 1 and groups[u] == STATED:
+            if cuts[u] != last_cut or components[u] != last_size:
+                last_cut = cuts[u]
+                last_size = components[u]
+                left = consistency(last_cut, last_size)
+            total += components[u]
+            expected += float(components[u]) * left
+            summed += squares[u]
+    freedom = float(total - system[COORDINATES])
+    if not freedom > 0.0:
+        return 0
+    excess = summed / freedom * float(total) / expected - 1.0
+    return excess > CONTRADICTED * sqrt(2.0 / freedom)
+
+
+def renew_variances(
+    system: ConstantIntegers,
+    rules: ConstantIntegers,
+    units: Integer,
+    scalars: Integer,
+    bench: Reals,
+    places: ConstantIntegers,
+) -> None:
+    """The noise at the present squares: of unknown groups, and of stated ones that the data contradict."""
+    n = system[COORDINATES]
+    groups = places[place_vector_at(rules, GROUP_OF) :]
+    squares = bench[unit_vector_at(rules, SQUARES) :]
+    medians = bench[unit_vector_at(rules, MEDIANS) :]
+    rounding = bench[unit_vector_at(rules, ROUNDINGS) :]
+    scratch = bench[unit_vector_at(rules, SORTED) :]
+    fresh = bench[unit_vector_at(rules, FRESH) :]
+    variances = bench[unit_vector_at(rules, VARIANCES) :]
+    variances_at(units, scalars, n, rules[GROUPS], squares, medians, groups, rounding, scratch, fresh)
+    wide = -1.0
+    if contradicted(system, rules, units, bench, places) == 1:
+        wide = max(robust_variance(units, scalars, n, squares, medians, groups, STATED, scratch), 1.0)
+    for u in range(units):
+        if groups[u] != STATED:
+            variances[u] = fresh[u]
+        elif wide > 0.0:
+            variances[u] = wide
+
+
+def set_limits(rules: ConstantIntegers, units: Integer, bench: Reals) -> None:
+    """Limits (U,) from cuts and variances."""
+    for u in range(units):
+        variance = bench[unit_vector_at(rules, VARIANCES) + u]
+        bench[unit_vector_at(rules, LIMITS) + u] = bench[unit_vector_at(rules, CUTS) + u] * variance
+
+
+def settled(
+    units: Integer,
+    scalars: Integer,
+    system: ConstantIntegers,
+    constants: ConstantReals,
+    data: ConstantIntegers,
+    index: ConstantIntegers,
+    columns: ConstantIntegers,
+    rules: ConstantIntegers,
+    work: Reals,
+    bench: Reals,
+    places: Integers,
+    answer: Reals,
+) -> None:
+    """Point 0 of the bench where fit, scale and inliers agree with one another, from the variances in the bench."""
+    inside = places[place_vector_at(rules, INSIDE) :]
+    squares = bench[unit_vector_at(rules, SQUARES) :]
+    limits = bench[unit_vector_at(rules, LIMITS) :]
+    for u in range(units):
+        inside[u] = -1
+    for _ in range(ROUNDS):
+        set_limits(rules, units, bench)
+        refined(
+            TRUNCATED,
+            STEPS,
+            STILL,
+            0,
+            units,
+            0,
+            0,
+            system,
+            constants,
+            data,
+            index,
+            columns,
+            rules,
+            work,
+            bench,
+            places,
+            answer,
+        )
+        if mark_inliers(units, squares, limits, inside) == 1:
+            break
+        renew_variances(system, rules, units, scalars, bench, places)
+    set_limits(rules, units, bench)
+
+
+def widened(
+    units: Integer,
+    system: ConstantIntegers,
+    constants: ConstantReals,
+    data: ConstantIntegers,
+    index: ConstantIntegers,
+    columns: ConstantIntegers,
+    rules: ConstantIntegers,
+    work: Reals,
+    bench: Reals,
+    places: Integers,
+    answer: Reals,
+) -> None:
+    """Point 0 with unknown noise as the inliers have it, where the median made it too small.
+
+    Three standard deviations of the inliers take units back that were cut off, as long as that brings any. The
+    variances that the scale gave stay; those of the inliers are put down as `NOISE`.
+    """
+    groups = places[place_vector_at(rules, GROUP_OF) :]
+    components = places[place_vector_at(rules, COMPONENTS) :]
+    squares = bench[unit_vector_at(rules, SQUARES) :]
+    limits = bench[unit_vector_at(rules, LIMITS) :]
+    reaches = bench[unit_vector_at(rules, REACHES) :]
+    variances = bench[unit_vector_at(rules, VARIANCES) :]
+    noise = bench[unit_vector_at(rules, NOISE) :]
+    kept = bench[unit_vector_at(rules, FRESH) :]
+    rounding = bench[unit_vector_at(rules, ROUNDINGS) :]
+    n = system[COORDINATES]
+    for _ in range(ROUNDS):
+        copied(units, variances, noise)
+        noise_variances(units, n, rules[GROUPS], squares, limits, components, groups, rounding, noise)
+        more = 0
+        for u in range(units):
+            wide = max(limits[u], reaches[u] * noise[u]) if groups[u] != STATED else limits[u]
+            if squares[u] <= wide and not squares[u] <= limits[u]:
+                more = 1
+        if more == 0:
+            break
+        for u in range(units):
+            if groups[u] != STATED:
+                limits[u] = max(limits[u], reaches[u] * noise[u])
+        copied(units, variances, kept)
+        copied(units, noise, variances)
+        refined(
+            TRUNCATED,
+            STEPS,
+            STILL,
+            0,
+            units,
+            0,
+            0,
+            system,
+            constants,
+            data,
+            index,
+            columns,
+            rules,
+            work,
+            bench,
+            places,
+            answer,
+        )
+        copied(units, kept, variances)
+
+
+def finished(
+    units: Integer,
+    scalars: Integer,
+    system: ConstantIntegers,
+    constants: ConstantReals,
+    data: ConstantIntegers,
+    index: ConstantIntegers,
+    columns: ConstantIntegers,
+    rules: ConstantIntegers,
+    work: Reals,
+    bench: Reals,
+    places: Integers,
+    answer: Reals,
+) -> Integer:
+    """The fixed point reached from point 0 and the variances in the bench; how many units are inside.
+
+    `LIMITS` and `INSIDE` hold at it, `NOISE` is the variance of the noise.
+    """
+    settled(units, scalars, system, constants, data, index, columns, rules, work, bench, places, answer)
+    groups = places[place_vector_at(rules, GROUP_OF) :]
+    inside = places[place_vector_at(rules, INSIDE) :]
+    squares = bench[unit_vector_at(rules, SQUARES) :]
+    limits = bench[unit_vector_at(rules, LIMITS) :]
+    if rules[THRESHOLDED] == 0 and rules[GROUPS] > 0:
+        widened(units, system, constants, data, index, columns, rules, work, bench, places, answer)
+    mark_inliers(units, squares, limits, inside)
+    noise = bench[unit_vector_at(rules, NOISE) :]
+    copied(units, bench[unit_vector_at(rules, VARIANCES) :], noise)
+    noise_variances(
+        units,
+        system[COORDINATES],
+        rules[GROUPS],
+        squares,
+        limits,
+        places[place_vector_at(rules, COMPONENTS) :],
+        groups,
+        bench[unit_vector_at(rules, ROUNDINGS) :],
+        noise,
+    )
+    count = 0
+    for u in range(units):
+        count += inside[u]
+    return count
+
+
+def rival(
+    first: Integer,
+    last: Integer,
+    best: Integer,
+    units: Integer,
+    system: ConstantIntegers,
+    rules: ConstantIntegers,
+    bench: ConstantReals,
+) -> Integer:
+    """Whether another candidate explains the data as well, at a place that contradicts the best one's inliers.
+
+    Inliers are judged by the cuts and variances in the bench.
+    """
+    cuts = bench[unit_vector_at(rules, CUTS) :]
+    variances = bench[unit_vector_at(rules, VARIANCES) :]
+    own = bench[candidate_at(system, rules, best) + 1 + system[NUMBERS] :]
+    lowest = bench[candidate_at(system, rules, best)]
+    here = 0.0
+    for u in range(units):
+        if own[u] <= cuts[u] * variances[u]:
+            here += own[u]
+    for k in range(first, last):
+        if bench[candidate_at(system, rules, k)] < lowest + AS_GOOD:
+            theirs = bench[candidate_at(system, rules, k) + 1 + system[NUMBERS] :]
+            there = 0.0
+            for u in range(units):
+                if own[u] <= cuts[u] * variances[u]:
+                    there += min(theirs[u], 1e6)
+            if there > here + APART:
+                return 1
+    return 0
+
+
+ROUTINES = (contradicted, renew_variances, set_limits, settled, widened, finished, rival)

@@ -1,0 +1,132 @@
+"""Points and steps: how numbers that hold rotations, directions and scales move along a step of the tangent space.
+
+Conventions as `mbm.solution.manifolds`: ``R Exp(ω)`` with unit quaternions (w, x, y, z), great circles, ``c exp(s)``.
+"""
+
+from __future__ import annotations
+
+from math import cos, exp, sin, sqrt
+
+from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Real, Reals, distinct_arrays
+from mbm.target.solver.description import (
+    COORDINATES,
+    CURVED,
+    CURVED_AT,
+    NUMBERS,
+    PIECE,
+    PIECE_COLUMNS,
+    PIECE_KIND,
+    PIECE_NUMBERS,
+    PLACES_AT,
+    QUATERNION,
+    SCALE,
+)
+from mbm.target.solver.linear_algebra import copied
+
+
+def part_of_step(column: Integer, step: ConstantReals) -> Real:
+    """The step of a coordinate, 0 where it is not free."""
+    found = 0.0
+    if column >= 0:
+        found = step[column]
+    return found
+
+
+@distinct_arrays
+def turned(piece: ConstantIntegers, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
+    """A unit quaternion after a rotation vector: ``q Exp(ω)``, of length 1 afterwards."""
+    x = part_of_step(piece[PIECE_COLUMNS], step)
+    y = part_of_step(piece[PIECE_COLUMNS + 1], step)
+    z = part_of_step(piece[PIECE_COLUMNS + 2], step)
+    angle = sqrt(x * x + y * y + z * z)
+    w = cos(0.5 * angle)
+    share = 0.5
+    if angle > 0.0:
+        share = sin(0.5 * angle) / angle
+    x *= share
+    y *= share
+    z *= share
+    a = point[piece[PIECE_NUMBERS]]
+    b = point[piece[PIECE_NUMBERS + 1]]
+    c = point[piece[PIECE_NUMBERS + 2]]
+    d = point[piece[PIECE_NUMBERS + 3]]
+    p = a * w - b * x - c * y - d * z
+    q = a * x + b * w + c * z - d * y
+    r = a * y - b * z + c * w + d * x
+    s = a * z + b * y - c * x + d * w
+    length = sqrt(p * p + q * q + r * r + s * s)
+    target[piece[PIECE_NUMBERS]] = p / length
+    target[piece[PIECE_NUMBERS + 1]] = q / length
+    target[piece[PIECE_NUMBERS + 2]] = r / length
+    target[piece[PIECE_NUMBERS + 3]] = s / length
+
+
+@distinct_arrays
+def swung(piece: ConstantIntegers, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
+    """A unit vector after a step along a great circle; axes of the tangent plane as in Duff et al. (2017)."""
+    s = part_of_step(piece[PIECE_COLUMNS], step)
+    t = part_of_step(piece[PIECE_COLUMNS + 1], step)
+    x = point[piece[PIECE_NUMBERS]]
+    y = point[piece[PIECE_NUMBERS + 1]]
+    z = point[piece[PIECE_NUMBERS + 2]]
+    sign = 1.0
+    if z < 0.0:
+        sign = -1.0
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    along_x = s * (1.0 + sign * x * x * a) + t * b
+    along_y = s * (sign * b) + t * (sign + y * y * a)
+    along_z = s * (-sign * x) - t * y
+    angle = sqrt(s * s + t * t)
+    share = 1.0
+    if angle > 0.0:
+        share = sin(angle) / angle
+    cosine = cos(angle)
+    x = cosine * x + share * along_x
+    y = cosine * y + share * along_y
+    z = cosine * z + share * along_z
+    length = sqrt(x * x + y * y + z * z)
+    target[piece[PIECE_NUMBERS]] = x / length
+    target[piece[PIECE_NUMBERS + 1]] = y / length
+    target[piece[PIECE_NUMBERS + 2]] = z / length
+
+
+@distinct_arrays
+def retract(system: ConstantIntegers, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
+    """The point (N,) after a step (n,) of the free coordinates."""
+    copied(system[NUMBERS], point, target)
+    for j in range(system[COORDINATES]):
+        place = system[system[PLACES_AT] + j]
+        if place >= 0:
+            target[place] = point[place] + step[j]
+    for k in range(system[CURVED]):
+        piece = system[system[CURVED_AT] + k * PIECE :]
+        if piece[PIECE_KIND] == SCALE:
+            place = piece[PIECE_NUMBERS]
+            target[place] = point[place] * exp(part_of_step(piece[PIECE_COLUMNS], step))
+        elif piece[PIECE_KIND] == QUATERNION:
+            turned(piece, point, step, target)
+        else:
+            swung(piece, point, step, target)
+
+
+@distinct_arrays
+def coordinates_of(system: ConstantIntegers, point: ConstantReals, target: Reals) -> None:
+    """The numbers that steps add to (n,), 0 for rotations, directions and scales."""
+    for j in range(system[COORDINATES]):
+        place = system[system[PLACES_AT] + j]
+        target[j] = 0.0
+        if place >= 0:
+            target[j] = point[place]
+
+
+@distinct_arrays
+def place_coordinates(system: ConstantIntegers, coordinates: ConstantReals, point: Reals) -> None:
+    """Put coordinates (n,) into the point; rotations, directions and scales stay."""
+    for j in range(system[COORDINATES]):
+        place = system[system[PLACES_AT] + j]
+        if place >= 0:
+            point[place] = coordinates[j]
+
+
+ROUTINES = (part_of_step, turned, swung, retract, coordinates_of, place_coordinates)

@@ -1,0 +1,51 @@
+"""All of the solver as one module of the target language."""
+
+from __future__ import annotations
+
+from mbm.target.from_python import module_of
+from mbm.target.solver import (
+    batch,
+    beginning,
+    constraints,
+    covariance,
+    equations,
+    linear_algebra,
+    losses,
+    manifolds,
+    newton,
+    places,
+    slopes,
+    steps,
+    trials,
+    trust_region,
+    workspace,
+)
+from mbm.target.tree import Module
+
+PARTS = (
+    linear_algebra,
+    losses,
+    manifolds,
+    workspace,
+    equations,
+    slopes,
+    steps,
+    newton,
+    places,
+    trials,
+    trust_region,
+    beginning,
+    constraints,
+    covariance,
+    batch,
+)
+"""The files of the solver, those that are called before those that call them."""
+
+INNER = frozenset(function.__name__ for part in (linear_algebra, equations, slopes) for function in part.ROUTINES)
+"""The functions in which a solve spends its time: those worth compiling for speed at any size."""
+
+
+def solver_module(lanes: int) -> Module:
+    """The solver for kernels that take ``lanes`` rows at a time."""
+    functions = [function for part in PARTS for function in part.ROUTINES]
+    return module_of("solver", functions, public=batch.PUBLIC, constants={"LANES": lanes})

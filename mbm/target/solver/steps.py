@@ -1,0 +1,313 @@
+"""Steps: undamped, damped to a length (Marquardt's), and inside hard bounds.
+
+They need the scaled triangle A (n, n) and ``image`` = Qᵀr (n,) alone: ``‖J p + r‖² = ‖A s + image‖² + rest`` for a step
+``s = scale · p``. Moré (1978); Stark and Parker (1995) for the bounds. The rules are those of `solution.solvers`.
+"""
+
+from __future__ import annotations
+
+from math import fabs, isfinite, sqrt
+
+from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals, distinct_arrays
+from mbm.target.solver.description import BOUNDS_AT, COORDINATES, POSITIVE_AT
+from mbm.target.solver.linear_algebra import (
+    append_rows,
+    copied,
+    damped_triangle,
+    dot,
+    filled,
+    solve_transposed,
+    solve_upper,
+    times_transposed,
+    times_upper,
+)
+from mbm.target.solver.workspace import (
+    FLAGS,
+    FREE,
+    IMAGE,
+    METRIC,
+    STEP_LENGTH,
+    STEP_PREDICTED,
+    X,
+    factor_at,
+    matrix_at,
+    small_rows_at,
+    small_triangle_at,
+    step_at,
+    vector_at,
+)
+
+ROUNDING_OF_BOUNDS = 8.881784197001252e-16
+"""Relative error of a bound minus a number plus that number: four roundings."""
+
+KEEP = 0.1
+"""A coordinate of type `positive` keeps at least this part of its value in one step (fraction to the boundary)."""
+
+
+@distinct_arrays
+def norm_of(n: Integer, a: ConstantReals) -> Real:
+    """``‖a‖``."""
+    return sqrt(dot(n, a, a))
+
+
+@distinct_arrays
+def undamped_step(n: Integer, factor: ConstantReals, image: ConstantReals, step: Reals) -> None:
+    """The Gauss-Newton step in scaled coordinates (n,)."""
+    copied(n, image, step)
+    solve_upper(n, factor, step)
+    for j in range(n):
+        step[j] = -step[j]
+
+
+@distinct_arrays
+def marquardt_step(
+    n: Integer,
+    factor: ConstantReals,
+    image: ConstantReals,
+    radius: Real,
+    step: Reals,
+    triangle: Reals,
+    right: Reals,
+    row: Reals,
+) -> None:
+    """The undamped step where it is short enough, else the one of length ``radius`` (within 10 %), scaled."""
+    undamped_step(n, factor, image, step)
+    length = norm_of(n, step)
+    if length <= 1.1 * radius:
+        return
+    times_transposed(n, factor, image, right)
+    ceiling = norm_of(n, right) / radius
+    copied(n, step, row)
+    solve_transposed(n, factor, row)
+    steepness = dot(n, row, row)
+    damping = 1e-3 * ceiling
+    if steepness > 0.0 and isfinite(steepness):
+        damping = length * (length - radius) / radius * length / steepness
+    if damping > ceiling:
+        damping = ceiling
+    for tries in range(13):
+        damped_triangle(n, factor, image, damping, triangle, right, row)
+        copied(n, right, step)
+        solve_upper(n, triangle, step)
+        length = norm_of(n, step)
+        if tries == 12 or fabs(length - radius) <= 0.1 * radius or not isfinite(length):
+            break
+        copied(n, step, row)
+        solve_transposed(n, triangle, row)
+        slope = dot(n, row, row) / length
+        least = 1e-3 * damping
+        damping = damping + (length - radius) / radius * length / slope
+        if not damping > least:
+            damping = least
+    for j in range(n):
+        step[j] = -step[j]
+
+
+def down_of(system: ConstantIntegers, constants: ConstantReals, x: ConstantReals, j: Integer) -> Real:
+    """Largest movement down (≤ 0) of a coordinate in one step."""
+    found = constants[BOUNDS_AT + j] - x[j]
+    if system[system[POSITIVE_AT] + j] != 0 and found < (KEEP - 1.0) * x[j]:
+        found = (KEEP - 1.0) * x[j]
+    return found
+
+
+def up_of(system: ConstantIntegers, constants: ConstantReals, x: ConstantReals, j: Integer) -> Real:
+    """Largest movement up (≥ 0) of a coordinate."""
+    return constants[BOUNDS_AT + system[COORDINATES] + j] - x[j]
+
+
+@distinct_arrays
+def project(system: ConstantIntegers, constants: ConstantReals, x: Reals) -> None:
+    """The nearest point of the box; a `positive` coordinate that is not becomes 1 (or half its upper bound)."""
+    n = system[COORDINATES]
+    for j in range(n):
+        upper = constants[BOUNDS_AT + n + j]
+        if x[j] < constants[BOUNDS_AT + j]:
+            x[j] = constants[BOUNDS_AT + j]
+        if x[j] > upper:
+            x[j] = upper
+        if system[system[POSITIVE_AT] + j] != 0 and x[j] <= 0.0:
+            x[j] = 0.5 * upper if isfinite(upper) else 1.0
+
+
+@distinct_arrays
+def land(
+    system: ConstantIntegers, constants: ConstantReals, vector: ConstantReals, stopped: ConstantReals, x: Reals
+) -> None:
+    """Where a step led, put into the box; a coordinate that it put on a bound stands on it to the last bit."""
+    n = system[COORDINATES]
+    project(system, constants, x)
+    for j in range(n):
+        if stopped[j] != 0.0:
+            bound = constants[BOUNDS_AT + n + j]
+            if vector[j] < 0.0:
+                bound = constants[BOUNDS_AT + j]
+            if isfinite(bound) and fabs(x[j] - bound) <= ROUNDING_OF_BOUNDS * (fabs(bound) + fabs(vector[j])):
+                x[j] = bound
+
+
+@distinct_arrays
+def chosen_columns(
+    n: Integer,
+    factor: ConstantReals,
+    image: ConstantReals,
+    count: Integer,
+    chosen: ConstantIntegers,
+    rows: Reals,
+    triangle: Reals,
+    part: Reals,
+    part_image: Reals,
+) -> None:
+    """The triangle (count, count) and the image of some columns of A alone."""
+    width = count + 1
+    filled(width * width, 0.0, triangle)
+    for k in range(count):
+        for i in range(n):
+            rows[k * n + i] = factor[i * n + chosen[k]] if i <= chosen[k] else 0.0
+    copied(n, image, rows[count * n :])
+    append_rows(width, n, n, rows, triangle)
+    for i in range(count):
+        for k in range(count):
+            part[i * count + k] = triangle[i * width + k]
+        part_image[i] = triangle[i * width + count]
+
+
+def step_of_part(
+    system: ConstantIntegers, count: Integer, radius: Real, limited: Integer, image: ConstantReals, work: Reals
+) -> None:
+    """The step of the columns chosen (scratch matrix 1, vector 9) into vector 10, damped where ``limited``."""
+    if limited == 1:
+        marquardt_step(
+            count,
+            work[matrix_at(system, 1) :],
+            image,
+            radius,
+            work[step_at(system, 10) :],
+            work[matrix_at(system, 0) :],
+            work[step_at(system, 6) :],
+            work[step_at(system, 5) :],
+        )
+    else:
+        undamped_step(count, work[matrix_at(system, 1) :], image, work[step_at(system, 10) :])
+
+
+def boxed_step(
+    system: ConstantIntegers,
+    constants: ConstantReals,
+    place: ConstantReals,
+    radius: Real,
+    limited: Integer,
+    work: Reals,
+    flags: Integers,
+    vector: Reals,
+    stopped: Reals,
+    scalars: Reals,
+) -> None:
+    """The step restricted to the box: what leaves it first is put on its bound, until nothing does."""
+    n = system[COORDINATES]
+    factor = place[factor_at(system) :]
+    image = place[vector_at(system, IMAGE) :]
+    scale = place[vector_at(system, METRIC) :]
+    x = place[vector_at(system, X) :]
+    moving = work[step_at(system, 7) :]
+    rest = work[step_at(system, 8) :]
+    trial = work[step_at(system, 10) :]
+    chosen = flags[FLAGS:]
+    copied(n, place[vector_at(system, FREE) :], moving)
+    copied(n, image, rest)
+    filled(n, 0.0, vector)
+    filled(n, 0.0, stopped)
+    remaining = radius
+    for _ in range(n + 1):
+        count = 0
+        for j in range(n):
+            if moving[j] != 0.0:
+                chosen[count] = j
+                count += 1
+        if count == 0 or not remaining > 0.0:
+            break
+        part = work[matrix_at(system, 1) :]
+        part_image = work[step_at(system, 9) :]
+        if count == n:
+            copied(n * n, factor, part)
+            copied(n, rest, part_image)
+        else:
+            triangle = work[small_triangle_at(system) :]
+            chosen_columns(n, factor, rest, count, chosen, work[small_rows_at(system) :], triangle, part, part_image)
+        step_of_part(system, count, remaining, limited, part_image, work)
+        first = first_to_leave(system, constants, x, scale, count, chosen, trial)
+        if first < 0:
+            for k in range(count):
+                vector[chosen[k]] = trial[k] / scale[chosen[k]]
+            break
+        at = chosen[first]
+        vector[at] = down_of(system, constants, x, at) if trial[first] < 0.0 else up_of(system, constants, x, at)
+        stopped[at] = 1.0
+        moving[at] = 0.0
+        for i in range(at + 1):
+            rest[i] += factor[i * n + at] * scale[at] * vector[at]
+        if isfinite(radius):
+            taken = 0.0
+            for j in range(n):
+                if stopped[j] != 0.0:
+                    taken += scale[j] * vector[j] * scale[j] * vector[j]
+            left = radius * radius - taken
+            remaining = sqrt(left) if left > 0.0 else 0.0
+    judge_step(system, place, vector, work, scalars)
+
+
+def first_to_leave(
+    system: ConstantIntegers,
+    constants: ConstantReals,
+    x: ConstantReals,
+    scale: ConstantReals,
+    count: Integer,
+    chosen: ConstantIntegers,
+    trial: ConstantReals,
+) -> Integer:
+    """Which of the coordinates chosen meets its bound after the least share of the step; -1: none does."""
+    found = -1
+    least = 0.0
+    for k in range(count):
+        at = chosen[k]
+        value = trial[k] / scale[at]
+        low = down_of(system, constants, x, at)
+        high = up_of(system, constants, x, at)
+        if value < low or value > high:
+            share = low / value if value < 0.0 else high / value
+            if found < 0 or share < least:
+                found = k
+                least = share
+    return found
+
+
+def judge_step(
+    system: ConstantIntegers, place: ConstantReals, vector: ConstantReals, work: Reals, scalars: Reals
+) -> None:
+    """Promise and scaled length of any step ``vector`` (n,)."""
+    n = system[COORDINATES]
+    scale = place[vector_at(system, METRIC) :]
+    image = place[vector_at(system, IMAGE) :]
+    scaled = work[step_at(system, 9) :]
+    moved = work[step_at(system, 10) :]
+    for j in range(n):
+        scaled[j] = scale[j] * vector[j]
+    times_upper(n, place[factor_at(system) :], scaled, moved)
+    scalars[STEP_PREDICTED] = -(dot(n, moved, moved) + 2.0 * dot(n, moved, image))
+    scalars[STEP_LENGTH] = norm_of(n, scaled)
+
+
+ROUTINES = (
+    norm_of,
+    undamped_step,
+    marquardt_step,
+    down_of,
+    up_of,
+    project,
+    land,
+    chosen_columns,
+    step_of_part,
+    first_to_leave,
+    judge_step,
+    boxed_step,
+)

@@ -1,0 +1,27 @@
+"""What all tests share: nothing is taken from, or left in, the cache of the user who runs them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import pytest
+
+from mbm.kernels.store import VARIABLE
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """``--update-golden``: generated solvers as they are become the ones that are expected."""
+    parser.addoption("--update-golden", action="store_true", help="write the golden files of tests/emit anew")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """A cache for the run, empty at its beginning; the processes that tests start inherit it."""
+    before = os.environ.get(VARIABLE)
+    os.environ[VARIABLE] = str(tmp_path_factory.mktemp("cache"))
+    yield
+    if before is None:
+        del os.environ[VARIABLE]
+    else:
+        os.environ[VARIABLE] = before

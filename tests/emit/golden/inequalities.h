@@ -1,0 +1,91 @@
+#ifndef INEQUALITIES_H
+#define INEQUALITIES_H
+
+/*
+ * inequalities: One inequality holds, the other does nothing.
+ *
+ * Written by mbm 0.1.0. Everything is in SI, angles in radians. Calls share nothing but their
+ * arguments, so that threads may solve at the same time, each with a workspace of its own.
+ */
+
+/* What a call answers; `_status_text` has the sentence. */
+enum inequalities_status {
+    INEQUALITIES_CONVERGED = 0,
+    INEQUALITIES_NOT_CONVERGED = 1,
+    INEQUALITIES_UNOBSERVABLE = 2,
+    INEQUALITIES_INFEASIBLE = 3,
+    INEQUALITIES_NOT_FINITE = 4,
+    INEQUALITIES_NO_ROWS = 5,
+    INEQUALITIES_UNKNOWN_KEY = 6,
+    INEQUALITIES_UNKNOWN_CASE = 7,
+    INEQUALITIES_BAD_NOISE = 8,
+    INEQUALITIES_BAD_BOUNDS = 9,
+    INEQUALITIES_BAD_START = 10,
+    INEQUALITIES_WORKSPACE_TOO_SMALL = 11
+};
+
+/* What is given: columns of tables, one element per row, in SI. */
+typedef struct {
+    long d_rows;    /* rows of `d` */
+    const double *d_x;    /* `x` */
+    const double *d_y;    /* `y` */
+    const double *start_a;    /* where a begins: 1 numbers; NULL: as the problem states */
+    const double *start_b;    /* where b begins: 1 numbers; NULL: as the problem states */
+} inequalities_data;
+
+/* What is answered, in SI; `sigma` are standard deviations. */
+typedef struct {
+    int status;
+    long iterations, evaluations;
+    double cost;           /* weighted sum of squares, without losses */
+    double robust_cost;    /* the same with losses */
+    long freedom;          /* degrees of freedom */
+    double sigma0;         /* sqrt(cost / freedom); 0 without freedom */
+    long numbers;          /* N, numbers of all unknowns */
+    const double *point;   /* (N) the estimates, unknown after unknown, member after member */
+    long free;             /* n, estimated coordinates */
+    const long *coordinates;     /* (n) their places among all coordinates */
+    const double *covariance;    /* (n, n) row by row */
+    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
+    const double *a;          /* (1) real */
+    const double *a_sigma;    /* (1) */
+    const double *b;          /* (1) real */
+    const double *b_sigma;    /* (1) */
+} inequalities_result;
+
+/* Memory of the caller, of at least the sizes that `_workspace_size` gives; results point into it. */
+typedef struct {
+    double *reals;
+    long reals_size;
+    long *integers;
+    long integers_size;
+} inequalities_workspace;
+
+/* How much memory data of these numbers of rows need; only the counts of rows in `data` are read. */
+void inequalities_workspace_size(const inequalities_data *data, inequalities_workspace *workspace);
+
+/* Solves; the answer is also in `result->status`. Allocates nothing. */
+int inequalities_solve(const inequalities_data *data, inequalities_result *result, inequalities_workspace *workspace);
+
+/* Prepares the equations without solving: `result` then has the start, and where everything stands. */
+int inequalities_begin(const inequalities_data *data, inequalities_result *result, inequalities_workspace *workspace);
+
+/* How many residuals the data of the last `_begin` or `_solve` with this workspace have. */
+long inequalities_residual_count(const inequalities_data *data, inequalities_workspace *workspace);
+
+/* Whitened residuals (m) at a point (N), after `_begin` or `_solve` with the same data and workspace. */
+void inequalities_residuals(const inequalities_data *data, const double *point, double *residuals,
+    inequalities_workspace *workspace);
+
+/* Their derivatives by the estimated coordinates (m, n), row by row; without losses. */
+void inequalities_jacobian(const inequalities_data *data, const double *point, double *jacobian,
+    inequalities_workspace *workspace);
+
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+int inequalities_covariance(const inequalities_data *data, const double *point, double *covariance,
+    inequalities_workspace *workspace);
+
+/* What a status means. */
+const char *inequalities_status_text(int status);
+
+#endif

@@ -1,0 +1,78 @@
+/* information: its equations. Everything is in SI, angles in radians. */
+
+#include <math.h>
+
+static double kernel_square(double a) { return a * a; }
+
+/*
+ * d: what should be zero in each row.
+ *
+ *     0 = p[1] - u
+ *     0 = p[2]*p[2] - v
+ */
+static void d_values(const double *inputs, double *outputs)
+{
+    const double p_1 = inputs[0];  /* p[1] */
+    const double p_2 = inputs[1];  /* p[2] */
+    const double u = inputs[2];
+    const double v = inputs[3];
+    outputs[0] = p_1 - u;
+    outputs[1] = kernel_square(p_2) - v;
+}
+
+/*
+ * d: the same, and behind it the derivatives that are not zero everywhere, in the order
+ *
+ *     d(component 1) / d(p, coordinate 1)
+ *     d(component 2) / d(p, coordinate 2)
+ */
+static void d_jacobian(const double *inputs, double *outputs)
+{
+    const double p_1 = inputs[0];  /* p[1] */
+    const double p_2 = inputs[1];  /* p[2] */
+    const double u = inputs[2];
+    const double v = inputs[3];
+    outputs[0] = p_1 - u;
+    outputs[1] = kernel_square(p_2) - v;
+    outputs[2] = 1.0;
+    outputs[3] = 2.0 * p_2;
+}
+
+/* d: stated noise. */
+static void d_noise(const double *inputs, double *outputs)
+{
+    const double s = inputs[0];
+    const double c = inputs[1];
+    outputs[0] = s;
+    outputs[1] = c;
+    outputs[2] = c;
+    outputs[3] = 2.0 * s;
+}
+
+/* p: where the iteration begins. */
+static void start_of_p(const double *inputs, double *outputs)
+{
+    (void)inputs;
+    outputs[0] = 1.0;
+    outputs[1] = 1.0;
+}
+
+/* Kernel 2k gives the values of kernel k, 2k + 1 the values and the derivatives; `rows` of them. */
+static void call_kernel(long kernel, const double *inputs, double *outputs, long rows)
+{
+    long row;
+
+    switch (kernel) {
+    case 0:
+        for (row = 0; row < rows; row++)
+            d_values(inputs + row * 4, outputs + row * 2);
+        break;
+    case 1:
+        for (row = 0; row < rows; row++)
+            d_jacobian(inputs + row * 4, outputs + row * 4);
+        break;
+    default:
+        break;
+    }
+}
+

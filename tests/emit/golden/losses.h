@@ -1,0 +1,94 @@
+#ifndef LOSSES_H
+#define LOSSES_H
+
+/*
+ * losses
+ *
+ * Written by mbm 0.1.0. Everything is in SI, angles in radians. Calls share nothing but their
+ * arguments, so that threads may solve at the same time, each with a workspace of its own.
+ */
+
+/* What a call answers; `_status_text` has the sentence. */
+enum losses_status {
+    LOSSES_CONVERGED = 0,
+    LOSSES_NOT_CONVERGED = 1,
+    LOSSES_UNOBSERVABLE = 2,
+    LOSSES_INFEASIBLE = 3,
+    LOSSES_NOT_FINITE = 4,
+    LOSSES_NO_ROWS = 5,
+    LOSSES_UNKNOWN_KEY = 6,
+    LOSSES_UNKNOWN_CASE = 7,
+    LOSSES_BAD_NOISE = 8,
+    LOSSES_BAD_BOUNDS = 9,
+    LOSSES_BAD_START = 10,
+    LOSSES_WORKSPACE_TOO_SMALL = 11
+};
+
+/* What is given: columns of tables, one element per row, in SI. */
+typedef struct {
+    long d_rows;    /* rows of `d` */
+    const double *d_x;    /* `x` */
+    const double *d_y;    /* `y` */
+    long e_rows;    /* rows of `e` */
+    const double *e_u;    /* `u` */
+    const double *e_v;    /* `v` */
+    const double *start_a;    /* where a begins: 1 numbers; NULL: as the problem states */
+    const double *start_b;    /* where b begins: 1 numbers; NULL: as the problem states */
+} losses_data;
+
+/* What is answered, in SI; `sigma` are standard deviations. */
+typedef struct {
+    int status;
+    long iterations, evaluations;
+    double cost;           /* weighted sum of squares, without losses */
+    double robust_cost;    /* the same with losses */
+    long freedom;          /* degrees of freedom */
+    double sigma0;         /* sqrt(cost / freedom); 0 without freedom */
+    long numbers;          /* N, numbers of all unknowns */
+    const double *point;   /* (N) the estimates, unknown after unknown, member after member */
+    long free;             /* n, estimated coordinates */
+    const long *coordinates;     /* (n) their places among all coordinates */
+    const double *covariance;    /* (n, n) row by row */
+    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
+    const double *a;          /* (1) real */
+    const double *a_sigma;    /* (1) */
+    const double *b;          /* (1) real */
+    const double *b_sigma;    /* (1) */
+} losses_result;
+
+/* Memory of the caller, of at least the sizes that `_workspace_size` gives; results point into it. */
+typedef struct {
+    double *reals;
+    long reals_size;
+    long *integers;
+    long integers_size;
+} losses_workspace;
+
+/* How much memory data of these numbers of rows need; only the counts of rows in `data` are read. */
+void losses_workspace_size(const losses_data *data, losses_workspace *workspace);
+
+/* Solves; the answer is also in `result->status`. Allocates nothing. */
+int losses_solve(const losses_data *data, losses_result *result, losses_workspace *workspace);
+
+/* Prepares the equations without solving: `result` then has the start, and where everything stands. */
+int losses_begin(const losses_data *data, losses_result *result, losses_workspace *workspace);
+
+/* How many residuals the data of the last `_begin` or `_solve` with this workspace have. */
+long losses_residual_count(const losses_data *data, losses_workspace *workspace);
+
+/* Whitened residuals (m) at a point (N), after `_begin` or `_solve` with the same data and workspace. */
+void losses_residuals(const losses_data *data, const double *point, double *residuals,
+    losses_workspace *workspace);
+
+/* Their derivatives by the estimated coordinates (m, n), row by row; without losses. */
+void losses_jacobian(const losses_data *data, const double *point, double *jacobian,
+    losses_workspace *workspace);
+
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+int losses_covariance(const losses_data *data, const double *point, double *covariance,
+    losses_workspace *workspace);
+
+/* What a status means. */
+const char *losses_status_text(int status);
+
+#endif

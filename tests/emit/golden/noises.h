@@ -1,0 +1,93 @@
+#ifndef NOISES_H
+#define NOISES_H
+
+/*
+ * noises: Two groups of unknown noise, and one that is stated.
+ *
+ * Written by mbm 0.1.0. Everything is in SI, angles in radians. Calls share nothing but their
+ * arguments, so that threads may solve at the same time, each with a workspace of its own.
+ */
+
+/* What a call answers; `_status_text` has the sentence. */
+enum noises_status {
+    NOISES_CONVERGED = 0,
+    NOISES_NOT_CONVERGED = 1,
+    NOISES_UNOBSERVABLE = 2,
+    NOISES_INFEASIBLE = 3,
+    NOISES_NOT_FINITE = 4,
+    NOISES_NO_ROWS = 5,
+    NOISES_UNKNOWN_KEY = 6,
+    NOISES_UNKNOWN_CASE = 7,
+    NOISES_BAD_NOISE = 8,
+    NOISES_BAD_BOUNDS = 9,
+    NOISES_BAD_START = 10,
+    NOISES_WORKSPACE_TOO_SMALL = 11
+};
+
+/* What is given: columns of tables, one element per row, in SI. */
+typedef struct {
+    long d_rows;    /* rows of `d` */
+    const double *d_x;    /* `x` */
+    const double *d_y;    /* `y` */
+    long e_rows;    /* rows of `e` */
+    const double *e_u;    /* `u` */
+    const double *start_a;    /* where a begins: 1 numbers; NULL: as the problem states */
+    const double *start_b;    /* where b begins: 1 numbers; NULL: as the problem states */
+} noises_data;
+
+/* What is answered, in SI; `sigma` are standard deviations. */
+typedef struct {
+    int status;
+    long iterations, evaluations;
+    double cost;           /* weighted sum of squares, without losses */
+    double robust_cost;    /* the same with losses */
+    long freedom;          /* degrees of freedom */
+    double sigma0;         /* sqrt(cost / freedom); 0 without freedom */
+    long numbers;          /* N, numbers of all unknowns */
+    const double *point;   /* (N) the estimates, unknown after unknown, member after member */
+    long free;             /* n, estimated coordinates */
+    const long *coordinates;     /* (n) their places among all coordinates */
+    const double *covariance;    /* (n, n) row by row */
+    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
+    const double *a;          /* (1) real */
+    const double *a_sigma;    /* (1) */
+    const double *b;          /* (1) real */
+    const double *b_sigma;    /* (1) */
+} noises_result;
+
+/* Memory of the caller, of at least the sizes that `_workspace_size` gives; results point into it. */
+typedef struct {
+    double *reals;
+    long reals_size;
+    long *integers;
+    long integers_size;
+} noises_workspace;
+
+/* How much memory data of these numbers of rows need; only the counts of rows in `data` are read. */
+void noises_workspace_size(const noises_data *data, noises_workspace *workspace);
+
+/* Solves; the answer is also in `result->status`. Allocates nothing. */
+int noises_solve(const noises_data *data, noises_result *result, noises_workspace *workspace);
+
+/* Prepares the equations without solving: `result` then has the start, and where everything stands. */
+int noises_begin(const noises_data *data, noises_result *result, noises_workspace *workspace);
+
+/* How many residuals the data of the last `_begin` or `_solve` with this workspace have. */
+long noises_residual_count(const noises_data *data, noises_workspace *workspace);
+
+/* Whitened residuals (m) at a point (N), after `_begin` or `_solve` with the same data and workspace. */
+void noises_residuals(const noises_data *data, const double *point, double *residuals,
+    noises_workspace *workspace);
+
+/* Their derivatives by the estimated coordinates (m, n), row by row; without losses. */
+void noises_jacobian(const noises_data *data, const double *point, double *jacobian,
+    noises_workspace *workspace);
+
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+int noises_covariance(const noises_data *data, const double *point, double *covariance,
+    noises_workspace *workspace);
+
+/* What a status means. */
+const char *noises_status_text(int status);
+
+#endif

@@ -1,0 +1,88 @@
+"""One small problem for each shape that generated solvers have to take: each with a golden file."""
+
+from __future__ import annotations
+
+LINE = "(data d (table (x y) (0 1.1) (1 2.9) (2 5.2) (3 6.8) (4 9.1) (5 17.0)))"
+
+SHAPES = {
+    "plain": f"""(problem plain "A straight line." {LINE}
+      (unknowns (a :init 1 :doc "slope") (b :init 0))
+      (observe d (= y (+ (* a x) b)) :sigma 0.2))""",
+    "weights": """(problem weights "A point, measured in both coordinates together."
+      (data d (table (u v s c) (1.0 2.1 0.04 0.01) (1.2 1.9 0.05 -0.02) (0.9 2.0 0.09 0.03)))
+      (unknowns (p (vector 2) :init [0 1]))
+      (observe d (= [u v] [(p 1) (* (p 2) (p 2))]) :covariance [[s c] [c (* 2 s)]]))""",
+    "information": """(problem information
+      (data d (table (u v s c) (1.0 2.1 9 1) (1.2 1.9 8 -2) (0.9 2.0 7 3)))
+      (unknowns (p (vector 2) :init [1 1]))
+      (observe d (= [u v] [(p 1) (* (p 2) (p 2))]) :information [[s c] [c (* 2 s)]]))""",
+    "loss": f"""(problem loss "A straight line with an outlier." {LINE}
+      (unknowns (a :init 2) (b :init 1))
+      (observe d (= y (+ (* a x) b)) :sigma 0.2 :loss (huber 1.5)))""",
+    "losses": """(problem losses
+      (data d (table (x y) (0 1.1) (1 2.9) (2 5.2) (3 6.8) (4 9.1) (5 12)))
+      (data e (table (u v) (1.1 0.9) (0.8 1.2) (1.0 1.0) (1.3 0.7) (3 3)))
+      (unknowns (a :init 2) (b :init 1))
+      (observe d (= y (+ (* a x) b)) :sigma 0.2 :loss cauchy)
+      (observe e (= [u v] [b (/ a 2)]) :sigma 0.2 :loss tukey))""",
+    "bounds": f"""(problem bounds "A prior, and a bound that holds." {LINE}
+      (unknowns (a :init 1.5 :in (0 2) :sigma 0.1) (b positive :init 0.1))
+      (observe d (= y (+ (* a x) b)) :sigma 0.2))""",
+    "equations": """(problem equations "Three angles that add up."
+      (data d (table (corner angle) (1 59.8) (2 60.3) (3 60.4)) )
+      (unknowns (q (array 3) :init 60))
+      (observe d (= angle (q corner)) :sigma 0.1)
+      (constraints (= (+ (q 1) (q 2) (q 3)) 180)))""",
+    "inequalities": f"""(problem inequalities "One inequality holds, the other does nothing." {LINE}
+      (unknowns (a :init 1) (b :init 0.5))
+      (observe d (= y (+ (* a x) b)) :sigma 0.2)
+      (constraints (<= (+ a b) 3) (>= b -10)))""",
+    "rotation": """(problem rotation "A frame turned, from directions in it."
+      (data d (table (x y z u v w) (1 0 0 0.36 0.93 0.1) (0 1 0 -0.93 0.35 0.05) (0 0 1 0.02 -0.12 0.99)
+        (1 1 0 -0.56 1.3 0.14)))
+      (unknowns (R (rotation 3) :init (axis-angle [0.1 -0.1 1])))
+      (observe d (= [u v w] (rotate R [x y z])) :sigma 1cm))""",
+    "pose": """(problem pose "Where a camera frame is, and which way a vector points."
+      (constants (offset 0.5))
+      (data d (table (x y z u v w) (1 0 0 2.36 1.93 0.1) (0 1 0 1.07 1.35 0.05) (0 0 1 2.02 0.88 0.99)
+        (1 1 0 1.44 2.3 0.14)))
+      (data e (table (s) (0.45) (0.51)))
+      (unknowns (T (pose 3) :init (pose3 (axis-angle [0.1 -0.1 1]) [2 1 0]) :unit m) (n direction :init [1 2 3]))
+      (observe d (= [u v w] (transform T [x y z])) :sigma 1cm)
+      (observe e (= (+ s offset) (+ offset (n 1))) :sigma 0.05)
+      (observe turned e (= (* 1.4 s) (n 2)) :sigma 0.05))""",
+    "similarity": """(problem similarity "A plan laid onto a map."
+      (data d (table (x y u v) (0 0 10.1 5) (1 0 11.6 7.2) (0 1 7.9 6.5) (1 1 9.3 8.4)))
+      (unknowns (S (similarity 2)))
+      (observe d (= [u v] (transform S [x y])) :sigma 10cm))""",
+    "family": """(problem family "Heights of marks from differences; one mark is known, one is no part of it."
+      (data marks (table (id height known) ("a" 10 1) ("b" 11 0) ("c" 12 0) ("unused" 13 0)) :key id)
+      (data steps (table (from to rise s) ("a" "b" 1.21 1) ("b" "c" 0.83 2) ("a" "c" 2.06 1) ("c" "b" -0.84 1)))
+      (unknowns (h :per marks :init height :fixed (= known 1) :unit m))
+      (observe steps (= rise (- (h to) (h from))) :sigma (* s 1cm)))""",
+    "distinct": """(problem distinct "One offset for each value of a column; some rows are left out."
+      (data d (table (kind x y good) ("a" 1 2.1 1) ("b" 2 4.5 1) ("a" 3 6.1 1) ("c" 4 9.9 0) ("b" 5 10.4 1) ("b" 0 9 0))
+        :where (= good 1))
+      (unknowns (k :init 1) (o :per d.kind :init 0))
+      (observe d (= y (+ (* k x) (o kind))) :sigma 0.1 :when (< x 10)))""",
+    "joined": """(problem joined "Ranges to known places."
+      (data places (table (id x y) ("north" 0 10) ("east" 10 0) ("west" -10 1)) :key id)
+      (data ranges (table (place r) ("north" 8.1) ("east" 9.2) ("west" 10.9) ("north" 8.0)) :with (places place))
+      (unknowns (p (vector 2) :init [1 1] :unit cm))
+      (observe ranges (= r (distance p [places.x places.y])) :sigma 5cm))""",
+    "for-each": """(problem for-each "One mean for each day."
+      (data d (table (day y) (1 1.1) (1 0.9) (2 3.2) (1 1.3) (2 2.7) (3 5) (3 6)))
+      (unknowns (m :init 0))
+      (observe d (= y m) :sigma 0.5)
+      (for-each day))""",
+    "noise": f"""(problem noise "The noise is told by the residuals." {LINE}
+      (unknowns (a :init 1) (b :init 0))
+      (observe d (= y (+ (* a x) b)) :sigma unknown))""",
+    "noises": """(problem noises "Two groups of unknown noise, and one that is stated."
+      (data d (table (x y) (0 1.1) (1 2.9) (2 5.2) (3 6.8) (4 9.1) (5 11.3)))
+      (data e (table (u) (1.2) (0.7) (1.3) (0.8)))
+      (unknowns (a :init 2) (b :init 1 :sigma 0.5))
+      (observe d (= y (+ (* a (exp (* 0.01 x)) x) b)) :sigma unknown)
+      (observe e (= u b) :sigma (unknown 0.5)))""",
+}
+"""By name; inline tables, so that a golden file depends on nothing but the text."""

@@ -1,0 +1,50 @@
+"""Problems solved twice, natively and by the general path."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import mbm
+import mbm.solution.native.minimum as native
+from mbm.solution import challenge, minimise, search, weighing
+
+pytest.importorskip("llvmlite")
+
+
+class Both:
+    """Every minimum that a solve asks for, by the general path and natively: pairs with the equations and the start."""
+
+    def __init__(self, monkeypatch):
+        self.found = []
+        own, ask = native.native_minimum, minimise.minimise
+
+        def twice(equations, start, settings, place=None):
+            with monkeypatch.context() as without:
+                without.setattr(native, "native_minimum", lambda *_: None)
+                general = ask(equations, start, settings, place)
+            self.found.append((equations, start, settings, general, own(equations, start, settings)))
+            return general
+
+        for module in (search, weighing, challenge):
+            monkeypatch.setattr(module, "minimise", twice)
+
+    def of(self, text, **data):
+        """The pairs of a problem's text."""
+        self.found.clear()
+        mbm.loads(text).solve(data=data or None, backend="native")
+        return list(self.found)
+
+
+@pytest.fixture
+def both(monkeypatch):
+    return Both(monkeypatch)
+
+
+def sigmas(minimum):
+    """Standard deviations (n,) where the Jacobian has full rank; 0 for what a bound holds."""
+    free = minimum.at_bound == 0
+    found = np.zeros(len(free))
+    inverse = np.linalg.pinv(minimum.jacobian[:, free])
+    found[free] = np.sqrt(np.square(inverse).sum(axis=1))
+    return found

@@ -1,0 +1,197 @@
+"""Consensus in native code finds what the general path finds, whatever the number of threads."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import mbm
+from mbm.problem.types import BlockRole
+from mbm.solution.estimate import assemble
+from mbm.solution.multistart import starting_points
+from mbm.solution.native import agreeing
+from mbm.solution.native.agreeing import agreed_natively
+from mbm.solution.native.consensus import consensus_many
+from mbm.solution.native.consensus_rules import rules_of
+from mbm.solution.native.packing import Rows
+from mbm.solution.native.system import native_code, system_of
+from mbm.solution.robust import consensus as general
+from mbm.solution.robust.agree import agree
+from mbm.solution.robust.binding import trials_of, units_of
+from mbm.solution.settings import settings_of
+
+pytest.importorskip("llvmlite")
+
+CEILING = np.column_stack([1 + 0.3 * (np.arange(48) // 8), 0.7 + 0.3 * (np.arange(48) % 8), np.full(48, 2.7)])
+RANGES = """
+(problem place
+  (data ranges external)
+  (unknowns (p (vector 3) :init [1.75m 1.75m 1m]))
+  (observe ranges (= range (distance p [x y z])) {noise})
+  (solve :robust {rule}))
+"""
+POSE = """
+(problem pose
+  (data marks external)
+  (camera cam :focal (800 800) :center (320 240))
+  (unknowns (T (pose 3)))
+  (observe marks (= [u v] (project cam (transform T [x y z]))) :sigma 1)
+  (solve :robust {rule}))
+"""
+PARABOLA = """
+(problem parabola
+  (data points external)
+  (unknowns (a :init 0) (b :init 0) (c :init 0 :sigma 100))
+  (observe points (= y (+ a (* x (+ b (* x c))))) {noise})
+  (solve :robust {rule}))
+"""
+NOISES = {"stated": ":sigma {sigma}", "unknown": ""}
+RULES = ("lmeds", "ransac", "msac", "gnc")
+
+
+@pytest.fixture(autouse=True)
+def _paid(monkeypatch):
+    """Consensus is compiled however seldom it is asked for."""
+    monkeypatch.setattr(agreeing, "UNPAID", -1)
+
+
+def ranges(seed, outliers):
+    generator = np.random.default_rng(seed)
+    place = generator.uniform([0.8, 0.8, 0.3], [2.7, 2.7, 1.3])
+    measured = np.linalg.norm(place - CEILING, axis=1) + 0.005 * generator.normal(size=48)
+    measured[generator.choice(48, outliers, replace=False)] += 0.5
+    return {"ranges": {"x": CEILING[:, 0], "y": CEILING[:, 1], "z": CEILING[:, 2], "range": measured}}
+
+
+def marks(seed, count, wrong):
+    generator = np.random.default_rng(seed)
+    points = generator.uniform(-1, 1, (count, 3))
+    place = np.array([*generator.uniform(-0.5, 0.5, 2), generator.uniform(4, 8)])
+    seen = Rotation.random(random_state=seed).apply(points) + place
+    image = 800 * seen[:, :2] / seen[:, 2:] + [320, 240] + generator.normal(size=(count, 2))
+    image[:wrong] = generator.uniform((0, 0), (640, 480), (wrong, 2))
+    return {"marks": dict(zip("xyzuv", (*points.T, *image.T), strict=True))}
+
+
+def parabola(seed, outliers):
+    generator = np.random.default_rng(seed)
+    x = np.linspace(-1, 2, 31)
+    y = 1 + 2 * x - 0.5 * x**2 + 0.1 * generator.normal(size=31)
+    y[generator.choice(31, outliers, replace=False)] += generator.uniform(2, 9, outliers)
+    return {"points": {"x": x, "y": y}}
+
+
+def both(text, data):
+    """What the general path and what the native one agree on."""
+    compiled = mbm.loads(text).compile(data=data, backend="native")
+    problem = compiled.elaborated.problem
+    settings = settings_of(problem.request)
+    equations, _ = assemble(problem, compiled.kernels, compiled.elaborated.tables, {}, compiled.cache)
+    starts = np.stack([each.point for each in starting_points(equations, settings, None)])
+
+    def observed(block):
+        return block.role is BlockRole.OBSERVATION
+
+    units = units_of(equations, problem, starts[0], observed)
+    trials = trials_of(equations, units, settings.closed_forms)
+    expected = agree(trials, units, starts, settings.robust, settings.seed)
+    found = agreed_natively(problem, equations, settings, settings.robust, observed, starts)
+    return expected, found
+
+
+def assert_same(text, data):
+    expected, found = both(text, data)
+    assert found is not None
+    np.testing.assert_array_equal(found.inliers, expected.inliers)
+    # Both end where a step promises 1e-12 of a squared deviation: 1e-6 deviations, which are 0.1 and less here.
+    np.testing.assert_allclose(found.point, expected.point, atol=1e-6)
+    # Of unknown noise the two may come to fixed points with limits that differ by where they came from: no unit lies
+    # between, so that the noise differs by what the tails between them hold.
+    np.testing.assert_allclose(found.variances, expected.variances, rtol=0.05)
+    np.testing.assert_allclose(found.limits, expected.limits, rtol=0.15)
+    assert found.ambiguous == expected.ambiguous
+    return found
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("noise", NOISES)
+def test_ranges(rule, noise):
+    text = RANGES.format(rule=rule, noise=NOISES[noise].format(sigma="5mm"))
+    for seed, outliers in enumerate((0, 1, 5, 14)):
+        assert_same(text, ranges(seed, outliers))
+
+
+@pytest.mark.parametrize("rule", RULES[:3])
+def test_poses(rule):
+    for seed, (count, wrong) in enumerate([(10, 2), (20, 8), (50, 20)]):
+        assert_same(POSE.format(rule=rule), marks(seed, count, wrong))
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("noise", NOISES)
+def test_subsets_without_a_closed_form_and_a_prior(rule, noise):
+    text = PARABOLA.format(rule=rule, noise=NOISES[noise].format(sigma="0.1"))
+    for seed, outliers in enumerate((0, 4, 10)):
+        assert_same(text, parabola(seed, outliers))
+
+
+def test_noise_that_is_stated_too_small_gives_way():
+    found = assert_same(RANGES.format(rule="lmeds", noise=":sigma 1.5mm"), ranges(5, 5))
+    assert found.limits.min() > 9.0
+
+
+def test_a_threshold_and_a_number_of_trials_are_kept_to():
+    found = assert_same(RANGES.format(rule="(msac :trials 40 :threshold 2)", noise=":sigma 5mm"), ranges(2, 5))
+    assert found.trials == 40
+
+
+def test_a_batch_is_its_data_sets_one_by_one_whatever_the_threads():
+    text = RANGES.format(rule="lmeds", noise="")
+    alone, parts = [], []
+    compiled = mbm.loads(text).compile(data=ranges(0, 0), backend="native")
+    for seed in range(7):
+        bound = compiled._for(ranges(seed, 2 * seed))
+        found = bound.elaborated
+        settings = settings_of(found.problem.request)
+        equations, _ = assemble(found.problem, bound.kernels, found.tables, {}, bound.cache)
+        system = system_of(equations, settings)
+        rules = rules_of(found.problem, equations, settings.robust, (True,), seed=1, starts=1)
+        code = native_code(bound.cache.native, bound.cache.backend.store).consensus
+        alone.append(consensus_many(system, code, rules, equations.numbers[None, None]))
+        parts.append(system.rows)
+    places = np.array([[0, k * parts[0].parameters.size, k * parts[0].weights.size, 0, 0, 0] for k in range(7)])
+    joined = Rows(
+        parameters=np.concatenate([rows.parameters for rows in parts]),
+        weights=np.concatenate([rows.weights for rows in parts]),
+        index=parts[0].index,
+        columns=parts[0].columns,
+        data=np.concatenate([rows.data for rows in parts]) + places,
+    )
+    starts = np.tile(equations.numbers, (7, 1, 1))
+    for workers in (1, 2, 3, 7):
+        whole = consensus_many(replace(system, rows=joined), code, rules, starts, workers=workers)
+        for name in ("points", "states", "inside", "limits", "variances"):
+            expected = np.concatenate([getattr(each, name) for each in alone])
+            np.testing.assert_array_equal(getattr(whole, name), expected)
+
+
+def test_data_sets_after_the_first_are_not_probed(monkeypatch):
+    compiled = mbm.loads(POSE.format(rule="msac")).compile(data=marks(1, 20, 8), backend="native")
+    first = compiled.solve()
+    monkeypatch.setattr("mbm.solution.native.consensus_forms.minimal_solver", None)
+    monkeypatch.setattr("mbm.solution.robust.binding.minimal_solver", None)
+    second = compiled.solve(data=marks(2, 30, 12))
+    again = compiled.solve(data=marks(1, 20, 8))
+    assert first.to_json() != second.to_json()
+    np.testing.assert_array_equal(first.covariance.matrix, again.covariance.matrix)
+
+
+def test_without_machine_code_the_general_path_answers(monkeypatch):
+    data = marks(3, 20, 8)
+    native = mbm.loads(POSE.format(rule="msac")).compile(data=data, backend="native").solve()
+    monkeypatch.setattr(general, "agreed_natively", lambda *_: None)
+    plain = mbm.loads(POSE.format(rule="msac")).compile(data=data, backend="native").solve()
+    np.testing.assert_allclose(native.covariance.matrix, plain.covariance.matrix, rtol=1e-6)

@@ -1,0 +1,81 @@
+"""The solver's functions as Python, as machine code by LLVM, and as compiled C: each test sees all three."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from mbm.target import c
+from mbm.target.from_python import module_of
+from mbm.target.solver import modules
+from mbm.target.tree import Type
+
+FUNCTIONS = {f.__name__: f for part in modules.PARTS for f in part.ROUTINES}
+KERNELS = "static void call_kernel(long address, const double *inputs, double *outputs, long blocks)\n"
+KERNELS += "{ ((void (*)(const double *, double *, long))address)(inputs, outputs, blocks); }\n"
+
+
+class Python:
+    """The functions as they stand."""
+
+    def __call__(self, name, *arguments):
+        return FUNCTIONS[name](*(a.reshape(-1) if isinstance(a, np.ndarray) else a for a in arguments))
+
+
+class Compiled:
+    """Functions by address."""
+
+    def __init__(self, module, address):
+        self._module, self._address = module, address
+
+    def __call__(self, name, *arguments):
+        tree = self._module.function(name)
+        plain = {Type.REAL: ctypes.c_double, Type.INTEGER: ctypes.c_int64, None: None}
+        kinds = [plain.get(p.type, ctypes.c_void_p) for p in tree.parameters]
+        function = ctypes.CFUNCTYPE(plain[tree.returns], *kinds)(self._address(name))
+        return function(*(a.ctypes.data if isinstance(a, np.ndarray) else a for a in arguments))
+
+
+def everything():
+    """The solver with all functions to be called from outside, for four rows at a time."""
+    return module_of("solver", FUNCTIONS.values(), public=FUNCTIONS, constants={"LANES": 4})
+
+
+@pytest.fixture(scope="session")
+def by_llvm():
+    pytest.importorskip("llvmlite")
+    from llvmlite import ir
+
+    from mbm.kernels.native.engine import compiled
+    from mbm.target.llvm import lower_into
+
+    module, target = everything(), ir.Module("solver")
+    lower_into(target, module)
+    library = compiled(str(target), None, 1)
+    return Compiled(module, library.address), library
+
+
+@pytest.fixture(scope="session")
+def by_c(tmp_path_factory):
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("there is no C compiler here")
+    module, folder = everything(), tmp_path_factory.mktemp("solver")
+    heads = "".join(f"{c.declaration(f)};\n" for f in module.functions if f.public)
+    (folder / "solver.c").write_text(c.PRELUDE + heads + KERNELS + c.text(module))
+    # An address is made a function here, which only the operating system promises to work: no -pedantic.
+    flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-Wno-unused-function"]
+    command = [compiler, *flags, str(folder / "solver.c"), "-o", str(folder / "s.so"), "-lm"]
+    subprocess.run(command, check=True)
+    library = ctypes.CDLL(str(folder / "s.so"))
+    return Compiled(module, lambda name: ctypes.cast(getattr(library, name), ctypes.c_void_p).value), library
+
+
+@pytest.fixture(params=["python", "by_llvm", "by_c"])
+def solver(request):
+    """``solver(name, *arguments)`` calls a function of the solver."""
+    return Python() if request.param == "python" else request.getfixturevalue(request.param)[0]
