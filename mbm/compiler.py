@@ -11,7 +11,7 @@ This is the only file that knows the order of the stages. Each stage hands on an
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 from mbm.problem.elaborated import Consulted, Elaborated
 from mbm.problem.types import Problem
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.emit.types import OutputFile
@@ -198,7 +199,7 @@ def solved(
             found,
             kernels,
             cache,
-            given_starts(found.problem, found.tables, settings.init),
+            None if settings.init is None else given_starts(found.problem, found.tables, settings.init),
             settings.interruption,
             registry.closed_forms,
             settings.workers,

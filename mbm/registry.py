@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from mbm.language.limits import Limits
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.data.types import ManyReader, Reader

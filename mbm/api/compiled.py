@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from mbm.data.faults import MISSING_TABLE
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import EXTERNAL
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

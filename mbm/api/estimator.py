@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,7 @@ from mbm.report.types import SolveReport, SolveStatus
 from mbm.solution.native.stream import Stream, StreamEnds, stream_of
 from mbm.solution.types import Floats, Mask
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.api.compiled import Compilation, Origin

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ from mbm.problem.types import Override
 from mbm.registry import Registry, standard_registry
 from mbm.text.files import read_file
 from mbm.text.types import Diagnostic, MbmError, Source
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.language.program import Program

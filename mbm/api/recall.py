@@ -17,7 +17,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +28,7 @@ from mbm.problem.elaborated import Consulted, Elaborated
 from mbm.problem.types import Problem
 from mbm.text.files import read_file
 from mbm.text.types import MbmError, Source
+from mbm.values import dataclass
 from mbm.version import __version__
 
 if TYPE_CHECKING:

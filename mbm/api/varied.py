@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from mbm.solution.binding import Group
 from mbm.solution.types import Floats, Indices
 from mbm.symbolic.types import ColumnInput
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 Name = tuple[str, str]
 """A table and a column of it."""

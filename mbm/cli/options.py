@@ -6,10 +6,11 @@ import os
 import shutil
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, TextIO, TypeVar
 
 import click
+
+from mbm.values import dataclass
 
 WIDEST, NARROWEST = 100, 60
 _Function = TypeVar("_Function", bound=Callable[..., Any])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mbm.problem.tables import Column, ColumnGroup
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

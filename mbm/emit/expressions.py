@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import pi
 
 from mbm.emit.types import InputValue
 from mbm.expression.nodes import Apply, Expression, Leaf, Number, Opaque, Operation, postorder
 from mbm.target.program import Instruction, Operator, Program
+from mbm.values import dataclass
 
 _DIRECT: Mapping[Operation, Operator] = {
     Operation.ADD: Operator.ADD,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from mbm.emit.identifiers import Identifiers
 from mbm.emit.types import (
@@ -20,6 +20,7 @@ from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import ROW
 from mbm.problem.types import Family, Join, Static
 from mbm.symbolic.types import ConstantInput, Parameter
+from mbm.values import dataclass
 
 
 @dataclass(slots=True)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 from mbm.emit.identifiers import Identifiers
 from mbm.target.program import Operator, Program
+from mbm.values import dataclass
 
 ATOM = 9
 """Precedence of names, numbers and calls; sums have 5, products 6, signs 8."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from mbm.problem.kinds import LossKind
 from mbm.problem.manifold import Piece
 from mbm.problem.types import BlockRole, NoiseKind
 from mbm.target.solver import description as at
+from mbm.values import dataclass
 
 _LOSSES: Mapping[LossKind, int] = {
     LossKind.HUBER: at.HUBER,

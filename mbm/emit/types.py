@@ -6,7 +6,7 @@ A *row* of a table is its position (from 0) in the table as it is given; *kept* 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import StrEnum
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.kernels.types import Kernel
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.kernels.serialised import BoundRows

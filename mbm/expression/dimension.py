@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeAlias
+
+from mbm.values import dataclass
 
 _BASES = ("m", "kg", "s", "A", "K", "mol", "cd")
 _NAMES: dict[tuple[tuple[str, int | Fraction], ...], str] = {

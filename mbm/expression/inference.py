@@ -8,7 +8,7 @@ solving them one after the other decides them: a contradiction is a clash of two
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from typing import TypeAlias
 
@@ -16,6 +16,7 @@ from mbm.expression.algebra import UndefinedValueError, constant_value
 from mbm.expression.dimension import NONE, Dimension, Exponent, whole
 from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Number, Operation, leaves, postorder
 from mbm.text.types import Span
+from mbm.values import dataclass
 
 Variable: TypeAlias = tuple[object, ...]
 

@@ -6,13 +6,14 @@ all said once, for numbers. Nodes compare by identity; equal subexpressions are 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import StrEnum
 from fractions import Fraction
 from typing import TypeAlias
 
 from mbm.expression.dimension import Dimension
 from mbm.text.types import Form, Span
+from mbm.values import dataclass
 
 
 class Operation(StrEnum):

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from math import pi
 from types import MappingProxyType
 
 from mbm.expression.dimension import NONE, Dimension, base
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

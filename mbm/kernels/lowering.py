@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import reduce
 from typing import Any
 
@@ -11,6 +10,7 @@ import casadi
 import sympy
 
 from mbm.symbolic.conversion import Finite
+from mbm.values import dataclass
 
 
 class UnsupportedOperationError(Exception):

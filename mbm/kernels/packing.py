@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
-from dataclasses import is_dataclass
 from enum import Enum
 from fractions import Fraction
 from io import BytesIO
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.target.program import Instruction, Operator, Program
+from mbm.values import is_frozen
 
 _PROTOCOL = 5
 _OPERATORS = tuple(Operator)
@@ -71,13 +71,9 @@ class _Unpacker(pickle.Unpickler):
             return allowed
         if module.startswith("mbm.") and "." not in name:
             found = super().find_class(module, name)
-            if isinstance(found, type) and (_is_frozen(found) or issubclass(found, Enum)):
+            if isinstance(found, type) and (is_frozen(found) or issubclass(found, Enum)):
                 return found
         raise PackingError(f"{module}.{name}")
-
-
-def _is_frozen(found: type) -> bool:
-    return is_dataclass(found) and bool(getattr(found, "__dataclass_params__").frozen)  # noqa: B009 - of all dataclasses
 
 
 def _columns_of(program: Program) -> tuple[object, ...]:

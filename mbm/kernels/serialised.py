@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import casadi
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mbm.kernels.functions import function_of
 from mbm.kernels.types import Floats, Kernel
+from mbm.values import dataclass
 
 Indices = NDArray[np.int64]
 

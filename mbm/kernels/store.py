@@ -17,11 +17,11 @@ import re
 import stat
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from time import time
 
+from mbm.values import dataclass
 from mbm.version import __version__
 
 VARIABLE = "MBM_CACHE"

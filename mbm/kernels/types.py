@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from hashlib import sha256
 from typing import Protocol, TypeAlias
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mbm.symbolic.types import Chart, Parameter, Purpose, Slot
 from mbm.target.program import Program
 from mbm.text.types import Span
+from mbm.values import dataclass
 
 Floats: TypeAlias = NDArray[np.float64]
 

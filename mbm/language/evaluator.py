@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 
 from mbm.expression.algebra import UndefinedValueError
@@ -48,6 +48,7 @@ from mbm.text.types import (
     Symbol,
     Text,
 )
+from mbm.values import dataclass
 
 MAXIMUM_LABELS = 4
 """How many calls an error names on its way out: enough to find the cause, few enough to read."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from mbm.language import faults
 from mbm.language.parameters import Parameters, bind, parse_parameters
 from mbm.language.scope import LocalScope, Scope
 from mbm.language.values import Call, Callable_, Macro, Value
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol, Text
+from mbm.values import dataclass
 
 DEFUN_USAGE = '(defun name (a b &optional (c 1.0) &key (:tag d)) "doc" body…)'
 MACRO_USAGE = "(defmacro name (a b) body…)"

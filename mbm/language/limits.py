@@ -5,11 +5,11 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import NoReturn
 
 from mbm.language import faults
 from mbm.text.types import Form, MbmError, Place
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

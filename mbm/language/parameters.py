@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from mbm.language import faults
 from mbm.language.evaluator import Evaluator
@@ -12,6 +11,7 @@ from mbm.language.values import Value
 from mbm.text.printer import print_form
 from mbm.text.suggest import closest
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol
+from mbm.values import dataclass
 
 USAGE = "(name … [&optional (name default)…] [&key (:tag name [default])…])"
 

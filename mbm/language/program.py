@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 from mbm.language import faults
@@ -13,6 +13,7 @@ from mbm.language.parameters import Parameters, parse_parameters
 from mbm.text.files import read_file
 from mbm.text.reader import read
 from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Source, Span, Symbol, Text
+from mbm.values import dataclass
 
 RESERVED = (
     "problem",

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Protocol
 
 from mbm.language.values import Value
 from mbm.text.types import Span
+from mbm.values import dataclass
 
 
 class Scope(Protocol):

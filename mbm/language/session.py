@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 
 from mbm.language import faults
@@ -14,6 +13,7 @@ from mbm.language.program import ConstantDefinition, ModelDefinition, Program
 from mbm.language.scope import Scope
 from mbm.language.values import Callable_, Value
 from mbm.text.types import MbmError, Span
+from mbm.values import dataclass
 
 ModelMaker = Callable[[ModelDefinition, Scope], Callable_]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, TypeAlias
 
 from mbm.expression.nodes import (
@@ -18,6 +18,7 @@ from mbm.expression.nodes import (
     RowChoice,
 )
 from mbm.text.types import Form, Keyword, Numeral, Place, Sequence, Span, Symbol, Text
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.language.evaluator import Evaluator

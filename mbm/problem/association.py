@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import heapq
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbm.problem.tables import Numbers
+from mbm.values import dataclass
 
 Positions = NDArray[np.int64]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from mbm.expression.nodes import Number
 from mbm.language import faults as language_faults
@@ -38,6 +38,7 @@ from mbm.problem.types import Block, Derived, Overrides, Problem, Request, Table
 from mbm.problem.vocabulary import NOT_YET, SPECIAL_FORMS
 from mbm.shapes.model import ModelLog, model_maker
 from mbm.text.types import Diagnostic, MbmError, Sequence, Span, Symbol
+from mbm.values import dataclass
 
 Loader = Callable[[Iterable[TableDeclaration]], Mapping[str, Table]]
 """Reads the tables of all data clauses."""

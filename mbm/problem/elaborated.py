@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem, RowValues
 from mbm.text.types import Diagnostic
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TypeAlias, TypeVar
 
 import numpy as np
@@ -23,6 +23,7 @@ from mbm.problem.scopes import ProblemScope, RowScope
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import RowValues, Static, ValueCase
 from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Span, Symbol
+from mbm.values import dataclass
 
 MAXIMUM_CASES = 20_000
 """Groups of rows with different static values that one clause may have; each is compiled on its own."""

@@ -7,9 +7,10 @@ translation, scale (CONTRACT §2).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 from functools import cache
+
+from mbm.values import dataclass
 
 
 class Piece(Enum):

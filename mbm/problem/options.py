@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from mbm.language import faults
 from mbm.text.suggest import closest
 from mbm.text.types import Form, Keyword, MbmError, Span
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

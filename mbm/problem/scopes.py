@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from mbm.expression.nodes import Column, Member, Number, RowChoice, Sampling
 from mbm.language import faults
@@ -15,6 +15,7 @@ from mbm.problem import faults as problem_faults
 from mbm.problem.tables import ROW, CellKey, Table
 from mbm.problem.tables import Column as TableColumn
 from mbm.text.types import Form, MbmError, Span
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

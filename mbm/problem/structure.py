@@ -7,7 +7,7 @@ paths, Kuhn 1955) finds the unknowns that are left over whatever the values are;
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from mbm.problem.rows import rows_of
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import EquationCase, Problem
 from mbm.text.types import Diagnostic
+from mbm.values import dataclass
 
 MAXIMUM_EQUATIONS = 20_000
 """Scalar equations that are looked at; with more rows the structure is rarely what is missing."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbm.text.types import DataPlace, Span
+from mbm.values import dataclass
 
 Numbers: TypeAlias = NDArray[np.float64]
 CellKey: TypeAlias = str | float

@@ -7,7 +7,6 @@ A problem is compiled once and solved for many data sets. Where the value of a d
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import StrEnum
 from math import prod
 
@@ -18,6 +17,7 @@ from mbm.problem.kinds import ConstraintKind, LossKind, Relation
 from mbm.problem.manifold import Manifold, manifold_of
 from mbm.problem.tables import CellKey, PairDeclaration, TableDeclaration
 from mbm.text.types import Diagnostic, Span
+from mbm.values import dataclass
 
 
 class UnknownKind(StrEnum):

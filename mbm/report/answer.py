@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +28,7 @@ from mbm.report.types import (
     Result,
     SolveReport,
 )
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
+
+from mbm.values import dataclass
 
 _WHOLE_PART = re.compile(r"\(?[+-]?[0-9]+")
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+
+from mbm.values import dataclass
 
 SIGNIFICANT = 6
 """Digits of a value whose uncertainty is unknown."""

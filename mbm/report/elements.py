@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from mbm.problem.naming import member_name, plain_number, scalar_name
 from mbm.report import geometric
 from mbm.report.types import DerivedValue, Estimate, Floats, Key, Kind, Mask, Quantity, SolveReport
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from hashlib import sha256
 
 import numpy as np
@@ -14,6 +13,7 @@ from mbm.report.encode import encode, to_bytes
 from mbm.report.geometric import numbers_of_written
 from mbm.report.types import Floats, Key
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

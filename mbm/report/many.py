@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import chain
 
 from mbm.problem.naming import key_text
@@ -16,6 +15,7 @@ from mbm.report.sentences import diagnostic_sentence, observability_sentences
 from mbm.report.solve_columns import solve_columns
 from mbm.report.types import SolveReport, SolveStatus
 from mbm.text.types import Diagnostic
+from mbm.values import dataclass
 
 MOST_SOLVES = 60
 """Solves that are shown one by one; the table says how many more there are."""

@@ -38,8 +38,9 @@ def answers(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, forms
         MbmError: the only solve cannot be set up.
 
     """
-    known = tuple(_references(found, kernels, cache, forms))
-    return Answers(references=known, whole=_whole(found, kernels, cache, known))
+    with np.errstate(all="ignore"):  # values that are none are told as such, by status or NaN
+        known = tuple(_references(found, kernels, cache, forms))
+        return Answers(references=known, whole=_whole(found, kernels, cache, known))
 
 
 def _whole(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, known: tuple[Reference, ...]) -> Whole:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ from mbm.solution.simulation import faults as simulation_faults
 from mbm.solution.simulation.simulate import simulate
 from mbm.solution.simulation.types import FactorsFinder, Outliers, Simulating, Simulation, Truth
 from mbm.text.types import Diagnostic, MbmError
+from mbm.values import dataclass
 from mbm.version import __version__
 
 _QUANTITY = re.compile(r"(?P<number>\+?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?)\s*(?P<unit>\S*)")

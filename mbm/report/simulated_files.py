@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from posixpath import normpath
 
@@ -18,6 +17,7 @@ from mbm.report.simulated import Simulated, SimulatedTable
 from mbm.text.files import read_file
 from mbm.text.reader import read
 from mbm.text.types import Numeral, Sequence, Source, Span, Symbol, Text
+from mbm.values import dataclass
 
 TRUTH = "truth.json"
 GRAPH = "g2o"

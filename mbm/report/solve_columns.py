@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from mbm.report.blocks import BlockReports, ManyReports
 from mbm.report.elements import solve_scalars
 from mbm.report.types import Floats, Key, Mask, SolveReport, SolveStatus
+from mbm.values import dataclass
 
 FITS = ("cost", "dof", "sigma0", "chi2_p")
 

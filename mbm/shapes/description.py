@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import MappingProxyType
 
 from mbm.expression.nodes import Apply, Column, leaves
@@ -45,6 +45,7 @@ from mbm.shapes.types import (
     dimension_of,
 )
 from mbm.text.types import Bracket, Diagnostic, Form, MbmError, Sequence, Span, Symbol, Text
+from mbm.values import dataclass
 
 POINT_USAGE = "(point name (x y z))"
 PART_USAGE = "(part name shape…)"

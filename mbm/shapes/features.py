@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from mbm.expression.nodes import Number
 from mbm.language import faults as language_faults
@@ -13,6 +12,7 @@ from mbm.shapes.paths import KINDS, KINDS_NOT_YET, NUMBERED, ElementName, Segmen
 from mbm.shapes.transforms import carried
 from mbm.shapes.types import Group, Line, ModelCall, Moved, NamedPoint, Node, Part, Plane, Shape, Step, Surface
 from mbm.text.types import Diagnostic, MbmError, Span, Symbol
+from mbm.values import dataclass
 
 _NODES_PER_STEP = 4
 """Looking at a node is that much cheaper than evaluating a form."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from mbm.expression.nodes import Opaque
 from mbm.language.coerce import integer, text
 from mbm.language.values import Call, Value
 from mbm.shapes import faults
 from mbm.text.types import Bracket, Form, MbmError, Numeral, Sequence, Span, Symbol, Text
+from mbm.values import dataclass
 
 NUMBERED = ("vertex", "line", "plane")
 """Kinds of features that take a number."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from mbm.language import faults as language_faults
 from mbm.language.evaluator import Evaluator
@@ -12,6 +12,7 @@ from mbm.shapes import faults
 from mbm.shapes.types import ModelConstraint
 from mbm.text.suggest import closest
 from mbm.text.types import Form, MbmError, Sequence, Symbol
+from mbm.values import dataclass
 
 CONSTRAINT_TYPES = ("=", ">", "<", ">=", "<=", "normal", "uniform")
 _DECLARE_USAGE = "(declare (name form)… (array name (element…))…)"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TypeAlias
 
 from mbm.language.parameters import Parameters
@@ -12,6 +12,7 @@ from mbm.language.scope import Scope
 from mbm.language.values import Array, Call, Callable_, ListValue, Placeable, Transform, Value
 from mbm.language.vocabulary.frames import move_point
 from mbm.text.types import Form, Sequence, Span
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from types import MappingProxyType
 
 from mbm.language import faults as language_faults
@@ -29,6 +29,7 @@ from mbm.shapes.paths import Segment, element_segment, flat_segments, number_seg
 from mbm.shapes.types import Shape
 from mbm.shapes.vertex_form import vertex_form
 from mbm.text.types import Form, MbmError, Numeral, Sequence, Span, Symbol
+from mbm.values import dataclass
 
 _OBSERVABLES_NOT_YET = {
     **dict.fromkeys(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +17,7 @@ from mbm.solution.manifolds import chart_slopes
 from mbm.solution.robust.losses.rooted import rooted, rooted_jacobian
 from mbm.solution.scatter import Scatter
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.solution.implicit.elimination import Elimination

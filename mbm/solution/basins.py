@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from mbm.solution.solvers.batched import Batched
 from mbm.solution.solvers.scaled import ROUNDED, turning
 from mbm.solution.twins import Twin, separation, twin_of
 from mbm.solution.types import Floats, Indices, Minimum
+from mbm.values import dataclass
 
 COARSE = 1e-4
 """Ends nearer to each other than this share of the spread of all ends are the same before they are polished."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -23,6 +23,7 @@ from mbm.solution.scatter import Scatter, scatter
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.solution.whitening import Whitener, whitener
 from mbm.symbolic.types import ConstantInput, Parameter, Purpose, Slot
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.solution.robust.losses.function import LossFunction
@@ -272,12 +273,12 @@ class Binder:
         members: dict[tuple[str, Member], Indices | int] = {}
         for j, slot in enumerate(kernel.variables):
             entry = self.layout.entry(slot.unknown)
-            index[:, j] = entry.offset + self._member(slot, table, positions, members) * entry.unknown.size
-            index[:, j] += slot.component
+            member = self._member(slot, table, positions, members)
+            index[:, j] = member * entry.unknown.size + (entry.offset + slot.component)
         for j, slot in enumerate(kernel.tangents):
             entry = self.layout.entry(slot.unknown)
-            columns[:, j] = entry.first + self._member(slot, table, positions, members) * entry.unknown.freedom
-            columns[:, j] += slot.component
+            member = self._member(slot, table, positions, members)
+            columns[:, j] = member * entry.unknown.freedom + (entry.first + slot.component)
         parameters = np.empty((rows, len(kernel.parameters)))
         for j, parameter in enumerate(kernel.parameters):
             parameters[:, j] = self._parameter(parameter, table, positions)

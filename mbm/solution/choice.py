@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.kernels.types import KernelSet
@@ -22,6 +20,7 @@ from mbm.solution.settings import Settings, settings_of
 from mbm.solution.sparse.description import solved_how
 from mbm.solution.sparsity import sparse_suits
 from mbm.solution.starting import GIVEN, beginnings
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.kernels.types import KernelSet
@@ -16,6 +14,7 @@ from mbm.solution.manifolds import numbers_of_stated, tangent_slopes
 from mbm.solution.solution import DerivedSolution
 from mbm.solution.statistics import Statistics, changed
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 GRADIENT_LIMIT = 20_000_000
 """Numbers in the gradients of derived quantities that are kept for their covariance."""

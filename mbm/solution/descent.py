@@ -7,8 +7,7 @@ solutions with residuals of zero; a start that ends elsewhere tries again with t
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import os
 
 import numpy as np
 
@@ -16,8 +15,10 @@ from mbm.problem.types import BlockRole, Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.batch import batch
 from mbm.solution.dissection import MAXIMUM_ROWS, Dissection, Mention, Part, dissected
+from mbm.solution.settings import Settings
 from mbm.solution.solvers.batched import Batched, joined, minimise_all
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 ITERATIONS = 60
 PART_ITERATIONS = 30
@@ -40,72 +41,86 @@ class Descent:
     equations: Assembled
     order: Dissection | None
     units: Indices
-    stopped: Callable[[], bool]
+    settings: Settings
 
     def ends(self, starts: Floats) -> Batched:
         """Where the starts (T, N) lead to, never worse than a start; only the first of them where it is stopped."""
         parts: list[Batched] = []
         for first in range(0, len(starts), TOGETHER):
-            if parts and self.stopped():
+            if parts and self.settings.stopped():
                 break
             parts.append(self._ends(starts[first : first + TOGETHER]))
         return joined(parts)
 
     def _ends(self, starts: Floats) -> Batched:
-        points = starts
+        begun = _begun(starts)
         if self.order is not None:
-            points = self._by_parts(starts, self.order)
+            found = self._by_parts(begun, self.order)
             whole = batch(self.equations)
-            before, after = (np.square(whole.residuals(p)).sum(axis=1) for p in (starts, points))
-            points = np.where((after <= before)[:, None] | ~np.isfinite(before)[:, None], points, starts)
-        return self._minimised(points, self.equations.free, None, ITERATIONS)
+            before, after = (np.square(whole.residuals(p)).sum(axis=1) for p in (starts, found.points))
+            better = (after <= before)[:, None] | ~np.isfinite(before)[:, None]
+            begun = replace(found, points=np.where(better, found.points, starts))
+        return self._minimised(begun, self.equations.free, None, ITERATIONS)
 
-    def _by_parts(self, starts: Floats, order: Dissection) -> Floats:
-        points = starts
+    def _by_parts(self, reached: Batched, order: Dissection) -> Batched:
+        starts = reached.points
         for part in order.trunk:
-            points = self._solved(points, (part,), PART_ITERATIONS).points
+            reached = self._solved(reached, (part,), PART_ITERATIONS)
         if len(order.trunk) > 1:
-            points = self._solved(points, order.trunk, ITERATIONS).points
+            reached = self._solved(reached, order.trunk, ITERATIONS)
         for branch in order.branches:
-            points = self._branch(points, starts, branch)
-        return points
+            reached = self._branch(reached, starts, branch)
+        return reached
 
-    def _branch(self, points: Floats, starts: Floats, branch: tuple[Part, ...]) -> Floats:
+    def _branch(self, reached: Batched, starts: Floats, branch: tuple[Part, ...]) -> Batched:
         """The points with the unknowns of a branch solved for, from their own values or those of other starts."""
-        found = self._branch_solved(points, branch)
+        found = self._branch_solved(reached, branch)
         enough = ZERO * sum(len(part.equations) for part in branch)
         lost = np.flatnonzero(~(found.cost <= enough))
         tries = min(TRIES, len(starts) - 1)
-        if not lost.size or not tries or self.stopped():
-            return found.points
+        if not lost.size or not tries or self.settings.stopped():
+            return found
         places = self._numbers([column for part in branch for column in part.columns])
         others = (lost[:, None] + 1 + np.arange(tries) * max(1, len(starts) // (tries + 1))) % len(starts)
-        again = np.repeat(points[lost], tries, axis=0)
+        again = np.repeat(reached.points[lost], tries, axis=0)
         again[:, places] = starts[others.ravel()][:, places]
-        second = self._branch_solved(again, branch)
+        second = self._branch_solved(_begun(again), branch)
         costs = np.where(np.isfinite(second.cost), second.cost, np.inf).reshape(len(lost), tries)
         zero = costs <= enough
         chosen = np.where(zero.any(axis=1), zero.argmax(axis=1), costs.argmin(axis=1))
         line = np.arange(len(lost))
         better = costs[line, chosen] < np.where(np.isfinite(found.cost[lost]), found.cost[lost], np.inf)
-        result = found.points.copy()
-        result[lost[better]] = second.points.reshape(len(lost), tries, -1)[line, chosen][better]
-        return result
+        points, iterations, evaluations = found.points.copy(), found.iterations.copy(), found.evaluations.copy()
+        points[lost[better]] = second.points.reshape(len(lost), tries, -1)[line, chosen][better]
+        iterations[lost] += second.iterations.reshape(len(lost), tries).sum(axis=1)
+        evaluations[lost] += second.evaluations.reshape(len(lost), tries).sum(axis=1)
+        return replace(found, points=points, iterations=iterations, evaluations=evaluations)
 
-    def _branch_solved(self, points: Floats, branch: tuple[Part, ...]) -> Batched:
-        for part in branch[:-1]:
-            points = self._solved(points, (part,), PART_ITERATIONS).points
-        last = self._solved(points, branch[-1:], PART_ITERATIONS)
-        return self._solved(last.points, branch, PART_ITERATIONS) if len(branch) > 1 else last
+    def _branch_solved(self, reached: Batched, branch: tuple[Part, ...]) -> Batched:
+        for part in branch:
+            reached = self._solved(reached, (part,), PART_ITERATIONS)
+        return self._solved(reached, branch, PART_ITERATIONS) if len(branch) > 1 else reached
 
-    def _solved(self, points: Floats, parts: tuple[Part, ...], iterations: int) -> Batched:
+    def _solved(self, reached: Batched, parts: tuple[Part, ...], iterations: int) -> Batched:
         columns = self.equations.free[sorted(c for part in parts for c in part.columns)]
         units = self.units[sorted(i for part in parts for i in part.equations)]
-        return self._minimised(points, columns, units, iterations)
+        return self._minimised(reached, columns, units, iterations)
 
-    def _minimised(self, points: Floats, columns: Indices, units: Indices | None, iterations: int) -> Batched:
-        stack = batch(self.equations, columns=columns, units=units)
-        return minimise_all(stack, points, iterations=iterations, stopped=self.stopped)
+    def _minimised(self, reached: Batched, columns: Indices, units: Indices | None, iterations: int) -> Batched:
+        """The minima of some units over some coordinates, with the work so far: in native code where that can run."""
+        # Loaded here, so that problems with one start need not.
+        from mbm.solution.native.starts import native_ends
+
+        settings = self.settings
+        found = native_ends(self.equations, reached.points, columns, units, iterations, settings)
+        if found is None:
+            stack = batch(self.equations, columns=columns, units=units)
+            found = minimise_all(stack, reached.points, iterations=iterations, stopped=settings.stopped)
+        return replace(
+            found,
+            iterations=reached.iterations + found.iterations,
+            evaluations=reached.evaluations + found.evaluations,
+        )
 
     def _numbers(self, columns: list[int]) -> Indices:
         """The places of the numbers that the columns (positions in ``free``) hold; rotations only if they hold all."""
@@ -117,13 +132,20 @@ class Descent:
         return np.concatenate([plain[plain >= 0], *turned])
 
 
-def descent(equations: Assembled, problem: Problem, stopped: Callable[[], bool]) -> Descent:
-    """The descent for these equations; ``stopped`` ends it early, with the points reached so far."""
+def descent(equations: Assembled, problem: Problem, settings: Settings) -> Descent:
+    """The descent for these equations; ``settings`` may stop it early, with the points reached so far."""
     if equations.count > MAXIMUM_ROWS:
-        return Descent(equations=equations, order=None, units=np.empty(0, dtype=np.int64), stopped=stopped)
+        return Descent(equations=equations, order=None, units=np.empty(0, dtype=np.int64), settings=settings)
     units, mentions = _mentions(equations, problem)
     order = dissected(mentions, equations.dimension)
-    return Descent(equations=equations, order=order, units=units, stopped=stopped)
+    return Descent(equations=equations, order=order, units=units, settings=settings)
+
+
+def _begun(points: Floats) -> Batched:
+    """Trials of which nothing is known yet."""
+    none = np.zeros(len(points), dtype=np.int64)
+    unknown = np.full(len(points), np.inf)
+    return Batched(points=points, cost=unknown, settled=none > 0, iterations=none, evaluations=none)
 
 
 def _mentions(equations: Assembled, problem: Problem) -> tuple[Indices, list[Mention]]:

@@ -8,7 +8,9 @@ Pothen and Fan 1990, ACM TOMS 16, 303-324), chosen so that equations with few un
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
+
+from mbm.values import dataclass
 
 MAXIMUM_ROWS = 4000
 """Scalar equations above which nothing is dissected: random starts are for small problems."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -39,6 +39,7 @@ from mbm.solution.types import (
 )
 from mbm.solution.weighing import Reached, reached
 from mbm.text.types import Diagnostic
+from mbm.values import dataclass
 
 
 def assemble(

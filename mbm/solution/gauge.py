@@ -9,7 +9,7 @@ of any other kind may take part without being understood.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -19,6 +19,7 @@ from mbm.solution.freedom import free_combinations, touched_by
 from mbm.solution.layout import Entry, Layout
 from mbm.solution.manifolds import matrix_of_quaternion, tangent_axes
 from mbm.solution.types import CommonMotion, Floats, GaugeMotion, Indices, Observability
+from mbm.values import dataclass
 
 WITHIN = 1e-6
 """A motion is free where no more than this share of it lies outside the null space."""

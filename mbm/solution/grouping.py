@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from mbm.problem.rows import Positions
 from mbm.problem.tables import CellKey, Column, Table
 from mbm.solution.types import Indices
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from mbm.solution import faults
 from mbm.solution.manifolds import Curved, bounded_coordinates, moved, numbers_of_stated, stated_width
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -5,13 +5,12 @@ Conventions as `mbm.problem.manifold`: ``R Exp(ω)`` with unit quaternions (w, x
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.problem.manifold import Manifold, Piece
 from mbm.problem.types import UnknownKind
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 SMALL_ANGLE = 1e-3
 """Below it the slopes are taken from two terms of their series: the third is below 1e-14."""

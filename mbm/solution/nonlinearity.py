@@ -12,7 +12,6 @@ t and relative curvature.)
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from mbm.solution.batch import batch
 from mbm.solution.manifolds import moved
 from mbm.solution.profile import Profile
 from mbm.solution.types import Covariance, Equations, Floats, Indices, Minimum
+from mbm.values import dataclass
 
 NORMAL_95 = 1.959963984540054
 """The 97.5 % quantile of the normal distribution."""

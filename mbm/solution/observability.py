@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.solution.freedom import TOUCHED, free_combinations
 from mbm.solution.metric import metric
 from mbm.solution.triangle import triangle
 from mbm.solution.types import Floats, Indices, Mask, Minimum, Observability
+from mbm.values import dataclass
 
 CERTAIN = 1e-12
 """Singular values of the column-scaled Jacobian below this share of the largest are zero: derivatives carry roundings

@@ -5,11 +5,10 @@ Used where the quick look of `nonlinearity` says that the linear interval mislea
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.solution.types import Equations, Floats
+from mbm.values import dataclass
 
 FARTHEST = 10.0
 """Multiples of the linear interval beyond which an end counts as open."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,13 +13,14 @@ from mbm.problem.tables import CellKey
 from mbm.solution.binding import EvaluationCache
 from mbm.solution.estimate import estimate
 from mbm.solution.interruption import Interruption
-from mbm.solution.many.types import Block
+from mbm.solution.many.types import Begun, Block
 from mbm.solution.sampled_rows import settled
 from mbm.solution.selection import Selection, selections
 from mbm.solution.settings import Forms, Settings, settings_of, standard_forms
 from mbm.solution.solution import Failure, Skipped, Solution
 from mbm.solution.types import Floats
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 StartsFinder = Callable[[Mapping[str, CellKey]], Mapping[str, Floats]]
 """The starts (SI, by name) given from outside for the solve with a key."""
@@ -46,7 +47,7 @@ def solutions(
     found: Elaborated,
     kernels: KernelSet,
     cache: EvaluationCache,
-    starts: StartsFinder,
+    starts: StartsFinder | None,
     interruption: Interruption | None = None,
     forms: Forms = standard_forms,
     workers: int | None = None,
@@ -55,23 +56,24 @@ def solutions(
 
     One of several solves that cannot be set up is a ``Failure``, and the others go on. A window starts from the last
     one where that is better; one with too few rows is ``Skipped``. An ``interruption`` ends the solve at work, and
-    makes no further ones. Where solves can be made together, ``workers`` threads share them (None: one for each
+    makes no further ones. ``starts`` is None where no start is given from outside. Where solves can be made together, ``workers`` threads share them (None: one for each
     processor); the answers do not depend on their number.
 
     Raises:
         MbmError: the only solve cannot be set up.
     """
     problem = found.problem
-    settings = settings_of(problem.request, interruption, forms)
+    settings = replace(settings_of(problem.request, interruption, forms), workers=workers)
     given = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
     window = problem.request.window
-    solve = _one_by_one(found, kernels, cache, lambda key: {**starts(key), **given}, settings)
+    begun: Begun = given if starts is None else lambda key: {**starts(key), **given}
+    solve = _one_by_one(found, kernels, cache, begun, settings)
     at_once = None
     if problem.request.for_each and window is None:
         # Loaded by problems with many solves only, so that the others start at once.
         from mbm.solution.many.solve import together
 
-        at_once = together(problem, kernels, found.tables, settings, cache, lambda key: {**starts(key), **given})
+        at_once = together(problem, kernels, found.tables, settings, cache, begun)
     if at_once is not None:
         if interruption is not None:
             interruption.listen()
@@ -94,7 +96,7 @@ def solutions(
 
 
 def _one_by_one(
-    found: Elaborated, kernels: KernelSet, cache: EvaluationCache, starts: StartsFinder, settings: Settings
+    found: Elaborated, kernels: KernelSet, cache: EvaluationCache, starts: Begun, settings: Settings
 ) -> Callable[[Selection, Solution | None], Solution | Failure | Skipped]:
     """What solves one selection of the rows by itself, given the solution of the window before."""
     window = found.problem.request.window
@@ -107,7 +109,7 @@ def _one_by_one(
                 found.problem,
                 kernels,
                 cache,
-                starts(selection.key),
+                starts(selection.key) if callable(starts) else starts,
                 lambda begun: estimate(
                     found.problem,
                     kernels,

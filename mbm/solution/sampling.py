@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from mbm.problem.tables import Table
 from mbm.problem.times import time_nodes
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.symbolic.types import ColumnInput
+from mbm.values import dataclass
 
 Numbers = Callable[[Indices], Floats]
 """The numbers at places (rows,) in the vector of all numbers, one for each row."""

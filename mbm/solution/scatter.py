@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 BLOCK = 2048
 """Rows that are written together, so that they stay in the cache; all at once take nine times longer (measured)."""

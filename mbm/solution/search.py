@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ from mbm.solution.solvers.batched import Batched
 from mbm.solution.starting import Beginning
 from mbm.solution.twins import Twin
 from mbm.solution.types import Floats, Minimum, Reason
+from mbm.values import dataclass
 
 FEW = 3
 """Up to so many starts each is minimised by itself: a batch pays only for many."""
@@ -178,7 +179,7 @@ class _Seeker:
 
     def together(self, points: Floats) -> list[Basin]:
         """A basin for each distinct end of a batch."""
-        ends = descent(self._equations, self._problem, self._settings.stopped).ends(points)
+        ends = descent(self._equations, self._problem, self._settings).ends(points)
         self._count(ends)
         self.tried += len(ends.cost)
         found: list[Basin] = []
@@ -217,4 +218,4 @@ class _Seeker:
 
     def _count(self, ends: Batched) -> None:
         self.iterations += int(ends.iterations.sum())
-        self.evaluations += int(ends.iterations.sum()) + len(ends.iterations)
+        self.evaluations += int(ends.evaluations.sum())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -18,6 +17,7 @@ from mbm.solution.selected import SelectedTables, column_families
 from mbm.solution.types import Indices
 from mbm.solution.windows import Windows, windows
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 MAXIMUM_SOLVES = 1_000_000
 """Combinations of keys from different tables that are tried; rows of one table that has all columns are not limited."""

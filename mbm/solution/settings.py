@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 from mbm.problem.types import Consensus, ConstraintMethod, Gauge, GivenStarts, Method, RandomStarts, Request
 from mbm.solution.interruption import Interruption
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.solution.closed_forms.types import ClosedForm
@@ -29,7 +29,8 @@ class Settings:
     """``tolerance`` bounds the relative offset: the next step in standard deviations of the estimates.
 
     ``forms`` gives the closed forms that may give starts. ``interruption`` is asked
-    between iterations, through ``stopped()``.
+    between iterations, through ``stopped()``. ``workers`` threads share many starts (None: one for each processor);
+    the answers do not depend on their number.
     """
 
     method: Method = Method.AUTO
@@ -43,6 +44,7 @@ class Settings:
     tolerance: float = 1e-10
     interruption: Interruption | None = None
     forms: Forms = standard_forms
+    workers: int | None = None
 
     @property
     def closed_forms(self) -> tuple[ClosedForm, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +14,7 @@ from mbm.solution.layout import Layout
 from mbm.solution.search import Alternative, Tally
 from mbm.solution.types import Covariance, Fit, Floats, Indices, Mask, Minimum, Noise, Observability
 from mbm.text.types import Diagnostic
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.solution.implicit.types import CorrectedColumn

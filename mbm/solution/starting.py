@@ -6,7 +6,7 @@ points, with the unknowns that enter linearly solved for.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +21,7 @@ from mbm.solution.random_starts import costs, random_points
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Mask
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.solution.closed_forms.completion import Completion

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from mbm.solution.observability import observed_at
 from mbm.solution.types import Covariance, Fit, Floats, Mask, Minimum, Noise, NoiseState, Observability
 from mbm.solution.variance import fit_statistics
 from mbm.text.types import Diagnostic
+from mbm.values import dataclass
 
 SAME = 1e-9
 """Relative difference up to which two covariances are the same: far above rounding, far below any factor."""

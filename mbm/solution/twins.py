@@ -8,7 +8,6 @@ points: a symmetry holds everywhere, two solutions that happen to fit equally we
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -17,6 +16,7 @@ from mbm.problem.manifold import Piece
 from mbm.solution.assembly import Assembled
 from mbm.solution.batch import Batch
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.values import dataclass
 
 NEAR = 1e-5
 """Relative difference of numbers that are to be equal, at minima found independently."""

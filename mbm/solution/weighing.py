@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from mbm.solution.settings import Settings
 from mbm.solution.stationary import without_stationary
 from mbm.solution.types import Floats, Minimum, Noise, Observability
 from mbm.solution.variance import common_factor, redundancy_numbers, variance_components
+from mbm.values import dataclass
 
 REWEIGHTED_ITERATIONS = 500
 """Iterations that the rounds of the variance components may take together; those left over get one each."""

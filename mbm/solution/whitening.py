@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from mbm.problem.tables import Table
 from mbm.problem.types import Equation, NoiseKind
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Problem, Window
 from mbm.solution.types import Floats, Mask
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 ROUNDING = 1e-9
 """Part of a step by which times may miss the end of a window: steps such as 0.1 are not exact in binary."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import sympy
 from sympy.functions.elementary.piecewise import ExprCondPair
 
 from mbm.symbolic.types import ResidualBlock
+from mbm.values import dataclass
 
 LEAST_SIZE = 3
 """Operations that a repeated subexpression has before it gets a name of its own."""

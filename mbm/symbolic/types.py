@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from mbm.expression.nodes import Member, RowChoice, Sampling
 from mbm.problem.manifold import Piece
 from mbm.text.types import Span
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     import sympy

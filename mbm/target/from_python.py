@@ -14,8 +14,6 @@ from __future__ import annotations
 
 import ast
 import ctypes
-import inspect
-import textwrap
 from collections.abc import Callable, Iterable, Mapping
 from operator import add, eq, floordiv, ge, gt, le, lt, mod, mul, ne, sub
 from types import MappingProxyType
@@ -24,6 +22,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mbm.target.definitions import Definitions
 from mbm.target.tree import (
     CALL_KERNEL,
     Assign,
@@ -137,8 +136,9 @@ def module_of(
     known: dict[str, Function] = {f.name: f for f in (CALL_KERNEL, *external)}
     exported = set(public)
     called: set[str] = set()
+    definitions = Definitions()
     for each in functions:
-        reader = _Reader(known, constants)
+        reader = _Reader(known, constants, definitions)
         found = reader.function(each, public=each.__name__ in exported)
         known[found.name] = found
         called |= reader.called
@@ -150,8 +150,11 @@ def module_of(
 class _Reader:
     """Reads one function; local to one call."""
 
-    def __init__(self, known: Mapping[str, Function], given: Mapping[str, int | float]) -> None:
+    def __init__(
+        self, known: Mapping[str, Function], given: Mapping[str, int | float], definitions: Definitions
+    ) -> None:
         self._known = known
+        self._definitions = definitions
         self._given = given
         self._names: dict[str, Name] = {}
         self._fixed: dict[str, Literal] = {}
@@ -160,9 +163,7 @@ class _Reader:
         self._constants: Mapping[str, object] = {}
 
     def function(self, source: Callable[..., object], *, public: bool) -> Function:
-        tree = ast.parse(textwrap.dedent(inspect.getsource(source))).body[0]
-        if not isinstance(tree, ast.FunctionDef):
-            raise self._refuse(tree)
+        tree = self._definitions.of(source)
         self._constants = {**getattr(source, "__globals__", {}), **self._given}
         parameters = tuple(Name(a.arg, self._annotation(a.annotation, a)) for a in tree.args.args)
         self._names = {p.name: p for p in parameters}

@@ -13,12 +13,11 @@ Each lane has sums of its own, which are added up at the end: the result depends
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from mbm.target.blocks_of_rows import close_function, close_loop, load, open_loop, place
 from mbm.target.program import Program
 from mbm.target.vector_text import LANES, VECTOR, ZERO, Text
 from mbm.target.vectors import outputs_of
+from mbm.values import dataclass
 
 ROOT_FACTOR, ROOT_SLOPE = "root_factor", "root_slope"
 """The functions of losses, of `mbm.target.solver.losses`: q and dq/ds."""

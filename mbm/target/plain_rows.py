@@ -6,12 +6,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 from mbm.target.blocks_of_rows import ALIGNMENT, close_function, close_loop, open_loop, place
 from mbm.target.program import Program
 from mbm.target.vector_text import LANES, VECTOR, Text, VectorLibrary
 from mbm.target.vectors import outputs_of
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

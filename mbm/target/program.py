@@ -5,8 +5,9 @@ This is the form in which kernels leave CasADi, and from which they are interpre
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import StrEnum
+
+from mbm.values import dataclass
 
 
 class Operator(StrEnum):

@@ -6,9 +6,10 @@ There is no allocation: scratch space is passed in. A function is a straight lis
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 from typing import TypeAlias
+
+from mbm.values import dataclass
 
 
 class Type(Enum):

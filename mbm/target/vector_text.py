@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass, field
+from dataclasses import field
+
+from mbm.values import dataclass
 
 LANES = 4
 """Rows of one block."""

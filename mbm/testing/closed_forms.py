@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from mbm.solution.closed_forms.types import ClosedForm, Plan
 from mbm.solution.estimate import assemble
 from mbm.solution.types import Floats
 from mbm.testing.requirement import require, require_close
+from mbm.values import dataclass
 
 DIGITS = 1e-6
 """Relative error of an answer for data without noise: half the digits, which closed forms that square numbers keep."""

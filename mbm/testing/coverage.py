@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from mbm.report.options import SimulationSettings
 from mbm.report.simulated import Simulated
 from mbm.report.types import Floats, SolveReport
 from mbm.testing.truth import CoordinateErrors, derived_errors, estimate_errors
+from mbm.values import dataclass
 
 LEVELS = (0.6827, 0.95)
 

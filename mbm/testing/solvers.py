@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from mbm.solution.types import Equations, Floats, Mask, Minimum, Reason, Solver
 from mbm.testing.requirement import require, require_close
+from mbm.values import dataclass
 
 ITERATIONS = 500
 """Steps within which every sample has to be solved: far more than any sound method takes."""

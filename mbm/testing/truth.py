@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from mbm.report.types import DerivedValue, Estimate, Floats, Kind, SolveReport
 from mbm.solution.manifolds import hamilton, tangent_axes, vector_of_quaternion
 from mbm.solution.simulation.places import Rows
 from mbm.solution.simulation.types import Truth
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 from mbm.text.types import Source, Span
+from mbm.values import dataclass
 
 _OUTSIDE = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*(?:"|\\?\Z)|;[^\n]*|#\|', re.DOTALL)
 _INSIDE = re.compile(r"#\||\|#")

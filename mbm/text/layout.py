@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from itertools import groupby
 
 from mbm.text.layout_rules import Context
 from mbm.text.layout_tree import WIDEST, Group, Item, Node, Note, Piece
+from mbm.values import dataclass
 
 _INDENT = 2
 _FARTHEST_SHARED = 72

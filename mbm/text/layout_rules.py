@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum, auto
 from itertools import takewhile
 
 from mbm.text.types import Bracket, Sequence, Symbol
+from mbm.values import dataclass
 
 
 class Context(Enum):

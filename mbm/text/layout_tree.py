@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias
 
 from mbm.text.comments import Comment
 from mbm.text.layout_rules import Context, Rule, item_context, rule_for
 from mbm.text.types import Bracket, Form, Keyword, Sequence, Source
+from mbm.values import dataclass
 
 DEEPEST_LAYOUT = 60
 """Groups nested deeper are left as they are written."""

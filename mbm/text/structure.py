@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING
 
 from mbm.text import faults
 from mbm.text.atoms import span_of
 from mbm.text.types import Diagnostic, Source
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from lark import Token

@@ -17,7 +17,7 @@ from mbm.text.types import Source
 
 REGISTRY = standard_registry()
 SESSION = open_session(
-    compiler.read(Source("empty", ""), Path("empty"), REGISTRY), REGISTRY.vocabulary, make_model, REGISTRY.limits
+    compiler.read(Source("empty", ""), Path("empty"), REGISTRY), REGISTRY.vocabulary(), make_model, REGISTRY.limits
 )
 
 

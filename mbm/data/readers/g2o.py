@@ -15,7 +15,6 @@ going along the edges. Rows are the lines of the file.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +27,7 @@ from mbm.data.readers.spanning import SPACE, euler_quaternions, placed, quaterni
 from mbm.data.types import ManyReader, RawTable
 from mbm.problem.tables import ColumnGroup, Numbers
 from mbm.text.types import DataPlace, MbmError
+from mbm.values import dataclass
 
 VERTICES, EDGES = "vertices", "edges"
 PLANE_POSE = ("x", "y", "theta")

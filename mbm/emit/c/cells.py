@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from mbm.emit.types import (
     Blueprint,
@@ -16,6 +15,7 @@ from mbm.emit.types import (
 )
 from mbm.problem.tables import CellKey
 from mbm.target.c import number
+from mbm.values import dataclass
 
 
 def quoted(text: str) -> str:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from mbm.emit.types import Blueprint, Choice, ColumnValue, InputValue, LiteralKey
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mbm.kernels.backends import native
 from mbm.kernels.types import Backend, Evaluation, Kernel, Stream
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.kernels.store import Store

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import casadi
@@ -12,6 +12,7 @@ import numpy as np
 from mbm.kernels.backends import numpy_stream
 from mbm.kernels.functions import function_of
 from mbm.kernels.types import Floats, Kernel, Stream
+from mbm.values import dataclass
 
 BLOCK = 1024
 """Rows of one mapped function: CasADi's time to make it grows with its rows, so that many rows call it many times."""

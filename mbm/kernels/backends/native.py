@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from mbm.kernels.types import BackendUnavailableError, Evaluation, Floats, Kerne
 from mbm.target import plain_rows
 from mbm.target.vector_text import LANES
 from mbm.target.vectors import NoPrinterError
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.kernels.store import Store

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbm.kernels.types import Floats, Kernel
 from mbm.target.program import Operator, Program
+from mbm.values import dataclass
 
 BLOCK = 1024
 """Rows evaluated together: their values stay in the cache, and Python's share of the work is small."""

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 ENGINE = 1
 """Counts up when the way from IR to what is kept changes."""
 
+SMALL = 20
+"""LLVM's cost of a function (about its instructions, times 5) up to which compact code has it in place of calls."""
+
 KIND = "object"
 """The kind of what is kept in the store."""
 
@@ -90,23 +93,44 @@ def compiled(text_of_ir: str, store: Store | None, level: int = 2) -> Library:
 
 
 def kept(
-    name: str, text_of_ir: Callable[[], str], store: Store | None, level: int = 2, *, loops: bool = True
+    name: str,
+    text_of_ir: Callable[[], str],
+    store: Store | None,
+    level: int = 2,
+    *,
+    loops: bool = True,
+    compact: bool = False,
 ) -> Library:
     """As `compiled`, but the IR is made only where the store has nothing under ``name``, which must determine it.
 
-    ``loops``: LLVM puts several rounds of a loop into a vector; else operations that stand side by side.
+    ``loops``: LLVM puts several rounds of a loop into a vector; else operations that stand side by side. ``compact``:
+    no loop is unrolled, and only small functions are put in place of their calls.
     """
-    key = sha256("\n".join((str(ENGINE), _version(), described(), f"{level} {loops}", name)).encode()).hexdigest()
-    found = None if store is None else store.get(KIND, key)
+    found = fetched(name, store, level, loops=loops, compact=compact)
     if found is not None:
-        try:
-            return _loaded(found)
-        except NotCompilingError:
-            pass  # not what was put there: made anew below
-    content = _content(_object_code(text_of_ir(), level, loops=loops))
+        return found
+    content = _content(_object_code(text_of_ir(), level, loops=loops, compact=compact))
     if store is not None:
-        store.put(KIND, key, content)
+        store.put(KIND, _key(name, level, loops, compact), content)
     return _loaded(content)
+
+
+def fetched(
+    name: str, store: Store | None, level: int = 2, *, loops: bool = True, compact: bool = False
+) -> Library | None:
+    """What the store has of what `kept` gives for the same arguments; None: nothing that can be used."""
+    content = None if store is None else store.get(KIND, _key(name, level, loops, compact))
+    if content is None:
+        return None
+    try:
+        return _loaded(content)
+    except NotCompilingError:
+        return None  # not what was put there
+
+
+def _key(name: str, level: int, loops: bool, compact: bool) -> str:
+    how = f"{level} {loops} {compact}"
+    return sha256("\n".join((str(ENGINE), _version(), described(), how, name)).encode()).hexdigest()
 
 
 def _version() -> str:
@@ -117,7 +141,7 @@ def _version() -> str:
     return Path(spec.origin).with_name("_version.py").read_text("utf-8")
 
 
-def _object_code(text: str, level: int, *, loops: bool = True) -> bytes:
+def _object_code(text: str, level: int, *, loops: bool = True, compact: bool = False) -> bytes:
     """A module compiled."""
     import llvmlite.binding as binding
 
@@ -133,6 +157,9 @@ def _object_code(text: str, level: int, *, loops: bool = True) -> bytes:
         tuning = binding.create_pipeline_tuning_options(speed_level=level)
         tuning.loop_vectorization = loops
         tuning.slp_vectorization = not loops
+        if compact:
+            tuning.loop_unrolling = False
+            tuning.inlining_threshold = SMALL
         builder = binding.create_pass_builder(machine, tuning)
         builder.getModulePassManager().run(module, builder)
     code: bytes = machine.emit_object(module)

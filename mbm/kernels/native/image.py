@@ -14,7 +14,8 @@ import os
 import struct
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+
+from mbm.values import dataclass
 
 MAGIC = b"mbm-image 1\n"
 _LIBRARIES = ("libm.so.6", "libmvec.so.1", None)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mbm.kernels.native.engine import Library, compiled
 from mbm.kernels.native.processor import vector_library
 from mbm.kernels.types import Kernel, KernelSet
 from mbm.target import blocks_of_rows
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.kernels.store import Store

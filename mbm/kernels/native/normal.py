@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mbm.kernels.native.engine import Library, compiled
@@ -13,6 +12,7 @@ from mbm.kernels.native.processor import vector_library
 from mbm.kernels.types import Kernel
 from mbm.target.normal_rows import NO_LOSS, NormalRows, Unit, function
 from mbm.target.vector_text import Text
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.kernels.store import Store

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from mbm.expression.algebra import number
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, RowChoice, leaves
 from mbm.language import faults as language_faults
@@ -26,6 +24,7 @@ from mbm.shapes.types import ModelCall, ModelConstraint, Shape
 from mbm.text.printer import print_form
 from mbm.text.suggest import closest
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
+from mbm.values import dataclass
 
 USAGE = "(= a b …), (<= a b …), (normal form mean sigma) or (uniform form lo hi), each [:over TABLE] [:name n]"
 _RELATIONS = {kind.value: kind for kind in ConstraintKind}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from mbm.expression.algebra import apply, wrap
 from mbm.expression.nodes import Apply, Column, Component, Expression, Operation, RowChoice, leaves
 from mbm.language import faults as language_faults
@@ -29,6 +27,7 @@ from mbm.language.vocabulary.lines import line_difference
 from mbm.language.vocabulary.rigid import geometric_difference, logarithms
 from mbm.problem import faults
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

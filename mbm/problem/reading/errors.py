@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from mbm.expression.nodes import Column, Number, leaves
 from mbm.language import faults as language_faults
@@ -13,6 +13,7 @@ from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, TablePlan, UncertainColumn
 from mbm.text.suggest import closest
 from mbm.text.types import Diagnostic, Form, MbmError, Sequence, Span, Symbol
+from mbm.values import dataclass
 
 USAGE = ":errors ((column sigma)…)"
 

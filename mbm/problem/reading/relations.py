@@ -8,7 +8,6 @@ says; beside one such limit, the representative in (−π, π]; of two angles wi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -26,6 +25,7 @@ from mbm.problem.reading.vanishing import vanishing
 from mbm.problem.rows import Positions, lookup
 from mbm.problem.tables import Table
 from mbm.text.types import MbmError, Span
+from mbm.values import dataclass
 
 SIGNS = {"<": "<", "<=": "≤", ">": "<", ">=": "≤", "uniform": "≤", "=": "="}
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 
 from mbm.expression.nodes import Constant, Number
@@ -19,6 +18,7 @@ from mbm.problem.tables import ColumnDeclaration, InlineTable, Table, TableDecla
 from mbm.problem.types import Join
 from mbm.text.suggest import closest
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol, Text
+from mbm.values import dataclass
 
 USAGE = (
     '(data name (csv "path") [:key column] [:with (table column)] [:columns ((new old :unit u)…)] '

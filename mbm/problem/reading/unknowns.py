@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import prod
 
 from mbm.expression.nodes import Column, ColumnMember, Component, Constant, Expression, LiteralMember, Member, Number
@@ -41,6 +40,7 @@ from mbm.problem.types import (
 )
 from mbm.text.suggest import closest
 from mbm.text.types import Form, MbmError, Numeral, Sequence, Span, Symbol, Text
+from mbm.values import dataclass
 
 USAGE = "(name [type] [:init form] [:in (lo hi)] [:unit u] [:sigma s] [:fixed true] [:per TABLE])"
 OPTIONS = ("init", "in", "start", "unit", "sigma", "covariance", "fixed", "per", "doc")

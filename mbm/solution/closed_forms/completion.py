@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from mbm.solution.closed_forms.numerics.finite import finite
 from mbm.solution.closed_forms.situation import Situation
 from mbm.solution.closed_forms.types import ClosedForm, Plan
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 MOST_BRANCHES = 16
 """Combinations of solutions that are followed where closed forms have several."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import permutations
 from typing import Protocol
 
@@ -15,6 +14,7 @@ from mbm.solution.closed_forms.numerics.rotations import cross_matrix, euler_ang
 from mbm.solution.closed_forms.situation import Candidate
 from mbm.solution.manifolds import quaternion_of_matrix, vector_of_quaternion
 from mbm.solution.types import Floats
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

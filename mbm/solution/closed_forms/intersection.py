@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -13,6 +12,7 @@ from mbm.solution.closed_forms.numerics.rays import meeting_points
 from mbm.solution.closed_forms.situation import Candidate, Rows, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 AGREEMENT = 1e-7
 """Change of an equation when the point moves along its ray, beside that when it moves across."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.solution.binding import affine
@@ -11,6 +9,7 @@ from mbm.solution.closed_forms.numerics.finite import finite
 from mbm.solution.closed_forms.situation import Candidate, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 DETERMINED = 1e-12
 """Singular value of the scaled equations beside the largest, below which an unknown counts as not determined."""

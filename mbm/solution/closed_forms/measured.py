@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.solution.closed_forms.motions import origin, stepped
@@ -12,6 +10,7 @@ from mbm.solution.closed_forms.situation import Candidate, Rows, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.layout import Entry
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 NEWTON = 30
 SOLVED = 1e-9

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from mbm.solution.closed_forms.completion import plans
 from mbm.solution.closed_forms.situation import Situation
 from mbm.solution.closed_forms.types import ClosedForm, Plan
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -6,14 +6,13 @@ is, since ``∂h/∂ω = f' R [−x]×`` and ``∂h/∂t = f'``. Two probes give
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.solution.closed_forms.frames import Frame, frames_of, some_rotation
 from mbm.solution.closed_forms.numerics.rotations import cross_matrix
 from mbm.solution.closed_forms.situation import Candidate, Rows
 from mbm.solution.types import Floats, Mask
+from mbm.values import dataclass
 
 AGREEMENT = 1e-6
 """How well equations at two motions that move the points to one place must agree, beside their size."""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.solution.closed_forms.numerics.spheres import positions, positions_and_offset
 from mbm.solution.closed_forms.situation import Candidate, Rows, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 AGREEMENT = 1e-6
 """How well an equation must agree with what it was recognised as, beside its size."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from mbm.solution.closed_forms.situation import Candidate, Rows, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.layout import Entry
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 AXES = ((0, 1, 2), (1, 2, 0))
 """Right, down, forward among x, y, z: OpenCV's cameras, and the paper's."""

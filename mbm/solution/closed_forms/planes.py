@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -12,6 +11,7 @@ from mbm.problem.manifold import Piece
 from mbm.solution.closed_forms.situation import Candidate, Rows, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 AGREEMENT = 1e-9
 """How well an equation must agree with what it was recognised as, beside its size."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.solution.closed_forms.lines_of_sight import directions
@@ -14,6 +12,7 @@ from mbm.solution.closed_forms.numerics.three_points import poses_from_three
 from mbm.solution.closed_forms.situation import Candidate, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 CENTRAL = 1e-7
 """Change of an image when its point moves along the line of sight, beside that when it moves across."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from mbm.solution.closed_forms.situation import Candidate, Rows, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.layout import Entry
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 NEWTON = 20
 SOLVED = 1e-9

@@ -7,7 +7,7 @@ member, and all members are probed at once, since their rows do not meet.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from mbm.solution.layout import Entry, Layout
 from mbm.solution.scatter import Scatter
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.symbolic.types import ColumnInput
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -7,14 +7,13 @@ one out at a time: what can be left out without making the rest feasible belongs
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.solution.constrained.penalised import least_violation
 from mbm.solution.constrained.types import ConstrainedEquations
 from mbm.solution.forwarding import Forwarding
 from mbm.solution.types import Conflict, Floats, Indices, Mask, Minimum
+from mbm.values import dataclass
 
 TOLERANCE = 1e-10
 STILL = 1e-7

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from mbm.solution.constrained.penalised import Penalised, least_violation, marqu
 from mbm.solution.constrained.sequential import Iterate, begin, merit, run
 from mbm.solution.constrained.types import ConstrainedEquations, Stopped, never
 from mbm.solution.types import Conflict, Floats, Minimum, Reason
+from mbm.values import dataclass
 
 ROUNDS = 14
 """Rounds of the multiplied penalties."""

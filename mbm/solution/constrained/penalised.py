@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.solution.constrained.linearise import violations
@@ -11,6 +9,7 @@ from mbm.solution.constrained.types import ConstrainedEquations, Stopped, never
 from mbm.solution.forwarding import Forwarding
 from mbm.solution.solvers.marquardt import MARQUARDT
 from mbm.solution.types import Equations, Floats, Minimum, Profiled, Reason
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -7,11 +7,10 @@ says where there is no feasible point, and takes no harm from rows that depend o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.solution.types import Floats
+from mbm.values import dataclass
 
 DEPENDENT = 1e-10
 """A unit normal of which less than this part is left beside the active ones depends on them."""

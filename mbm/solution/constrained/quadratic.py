@@ -6,13 +6,12 @@ what is left is turned into the nearest point of a polyhedron.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.solution.constrained.polyhedron import nearest
 from mbm.solution.triangle import triangle
 from mbm.solution.types import Floats, Mask
+from mbm.values import dataclass
 
 REDUNDANT = 1e-10
 """Singular values of the equations (rows of unit length) below this share of the largest are zero."""

@@ -7,7 +7,7 @@ Lagrange function takes over; the last steps are judged by their length because 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf, isfinite, sqrt
 
 import numpy as np
@@ -20,6 +20,7 @@ from mbm.solution.solvers.box import Box, box_of
 from mbm.solution.solvers.scaled import EPSILON
 from mbm.solution.solvers.state import relative_offset
 from mbm.solution.types import Floats, Reason, TraceEntry
+from mbm.values import dataclass
 
 ACCEPT = 1e-4
 """Least share of the promised decrease of the merit that a step must bring."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol, TypeAlias, cast
 
 from mbm.solution.types import Equations, Floats, Mask
+from mbm.values import dataclass
 
 Stopped: TypeAlias = Callable[[], bool]
 """Asked between iterations: the search is to end with the best point so far."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from mbm.solution.implicit.sharing import Some, components, divided, values_of
 from mbm.solution.implicit.system import Part, System
 from mbm.solution.types import Indices, Mask
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 LARGEST = 40_000_000
 """Numbers in the largest matrix of one component: 320 MB, and several of them are needed at once."""

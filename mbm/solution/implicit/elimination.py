@@ -11,7 +11,7 @@ Gauss and Helmert's model (Koch 1999, 3.7; Lenzmann and Lenzmann 2004 on where t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from mbm.solution.implicit.types import CorrectedColumn, Feet
 from mbm.solution.implicit.uncertain import rows_of_groups
 from mbm.solution.scatter import Scatter
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from mbm.problem.types import Problem, RowValues, UncertainColumn
 from mbm.solution.implicit.uncertain import UncertainRows
 from mbm.solution.types import Floats, Indices
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 SAME = 1e-9
 """Relative difference up to which two statements of one standard deviation agree: far above rounding."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from mbm.solution.implicit.steps import spread
 from mbm.solution.types import Floats, Mask
+from mbm.values import dataclass
 
 
 class Root(Protocol):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 
 from mbm.solution.implicit.steps import step
 from mbm.solution.implicit.types import Conditions
 from mbm.solution.types import Floats, Mask
+from mbm.values import dataclass
 
 LAST = 1e-8
 """A Newton step shorter than this, beside 1 + |u| standard deviations, is the last: its square is below rounding."""

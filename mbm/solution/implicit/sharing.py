@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from mbm.solution.implicit.measured import Measured
 from mbm.solution.implicit.uncertain import UncertainRows
 from mbm.solution.types import Indices
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 Some = tuple[tuple[int, Indices], ...]
 """Rows of several groups: the group's number with the positions of the rows in it."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from mbm.kernels.types import Evaluation
 from mbm.solution.binding import Group
 from mbm.solution.implicit.types import Local
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

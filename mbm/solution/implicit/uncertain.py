@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from mbm.solution.binding import Group
 from mbm.solution.types import Indices, Mask
 from mbm.solution.whitening import whitener
 from mbm.symbolic.types import ColumnInput
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

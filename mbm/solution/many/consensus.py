@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +14,7 @@ from mbm.solution.many.stack import Stack
 from mbm.solution.many.types import Descent, Ends, Kept
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Mask
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.solution.native.consensus import ConsensusEnds

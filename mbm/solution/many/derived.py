@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.problem.types import Derived
@@ -11,6 +9,7 @@ from mbm.solution.binding import Group
 from mbm.solution.manifolds import numbers_of_stated, tangent_slopes
 from mbm.solution.many.stack import Stack, stated, stated_slopes
 from mbm.solution.types import Floats
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.solution.types import Floats, Mask
+from mbm.values import dataclass
 
 WELL_DETERMINED = 1e7
 """Condition of the column-scaled Jacobian up to which two rounds of Cholesky decomposition give the factor to rounding

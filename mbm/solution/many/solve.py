@@ -8,13 +8,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
 
 from mbm.kernels.types import KernelSet
-from mbm.problem.tables import CellKey, Table
+from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import EvaluationCache
@@ -24,7 +24,7 @@ from mbm.solution.many.consensus import consensus_descent
 from mbm.solution.many.descent import descent_of
 from mbm.solution.many.stack import Stack, stack
 from mbm.solution.many.suits import asks_for_one_search, suits
-from mbm.solution.many.types import REASONS, Block, Columns, Descent
+from mbm.solution.many.types import REASONS, Begun, Block, Columns, Descent
 from mbm.solution.robust.types import Prepared
 from mbm.solution.selected import SelectedTables
 from mbm.solution.selection import Divided, Selection, divided
@@ -35,6 +35,7 @@ from mbm.solution.types import Floats, Indices, Minimum, Noise
 from mbm.solution.variance import common_factor
 from mbm.solution.weighing import Reached
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 FEW = 8
 """Solves up to which binding them together does not pay."""
@@ -227,7 +228,7 @@ def together(
     tables: Mapping[str, Table],
     settings: Settings,
     cache: EvaluationCache,
-    starts: Callable[[Mapping[str, CellKey]], Mapping[str, Floats]],
+    starts: Begun,
 ) -> Together | None:
     """The solves of a problem to be made together; None where they are to be made one by one.
 
@@ -287,9 +288,11 @@ def _starts(
     tables: Mapping[str, Table],
     cache: EvaluationCache,
     found: Divided,
-    starts: Callable[[Mapping[str, CellKey]], Mapping[str, Floats]],
+    starts: Begun,
 ) -> Floats:
     """The point (T, N) where each solve starts; NaN where a number has none."""
+    if not callable(starts):
+        return np.tile(cache.layouts.of(problem, tables, starts).start, (len(found.combinations), 1))
     columns = problem.request.for_each
     each = (starts(dict(zip(columns, cells, strict=True))) for cells in found.combinations)
     return np.stack([cache.layouts.of(problem, tables, given).start for given in each])

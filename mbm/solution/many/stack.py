@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
@@ -19,6 +19,7 @@ from mbm.solution.many.types import Kept
 from mbm.solution.selection import Divided, Part
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.solution.whitening import Whitener
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

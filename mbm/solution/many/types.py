@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -13,9 +13,14 @@ from mbm.problem.tables import CellKey, Table
 from mbm.solution.layout import Layout
 from mbm.solution.solution import Failure, Skipped, Solution
 from mbm.solution.types import Floats, Indices, Mask, Reason
+from mbm.values import dataclass
 
 REASONS = tuple(Reason)
 """Reasons by number: ``Columns.reason`` counts in this order."""
+
+
+Begun: TypeAlias = Callable[[Mapping[str, CellKey]], Mapping[str, Floats]] | Mapping[str, Floats]
+"""The starts (SI, by name) for the solve with a key, or those of all solves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from mbm.solution.settings import Settings
 from mbm.solution.starting import with_idle_ones
 from mbm.solution.types import Floats
 from mbm.target.solver import consensus_description as c
+from mbm.values import dataclass
 
 UNPAID = 100
 """Times that consensus is asked of one problem after which compiling it pays where nothing keeps it."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +13,10 @@ from mbm.solution.types import Floats, Indices, Mask
 from mbm.target.solver import consensus_description as c
 from mbm.target.solver import description as of
 from mbm.target.solver.workspace import work_reals
+from mbm.values import dataclass
+
+TRIALS = 10
+"""The work of a consensus in units of solves with all rows, as a guess."""
 
 FLAT = 1e-7
 """Extent of stations across their plane beside that along it, below which mirrored places fit them equally well."""
@@ -111,6 +114,7 @@ def consensus_many(
     table[c.ONE_SIDE] = forms is not None and _flat(rules, forms)
     points, states = np.zeros((count, numbers)), np.zeros((count, c.ANSWERS), dtype=np.int64)
     inside, limits, variances = np.zeros(total, dtype=np.int64), np.zeros(total), np.zeros(total)
+    code.expect(count * TRIALS * system.expected)
     routine = code.routine("agree_many", int, int, *[object] * 3, int, *[object] * 18)
 
     def part(first: int, last: int) -> None:

@@ -8,7 +8,7 @@ later data sets need no probing.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from mbm.solution.closed_forms.types import ClosedForm
 from mbm.solution.native.consensus_rules import NO_FORM, Form
 from mbm.solution.types import Floats
 from mbm.target.solver import consensus_description as c
+from mbm.values import dataclass
 
 DRAWS = 6
 """Sets of random data at most that the dependence is learnt from."""
@@ -66,7 +67,9 @@ class KnownForm:
             units = np.full((group.rows, len(group.whiteners), self.form.width), np.nan)
             for each in self.maps:
                 if each.group == number:
-                    units[:, each.whitener] = group.parameters @ each.matrix[:-1] + each.matrix[-1]
+                    # not as a product of matrices: for very many rows BLAS would start threads of its own
+                    told = np.einsum("rp,pw->rw", group.parameters, each.matrix[:-1])
+                    units[:, each.whitener] = told + each.matrix[-1]
             found.append(units.reshape(-1, self.form.width))
         every = np.concatenate(found)
         if self.form.kind == c.SIGHTS:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.problem.types import Consensus, ConsensusKind, Problem
@@ -15,6 +13,7 @@ from mbm.solution.types import Floats, Indices
 from mbm.target.solver import consensus_description as c
 from mbm.target.solver.consensus_order import STATED
 from mbm.target.solver.consensus_scores import GNC, LMEDS, MSAC, RANSAC
+from mbm.values import dataclass
 
 KINDS = {
     ConsensusKind.LMEDS: LMEDS,

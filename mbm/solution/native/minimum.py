@@ -33,7 +33,7 @@ def native_minimum(equations: Equations, start: Floats, settings: Settings) -> M
         return None
     if equations.constraints and settings.constraints is not ConstraintMethod.PENALTY:
         return None
-    system = system_of(equations, settings) if _pays(equations) else None
+    system = system_of(equations, settings) if pays(equations, 1) else None
     if system is None:
         return None
     ends = system.one(start, stopped=settings.stopped if settings.interruption is not None else None)
@@ -70,8 +70,8 @@ def _with_constraints(equations: Assembled, found: Minimum, multipliers: Floats)
     return None if bool(state.violated.any()) else replace(found, constraints=state)
 
 
-def _pays(equations: Assembled) -> bool:
-    """Whether machine code is kept, or there are minima enough to make it for."""
+def pays(equations: Assembled, minima: int) -> bool:
+    """Whether machine code is kept, or there are ``minima`` enough to make it for, with those asked for before."""
     from mbm.kernels.backends.native import NativeBackend
 
     groups = (*equations.groups, *equations.constraints)
@@ -79,5 +79,5 @@ def _pays(equations: Assembled) -> bool:
     if not isinstance(backend, NativeBackend):
         return False
     code = native_code(groups[0].cache.native, backend.store)
-    code.asked += 1
+    code.asked += minima
     return backend.store is not None or code.asked > UNPAID

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from mbm.solution.robust.losses.barron import Barron
 from mbm.solution.types import Floats, Indices
 from mbm.solution.whitening import Whitener
 from mbm.target.solver import description as of
+from mbm.values import dataclass
 
 LOSSES = {
     LossKind.HUBER: of.HUBER,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import field
 from math import sqrt
 from typing import Any
 
@@ -17,6 +18,7 @@ from mbm.solution.sparsity import sparse_suits
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.target.solver import description as of
 from mbm.target.solver.workspace import work_integers, work_reals
+from mbm.values import dataclass
 
 SOLVE = "solve_many"
 KINDS = (*[object] * 9, int, int, *[object] * 9)
@@ -81,7 +83,7 @@ class Stream:
         self._system = system
         self._start = start
         self._rules = rules
-        self._function = system.code.routine(SOLVE, *KINDS).function
+        self._function: Callable[..., int] | None = None
         self._room = self._made(1)
 
     def parameters(self, count: int) -> Floats:
@@ -96,7 +98,7 @@ class Stream:
     def solved(self, count: int) -> StreamEnds:
         """The solves of the first ``count`` data sets."""
         room, rules = self._room, self._rules
-        self._function(*room.before, 0, count, *room.behind)
+        (self._function or self._code(count))(*room.before, 0, count, *room.behind)
         states = room.ends.states[:count]
         cost = room.ends.results[:count, of.COST].copy()
         freedom = states[:, of.FREEDOM]
@@ -112,7 +114,7 @@ class Stream:
     def solved_one(self) -> StreamEnds:
         """The solve of the first data set: what ``solved(1)`` says, with a tenth of its overhead."""
         room, rules = self._room, self._rules
-        self._function(*room.before, 0, 1, *room.behind)
+        (self._function or self._code(1))(*room.before, 0, 1, *room.behind)
         states = room.ends.states[0].tolist()
         cost = room.ends.results.item(0, of.COST)
         freedom = states[of.FREEDOM]
@@ -122,6 +124,15 @@ class Stream:
         if rules.estimated:
             covariance *= cost / max(freedom, 1)
         return StreamEnds(numbers=rules.shown(room.ends.numbers[0]), covariance=covariance, cost=cost, clean=clean)
+
+    def _code(self, count: int) -> Callable[..., int]:
+        """The solver for so many data sets; it stays when there is none that is faster."""
+        code = self._system.code
+        code.expect(count * self._system.expected)
+        found: Callable[..., int] = code.routine(SOLVE, *KINDS).function
+        if code.fast:
+            self._function = found
+        return found
 
     def _made(self, count: int) -> _Room:
         system, rows = self._system, self._system.rows

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices
 from mbm.target.solver import description as of
 from mbm.target.solver.workspace import work_integers, work_reals
+from mbm.values import dataclass
 
 MOST_COORDINATES = 80
 """Beyond, the blocked algebra of LAPACK is faster."""
@@ -103,6 +104,7 @@ class NativeSystem:
         starts = np.ascontiguousarray(points, dtype=np.float64)
         work_size, flags_size = int(work_reals(self.system)), int(work_integers(self.system))
         at_a_time = AT_A_TIME / self._products
+        self.code.expect(count * self.expected)
 
         def part(first: int, last: int) -> None:
             work, flags = np.empty(work_size), np.empty(flags_size, dtype=np.int64)
@@ -132,6 +134,11 @@ class NativeSystem:
         return ends
 
     @property
+    def expected(self) -> float:
+        """Products of one solve, as a guess."""
+        return ITERATIONS_OF_MANY * self._products
+
+    @property
     def _products(self) -> float:
         """Products in one iteration, about."""
         return float(self.system[of.RESIDUALS]) * (self.dimension + 4) ** 2
@@ -155,6 +162,7 @@ class NativeSystem:
         begun = np.ascontiguousarray(start, dtype=np.float64)
         work, flags = np.empty(int(work_reals(self.system))), np.empty(int(work_integers(self.system)), dtype=np.int64)
         most = 1 if stopped is not None else int(max(AT_A_TIME / self._products, 1))
+        self.code.expect(self.expected)
         self._alone(begun, which, ends.arrays(), (work, flags), most, stopped or never)
         return ends
 
@@ -209,11 +217,13 @@ def system_of(
     settings: Settings,
     *,
     direct: bool | None = None,
+    strict: bool = True,
     most_rows: Sequence[int] | None = None,
 ) -> NativeSystem | None:
     """The equations of one data set for the native solver; None: they are not for it.
 
     ``direct``: the one step of affine equations (None: where they are affine and nothing else is asked for).
+    ``strict``: solves end at once where their Jacobian is not of full rank; else they go on, for the best they can get.
     ``most_rows`` of each group, where data sets of some of the rows are to be solved (None: all of them are one).
     """
     from mbm.kernels.backends.native import NativeBackend
@@ -231,7 +241,7 @@ def system_of(
         boxed = np.isfinite(equations.lower).any() or np.isfinite(equations.upper).any() or equations.positive.any()
         direct = equations.linear and not (equations.constraints or boxed) and settings.method is Method.AUTO
     rows = [g.rows for g in groups] if most_rows is None else list(most_rows)
-    key = (structure_of(equations), settings.max_iterations, settings.tolerance, direct)
+    key = (structure_of(equations), settings.max_iterations, settings.tolerance, direct, strict)
     known = code.systems.get(key)
     if known is None or any(a > b for a, b in zip(rows, known.rows, strict=True)):
         room = rows if known is None else [max(a, b) for a, b in zip(rows, known.rows, strict=True)]
@@ -243,6 +253,7 @@ def system_of(
             iterations=settings.max_iterations,
             tolerance=settings.tolerance,
             direct=direct,
+            strict=strict,
         )
         known = code.systems[key] = Described(rows=tuple(room), system=system, constants=constants)
     return NativeSystem(

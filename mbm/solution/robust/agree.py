@@ -7,7 +7,7 @@ until those stay the same. Nothing here knows what is measured.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import sqrt
 
 import numpy as np
@@ -25,6 +25,7 @@ from mbm.solution.robust.trials import Trials
 from mbm.solution.robust.units import STATED, Units, consistency, robust_variance
 from mbm.solution.robust.units import limits as deviation_limits
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.values import dataclass
 
 CANDIDATES = 10
 """Trials that are improved."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from mbm.solution.robust.units import STATED, Units
 from mbm.solution.solvers.batched import minimise_all
 from mbm.solution.sparsity import sparse_suits
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.values import dataclass
 
 FIT_STEPS = 12
 """Steps of the fit to one subset: those that need more are nearly degenerate."""

@@ -9,13 +9,13 @@ number of components, ``A = Σ w JᵀJ`` is the information that the weights lea
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
 from mbm.solution.covariance import in_datum
 from mbm.solution.robust.losses.function import LossFunction
 from mbm.solution.types import Covariance, Floats, Indices, Mask, Observability
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, eq=False)

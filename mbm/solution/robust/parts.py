@@ -6,7 +6,7 @@ Sixty places from twelve ranges each need sixty clean triples: no trial has them
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from mbm.solution.robust.agree import Agreed, agree
 from mbm.solution.robust.binding import trials_of_part
 from mbm.solution.robust.units import STATED, Units
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, eq=False)

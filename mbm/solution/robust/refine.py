@@ -7,7 +7,6 @@ concentration steps of Rousseeuw and Van Driessen 2006). So every accepted step 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from mbm.solution.robust.trials import Trials
 from mbm.solution.robust.units import STATED, Units, medians
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 DAMPING = 1e-6
 """First damping, relative to the diagonal of the normal equations: candidates are near their fit."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from types import MappingProxyType
 
 import numpy as np
@@ -12,6 +12,7 @@ from mbm.solution.assembly import Assembled
 from mbm.solution.starting import Beginning
 from mbm.solution.types import Floats, Noise
 from mbm.text.types import Diagnostic
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -6,13 +6,13 @@ component and carried over to d by the probability: all units of good measuremen
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import erfc, sqrt
 
 import numpy as np
 
 from mbm.solution.gamma import chi_square_tail
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.values import dataclass
 
 CUT = 2.5
 """Robust standard deviations beyond which a unit of one component is an outlier (Rousseeuw and Leroy 1987, 5.1)."""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 from mbm.expression.nodes import Apply, Column, Component, Expression, Number, Operation, RowChoice, leaves
 from mbm.problem.tables import ROW
 from mbm.problem.types import Block, BlockRole, Equation, Problem
 from mbm.solution.simulation import faults
 from mbm.text.types import Diagnostic, MbmError
+from mbm.values import dataclass
 
 _SUMS = frozenset({Operation.ADD, Operation.SUBTRACT, Operation.NEGATE, Operation.WRAP, Operation.AS_ANGLE})
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from mbm.problem.tables import ROW, CellKey, Table
 from mbm.solution.layout import Entry, Layout
 from mbm.solution.types import Floats, Indices
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from mbm.solution.simulation.rows import solved_rows, spread_of
 from mbm.solution.simulation.types import Cells, FactorsFinder, Simulating, Simulation, Truth, ValuesFinder
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.text.types import Diagnostic, MbmError
+from mbm.values import dataclass
 
 
 def simulate(found: Elaborated, values: ValuesFinder, factors: FactorsFinder, asked: Simulating) -> Simulation:

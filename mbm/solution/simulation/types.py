@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from types import MappingProxyType
 
 from mbm.kernels.types import KernelSet
@@ -12,6 +12,7 @@ from mbm.solution.binding import EvaluationCache
 from mbm.solution.layout import Layout
 from mbm.solution.types import Floats, Indices
 from mbm.text.types import Diagnostic
+from mbm.values import dataclass
 
 ValuesFinder = Callable[[Mapping[str, CellKey]], Mapping[str, Floats]]
 """The true values (SI, by name) for the solve with a key; NaN or absent where none is given."""

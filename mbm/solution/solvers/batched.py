@@ -8,13 +8,13 @@ business of the solvers for one point. A trial never ends worse than it began, a
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from mbm.solution.solvers.box import KEEP
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.values import dataclass
 
 DAMPING = 1e-3
 """Damping at the start, relative to the diagonal of the normal equations (Nielsen 1999)."""
@@ -85,13 +85,14 @@ class Batched:
     """Where the trials ended: ``points`` (T, N), ``cost`` (T,) = Σ r², inf where a start has no finite value.
 
     ``settled`` (T,): the next step promises next to nothing; the others ran out of ``iterations`` (T,) or of finite
-    points.
+    points. ``evaluations`` (T,) of the equations were made on the way.
     """
 
     points: Floats
     cost: Floats
     settled: Mask
     iterations: Indices
+    evaluations: Indices
 
 
 @np.errstate(all="ignore")
@@ -128,6 +129,7 @@ def joined(parts: Sequence[Batched]) -> Batched:
         cost=np.concatenate([p.cost for p in parts]),
         settled=np.concatenate([p.settled for p in parts]),
         iterations=np.concatenate([p.iterations for p in parts]),
+        evaluations=np.concatenate([p.evaluations for p in parts]),
     )
 
 
@@ -161,7 +163,13 @@ class _State:
     def answer(self) -> Batched:
         """Where the trials are."""
         self._points[self.moving], self._cost[self.moving] = self._now.points, self._now.cost
-        return Batched(points=self._points, cost=self._cost, settled=self._settled, iterations=self._iterations)
+        return Batched(
+            points=self._points,
+            cost=self._cost,
+            settled=self._settled,
+            iterations=self._iterations,
+            evaluations=self._iterations + 1,
+        )
 
     def advance(self) -> None:
         """One step of every trial that still moves."""

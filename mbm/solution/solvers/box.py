@@ -8,7 +8,6 @@ such steps ends in the exact minimum (Kuhn-Tucker point), as in bounded-variable
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import sqrt
 from typing import TypeAlias
 
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from mbm.solution.solvers.scaled import Scaled, decompose
 from mbm.solution.types import Equations, Floats, Mask
+from mbm.values import dataclass
 
 StepRule: TypeAlias = Callable[[Scaled, float], Floats]
 """From the decomposition and the trust radius to a step in scaled coordinates."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from mbm.solution.solvers.box import box_of
 from mbm.solution.solvers.state import State, answer, begin, place_at
 from mbm.solution.types import Equations, Floats, Minimum, Reason, TraceEntry
+from mbm.values import dataclass
 
 REFINEMENTS = 2
 """Corrections from the residuals at the new point: they restore the digits that a bad start or conditioning costs."""

@@ -5,13 +5,13 @@ Never the normal equations: tall Jacobians are first reduced by one QR of ``[J r
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf, sqrt
 
 import numpy as np
 
 from mbm.solution.triangle import triangle
 from mbm.solution.types import Equations, Floats, Mask
+from mbm.values import dataclass
 
 TALL = 4
 LARGE = 3000

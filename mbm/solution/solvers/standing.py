@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.solution.solvers.state import State, answer, begin
 from mbm.solution.types import Equations, Floats, Minimum, Reason
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

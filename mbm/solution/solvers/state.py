@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf, isfinite, sqrt
 
 import numpy as np
@@ -11,6 +10,7 @@ from mbm.solution.solvers.box import Box, Step, box_of, boxed_step
 from mbm.solution.solvers.curvature import newton_step
 from mbm.solution.solvers.scaled import EPSILON, ROUNDED, Scaled, column_norms, decompose, magnitudes, turning
 from mbm.solution.types import Equations, Floats, Mask, Minimum, Reason, TraceEntry
+from mbm.values import dataclass
 
 UNSCALED = 1e-3
 """A start so much shorter (as ‖scale · x‖) than the residuals says nothing about how far to go."""

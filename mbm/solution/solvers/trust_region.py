@@ -8,7 +8,7 @@ of the sum of squares, because the sum of squares stops telling points apart at 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import isfinite, sqrt
 
 import numpy as np
@@ -17,6 +17,7 @@ from mbm.solution.solvers.box import Step, StepRule, boxed_step
 from mbm.solution.solvers.curvature import remaining, residual_curvature, spread_of
 from mbm.solution.solvers.state import Place, State, answer, begin, place_at
 from mbm.solution.types import Equations, Floats, Minimum, Reason, TraceEntry
+from mbm.values import dataclass
 
 ACCEPT = 1e-4
 """Least share of the promised decrease that a step must bring (MINPACK)."""

@@ -5,7 +5,6 @@ About twice as fast as the fronts of this package on large pose graphs. The inve
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 from mbm.solution.sparse.cholesky import factorise
 from mbm.solution.sparse.fronts import Fronts
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

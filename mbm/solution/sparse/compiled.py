@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from mbm.solution.sparse.routines import HEAVY, Argument, Routines, routines
 from mbm.solution.sparse.structure import Structure, Values
 from mbm.solution.types import Floats, Indices
 from mbm.target.blocks.names import product_name
+from mbm.values import dataclass
 
 NARROW = 512
 """Columns up to which the reduced matrix stays in the cache (2 MB), and is best added to member by member."""

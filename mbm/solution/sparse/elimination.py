@@ -9,12 +9,11 @@ With ``A = L Lᵀ`` the diagonal blocks of the family, ``W`` its coupling to the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.solution.sparse.normal import Normal, NormalPattern
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 WORTH = 8
 """A family is eliminated if it has at least so many members …"""

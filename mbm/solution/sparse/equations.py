@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.kernels.types import Backend
@@ -15,6 +13,7 @@ from mbm.solution.robust.losses.rooted import rooted_jacobian
 from mbm.solution.sparse.arithmetic import Arithmetic
 from mbm.solution.sparse.structure import BlockFamily, Piece, Structure, structure
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.values import dataclass
 
 WIDEST = 12
 """Coordinates of an unknown that stay together in one block; those of longer vectors and arrays are blocks of one."""

@@ -7,11 +7,10 @@ columns wide.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.solution.types import Indices
+from mbm.values import dataclass
 
 RELAXED = ((32, 0.8), (96, 0.3), (1 << 40, 0.05))
 """Share of zeros that a front may hold after joining its child, by its number of columns (as CHOLMOD does)."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from mbm.solution.sparse.elimination import Elimination
 from mbm.solution.sparse.normal import Contribution, Normal, NormalPattern
 from mbm.solution.sparse.structure import Structure, Values
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 SHARED = 24
 """Rows per block from which one product of tall matrices is cheaper than many small ones that are added up."""

@@ -8,13 +8,13 @@ once more, to the least norm in the coordinates themselves.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from mbm.solution.sparse.structure import Values
 from mbm.solution.sparse.system import Factorised
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.values import dataclass
 
 LEAST = 1e-6
 """A coordinate whose share in a free direction of unit length is below this is not touched by it."""

@@ -7,7 +7,7 @@ the dense solvers end: at a relative offset below the tolerance (Bates and Watts
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf, isfinite
 
 import numpy as np
@@ -22,6 +22,7 @@ from mbm.solution.sparse.place import BlockEquations, Place, inside, moved, norm
 from mbm.solution.sparse.structure import BlockJacobian, Structure, Values
 from mbm.solution.sparse.system import Factorised, Plan, factorised, plan
 from mbm.solution.types import Equations, Floats, Minimum, Reason, TraceEntry
+from mbm.values import dataclass
 
 COMPILED = 50_000
 """Numbers in the Jacobian from which compiled routines are worth compiling for."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf, sqrt
 from typing import Protocol, runtime_checkable
 
@@ -15,6 +14,7 @@ from mbm.solution.sparse.normal import Normal
 from mbm.solution.sparse.structure import Structure, Values
 from mbm.solution.sparse.system import Plan
 from mbm.solution.types import Equations, Floats, Mask
+from mbm.values import dataclass
 
 NOISE = 4.0 * float(np.finfo(np.float64).eps)
 """Rounding of a residual, relative to the terms that it is made of."""

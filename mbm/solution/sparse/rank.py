@@ -7,7 +7,7 @@ inverse iteration (block of trial vectors, Rayleigh-Ritz). Whether a direction i
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from mbm.solution.sparse.normal import Normal
 from mbm.solution.sparse.structure import Values
 from mbm.solution.sparse.system import Factorised, Plan, factorised
 from mbm.solution.types import Floats, Mask
+from mbm.values import dataclass
 
 TRIALS = 12
 MOST = 96

@@ -6,7 +6,6 @@ import ctypes
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.kernels.native.engine import Library

@@ -7,12 +7,13 @@ zero in the Jacobian), so that all work on a family goes through arrays of shape
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.solution.sparse.system import Plan

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from mbm.solution.sparse.interpreted import interpreted
 from mbm.solution.sparse.normal import Normal, NormalPattern, normal_pattern
 from mbm.solution.sparse.structure import Structure, Values
 from mbm.solution.types import Floats, Indices
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.kernels.store import Store

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.problem.types import ConsensusKind
 from mbm.solution.robust.units import Units, medians
 from mbm.solution.types import Floats
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mbm.solution.types import Floats
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.solution.robust.losses.types import RobustLoss

@@ -5,12 +5,11 @@ Geman and McClure (1985).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.problem.kinds import LossKind
 from mbm.solution.types import Floats
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

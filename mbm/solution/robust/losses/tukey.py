@@ -5,12 +5,11 @@ Beaton and Tukey (1974).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbm.problem.kinds import LossKind
 from mbm.solution.types import Floats
+from mbm.values import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

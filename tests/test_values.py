@@ -1,0 +1,117 @@
+"""`mbm.values.dataclass` does what `dataclasses.dataclass` does."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from dataclasses import FrozenInstanceError, dataclass, field, fields, is_dataclass, replace
+
+import pytest
+
+from mbm import values
+
+
+def pair(options, namespace):
+    """The same class made by the standard library and by ours; ``namespace`` makes its body anew for each."""
+    return [decorate(**options)(type("Thing", (), namespace())) for decorate in (dataclass, values.dataclass)]
+
+
+def body():
+    return {
+        "__annotations__": {"a": "int", "b": "list[int]", "c": "str", "hidden": "int"},
+        "__module__": __name__,
+        "b": field(default_factory=list),
+        "c": "x",
+        "hidden": field(default=3, compare=False, repr=False),
+    }
+
+
+OPTIONS = [
+    {"frozen": frozen, "slots": slots, "kw_only": kw_only, "eq": eq}
+    for frozen in (True, False)
+    for slots in (True, False)
+    for kw_only in (True, False)
+    for eq in (True, False)
+]
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+def test_values_behave_as_those_of_the_standard_library(options):
+    theirs, ours = pair(options, body)
+    for cls in (theirs, ours):
+        first, second, other = cls(a=1), cls(a=1, hidden=4), cls(a=2, b=[1])
+        assert (first == second) is options["eq"]
+        assert first != other
+        assert is_dataclass(cls)
+        assert [f.name for f in fields(cls)] == ["a", "b", "c", "hidden"]
+        assert first.b == []
+        assert first.b is not second.b
+        assert replace(other, c="y").c == "y"
+        assert repr(other) == "Thing(a=2, b=[1], c='x')"
+        assert cls.__match_args__ == (() if options["kw_only"] else ("a", "b", "c", "hidden"))
+        assert hasattr(first, "__dict__") is not options["slots"]
+        assert copy.copy(other).b is other.b
+        for wrong in ({}, {"a": 1, "z": 2}):
+            with pytest.raises(TypeError):
+                cls(**wrong)
+        if options["kw_only"]:
+            with pytest.raises(TypeError):
+                cls(1)
+        else:
+            assert cls(1, [2], "z").c == "z"
+        if options["frozen"]:
+            with pytest.raises(FrozenInstanceError):
+                first.a = 2
+            with pytest.raises(FrozenInstanceError):
+                del first.a
+        else:
+            first.a = 7
+            assert first.a == 7
+    assert values.is_frozen(ours) is options["frozen"]
+    assert not values.is_frozen(theirs)
+
+
+def test_hashes_follow_equality():
+    def namespace():
+        return {
+            "__annotations__": {"a": "int", "b": "str"},
+            "__module__": __name__,
+            "b": field(default="", compare=False),
+        }
+
+    for cls in pair({"frozen": True, "slots": True}, namespace):
+        assert hash(cls(1, "x")) == hash(cls(1, "y"))
+        assert {cls(1, "x"): 5}[cls(1, "z")] == 5
+    for cls in pair({"slots": True}, namespace):
+        with pytest.raises(TypeError):
+            hash(cls(1))
+
+
+@values.dataclass(frozen=True, slots=True)
+class Base:
+    a: int
+
+    def doubled(self) -> int:
+        return 2 * self.a
+
+
+@values.dataclass(frozen=True, slots=True, kw_only=True)
+class Derived(Base):
+    b: int = 2
+    c: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "c", self.a + self.b)
+
+
+def test_inheritance_post_init_pickles_and_patterns():
+    value = Derived(1, b=5)
+    assert (value.c, value.doubled(), repr(value)) == (6, 2, "Derived(a=1, b=5, c=6)")
+    assert pickle.loads(pickle.dumps(value)) == value  # noqa: S301 - of this test
+    assert Base(1) != value
+    match Base(4):
+        case Base(found):
+            assert found == 4
+    with pytest.raises(AttributeError):
+        object.__setattr__(value, "d", 1)
+    assert Derived(3).c == 5
