@@ -5,6 +5,8 @@ from __future__ import annotations
 import mbm
 from benchmarks.machine import best, machine, show
 from benchmarks.scenes import RANGE, REPROJECTION, range_rows, reprojection_rows
+from mbm.solution.minimise import minimise
+from mbm.solution.settings import settings_of
 
 FEW, MANY = 2_000, 200_000
 PROBLEMS = {"range": (RANGE, "ranges", range_rows), "reprojection": (REPROJECTION, "marks", reprojection_rows)}
@@ -21,11 +23,13 @@ def measured(name: str, rows: int, backend: str) -> dict[str, float]:
     equations, start = compiled._assembled()
     equations.residuals(start)
     equations.jacobian(start)
+    settings = settings_of(compiled.elaborated.problem.request)
     return {
         "derive": best(lambda: compiler.derived(compiled.elaborated)),
         "assemble": best(compiled._assembled),
         "residuals": best(lambda: equations.residuals(start)),
         "Jacobian": best(lambda: equations.jacobian(start)),
+        "minimum": best(lambda: minimise(equations, start, settings), 3),
         "solve": best(compiled.solve, 2),
     }
 

@@ -94,7 +94,7 @@ class CompiledProblem:
             seed: every random choice follows from it.
             method: ``auto``, ``lm``, ``dogleg`` or ``gauss-newton``.
             covariance_full: keep covariance matrices however large.
-            workers: threads that share many solves; None: one for each processor. Answers do not depend on it.
+            workers: threads that share many solves or starts; None: one a processor. Answers do not depend on it.
 
         Raises:
             MbmError: the data do not go with the problem.

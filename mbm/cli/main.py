@@ -149,7 +149,8 @@ def _report_click(error: click.ClickException, arguments: Sequence[str]) -> int:
 
     context = error.ctx if isinstance(error, click.UsageError) else None
     command = "mbm" if context is None else context.command_path
-    report_failure((faults.bad_call(error.format_message(), command),), arguments)
+    message = " ".join(error.format_message().split())  # click lists choices on lines of their own
+    report_failure((faults.bad_call(message, command),), arguments)
     return WRONG
 
 

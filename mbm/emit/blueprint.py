@@ -16,6 +16,7 @@ from mbm.emit.types import (
     CaseProgram,
     ColumnValue,
     ConstantShape,
+    DerivedShape,
     EquationShape,
     GivenTable,
     RowPrograms,
@@ -31,7 +32,7 @@ from mbm.kernels.types import Kernel, KernelSet
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.kinds import Relation
 from mbm.problem.manifold import Manifold, Piece
-from mbm.problem.types import Block, BlockRole, Equation, Loss, Problem, RowValues, Unknown, UnknownKind
+from mbm.problem.types import Block, BlockRole, Derived, Equation, Loss, Problem, RowValues, Unknown, UnknownKind
 from mbm.symbolic.printing import printed
 from mbm.symbolic.types import Purpose, ResidualBlock, Slot, SymbolicModel
 
@@ -79,6 +80,7 @@ class _Drafting:
         problem = self.problem
         unknowns = self._unknowns()
         blocks = tuple(self._block(i, block) for i, block in enumerate(problem.blocks))
+        derived = tuple(self._derived(i, each) for i, each in enumerate(problem.derived))
         filters = {
             plan.name: None if plan.where is None else self._rows(plan.where, f"{plan.name}_kept")
             for plan in problem.plans
@@ -90,19 +92,21 @@ class _Drafting:
         )
         links = tuple(self.places.links.values())
         families = tuple(self.places.families.values())
-        used = used_columns(blocks, unknowns, tuple(filters.values()), links, families)
+        used = used_columns((*blocks, *derived), unknowns, tuple(filters.values()), links, families)
         tables = tuple(self._table(plan.name, filters[plan.name], used) for plan in problem.plans)
+        counted = {*(f.table for f in families), *(d.table for d in derived)}
         return Blueprint(
             name=problem.name,
             identifier=self.name,
             version=version,
             doc=problem.doc,
-            tables=tuple(t for t in tables if t.columns or t.name in {f.table for f in families}),
+            tables=tuple(t for t in tables if t.columns or t.name in counted),
             links=links,
             families=families,
             constants=constants,
             unknowns=unknowns,
             blocks=blocks,
+            derived=derived,
             for_each=problem.request.for_each,
             settings=SolverSettings(max_iterations=problem.request.max_iterations, tolerance=problem.request.tolerance),
             references=self.references,
@@ -170,10 +174,7 @@ class _Drafting:
         lower, upper = rows(unknown.start_lower, "least_start"), rows(unknown.start_upper, "greatest_start")
         known = self.references[0] if self.references else None
         begun = () if unknown.family is not None or known is None else known.start
-        # what was given from outside, and starts that do not lead to the answer, become numbers
-        replaced = unknown.name in self.found.starts or (
-            known is not None and not known.stated and not self.problem.request.for_each and unknown.family is None
-        )
+        replaced = unknown.name in self.found.starts  # what was given from outside becomes numbers
         fallback = tuple(float(v) for v in begun[first : first + unknown.size])
         return UnknownShape(
             name=unknown.name,
@@ -241,6 +242,35 @@ class _Drafting:
             noise=self._case(block.table, case.static, noise) if block.role is not BlockRole.CONSTRAINT else None,
             input_names=tuple(s.name for s in (*symbolic.variable_symbols, *symbolic.parameter_symbols)),
             text=(*lines.definitions, *(f"0 {sign} {line}" for line in lines.components)),
+        )
+
+    def _derived(self, number: int, derived: Derived) -> DerivedShape:
+        identifier = self.values.made(derived.name)
+        mine = [(k, b) for k, b in self.pairs if k.purpose is Purpose.DERIVED and k.owner == number]
+        return DerivedShape(
+            name=derived.name,
+            identifier=identifier,
+            table=derived.table,
+            size=len(derived.cases[0].values) if derived.cases else 0,
+            cases=tuple(self._value(derived, identifier, kernel, symbolic) for kernel, symbolic in mine),
+            unit="" if derived.unit is None else derived.unit.symbol,
+            factor=1.0 if derived.unit is None else derived.unit.factor,
+        )
+
+    def _value(self, derived: Derived, name: str, kernel: Kernel, symbolic: ResidualBlock) -> BlockCase:
+        case, many = derived.cases[kernel.case], len(derived.cases) > 1
+        lines = printed(symbolic, latex=False)
+        return BlockCase(
+            identifier=self.names.made(f"{name}_{kernel.case + 1}") if many else self.names.made(name),
+            kernel=kernel,
+            static=self.places.static(derived.table, case.static),
+            variables=tuple(self._slot(s, derived.table) for s in kernel.variables),
+            tangents=tuple(self._slot(s, derived.table) for s in kernel.tangents),
+            parameters=tuple(self.places.parameter(p, derived.table) for p in kernel.parameters),
+            equations=(),
+            noise=None,
+            input_names=tuple(s.name for s in (*symbolic.variable_symbols, *symbolic.parameter_symbols)),
+            text=(*lines.definitions, *(f"{derived.name} = {line}" for line in lines.components)),
         )
 
     def _equation(self, block: Block, equation: Equation, first: int) -> EquationShape:

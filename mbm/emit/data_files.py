@@ -41,7 +41,10 @@ def _field(text: str) -> str:
 
 
 def _references(blueprint: Blueprint) -> str:
-    """``spread`` is the standard deviation by which a difference is measured where the number itself is small."""
+    """``spread`` is the standard deviation by which a difference is measured where the number itself is small.
+
+    ``start`` is where the test begins, where that is not where the solver begins by itself.
+    """
     lines = ["solve,what,row,column,value,spread"]
     for number, reference in enumerate(blueprint.references):
         lines += [f"{number + 1},{line}" for line in _reference(reference)]
@@ -52,12 +55,20 @@ def _reference(reference: Reference) -> Iterator[str]:
     yield f"status,0,0,{STATUSES.index(reference.status)},0"
     if reference.status != "converged":
         return
+    for i, value in enumerate(() if reference.elsewhere is None else reference.elsewhere):
+        if np.isfinite(value):
+            yield f"start,{i},0,{float(value)!r},0"
     spread = reference.spread
     for i, value in enumerate(reference.numbers):
         if np.isfinite(value):
             yield f"number,{i},0,{float(value)!r},{float(spread[i])!r}"
     yield f"freedom,0,0,{reference.dof},0"
     yield f"cost,0,0,{reference.cost!r},1"
+    for number, (values, sigmas) in enumerate(reference.derived):
+        for i, (value, own) in enumerate(zip(values.ravel().tolist(), sigmas.ravel().tolist(), strict=True)):
+            if np.isfinite(value) and np.isfinite(own):
+                yield f"derived,{number},{i},{value!r},{own!r}"
+                yield f"derived sigma,{number},{i},{own!r},{own!r}"
     covariance = reference.covariance
     sigma = np.sqrt(np.diag(covariance))
     for i in range(len(covariance)):

@@ -8,6 +8,7 @@ from mbm.emit.types import (
     BlockShape,
     Blueprint,
     ColumnValue,
+    DerivedShape,
     FamilyShape,
     InputValue,
     Link,
@@ -17,7 +18,7 @@ from mbm.emit.types import (
 
 
 def used_columns(
-    blocks: Iterable[BlockShape],
+    blocks: Iterable[BlockShape | DerivedShape],
     unknowns: Iterable[UnknownShape],
     filters: Iterable[RowPrograms | None],
     links: Iterable[Link],
@@ -38,16 +39,19 @@ def used_columns(
 
 def every_value(blueprint: Blueprint) -> Iterator[InputValue]:
     """Every cell and constant that a solver reads, keys included."""
-    yield from _values(blueprint.blocks, blueprint.unknowns, (t.where for t in blueprint.tables))
+    yield from _values((*blueprint.blocks, *blueprint.derived), blueprint.unknowns, (t.where for t in blueprint.tables))
     yield from (link.cell for link in blueprint.links if isinstance(link.cell, ColumnValue))
 
 
 def _values(
-    blocks: Iterable[BlockShape], unknowns: Iterable[UnknownShape], filters: Iterable[RowPrograms | None]
+    blocks: Iterable[BlockShape | DerivedShape],
+    unknowns: Iterable[UnknownShape],
+    filters: Iterable[RowPrograms | None],
 ) -> Iterator[InputValue]:
     for block in blocks:
-        yield from block.distinct
-        yield from _of_rows(block.when)
+        if isinstance(block, BlockShape):
+            yield from block.distinct
+            yield from _of_rows(block.when)
         for case in block.cases:
             yield from (value for value, _ in case.static)
             yield from case.parameters

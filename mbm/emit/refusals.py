@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from mbm.emit import faults
-from mbm.expression.nodes import Column, leaves
+from mbm.expression.nodes import Column, Expression, leaves
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.types import BlockRole, Gauge, Method, Problem, Unknown
 from mbm.text.types import Diagnostic, MbmError
@@ -21,7 +21,8 @@ def refuse(found: Elaborated) -> None:
         MbmError: with everything found.
 
     """
-    faults_found = [*_data(found.problem), *_request(found.problem), *_blocks(found.problem)]
+    problem = found.problem
+    faults_found = [*_data(problem), *_request(problem), *_keys(found), *_blocks(problem), *_derived(problem)]
     count = sum(
         u.freedom * (1 if u.family is None else len(found.tables[u.family.rows])) for u in found.problem.unknowns
     )
@@ -67,20 +68,27 @@ def _request(problem: Problem) -> Iterator[Diagnostic]:
         yield faults.not_emitted(
             place, "`:starts`", "a generated solver iterates from one start, which its caller gives"
         )
-    if request.for_each:
-        yield from _keys(problem)
     for unknown in problem.unknowns if request.for_each else ():
         if unknown.family is None and _startless(unknown):
             why = "each data set needs a start, and none is stated: state one with `:init`"
             yield faults.not_emitted(unknown.span, f"`for-each` with `{unknown.name}`", why)
 
 
-def _keys(problem: Problem) -> Iterator[Diagnostic]:
-    """`for-each` over columns that stand together in one table that keeps all its rows."""
+def _keys(found: Elaborated) -> Iterator[Diagnostic]:
+    """`for-each` over columns that stand together in a table, where tables keep all their rows."""
+    problem, keys = found.problem, found.problem.request.for_each
+    if not keys:
+        return
     if any(plan.where is not None for plan in problem.plans):
         yield faults.not_emitted(
             problem.span, "`for-each` with `:where`", "the program would have to know both at once"
         )
+    tables = [found.raw[plan.name].columns for plan in problem.plans]
+    if not any(set(keys) <= set(columns) for columns in tables):
+        why = "no table has all of its columns, and generated solvers do not try every combination"
+        yield faults.not_emitted(problem.span, "this `for-each`", why)
+    if any(len({columns[key].is_text for columns in tables if key in columns}) > 1 for key in keys):
+        yield faults.not_emitted(problem.span, "this `for-each`", "a key is a text in one table, a number in another")
 
 
 def _blocks(problem: Problem) -> Iterator[Diagnostic]:
@@ -89,8 +97,25 @@ def _blocks(problem: Problem) -> Iterator[Diagnostic]:
         if block.errors:
             yield faults.not_emitted(block.span, "`:errors`", "generated solvers take measured columns as exact")
         nodes = [n for case in block.cases for e in case.equations for n in (*e.components, *e.noise)]
-        if any(isinstance(leaf, Column) and leaf.sampling is not None for leaf in leaves(tuple(nodes))):
+        if _sampled(nodes):
             yield faults.not_emitted(block.span, "`sample`", "generated solvers do not interpolate tables")
         if block.role is BlockRole.CONSTRAINT and lossy is not None:
             what = f"the constraint beside the loss of `{lossy.name}`"
             yield faults.not_emitted(block.span, what, "generated solvers have no covariance for both together")
+
+
+def _derived(problem: Problem) -> Iterator[Diagnostic]:
+    families = {u.family.rows for u in problem.unknowns if u.family is not None and u.family.column is not None}
+    for derived in problem.derived:
+        what = f"the derived quantity `{derived.name}`"
+        if derived.kind is not None:
+            yield faults.not_emitted(derived.span, what, "generated solvers derive numbers, no rotations or motions")
+        if derived.table in families:
+            yield faults.not_emitted(derived.span, what, "it is derived for each distinct value of a column")
+        if _sampled([n for case in derived.cases for n in case.values]):
+            yield faults.not_emitted(derived.span, what, "generated solvers do not interpolate tables")
+
+
+def _sampled(nodes: Sequence[Expression]) -> bool:
+    """Whether a table is interpolated."""
+    return any(isinstance(leaf, Column) and leaf.sampling is not None for leaf in leaves(tuple(nodes)))

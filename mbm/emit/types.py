@@ -171,7 +171,7 @@ class UnknownShape:
     ``pieces`` are the parts of its manifold in order: label, numbers, coordinates. ``unit`` has ``factor`` in SI.
     ``bounded`` are the coordinates that
     ``lower`` and ``upper`` speak of; ``fallback`` are the numbers to begin with where the problem states none, or
-    (``replaced``) instead of what it states.
+    (``replaced``) instead of what it states, given by the caller of the compiler.
     """
 
     name: str
@@ -255,6 +255,22 @@ class BlockShape:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class DerivedShape:
+    """A quantity computed from the estimates: ``size`` numbers, once or for each kept row of ``table``.
+
+    Its cases have no equations and no noise. ``unit`` has ``factor`` in SI.
+    """
+
+    name: str
+    identifier: str
+    table: str | None
+    size: int
+    cases: tuple[BlockCase, ...]
+    unit: str
+    factor: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ConstantShape:
     """An element of a constant, in SI."""
 
@@ -276,8 +292,10 @@ class Reference:
     """What ``mbm solve`` answered for the data of compile time, one for each solve: what the test wants to see again.
 
     ``numbers`` (N,) are the estimates in SI, ``spread`` (N,) the standard deviations of plain ones (0 else),
-    ``covariance`` (n, n) that of the estimated coordinates (NaN: not determined). ``start`` (N,) is where the iteration
-    begins, ``stated`` False where the problem's own starts do not lead to the answer.
+    ``covariance`` (n, n) that of the estimated coordinates (NaN: not determined). ``start`` (N,) is where the solver
+    begins: as the problem states, and where it states nothing at the answer. ``elsewhere`` (N,) is where the test
+    begins instead (None: at ``start``): where that is the answer, or does not lead there. ``derived`` has values and
+    standard deviations (rows, size) of each derived quantity.
     """
 
     key: Mapping[str, CellKey]
@@ -285,10 +303,11 @@ class Reference:
     numbers: Floats
     spread: Floats
     covariance: Floats
+    derived: tuple[tuple[Floats, Floats], ...]
     cost: float
     dof: int
     start: Floats
-    stated: bool
+    elsewhere: Floats | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -336,6 +355,7 @@ class Blueprint:
     constants: tuple[ConstantShape, ...]
     unknowns: tuple[UnknownShape, ...]
     blocks: tuple[BlockShape, ...]
+    derived: tuple[DerivedShape, ...]
     for_each: tuple[str, ...]
     settings: SolverSettings
     references: tuple[Reference, ...]

@@ -26,6 +26,20 @@ def described(blueprint: Blueprint) -> Iterator[str]:
     yield ""
     for block in blueprint.blocks:
         yield from _block(block)
+    for derived in blueprint.derived:
+        over = f" for each row of `{derived.table}`" if derived.table is not None else ""
+        unit = f", shown in {derived.unit}" if derived.unit else ""
+        yield f"Derived `{derived.name}`{over}{unit}:"
+        yield ""
+        yield "```"
+        yield from (line for case in derived.cases[:MOST_CASES] for line in case.text)
+        yield "```"
+        yield ""
+    if any(reference.elsewhere is not None for reference in blueprint.references):
+        yield "The problem states no start for everything, or none that leads to the answer of `mbm solve`: the test"
+        yield "begins some standard deviations away from the answer (`start` in `reference.csv`). With other data, say"
+        yield "where to begin."
+        yield ""
     yield f"The iteration is Marquardt's in a trust region, for at most {blueprint.settings.max_iterations} iterations."
     yield ""
 
@@ -43,7 +57,7 @@ def _unknown(blueprint: Blueprint, unknown: UnknownShape) -> str:
     if unknown.unit:
         text += f", shown in {unknown.unit}"
     if unknown.start is None and unknown.start_range is None and unknown.lower is None:
-        text += "; begins where mbm began with the data of `data/`, unless the caller says"
+        text += "; the problem states no start: begins at the answer for the data of `data/`, unless the caller says"
     return text + (f" ({unknown.doc})" if unknown.doc else "")
 
 

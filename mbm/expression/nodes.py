@@ -228,4 +228,16 @@ def postorder(roots: tuple[Expression, ...]) -> list[Expression]:
 
 def leaves(roots: tuple[Expression, ...]) -> list[Leaf]:
     """The leaves below ``roots``, each node once, in the order in which they are met."""
-    return [node for node in postorder(roots) if not isinstance(node, Apply)]
+    seen: set[int] = set()
+    found: list[Leaf] = []
+    stack = list(reversed(roots))
+    while stack:
+        node = stack.pop()
+        if id(node) in seen:
+            continue
+        seen.add(id(node))
+        if isinstance(node, Apply):
+            stack.extend(reversed(node.arguments))
+        else:
+            found.append(node)
+    return found

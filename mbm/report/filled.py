@@ -65,7 +65,7 @@ def filled(
     factor, noise = columns.factor[place], float(columns.noise[place])
     estimates = [item for item in items if isinstance(item, Estimate)]
     derived = [item for item in items if isinstance(item, DerivedValue)]
-    singular = np.linalg.svd(factor * (columns.scale[place][:, None] / noise), compute_uv=False)
+    singular = np.linalg.svd(columns.root[place] * columns.scale[place][:, None], compute_uv=False)
     images = [image[place] for _, _, image in columns.derived]
     chi2_p = float(columns.chi2_p[place])
     return replace(
@@ -76,6 +76,7 @@ def filled(
         evaluations=int(columns.evaluations[place]),
         seconds=float(columns.seconds[place]),
         cost=float(columns.cost[place]),
+        robust_cost=None if model.robust_cost is None else float(columns.robust_cost[place]),
         dof=int(columns.dof[place]),
         sigma0=float(columns.sigma0[place]),
         chi2_p=None if np.isnan(chi2_p) else chi2_p,

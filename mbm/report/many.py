@@ -41,9 +41,11 @@ def many_solves(solves: Sequence[SolveReport], width: int, paint: Paint, full: b
         return
     shown = tuple(solves) if full or len(solves) <= MOST_SOLVES else solves[:_FIRST_SOLVES]
     columns, left_out = _fitting(shown, width, full)
-    yield paint("  ".join(column.title.ljust(column.width) for column in columns).rstrip(), Style.HEADING)
+    widths = [column.width for column in columns]
+    titles = (column.title.ljust(width) for column, width in zip(columns, widths, strict=True))
+    yield paint("  ".join(titles).rstrip(), Style.HEADING)
     for i in range(len(shown)):
-        line = "  ".join(column.cells[i].ljust(column.width) for column in columns)
+        line = "  ".join(column.cells[i].ljust(width) for column, width in zip(columns, widths, strict=True))
         yield line if shown[i].status.trusted else paint(line.rstrip(), Style.WARNING)
     if len(shown) < len(solves):
         yield paint(f"… {len(solves) - len(shown)} more solves (-v shows all)", Style.QUIET)

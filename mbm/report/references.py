@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
 
 import numpy as np
@@ -15,15 +15,25 @@ from mbm.problem.types import Loss
 from mbm.solution.binding import EvaluationCache, Group
 from mbm.solution.estimate import assemble, estimate
 from mbm.solution.robust.losses.parameters import loss_function
-from mbm.solution.selection import selections
+from mbm.solution.selection import Selection, selections
 from mbm.solution.settings import Forms, settings_of
 from mbm.solution.solution import Solution
 from mbm.solution.starting import GIVEN
-from mbm.solution.types import Floats, Indices, Reason
+from mbm.solution.types import Floats, Indices, Mask, Reason
 from mbm.text.types import MbmError
 
 MOST_REFERENCES = 200
 """Solves of a `for-each` whose answers go into the test of a generated solver: the first ones."""
+
+
+AWAY = 3.0
+"""Standard deviations from the answer at which a test begins whose solver begins at the answer."""
+
+HALVINGS = 12
+"""Times at most that this distance is halved until mbm finds the answer from there."""
+
+Again = Callable[[Mapping[str, Floats]], Solution]
+"""Solves the same data from other starts, by unknown."""
 
 
 def loss_scale(loss: Loss, components: int) -> float:
@@ -87,22 +97,26 @@ def _references(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, f
     given: Mapping[str, Floats] = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
     _, picked = selections(problem, found.tables)
     for selection in islice(picked, MOST_REFERENCES):
-        try:
-            solution = estimate(
+
+        def solve(starts: Mapping[str, Floats], chosen: Selection = selection) -> Solution:
+            return estimate(
                 problem,
                 kernels,
-                selection.tables,
-                key=selection.key,
-                starts=given,
+                chosen.tables,
+                key=chosen.key,
+                starts=starts,
                 settings=settings,
                 cache=cache,
             )
+
+        try:
+            solution = solve(given)
         except MbmError:
             if not selection.key:
                 raise
             yield _failed(selection.key)
             continue
-        yield _reference(solution)
+        yield _reference(solution, solve)
 
 
 def _failed(key: Mapping[str, str | float]) -> Reference:
@@ -113,32 +127,68 @@ def _failed(key: Mapping[str, str | float]) -> Reference:
         numbers=nothing,
         spread=nothing,
         covariance=np.empty((0, 0)),
+        derived=(),
         cost=0.0,
         dof=0,
         start=nothing,
-        stated=True,
+        elsewhere=None,
     )
 
 
-def _reference(solution: Solution) -> Reference:
+def _reference(solution: Solution, again: Again) -> Reference:
     layout = solution.layout
-    stated = solution.origin == GIVEN
     spread = np.zeros(len(layout.start))
     places = layout.number[solution.free]
     plain = places >= 0
     spread[places[plain]] = np.nan_to_num(solution.covariance.sigma[plain])
-    start = np.where(np.isnan(layout.start), solution.numbers, layout.start)
+    unknown = np.isnan(layout.start) | layout.guessed
+    begun = not bool(unknown.any()) and solution.origin == GIVEN
+    status = _status(solution)
     return Reference(
         key=dict(solution.key),
-        status=_status(solution),
+        status=status,
         numbers=solution.numbers,
         spread=spread,
         covariance=solution.covariance.matrix,
+        derived=tuple((each.values, each.sigma) for each in solution.derived),
         cost=solution.fit.cost,
         dof=solution.fit.dof,
-        start=start if stated else solution.numbers,
-        stated=stated,
+        start=np.where(unknown, solution.numbers, layout.start),
+        elsewhere=None if begun or status != "converged" else _elsewhere(solution, again),
     )
+
+
+def _elsewhere(solution: Solution, again: Again) -> Floats | None:
+    """A point (N,) some standard deviations from the answer, from which mbm finds it again; None: there is none."""
+    for halving in range(HALVINGS):
+        point = _moved(solution, AWAY * 0.5**halving)
+        try:
+            other = again({entry.unknown.name: point[entry.range] for entry in solution.layout.entries})
+        except MbmError:
+            continue
+        near = abs(other.fit.cost - solution.fit.cost) <= 1e-6 * max(solution.fit.cost, 1.0)
+        if near and other.origin == GIVEN and _status(other) == "converged":
+            return point
+    return None
+
+
+def _moved(solution: Solution, deviations: float) -> Floats:
+    """The estimates moved by so many standard deviations, up and down in turn, within their bounds."""
+    layout, free = solution.layout, solution.free
+    step = deviations * np.nan_to_num(solution.covariance.sigma, posinf=0.0)
+    step[1::2] *= -1.0
+    lower = np.where(layout.positive[free], np.maximum(layout.lower[free], 0.0), layout.lower[free])
+    places = layout.number[free]
+    held = np.where(places >= 0, solution.numbers[places], 0.0)
+
+    def outside(step: Floats) -> Mask:
+        beyond = (held + step <= lower) | (held + step >= layout.upper[free])
+        return np.asarray((places >= 0) & beyond)
+
+    step = np.where(outside(step), -step, step)
+    every = np.zeros(len(layout.number))
+    every[free] = np.where(outside(step), 0.0, step)
+    return layout.retract(solution.numbers, every)
 
 
 def _status(solution: Solution) -> str:

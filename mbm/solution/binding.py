@@ -389,6 +389,7 @@ def mentioned(groups: tuple[Group, ...], size: int) -> Mask:
     """Which of all coordinates (M,) some equation in use depends on."""
     used = np.zeros(size, dtype=bool)
     for group in groups:
-        columns = np.unique(group.kernel.jacobian_columns)
+        # counted, as np.unique would load NumPy's masked arrays at every start
+        columns = np.flatnonzero(np.bincount(group.kernel.jacobian_columns, minlength=len(group.kernel.tangents)))
         used[group.touched[:, columns].ravel()] = True
     return used

@@ -35,15 +35,19 @@ def challenged(
 
     A closed form's answer costs more than the minimum that it lies near: it is followed only if it costs less than what
     was found, or nothing was found. Of ``many`` solves, those that fit as well as the stated noise lets expect are left
-    alone. That no closed form is made for such equations is remembered in ``cache``, for the data sets to come; one
-    that fails on the numbers of this data set may succeed on those of the next.
+    alone. That no closed form is made for such equations is remembered in ``cache``, for the data sets to come. It is
+    learnt from data that were solved only, and not relied on where a fit is worse than stated noise lets expect: what
+    closed forms recognise is found by probing the data, and one that fails on these may succeed on the next.
     """
     names = tuple(entry.unknown.name for entry in equations.layout.entries)
     kind: Kind = (names, tuple(group.rows for group in equations.groups))
     iterative = settings.method not in (Method.CLOSED_FORM, Method.DIRECT_SEARCH)
     if found.origin != GIVEN or not iterative or equations.linear or equations.lossy or settings.robust is not None:
         return found
-    if equations.constraints or kind in cache.without_closed_form or (many and _plausible(equations, found, problem)):
+    if equations.constraints or (many and _plausible(equations, found, problem)):
+        return found
+    solved = found.minimum.reason.converged and bool(np.isfinite(found.minimum.cost))
+    if solved and kind in cache.without_closed_form and not _strained(equations, found, problem):
         return found
     # Here and below: loaded where a start is challenged only, so that other problems start at once.
     from mbm.solution.closed_forms.completion import completions
@@ -54,7 +58,7 @@ def challenged(
     reached = completions(situation, settings.closed_forms)
     complete = [c for c in reached if not bool(np.isnan(c.numbers).any())]
     if not complete:
-        if not any(_recognised(situation.with_numbers(c.numbers), settings) for c in reached):
+        if solved and not any(_recognised(situation.with_numbers(c.numbers), settings) for c in reached):
             cache.without_closed_form.add(kind)
         return found
     fits = costs(equations, np.stack([c.numbers for c in complete]))
@@ -82,6 +86,20 @@ def _recognised(situation: Situation, settings: Settings) -> bool:
 
 def _plausible(equations: Assembled, found: Found, problem: Problem) -> bool:
     """Whether the noise is stated, and the cost such as it gives."""
+    converged = found.minimum.reason.converged
+    return _stated(problem) and converged and found.minimum.cost < _expected(equations)
+
+
+def _strained(equations: Assembled, found: Found, problem: Problem) -> bool:
+    """Whether the noise is stated, and the cost larger than it gives."""
+    return _stated(problem) and not found.minimum.cost < _expected(equations)
+
+
+def _stated(problem: Problem) -> bool:
+    return not any(block.unknown_factor for block in problem.blocks)
+
+
+def _expected(equations: Assembled) -> float:
+    """The largest cost that gives no cause for doubt."""
     freedom = max(equations.count - equations.dimension, 1)
-    stated = not any(block.unknown_factor for block in problem.blocks)
-    return stated and found.minimum.reason.converged and found.minimum.cost < freedom + USUAL * sqrt(2.0 * freedom)
+    return freedom + USUAL * sqrt(2.0 * freedom)

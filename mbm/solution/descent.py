@@ -7,7 +7,7 @@ solutions with residuals of zero; a start that ends elsewhere tries again with t
 
 from __future__ import annotations
 
-import os
+from dataclasses import replace
 
 import numpy as np
 

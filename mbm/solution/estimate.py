@@ -109,7 +109,7 @@ def answered(
     minimum, weighted = end.minimum, end.equations
     observed = _observed(equations, weighted, minimum, robust, run.settings)
     tested = robust.tested(minimum.residuals)
-    outcome = statistics(problem, equations, minimum, observed, end.noise, end.factors, tested)
+    outcome = statistics(problem, weighted, minimum, observed, end.noise, end.factors, tested)
     numbers = _known(equations, minimum.point)
     propagation = Propagation(
         problem=problem,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -89,6 +90,18 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
         others = (_from(equations, bound, solver, point, settings) for point in beside(equations, start, settings.seed))
         found = next((other for other in others if other.reason not in SINGULAR), found)
     return found
+
+
+def minima(equations: Equations, starts: Floats, settings: Settings, place: Place | None = None) -> Iterator[Minimum]:
+    """The minimum that each of many starts (T, N) leads to, as `minimise` finds it; native solves are made at once."""
+    found: Iterable[Minimum | None] = (None for _ in starts)
+    profiled = isinstance(equations, Correctable) and equations.profiled
+    if len(starts) > 1 and not profiled and solver_for(equations, settings) in (LINEAR, MARQUARDT):
+        from mbm.solution.native.minimum import native_minima
+
+        found = native_minima(equations, starts, settings)
+    for start, native in zip(starts, found, strict=True):
+        yield minimise(equations, start, settings, place) if native is None else native
 
 
 def _sparse(equations: Equations, settings: Settings) -> bool:

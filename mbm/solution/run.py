@@ -56,8 +56,8 @@ def solutions(
 
     One of several solves that cannot be set up is a ``Failure``, and the others go on. A window starts from the last
     one where that is better; one with too few rows is ``Skipped``. An ``interruption`` ends the solve at work, and
-    makes no further ones. ``starts`` is None where no start is given from outside. Where solves can be made together, ``workers`` threads share them (None: one for each
-    processor); the answers do not depend on their number.
+    makes no further ones. ``starts`` is None where no start is given from outside. ``workers`` threads share what can
+    be made together, solves or starts (None: one for each processor); the answers do not depend on their number.
 
     Raises:
         MbmError: the only solve cannot be set up.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from mbm.solution.assembly import Assembled
 from mbm.solution.basins import Basin, ends_apart, equal_costs, merged, ways_down, without_twins
 from mbm.solution.batch import Batch, batch
 from mbm.solution.descent import descent
-from mbm.solution.minimise import minimise
+from mbm.solution.minimise import minima, minimise
 from mbm.solution.settings import Settings
 from mbm.solution.solvers.batched import Batched
 from mbm.solution.starting import Beginning
@@ -162,7 +163,9 @@ class _Seeker:
 
     def polished(self, point: Floats) -> Minimum:
         """The minimum that a point leads to."""
-        found = minimise(self._equations, point, self._settings, self._problem.span)
+        return self._take(minimise(self._equations, point, self._settings, self._problem.span))
+
+    def _take(self, found: Minimum) -> Minimum:
         self.iterations += found.iterations
         self.evaluations += found.evaluations
         return found
@@ -182,11 +185,18 @@ class _Seeker:
         ends = descent(self._equations, self._problem, self._settings).ends(points)
         self._count(ends)
         self.tried += len(ends.cost)
+        apart = list(islice(ends_apart(self._equations, ends), POLISHED))
+        if not apart:
+            return []
         found: list[Basin] = []
-        for point, numbers in ends_apart(self._equations, ends):
-            if len(found) == POLISHED or (found and self._settings.stopped()):
+        distinct = np.array([point for point, _ in apart])
+        for minimum, (_, numbers) in zip(
+            minima(self._equations, distinct, self._settings, self._problem.span), apart, strict=False
+        ):
+            self._take(minimum)
+            found.append(Basin(minimum=minimum, starts=numbers))
+            if self._settings.stopped():
                 break
-            found.append(Basin(minimum=self.polished(point), starts=numbers))
         return found
 
     def distinct(self, basins: Sequence[Basin]) -> tuple[Basin, ...]:

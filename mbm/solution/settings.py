@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -11,6 +12,9 @@ from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.solution.closed_forms.types import ClosedForm
+
+FEW = 50
+"""Starts that are not worth a thread of their own."""
 
 Forms: TypeAlias = "Callable[[], tuple[ClosedForm, ...]]"
 """What gives the closed forms; called only where they are needed."""
@@ -50,6 +54,10 @@ class Settings:
     def closed_forms(self) -> tuple[ClosedForm, ...]:
         """The closed forms, in the order in which they are tried."""
         return self.forms()
+
+    def threads(self, starts: int) -> int:
+        """Threads for so many starts."""
+        return max(1, min(self.workers or os.cpu_count() or 1, starts // FEW))
 
     def stopped(self) -> bool:
         """The solve is to end with the best point so far."""

@@ -2,9 +2,9 @@
 
 What may be used: ``for i in range(…)``, ``while``, ``if``, ``break``, ``continue``, ``return``, assignments to names
 and to elements (also ``+= -= *= /=``), ``a[k:]`` for the array from an element on, arithmetic, comparisons, the
-intrinsic functions, ``a if c else b``, ``float(i)``, ``max(x, y)`` and ``min(x, y)`` of reals, `call_kernel`, and
-functions read before. Parameters and results are annotated with `Real`, `Integer`, `Reals`, `Integers`,
-`ConstantReals`, `ConstantIntegers`. A variable has the type of what is first assigned to it.
+intrinsic functions, ``a if c else b``, ``float(i)``, ``max(x, y)`` and ``min(x, y)`` of reals, `call_kernel`,
+`call_normal`, and functions read before. Parameters and results are annotated with `Real`, `Integer`, `Reals`,
+`Integers`, `ConstantReals`, `ConstantIntegers`. A variable has the type of what is first assigned to it.
 
 Names of numbers at module level are constants, and may be given other values when the text is read. What they decide
 is decided then: arithmetic and comparisons of constant integers, branches on them, and loops that run once.
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from mbm.target.definitions import Definitions
 from mbm.target.tree import (
-    CALL_KERNEL,
+    EXTERNAL,
     Assign,
     Binary,
     Break,
@@ -85,7 +85,6 @@ _COMPARISONS: Mapping[type[ast.cmpop], str] = {
     ast.NotEq: "!=",
 }
 
-
 _COMPUTE: Mapping[str, Callable[[int, int], int]] = {
     "+": add,
     "-": sub,
@@ -121,6 +120,14 @@ def call_kernel(address: Integer, inputs: ConstantReals, outputs: Reals, blocks:
     signature(address)(inputs.ctypes.data, outputs.ctypes.data, blocks)
 
 
+def call_normal(
+    address: Integer, inputs: ConstantReals, weights: ConstantReals, losses: ConstantReals, sums: Reals, blocks: Integer
+) -> None:
+    """`CALL_NORMAL` likewise."""
+    signature = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4, ctypes.c_int64)
+    signature(address)(inputs.ctypes.data, weights.ctypes.data, losses.ctypes.data, sums.ctypes.data, blocks)
+
+
 def module_of(
     name: str,
     functions: Iterable[Callable[..., object]],
@@ -133,7 +140,7 @@ def module_of(
     ``external`` are functions that are already trees; they come first. ``constants`` are values of names at module
     level that replace those in the text.
     """
-    known: dict[str, Function] = {f.name: f for f in (CALL_KERNEL, *external)}
+    known: dict[str, Function] = {f.name: f for f in (*EXTERNAL, *external)}
     exported = set(public)
     called: set[str] = set()
     definitions = Definitions()
@@ -142,8 +149,8 @@ def module_of(
         found = reader.function(each, public=each.__name__ in exported)
         known[found.name] = found
         called |= reader.called
-    if CALL_KERNEL.name not in called:
-        del known[CALL_KERNEL.name]
+    for unused in {each.name for each in EXTERNAL} - called:
+        del known[unused]
     return Module(name=name, functions=tuple(known.values()))
 
 
@@ -290,8 +297,11 @@ class _Reader:
             case ast.UnaryOp(op=ast.Not()):
                 return Logical("not", (self._condition(node.operand),))
             case ast.BoolOp():
-                word = "and" if isinstance(node.op, ast.And) else "or"
-                return Logical(word, tuple(self._condition(v) for v in node.values))
+                first = self._condition(node.values[0])
+                both = isinstance(node.op, ast.And)
+                if isinstance(first, Literal) and bool(first.value) != both:
+                    return first
+                return Logical("and" if both else "or", (first, *map(self._condition, node.values[1:])))
             case ast.Compare(ops=[operator], comparators=[other]):
                 return self._compare(_COMPARISONS[type(operator)], node.left, other)
             case ast.IfExp():

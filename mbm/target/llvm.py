@@ -8,7 +8,7 @@ from typing import Any
 from llvmlite import ir
 
 from mbm.target.tree import (
-    CALL_KERNEL,
+    EXTERNAL,
     Assign,
     Binary,
     Break,
@@ -87,8 +87,8 @@ def _declared(target: ir.Module, function: Function) -> Any:
 
 
 def _define_external(target: ir.Module, function: Function) -> None:
-    """The one external function there is, `CALL_KERNEL`: a call of what begins at the address."""
-    if function is not CALL_KERNEL:
+    """A call of what begins at the address: the external functions there are do nothing else."""
+    if function not in EXTERNAL:
         raise ValueError(function.name)
     made = _declared(target, function)
     builder = ir.IRBuilder(made.append_basic_block("entry"))

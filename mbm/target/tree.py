@@ -335,6 +335,26 @@ CALL_KERNEL = Function(
 )
 """How solvers reach the kernels; every module may call it."""
 
+CALL_NORMAL = Function(
+    name="call_normal",
+    parameters=(
+        Name("address", Type.INTEGER),
+        Name("inputs", Type.CONSTANT_REALS),
+        Name("weights", Type.CONSTANT_REALS),
+        Name("losses", Type.CONSTANT_REALS),
+        Name("sums", Type.REALS),
+        Name("blocks", Type.INTEGER),
+    ),
+    returns=None,
+    body=(),
+    locals=(),
+    doc="Add the normal equations of blocks of rows to sums, as `mbm.target.normal_rows` says: in the process only.",
+    distinct=True,
+    external=True,
+)
+
+EXTERNAL = (CALL_KERNEL, CALL_NORMAL)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Module:

@@ -61,4 +61,6 @@ def test_what_is_written_is_the_same_each_time(problem):
 
 def test_a_target_must_be_named(problem, capsys):
     assert run(["compile", "mean.mbm", "-o", "solver"]) == 2
-    assert "error[bad-call]" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "error[bad-call]" in said
+    assert "choose from: c, python, casadi" in said.lower()

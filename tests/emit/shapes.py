@@ -75,6 +75,20 @@ SHAPES = {
       (unknowns (m :init 0))
       (observe d (= y m) :sigma 0.5)
       (for-each day))""",
+    "keys": """(problem keys "A level for each day and a slope; some days are in one table only."
+      (data d (table (day y) (1 1.1) (1 0.9) (2 3.2) (1 1.3) (2 2.7)))
+      (data e (table (day z s) (2 5.9 2) (3 6.3 2) (2 3.1 1) (3 3.2 1) (1 2.2 2)))
+      (unknowns (m :init 0))
+      (observe d (= y m) :sigma 0.5)
+      (observe e (= z (* s m)) :sigma 0.5)
+      (for-each day))""",
+    "derived": """(problem derived "Heights of marks; what is derived of them, once and for each row."
+      (data marks (table (id height known) ("a" 10 1) ("b" 11 0) ("c" 12 0) ("unused" 13 0)) :key id)
+      (data steps (table (from to rise s) ("a" "b" 1.21 1) ("b" "c" 0.83 2) ("a" "c" 2.06 1) ("c" "b" -0.84 1)))
+      (unknowns (h :per marks :init height :fixed (= known 1) :unit m))
+      (observe steps (= rise (- (h to) (h from))) :sigma (* s 1cm))
+      (derive (climb (- (h to) (h from)) :over steps :unit cm) (top (max (h "b") (h "c")) :unit m)
+        (both [(h "b") (* 2 (h "c"))] :unit m)))""",
     "noise": f"""(problem noise "The noise is told by the residuals." {LINE}
       (unknowns (a :init 1) (b :init 0))
       (observe d (= y (+ (* a x) b)) :sigma unknown))""",

@@ -29,3 +29,24 @@ def test_a_data_set_without_a_closed_form_does_not_deprive_the_next_of_it():
     np.testing.assert_array_equal(after.estimates[0].value, alone.estimates[0].value)
     # A few standard deviations: millimetres in the plane of the stations and across it.
     np.testing.assert_allclose(alone.estimates[0].value, [1.0, 2.0, 3.0], rtol=0, atol=0.01)
+
+
+def test_a_data_set_that_cannot_be_solved_does_not_deprive_the_next_of_a_closed_form():
+    # The square of the distance overflows: probing it says nothing of what the equations are.
+    problem = mbm.loads(PLACE)
+    alone = problem.compile(data=ranges(8, 0)).solve().solves[0]
+    compiled = problem.compile(data=ranges(8, 0))
+    broken = ranges(8, 0)
+    broken["r"]["d"][0] = 1e300
+    assert compiled.solve(data=broken).status == "attention"
+    after = compiled.solve(data=ranges(8, 0)).solves[0]
+    np.testing.assert_array_equal(after.estimates[0].value, alone.estimates[0].value)
+
+
+def test_where_no_closed_form_was_found_a_fit_that_stated_noise_does_not_explain_is_looked_at_again():
+    problem = mbm.loads(PLACE)
+    alone = problem.compile(data=ranges(8, 0)).solve().solves[0]
+    compiled = problem.compile(data=ranges(8, 0))
+    compiled.kept.compilation.cache.without_closed_form.add((("p",), (8,)))
+    after = compiled.solve().solves[0]
+    np.testing.assert_array_equal(after.estimates[0].value, alone.estimates[0].value)

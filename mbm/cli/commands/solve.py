@@ -38,7 +38,9 @@ OK, ATTENTION = 0, 1
 @click.option("--seed", type=int, metavar="N", help="Every random choice follows from it.")
 @click.option("--method", metavar="M", help="auto, lm, dogleg, gauss-newton, …")
 @click.option("--backend", type=click.Choice(BACKENDS), default="auto", help="What evaluates the equations.")
-@click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Threads for many solves; else all cores.")
+@click.option(
+    "--workers", type=click.IntRange(min=1), metavar="N", help="Threads for many solves or starts; else all cores."
+)
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
 @click.option("--covariance", type=click.Choice(("full",)), help="Write covariance matrices however large.")
 @click.option("--overlay", metavar="PATH", hidden=True)

@@ -7,12 +7,15 @@ from collections.abc import Iterator
 from mbm.emit.types import Blueprint
 from mbm.emit.words import described
 
-MAKEFILE = """# Builds the solver of {title}: `make` the program, `make test` the comparison with the reference numbers.
+MAKEFILE = """# Builds the solver of {title}: `make` the program and its test, `make test` the comparison with
+# the reference numbers.
 
 CC ?= cc
 CFLAGS ?= -O2
 WARNINGS = -std=c99 -pedantic -Wall -Wextra -Werror
 HEADERS = {name}.h {name}_kernels.h {name}_solver.h {name}_tables.h csv.h
+
+all: {name} {name}_test
 
 {name}: main.o {name}.o
 \t$(CC) $(CFLAGS) $(LDFLAGS) -o $@ main.o {name}.o -lm
@@ -29,7 +32,7 @@ test: {name}_test
 clean:
 \trm -f main.o test.o {name}.o {name} {name}_test
 
-.PHONY: test clean
+.PHONY: all test clean
 """
 
 CMAKE = """cmake_minimum_required(VERSION 3.10)
@@ -73,13 +76,13 @@ def _building(blueprint: Blueprint) -> Iterator[str]:
     usage = " ".join(f"{t.identifier}.csv" for t in blueprint.tables)
     yield f"# {blueprint.name}"
     yield ""
-    yield f"{blueprint.doc} " if blueprint.doc else ""
+    yield from (blueprint.doc, "") if blueprint.doc else ()
     yield f"A solver in C99, written by mbm {blueprint.version}. It needs a C compiler and `libm`, nothing else."
     yield ""
     yield "## Build"
     yield ""
     yield "```sh"
-    yield f"make            # the program {name}; or: cmake -B build && cmake --build build"
+    yield f"make            # the program {name} and its test; or: cmake -B build && cmake --build build"
     yield "make test       # solves data/ and compares with reference.csv, the answer of `mbm solve`"
     yield f"./{name} {usage}".rstrip()
     yield "```"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mbm.emit.c.cells import Cells
+from mbm.emit.c.derived import capacity
 from mbm.emit.c.sizes import outputs_capacity, spare_size
 from mbm.emit.reading import every_value
 from mbm.emit.system import StaticSystem, weights_width
@@ -76,6 +77,9 @@ def _struct(blueprint: Blueprint) -> Iterator[str]:
     yield "    long parameters_used, weights_used, index_used, columns_used;"
     yield "    double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;"
     yield "    double *triangle, *covariance, *multipliers, *work, *spare;"
+    for derived in blueprint.derived:
+        yield f"    double *derived_{derived.identifier}, *derived_{derived.identifier}_sigma;"
+        yield f"    long derived_{derived.identifier}_count;"
     yield "    double results[8];"
     yield "    long states[8];"
     yield "};"
@@ -135,6 +139,9 @@ def _layout(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield f"    header[{at.OUTPUTS}] = {outputs_capacity(blueprint, static)};"
     yield "    f->work = reals_of(a, work_reals(header));"
     yield f"    f->spare = reals_of(a, {spare_size(blueprint, static)});"
+    for derived in blueprint.derived:
+        for suffix in ("", "_sigma"):
+            yield f"    f->derived_{derived.identifier}{suffix} = reals_of(a, {capacity(cells, derived)} + 1);"
     yield "    f->flags = integers_of(a, work_integers(header));"
     yield "    f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;"
     yield f"    for (i = 0; i < {at.DATA_HEAD + at.DATA_BLOCK * len(blueprint.cases)}; i++)"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from mbm.emit.c.layout import comment
-from mbm.emit.types import Blueprint, TableShape, UnknownShape
+from mbm.emit.types import Blueprint, DerivedShape, TableShape, UnknownShape
 
 STATUSES: Mapping[str, str] = {
     "CONVERGED": "converged",
@@ -41,6 +41,7 @@ def header(blueprint: Blueprint) -> str:
         lines.append(f"    const double *start_{unknown.identifier};    /* {_start(unknown)} */")
     lines += [f"}} {name}_data;", "", "/* What is answered, in SI; `sigma` are standard deviations. */"]
     lines += ["typedef struct {", *_result(), *(line for u in blueprint.unknowns for line in _estimate(u))]
+    lines += [line for derived in blueprint.derived for line in _derived(derived)]
     lines += [f"}} {name}_result;", "", *_workspace(name), *_calls(name), "#endif", ""]
     return "\n".join(lines)
 
@@ -62,7 +63,8 @@ def _table(table: TableShape) -> Iterator[str]:
 
 def _start(unknown: UnknownShape) -> str:
     many = "" if unknown.family is None else " for each member"
-    return f"where {unknown.name} begins: {unknown.size} numbers{many}; NULL: as the problem states"
+    numbers = "a number" if unknown.size == 1 else f"{unknown.size} numbers"
+    return f"where {unknown.name} begins: {numbers}{many}; NULL: as the README says"
 
 
 def _result() -> Iterator[str]:
@@ -90,6 +92,15 @@ def _estimate(unknown: UnknownShape) -> Iterator[str]:
     many = "" if unknown.family is None else "members × "
     yield f"    const double *{unknown.identifier};          /* ({many}{unknown.size}) {what} */"
     yield f"    const double *{unknown.identifier}_sigma;    /* ({many}{unknown.freedom}) */"
+
+
+def _derived(derived: DerivedShape) -> Iterator[str]:
+    what = "derived" + (f", shown in {derived.unit}" if derived.unit else "")
+    if derived.table is not None:
+        yield f"    long {derived.identifier}_rows;    /* the rows of `{derived.table}` that count */"
+    many = "" if derived.table is None else "rows × "
+    yield f"    const double *{derived.identifier};          /* ({many}{derived.size}) {what} */"
+    yield f"    const double *{derived.identifier}_sigma;    /* ({many}{derived.size}) */"
 
 
 def _workspace(name: str) -> list[str]:

@@ -8,6 +8,8 @@ from mbm.emit.c.dialect import DIALECT
 from mbm.emit.c.layout import comment, wrapped
 from mbm.emit.statements import statements
 from mbm.emit.types import BlockCase
+from mbm.expression.nodes import ColumnMember
+from mbm.symbolic.types import Slot
 from mbm.target.program import Program
 
 
@@ -25,7 +27,15 @@ def _nonzeros(case: BlockCase) -> Iterator[str]:
     kernel = case.kernel
     for row, column in zip(kernel.jacobian_rows, kernel.jacobian_columns, strict=True):
         slot = kernel.tangents[int(column)]
-        yield f"    d(component {int(row) + 1}) / d({slot.unknown}, coordinate {slot.component + 1})"
+        yield f"    d(component {int(row) + 1}) / d({_named(slot)}, coordinate {slot.component + 1})"
+
+
+def _named(slot: Slot) -> str:
+    """An unknown, with the member that is meant."""
+    if slot.member is None:
+        return slot.unknown
+    key = slot.member.column if isinstance(slot.member, ColumnMember) else f'"{slot.member.key}"'
+    return f"{slot.unknown}[{key}]"
 
 
 def function(name: str, program: Program, names: Sequence[str], doc: Iterable[str]) -> str:
@@ -38,6 +48,7 @@ def function(name: str, program: Program, names: Sequence[str], doc: Iterable[st
     if not made.inputs:
         lines.append("    (void)inputs;")
     lines += wrapped(f"    const double {left} = {right};" for left, right in made.assignments)
+    lines.append("")
     if not made.outputs:
         lines.append("    (void)outputs;")
     lines += wrapped(f"    outputs[{i}] = {text};" for i, text in enumerate(made.outputs))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mbm.emit.c.cells import quoted
-from mbm.emit.c.reading import key_table
-from mbm.emit.types import Blueprint, UnknownShape
+from mbm.emit.c.reading import key_cell, key_tables
+from mbm.emit.types import Blueprint, DerivedShape, UnknownShape
 from mbm.target.c import number
 
 _RESERVE = """/* A workspace of the size that the data want. */
@@ -67,13 +67,16 @@ def main_file(blueprint: Blueprint) -> str:
     lines = [*_heads(blueprint, f"{blueprint.name}: solves the tables of the files that it is given.")]
     lines += ["/* One line for each number: estimate and standard deviation in the unit that the problem shows. */"]
     lines += [f"static void print_result(const {name}_data *data, long key, const {name}_result *result)", "{"]
-    if any(u.family is not None for u in blueprint.unknowns):
+    if any(u.family is not None for u in blueprint.unknowns) or any(d.table for d in blueprint.derived):
         lines.append("    long m;")
-    if any(u.freedom > 1 or u.family is not None for u in blueprint.unknowns):
+    several = any(u.size > 1 or u.freedom > 1 or u.family is not None for u in blueprint.unknowns)
+    if several or any(d.table or d.size > 1 for d in blueprint.derived):
         lines.append("    long c;")
     lines += ["    (void)data;", "    (void)key;"]
     for unknown in blueprint.unknowns:
         lines += _printed(blueprint, unknown)
+    for derived in blueprint.derived:
+        lines += _printed_derived(blueprint, derived)
     lines += ["}", "", *_solve_one(blueprint), "int main(int argc, char **argv)", "{"]
     lines += [f"    struct {name}_tables tables;", "    int worst = 0;"]
     lines += ["    long row;", ""] if blueprint.for_each else [""]
@@ -115,15 +118,15 @@ def _solve_one(blueprint: Blueprint) -> Iterator[str]:
 
 
 def _key_text(blueprint: Blueprint, pad: str) -> Iterator[str]:
-    table = key_table(blueprint)
+    tables = key_tables(blueprint)
     for column in blueprint.for_each:
-        held = blueprint.table(table).column(column)
-        field = f"{blueprint.table(table).identifier}_{held.identifier}"
-        # the first row of a selection has its keys; `key` is that of the whole table
+        held = tables[0].column(column)
+        # the first row of a selection has its keys; `key` is that of the whole tables
+        cell = key_cell(tables, column, "0")
         if held.is_text:
-            yield f'{pad}printf("%s,", data->{field}[0]);'
+            yield f'{pad}printf("%s,", {cell});'
         else:
-            yield f'{pad}printf("%.17g,", data->{field}[0] / {number(float(held.factor))});'
+            yield f'{pad}printf("%.17g,", {cell} / {number(float(held.factor))});'
 
 
 def _printed(blueprint: Blueprint, unknown: UnknownShape) -> Iterator[str]:
@@ -159,6 +162,29 @@ def _printed(blueprint: Blueprint, unknown: UnknownShape) -> Iterator[str]:
         yield "    }"
 
 
+def _printed_derived(blueprint: Blueprint, derived: DerivedShape) -> Iterator[str]:
+    pad, label = "    ", quoted(derived.name)[1:-1].replace("%", "%%")
+    arguments: list[str] = []
+    yield f"    /* {derived.name} */"
+    if derived.table is not None:
+        yield f"    for (m = 0; m < result->{derived.identifier}_rows; m++)"
+        label, arguments = label + "[%ld]", ["m + 1"]
+    many = derived.table is not None or derived.size > 1
+    if many:
+        yield f"{pad}for (c = 0; c < {derived.size}; c++) {{"
+        pad += "    "
+    if derived.size > 1:
+        label, arguments = label + "[%ld]", [*arguments, "c + 1"]
+    if blueprint.for_each:
+        yield from _key_text(blueprint, pad)
+    place = f"{'m' if derived.table is not None else '0'} * {derived.size} + {'c' if many else '0'}"
+    factor, unit = number(float(derived.factor)), quoted(derived.unit)[1:-1].replace("%", "%%")
+    values = [f"result->{derived.identifier}{suffix}[{place}] / {factor}" for suffix in ("", "_sigma")]
+    yield f'{pad}printf("{label},%.17g,%.17g,{unit}\\n", {", ".join([*arguments, *values])});'
+    if many:
+        yield "    }"
+
+
 def _member_key(blueprint: Blueprint, unknown: UnknownShape) -> tuple[str, str]:
     """How the key of member ``m`` is printed, and where it stands."""
     family = blueprint.families[unknown.family or 0]
@@ -178,7 +204,15 @@ def test_file(blueprint: Blueprint) -> str:
     lines = [
         *_heads(blueprint, f"{blueprint.name}: the numbers of `mbm solve` for the data of `data/` must come again.")
     ]
-    lines += [_COMPARE.format(name=name), "int main(void)", "{"]
+    starts = "\n".join(
+        f"        data->start_{u.identifier} = start + (result.{u.identifier} - result.point);"
+        for u in blueprint.unknowns
+    )
+    derived = "\n".join(
+        f"    case {i}:\n        return sigma ? result->{d.identifier}_sigma[j] : result->{d.identifier}[j];"
+        for i, d in enumerate(blueprint.derived)
+    )
+    lines += [_COMPARE.format(name=name, starts=starts, derived=derived), "int main(void)", "{"]
     lines += [f"    char *const paths[] = {{{_writable(paths)}}};", f"    struct {name}_tables tables;"]
     lines += ["    struct csv reference;", "    long solve = 0, wrong = 0, compared = 0;"]
     lines += ["    long row;", ""] if blueprint.for_each else [""]
@@ -202,17 +236,61 @@ static int differs(double value, double reference, double sigma)
     return !(fabs(value - reference) <= 1e-9 * size);
 }}
 
+/* Number j of derived quantity i, or its standard deviation. */
+static double derived_of(const {name}_result *result, const char *what, long i, long j)
+{{
+    const int sigma = strcmp(what, "derived sigma") == 0;
+
+    (void)result;
+    (void)j;
+    switch (i) {{
+{derived}
+    default:
+        return sigma ? -1.0 : HUGE_VAL;
+    }}
+}}
+
+/* Begins at the `start` of `reference.csv`, where it has one for this solve: numbers to be freed. */
+static double *begin_elsewhere({name}_data *data, long solve, const struct csv *reference, {name}_workspace *workspace)
+{{
+    {name}_result result;
+    double *start;
+    long row, i, given = 0;
+
+    if ({name}_begin(data, &result, workspace) != 0)
+        return NULL;
+    start = malloc(sizeof *start * (size_t)result.numbers);
+    if (start == NULL)
+        return NULL;
+    for (i = 0; i < result.numbers; i++)
+        start[i] = result.point[i];
+    for (row = 0; row < reference->rows; row++) {{
+        if (atol(csv_cell(reference, row, 0)) != solve + 1 || strcmp(csv_cell(reference, row, 1), "start") != 0)
+            continue;
+        start[atol(csv_cell(reference, row, 2))] = strtod(csv_cell(reference, row, 4), NULL);
+        given = 1;
+    }}
+    if (given) {{
+{starts}
+    }}
+    return start;
+}}
+
 /* Solves one data set and counts the numbers that differ from the rows of `reference.csv` for it. */
 static long compare(const {name}_data *data, long solve, const struct csv *reference, long *compared)
 {{
     {name}_workspace workspace;
     {name}_result result;
+    {name}_data begun = *data;
+    double *start;
     long row, wrong = 0;
 
     if (!reserve(data, &workspace))
         return 1;
-    if ({name}_solve(data, &result, &workspace) >= 4) {{
+    start = begin_elsewhere(&begun, solve, reference, &workspace);
+    if ({name}_solve(&begun, &result, &workspace) >= 4) {{
         fprintf(stderr, "solve %ld: %s\\n", solve + 1, {name}_status_text(result.status));
+        free(start);
         release(&workspace);
         return 1;
     }}
@@ -222,7 +300,7 @@ static long compare(const {name}_data *data, long solve, const struct csv *refer
         const double expected = strtod(csv_cell(reference, row, 4), NULL);
         const double spread = strtod(csv_cell(reference, row, 5), NULL);
         double found = 0.0;
-        if (atol(csv_cell(reference, row, 0)) != solve + 1)
+        if (atol(csv_cell(reference, row, 0)) != solve + 1 || strcmp(what, "start") == 0)
             continue;
         if (strcmp(what, "status") == 0)
             found = (double)result.status;
@@ -234,12 +312,15 @@ static long compare(const {name}_data *data, long solve, const struct csv *refer
             found = (double)result.freedom;
         else if (strcmp(what, "cost") == 0)
             found = result.cost;
+        else
+            found = derived_of(&result, what, i, j);
         (*compared)++;
         if (differs(found, expected, spread)) {{
             fprintf(stderr, "solve %ld: %s %ld %ld: %.17g, wanted %.17g\\n", solve + 1, what, i, j, found, expected);
             wrong++;
         }}
     }}
+    free(start);
     release(&workspace);
     return wrong;
 }}

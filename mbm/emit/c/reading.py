@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mbm.emit.c.cells import quoted
-from mbm.emit.types import Blueprint
+from mbm.emit.types import Blueprint, TableShape
 from mbm.target.c import number
 
 CSV = r"""/* Comma-separated tables with names in the first row; fields may stand in double quotes. */
@@ -309,30 +309,33 @@ def _keys(blueprint: Blueprint) -> Iterator[str]:
         yield "#endif"
         yield ""
         return
-    table = key_table(blueprint)
-    held = [blueprint.table(table).column(c) for c in blueprint.for_each]
-    rows = f"data->{blueprint.table(table).identifier}_rows"
+    tables = key_tables(blueprint)
+    rows = " + ".join(f"data->{table.identifier}_rows" for table in tables)
 
     def cell(owner: str, column: str, row: str) -> str:
         return f"data->{blueprint.table(owner).identifier}_{blueprint.table(owner).column(column).identifier}[{row}]"
 
+    def row_cell(owner: str, column: str, row: str) -> str:
+        return cell(owner, column, row) if owner else key_cell(tables, column, row)
+
     def same(owner: str, columns: tuple[str, ...], row: str, other: str) -> str:
         tests = []
         for column in columns:
-            a, b = cell(owner, column, row), cell(table, column, other)
-            text = blueprint.table(owner).column(column).is_text
+            a, b = row_cell(owner, column, row), key_cell(tables, column, other)
+            text = tables[0].column(column).is_text
             tests.append(f"strcmp({a}, {b}) == 0" if text else f"{a} == {b}")
         return " && ".join(tests)
 
-    names = ", ".join(c.name for c in held)
-    yield f"/* The first row of `{table}` behind `row` with keys ({names}) that no row before it has. */"
+    names = ", ".join(blueprint.for_each)
+    owners = ", then ".join(f"`{table.name}`" for table in tables)
+    yield f"/* The first row of {owners} behind `row` with keys ({names}) that no row before it has. */"
     yield f"static long {name}_next_key(const {name}_data *data, long row)"
     yield "{"
     yield "    long before;"
     yield f"    for (row++; row < {rows}; row++) {{"
     yield "        /* keys often stand together: the search goes backwards */"
     yield "        for (before = row - 1; before >= 0; before--)"
-    yield f"            if ({same(table, blueprint.for_each, 'row', 'before')})"
+    yield f"            if ({same('', blueprint.for_each, 'row', 'before')})"
     yield "                break;"
     yield "        if (before < 0)"
     yield "            return row;"
@@ -370,7 +373,17 @@ def _keys(blueprint: Blueprint) -> Iterator[str]:
     yield ""
 
 
-def key_table(blueprint: Blueprint) -> str:
-    """The table that has all columns of ``for-each``."""
+def key_tables(blueprint: Blueprint) -> tuple[TableShape, ...]:
+    """The tables that have all columns of ``for-each``: their keys, one table after the other, tell the solves."""
     names = [{c.name for c in t.columns} for t in blueprint.tables]
-    return next(t.name for t, held in zip(blueprint.tables, names, strict=True) if held.issuperset(blueprint.for_each))
+    return tuple(t for t, held in zip(blueprint.tables, names, strict=True) if held.issuperset(blueprint.for_each))
+
+
+def key_cell(tables: tuple[TableShape, ...], column: str, row: str) -> str:
+    """The cell of a key in a row of the tables, counted through all of them."""
+    table, rest = tables[0], tables[1:]
+    own = f"data->{table.identifier}_{table.column(column).identifier}[{row}]"
+    if not rest:
+        return own
+    behind = key_cell(rest, column, f"{row} - data->{table.identifier}_rows")
+    return f"({row} < data->{table.identifier}_rows ? {own} : {behind})"

@@ -146,6 +146,13 @@ def _answer(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
             yield f"    result->{unknown.identifier}_rows = f->{family.identifier};"
         yield f"    result->{unknown.identifier} = f->point + f->offsets[{number}];"
         yield f"    result->{unknown.identifier}_sigma = f->sigma + f->firsts[{number}];"
+    for derived in blueprint.derived:
+        yield f"    if (!derive_{derived.identifier}(f))"
+        yield f"        result->status = {cells.status('UNKNOWN_CASE')};"
+        yield f"    result->{derived.identifier} = f->derived_{derived.identifier};"
+        yield f"    result->{derived.identifier}_sigma = f->derived_{derived.identifier}_sigma;"
+        if derived.table is not None:
+            yield f"    result->{derived.identifier}_rows = f->derived_{derived.identifier}_count;"
     yield "}"
     yield ""
     yield "/* What the reason of the solver means to the caller. */"
@@ -249,8 +256,9 @@ def _begin(name: str, cells: Cells) -> Iterator[str]:
     yield "        f->covariance[c] = -1.0;"
     yield f"    for (c = 0; c < f->system[{at.NUMBERS}]; c++)"
     yield "        f->point[c] = f->start[c];"
+    yield f"    f->states[{at.DEFICIENT}] = 0;"
     yield "    answer(f, result);"
-    yield "    return 0;"
+    yield "    return result->status;"
     yield "}"
     yield ""
 

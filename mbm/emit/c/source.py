@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mbm.emit.c.cells import input_name, program_name
 from mbm.emit.c.clauses import clause_functions
+from mbm.emit.c.derived import derived_functions, derived_kernels
 from mbm.emit.c.dialect import helpers
 from mbm.emit.c.frame import frame_text
 from mbm.emit.c.kernels import function, kernel_functions
@@ -21,6 +22,7 @@ from mbm.target.c import text as module_text
 def kernels_file(blueprint: Blueprint) -> str:
     """The equations, and the programs of data, as functions."""
     parts = [kernel_functions(case) for _, case in blueprint.cases]
+    parts += derived_kernels(blueprint)
     for _, case in blueprint.cases:
         if case.noise is not None:
             names = [input_name(v) for v in case.noise.inputs]
@@ -80,6 +82,7 @@ def source_file(blueprint: Blueprint, static: StaticSystem) -> str:
         table_functions(blueprint),
         unknown_functions(blueprint),
         clause_functions(blueprint),
+        derived_functions(blueprint),
         solve_functions(blueprint, static),
         "",
     ]

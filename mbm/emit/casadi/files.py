@@ -78,7 +78,7 @@ def _reference(blueprint: Blueprint) -> str:
 def _readme(blueprint: Blueprint) -> Iterator[str]:
     yield f"# {blueprint.name}"
     yield ""
-    yield f"{blueprint.doc} " if blueprint.doc else ""
+    yield from (blueprint.doc, "") if blueprint.doc else ()
     yield f"Serialised CasADi functions, written by mbm {blueprint.version}; `functions.json` names inputs and outputs."
     yield ""
     yield "```python"

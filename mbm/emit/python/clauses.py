@@ -11,12 +11,15 @@ from mbm.problem.types import NoiseKind
 
 
 def clause_functions(blueprint: Blueprint) -> Iterator[str]:
-    """The rows of each clause, and the arrays of each kernel."""
+    """The rows of each clause, and the arrays of each kernel, those of derived quantities too."""
     cells = Cells(blueprint)
+    for derived in blueprint.derived:
+        for case in derived.cases:
+            yield "\n".join(_case(blueprint, cells, case))
     for block in blueprint.blocks:
         yield "\n".join(_rows(cells, block))
         for case in block.cases:
-            yield "\n".join(_case(blueprint, cells, block, case))
+            yield "\n".join(_case(blueprint, cells, case))
 
 
 def _rows(cells: Cells, block: BlockShape) -> Iterator[str]:
@@ -35,7 +38,7 @@ def _rows(cells: Cells, block: BlockShape) -> Iterator[str]:
     yield "    return row"
 
 
-def _case(blueprint: Blueprint, cells: Cells, block: BlockShape, case: BlockCase) -> Iterator[str]:
+def _case(blueprint: Blueprint, cells: Cells, case: BlockCase) -> Iterator[str]:
     yield f"def {case.identifier}_assemble("
     yield "    t: Tables, f: Found, row: Indices, offsets: Array, firsts: Array"
     yield ") -> tuple[int, tuple[Array, Array, Array, Array]]:"

@@ -30,7 +30,7 @@ def _readme(blueprint: Blueprint) -> Iterator[str]:
     usage = " ".join(f"{table.identifier}.csv" for table in blueprint.tables)
     yield f"# {blueprint.name}"
     yield ""
-    yield f"{blueprint.doc} " if blueprint.doc else ""
+    yield from (blueprint.doc, "") if blueprint.doc else ()
     yield f"A solver in one Python module, written by mbm {blueprint.version}. It needs NumPy, nothing else."
     yield ""
     yield "```sh"

@@ -62,6 +62,13 @@ def kernel_functions(case: BlockCase) -> str:
     return f"{values}\n\n\n{jacobian}"
 
 
+def derived_function(name: str, case: BlockCase) -> str:
+    """A quantity ``name`` that is computed from the estimates, and the nonzeros of its Jacobian behind it."""
+    head = [f"{name}, and behind it its derivatives that are not zero everywhere.", ""]
+    lines = [*head, *(f"    {line}" for line in case.text)]
+    return function(f"{case.identifier}_derived", case.kernel.jacobian_program, case.input_names, lines)
+
+
 def rows_function(blueprint: Blueprint, programs: RowPrograms, words: str) -> str:
     """The functions of programs of data, and one that computes them for rows: (width, rows)."""
     cells = Cells(blueprint)

@@ -8,7 +8,16 @@ from textwrap import wrap
 from mbm.emit.c.sizes import lossy, row_scratch
 from mbm.emit.c.tables import programs_used
 from mbm.emit.python.clauses import clause_functions
-from mbm.emit.python.kernels import WIDTH, docstring, function, input_name, kernel_functions, rows_function
+from mbm.emit.python.kernels import (
+    WIDTH,
+    derived_function,
+    docstring,
+    function,
+    input_name,
+    kernel_functions,
+    rows_function,
+)
+from mbm.emit.python.program import PROGRAM
 from mbm.emit.python.rows import finding, set_up
 from mbm.emit.python.runtime import HEAD, TAIL
 from mbm.emit.routines.modules import emitted_module
@@ -38,7 +47,8 @@ _ERROR_FUNCTION = '''error_function = np.vectorize(math.erf, otypes=[float])
 def module(blueprint: Blueprint, static: StaticSystem) -> str:
     """All of it, in the order in which Python wants it."""
     parts = ["\n".join([*_doc(blueprint), "", HEAD.rstrip()]), *_tables(blueprint), *_constants(blueprint, static)]
-    programs = [p for c in blueprint.cases for p in (c[1].kernel.jacobian_program,)]
+    every = (*(c for _, c in blueprint.cases), *(c for d in blueprint.derived for c in d.cases))
+    programs = [c.kernel.jacobian_program for c in every]
     if any(i.operator is Operator.ERF for p in programs for i in p.instructions):
         parts.append(_ERROR_FUNCTION.rstrip())
     for _, case in blueprint.cases:
@@ -48,10 +58,11 @@ def module(blueprint: Blueprint, static: StaticSystem) -> str:
             parts.append(
                 function(f"{case.identifier}_noise", case.noise.program, names, [f"{case.identifier}: stated noise."])
             )
+    parts += [derived_function(each.name, case) for each in blueprint.derived for case in each.cases]
     parts += [rows_function(blueprint, each, words) for each, words in programs_used(blueprint)]
     parts += [PRELUDE.rstrip(), module_text(emitted_module(_ROOTS)).rstrip()]
     parts += [finding(blueprint), *set_up(blueprint), *clause_functions(blueprint), *_lists(blueprint)]
-    return "\n\n\n".join(p.strip("\n") for p in (*parts, TAIL)) + "\n"
+    return "\n\n\n".join(p.strip("\n") for p in (*parts, TAIL, PROGRAM)) + "\n"
 
 
 def _doc(blueprint: Blueprint) -> Iterator[str]:
@@ -84,6 +95,9 @@ def _tables(blueprint: Blueprint) -> Iterator[str]:
             *_assigned("KEYS", blueprint.for_each, "Columns that tell the data sets apart."),
             *_assigned("NAMES", [u.name for u in blueprint.unknowns], "The unknowns."),
             *_assigned("FAMILIES", families, "Where their members stand: name, table, key; None: there is one."),
+            *_assigned(
+                "DERIVED_SHOWN", [(d.unit, float(d.factor)) for d in blueprint.derived], "Unit and its factor in SI."
+            ),
             *_assigned("SHOWN", shown, "Unit, its factor in SI, and whether numbers are no coordinates."),
         ]
     )
@@ -126,7 +140,14 @@ def _lists(blueprint: Blueprint) -> Iterator[str]:
     clauses = {id(block): number for number, block in enumerate(blueprint.blocks)}
     for block, case in blueprint.cases:
         lines.append(f"    ({clauses[id(block)]}, {block.identifier}_rows, {case.identifier}_assemble),")
+    held = [")", '"""Clause, its rows, and what makes arrays of them, for each kernel."""', "DERIVED: Derivations = ("]
+    for derived in blueprint.derived:
+        held.append(f"    ({derived.name!r}, {derived.table!r}, {derived.size}, (")
+        for case in derived.cases:
+            rows, columns = case.kernel.jacobian_rows.tolist(), case.kernel.jacobian_columns.tolist()
+            held.append(f"        ({case.identifier}_assemble, {case.identifier}_derived, {rows}, {columns}),")
+        held.append("    )),")
+    lines += [*held, ")", '"""Derived quantities: name, table, size, and how each case is computed."""']
     kinds = (NoiseKind.COVARIANCE, NoiseKind.INFORMATION)
-    lines += [")", '"""Clause, its rows, and what makes arrays of them, for each kernel."""']
     lines += ["MATRIX_WEIGHTS = {" + ", ".join(f"{k.value!r}: weights_of_{k.value}" for k in kinds) + "}"]
     yield "\n".join(lines)

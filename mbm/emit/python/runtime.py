@@ -18,6 +18,8 @@ Tables = Mapping[str, Mapping[str, Any]]
 """Tables by name: columns by name, NumPy arrays of numbers in SI or of texts."""
 Found = dict[str, Any]
 """Rows that are kept, rows and members that keys name."""
+Derivations = tuple[tuple[str, Any, int, tuple[tuple[Callable[..., Any], Callable[..., None], Any, Any], ...]], ...]
+"""Derived quantities: name, table, size; for each case what makes arrays of a row, the kernel, and its nonzeros."""
 
 
 class DataError(ValueError):
@@ -107,6 +109,7 @@ class Prepared:
     def __init__(self, tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | None) -> None:
         t = arrays_of(tables)
         f = find_rows(t)
+        self.tables, self.found = t, f
         count = len(NAMES)
         self.members = integers(count)
         self.keys: list[list[Any]] = []
@@ -185,6 +188,42 @@ class Prepared:
         return self.parameters, self.weights, self.index, self.columns
 
 
+def derive(p: Prepared, point: Array, matrix: Array) -> dict[str, dict[str, Array]]:
+    """Derived quantities at a point with the covariance ``matrix``: ``value`` and ``sigma`` (rows, size)."""
+    found = {}
+    for name, table, size, cases in DERIVED:
+        rows = np.zeros(1, dtype=int) if table is None else kept_rows(p.tables, p.found, table)
+        value, sigma = np.full((len(rows), size), np.nan), np.full((len(rows), size), np.nan)
+        for i in range(len(rows)):
+            for assemble, kernel, lines, columns in cases:
+                chosen, (parameters, _, index, places) = assemble(
+                    p.tables, p.found, rows[i : i + 1], p.offsets, p.firsts
+                )
+                if chosen:
+                    outputs = np.zeros((size + len(lines), 1))
+                    kernel(np.concatenate([point[index[0]], parameters[0]])[:, None], outputs)
+                    value[i] = outputs[:size, 0]
+                    sigma[i] = spread(p, size, places[0][columns], lines, outputs[size:, 0], matrix)
+        found[name] = {"value": value, "sigma": sigma}
+    return found
+
+
+def spread(p: Prepared, size: int, places: Indices, lines: Any, slopes: Array, matrix: Array) -> Array:
+    """Standard deviations (size,) by linear propagation; NaN where the data do not determine them."""
+    gradient, loose = np.zeros((size, p.free)), np.zeros(size, dtype=bool)
+    for line, place, slope in zip(lines, places, slopes, strict=True):
+        if p.column[place] >= 0:
+            gradient[line, p.column[place]] += slope
+        elif not p.fixed[place] and slope != 0.0:
+            loose[line] = True
+    sigma = np.full(size, np.nan)
+    for line in np.flatnonzero(~loose):
+        on = gradient[line] != 0.0
+        variance = gradient[line, on] @ matrix[np.ix_(on, on)] @ gradient[line, on]
+        sigma[line] = math.sqrt(max(variance, 0.0)) if math.isfinite(variance) else np.nan
+    return sigma
+
+
 def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Solve one data set.
 
@@ -195,7 +234,8 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
     Returns:
         ``status`` (see `STATUSES`), ``iterations``, ``evaluations``, ``cost`` (weighted sum of squares without losses),
         ``robust_cost``, ``freedom``, ``sigma0``; ``estimates``: name → ``value`` (members, size), ``sigma`` (members,
-        coordinates; 0: it stays, NaN: not determined), in SI, and ``keys`` (members,) of families; ``covariance``
+        coordinates; 0: it stays, NaN: not determined), in SI, and ``keys`` (members,) of families; ``derived``: name →
+        ``value`` and ``sigma`` (rows, size), in SI; ``covariance``
         (n, n), and ``coordinates`` (n,): the place of each of its rows among all coordinates; ``point`` (N,).
 
     Raises:
@@ -227,6 +267,8 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
     sigma = np.where(np.array(p.fixed[: p.firsts[len(NAMES)]]) != 0, 0.0, np.nan)
     with np.errstate(all="ignore"):
         sigma[coordinates] = np.sqrt(np.diag(matrix))
+    with np.errstate(all="ignore"):
+        derived = derive(p, point, np.full((n, n), np.nan) if states[DEFICIENT] else matrix)
     numbers = point
     estimates = {}
     for u, name in enumerate(NAMES):
@@ -245,6 +287,7 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         "freedom": freedom,
         "sigma0": sigma0,
         "estimates": estimates,
+        "derived": derived,
         "covariance": matrix,
         "coordinates": coordinates,
         "point": numbers,
@@ -283,14 +326,28 @@ def jacobian(tables: Mapping[str, Mapping[str, Any]], point: Array) -> Array:
     return found[: p.data[DATA_COUNT] * p.free].reshape(p.data[DATA_COUNT], p.free)
 
 
+def started(tables: Mapping[str, Mapping[str, Any]], numbers: Mapping[int, float]) -> dict[str, Any]:
+    """``start`` for `solve`: where it begins by itself, with some ``numbers`` of the point (N,) replaced."""
+    p = Prepared(tables, None)
+    for place, value in numbers.items():
+        p.start[place] = value
+    return {name: p.start[p.offsets[u] : p.offsets[u + 1]] for u, name in enumerate(NAMES)}
+
+
 def solve_each(tables: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
-    """The keys and the answer of each data set: the rows that agree in the columns `KEYS`, in the order met."""
+    """The keys and the answer of each data set."""
+    for key, chosen in data_sets(tables):
+        yield key, solve(chosen)
+
+
+def data_sets(tables: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[dict[str, Any], Tables]]:
+    """The keys and the tables of each data set: the rows that agree in the columns `KEYS`, in the order met."""
     t = arrays_of(tables)
     if not KEYS:
-        yield {}, solve(t)
+        yield {}, t
         return
-    whole = next(name for name, columns in COLUMNS.items() if set(KEYS) <= set(columns))
-    for key in dict.fromkeys(zip(*(t[whole][k].tolist() for k in KEYS), strict=True)):
+    whole = [name for name, columns in COLUMNS.items() if set(KEYS) <= set(columns)]
+    for key in dict.fromkeys(key for name in whole for key in zip(*(t[name][k].tolist() for k in KEYS), strict=True)):
         chosen: dict[str, dict[str, Any]] = {}
         for name, columns in t.items():
             mask = np.ones(row_count(t, name), dtype=bool)
@@ -298,80 +355,5 @@ def solve_each(tables: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[dict[s
                 if k in columns:
                     mask &= columns[k] == value
             chosen[name] = {column: values[mask] for column, values in columns.items()}
-        yield dict(zip(KEYS, key, strict=True)), solve(chosen)
-
-
-def read_tables(paths: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """The tables from CSV files in the order of `COLUMNS`; numbers are turned into SI."""
-    found: dict[str, dict[str, Any]] = {}
-    for path, (table, columns) in zip(paths, COLUMNS.items(), strict=True):
-        try:
-            with open(path, encoding="utf-8-sig", newline="") as file:
-                rows = [row for row in csv.reader(file) if row]
-        except (OSError, UnicodeDecodeError) as error:
-            raise DataError(f"{path}: cannot be read: {error}") from None
-        names = rows[0] if rows else []
-        found[table] = {}
-        for column, (is_text, source, factor) in columns.items():
-            if source not in names:
-                raise DataError(f"{path}, row 1: there is no column `{source}`")
-            place = names.index(source)
-            values: list[Any] = []
-            for number, row in enumerate(rows[1:], start=2):
-                if len(row) != len(names):
-                    raise DataError(f"{path}, row {number}: has another number of fields than the names in row 1")
-                try:
-                    values.append(row[place] if is_text else finite(row[place]) * factor)
-                except ValueError:
-                    raise DataError(f"{path}, row {number}, column `{source}`: `{row[place]}` is no number") from None
-            found[table][column] = np.array(values, dtype=str if is_text else float)
-    return found
-
-
-def finite(cell: str) -> float:
-    """A decimal number; raises ValueError for anything else."""
-    value = float(cell)
-    if "_" in cell or not math.isfinite(value):
-        raise ValueError(cell)
-    return value
-
-
-def lines_of(result: Mapping[str, Any]) -> Iterator[str]:
-    """``name,value,sigma,unit`` for each number, in the unit that the problem shows."""
-    for u, name in enumerate(NAMES):
-        unit, factor, turned = SHOWN[u]
-        values, sigmas = result["estimates"][name]["value"], result["estimates"][name]["sigma"]
-        for m, member in enumerate(values):
-            for c, value in enumerate(member):
-                label = name + (f"[{result['estimates'][name]['keys'][m]}]" if FAMILIES[u] is not None else "")
-                label += f"[{c + 1}]" if len(member) > 1 else ""
-                sigma = "" if turned else f"{sigmas[m][c] / factor:.17g}"
-                yield f"{label},{value / factor:.17g},{sigma},{unit}"
-
-
-def main(paths: Sequence[str]) -> int:
-    """Solve the tables of files; 0 solved, 1 an answer that should not be trusted, 2 wrong data."""
-    if len(paths) != len(COLUMNS):
-        print(f"usage: {sys.argv[0]} " + " ".join(f"{name.upper()}.csv" for name in COLUMNS), file=sys.stderr)
-        return 2
-    worst = 0
-    try:
-        print(",".join([*KEYS, "name", "value", "sigma", "unit"]))
-        for key, result in solve_each(read_tables(paths)):
-            for line in lines_of(result):
-                print(",".join([*(str(value) for value in key.values()), line]))
-            print(
-                f"{result['status']}: chi2 {result['cost']:.9g}, {result['freedom']} degrees of freedom, "
-                f"sigma0 {result['sigma0']:.6g}, {result['iterations']} iterations",
-                file=sys.stderr,
-            )
-            worst = max(worst, 0 if result["status"] == "converged" else 1)
-    except DataError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return worst
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+        yield dict(zip(KEYS, key, strict=True)), chosen
 '''

@@ -21,8 +21,12 @@ def differences() -> tuple[list[str], int]:
         rows = list(csv.DictReader(file))
     paths = [str(FOLDER / "data" / name) for name in {files!r}]
     found, compared = [], 0
-    for number, (_, result) in enumerate({name}.solve_each({name}.read_tables(paths)), start=1):
-        for row in (r for r in rows if int(r["solve"]) == number):
+    tables = {name}.read_tables(paths)
+    for number, (_, chosen) in enumerate({name}.data_sets(tables), start=1):
+        own = [r for r in rows if int(r["solve"]) == number]
+        begun = {{int(r["row"]): float(r["value"]) for r in own if r["what"] == "start"}}
+        result = {name}.solve(chosen, {name}.started(chosen, begun))
+        for row in (r for r in own if r["what"] != "start"):
             i, j, value, spread = int(row["row"]), int(row["column"]), float(row["value"]), float(row["spread"])
             answers = {{
                 "status": lambda: float({name}.STATUSES.index(result["status"])),
@@ -30,6 +34,8 @@ def differences() -> tuple[list[str], int]:
                 "covariance": lambda: result["covariance"][i, j],
                 "freedom": lambda: float(result["freedom"]),
                 "cost": lambda: result["cost"],
+                "derived": lambda: list(result["derived"].values())[i]["value"].ravel()[j],
+                "derived sigma": lambda: list(result["derived"].values())[i]["sigma"].ravel()[j],
             }}
             answer = answers[row["what"]]()
             compared += 1

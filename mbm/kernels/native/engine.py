@@ -7,6 +7,7 @@ is loaded without llvmlite; elsewhere LLVM links it. What cannot be loaded is co
 
 from __future__ import annotations
 
+import re
 import weakref
 from collections.abc import Callable
 from hashlib import sha256
@@ -29,6 +30,9 @@ SMALL = 20
 KIND = "object"
 """The kind of what is kept in the store."""
 
+LEAST = (0, 44)
+"""The first version of llvmlite that has what is called here."""
+
 _DYLIB = "kernels"
 _WHOLE = "mbm_whole"
 """A function that every module has. It is asked for at once: what is not whole is found out before it is used."""
@@ -42,8 +46,11 @@ class NotCompilingError(Exception):
 
 
 def available() -> bool:
-    """Whether machine code can be made and run here: llvmlite is there, and memory may be executed."""
+    """Whether machine code can be made and run here: llvmlite is there and new enough, and memory may be executed."""
     if find_spec("llvmlite") is None:
+        return False
+    stated = re.search(r"version_version = '(\d+)\.(\d+)", _version())
+    if stated is not None and (int(stated[1]), int(stated[2])) < LEAST:
         return False
     if image.supported():
         return image.executable()
@@ -138,7 +145,10 @@ def _version() -> str:
     spec = find_spec("llvmlite")
     if spec is None or spec.origin is None:
         return ""
-    return Path(spec.origin).with_name("_version.py").read_text("utf-8")
+    try:
+        return Path(spec.origin).with_name("_version.py").read_text("utf-8")
+    except OSError:
+        return ""
 
 
 def _object_code(text: str, level: int, *, loops: bool = True, compact: bool = False) -> bytes:

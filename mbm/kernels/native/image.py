@@ -69,7 +69,7 @@ def read(content: bytes) -> Image:
     head, _, code = content[len(MAGIC) :].partition(b"\n")
     try:
         size, exports, imports = json.loads(head)
-    except ValueError:
+    except (ValueError, TypeError):
         raise DamagedImageError("head") from None
     if not content.startswith(MAGIC) or size != len(code):
         raise DamagedImageError("size")

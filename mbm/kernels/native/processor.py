@@ -21,9 +21,10 @@ _LIBMVEC = (("avx2", "_ZGVdN4", 4), ("sse4_1", "_ZGVbN2", 2))
 
 
 def described() -> str:
-    """All that machine code depends on beside what it is made from."""
-    if image.supported():
-        return "linux x86_64\n" + "\n".join(f"{name}: {value}" for name, value in _told().items())
+    """All that machine code depends on beside what it is made from; LLVM is asked where the kernel tells nothing."""
+    told = _told() if image.supported() else {}
+    if "flags" in told:
+        return "linux x86_64\n" + "\n".join(f"{name}: {value}" for name, value in told.items())
     import llvmlite.binding as binding
 
     features = binding.get_host_cpu_features().flatten()

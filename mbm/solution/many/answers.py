@@ -12,9 +12,10 @@ from mbm.solution.challenge import USUAL
 from mbm.solution.many.derived import derived_columns
 from mbm.solution.many.doubts import doubtful
 from mbm.solution.many.factor import factors
+from mbm.solution.many.losses import outlying, rooted_slopes, sandwiches
 from mbm.solution.many.stack import Portion, Stack
 from mbm.solution.many.tails import chi_square_tails
-from mbm.solution.many.types import REASONS, Columns, Descent, Ends, Kept, Outliers
+from mbm.solution.many.types import REASONS, Columns, Descent, Ends, Outliers
 from mbm.solution.plausibility import IMPROBABLE
 from mbm.solution.types import Floats, Indices, Mask
 
@@ -29,7 +30,8 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
     if ends.kept is not None:
         count, information = ends.kept.count, ends.kept.information
     residuals, slopes = portion.linearised(ends.points)
-    found = factors(slopes)
+    lossy = stack.equations.lossy
+    found = factors(rooted_slopes(portion, residuals, slopes) if lossy else slopes)
     solved = _converged(ends) & found.good & np.isfinite(ends.cost) & ~ends.held
     freedom = count - stack.equations.dimension
     solved &= freedom >= 0
@@ -39,18 +41,25 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         solved &= (freedom > 0) & (ends.cost > 0.0)
         noise = np.sqrt(ends.cost / np.maximum(freedom, 1))
     spread = noise / np.sqrt(information)
-    factor = found.root * spread[:, None, None]
+    factor, cost, looked_at = found.root * spread[:, None, None], ends.cost, np.ones(len(which), dtype=bool)
+    if lossy:
+        bread = sandwiches(portion, residuals, slopes, found.root)
+        factor, cost, looked_at = bread.factor, np.square(residuals).sum(axis=1), bread.plain
+        spread = bread.deviation
+        solved &= bread.sound & np.isfinite(cost)
     derived = tuple(
         derived_columns(quantity, owner, stack, ends.points, factor) for owner, quantity in enumerate(problem.derived)
     )
     solved &= _all_finite([one.sigma for one in derived], len(which))
-    sigma0 = np.where(freedom > 0, np.sqrt(ends.cost / np.maximum(freedom, 1)), np.nan)
-    chi2_p = _tails(ends.cost / information, freedom, solved) if stated else np.full(len(which), np.nan)
+    sigma0 = np.where(freedom > 0, np.sqrt(cost / np.maximum(freedom, 1)), np.nan)
+    tested = stated and not lossy
+    chi2_p = _tails(cost / information, freedom, solved) if tested else np.full(len(which), np.nan)
     clean = solved & ~(chi2_p < IMPROBABLE)
-    clean &= ~doubtful(problem, portion, ends, found, spread, derived, residuals)
+    clean &= ~doubtful(problem, portion, ends, found, spread, derived, residuals, looked_at)
     return Columns(
         points=ends.points,
-        cost=ends.cost,
+        cost=cost,
+        robust_cost=ends.cost,
         offset=ends.offset,
         reason=ends.reason,
         iterations=ends.iterations,
@@ -61,14 +70,15 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         noise=noise,
         sigma=np.sqrt(np.square(factor).sum(axis=2)),
         factor=factor,
+        root=found.root,
         scale=found.scale,
         derived=tuple((one.values, one.sigma, one.image) for one in derived),
         rms=_mean_roots(problem, portion, residuals) / noise[:, None],
         used=_used(problem, stack, which, ends),
-        outliers=None if ends.kept is None else _outliers(problem, stack, which, ends.kept),
+        outliers=_outliers(problem, stack, which, _bad_rows(portion, ends, residuals)),
         clean=clean,
         solved=solved,
-        expected=_expected(ends, freedom, stated=stated),
+        expected=_expected(ends, freedom, stated=stated, lossy=lossy),
         seconds=np.full(len(which), (perf_counter() - began) / len(which)),
     )
 
@@ -88,10 +98,10 @@ def _converged(ends: Ends) -> Mask:
     return np.asarray((ends.reason >= 0) & converged[ends.reason])
 
 
-def _expected(ends: Ends, freedom: Indices, *, stated: bool) -> Mask:
-    """Solves (K,) that `challenge` leaves alone: they fit as stated noise lets expect, or consensus led to them."""
-    if ends.kept is not None or not stated:
-        return np.full(len(freedom), ends.kept is not None)
+def _expected(ends: Ends, freedom: Indices, *, stated: bool, lossy: bool) -> Mask:
+    """Solves (K,) that `challenge` leaves alone: outliers are no surprise, or they fit as stated noise lets expect."""
+    if ends.kept is not None or lossy or not stated:
+        return np.full(len(freedom), ends.kept is not None or lossy)
     usual = np.maximum(freedom, 1)
     return np.asarray(ends.cost < usual + USUAL * np.sqrt(2.0 * usual))
 
@@ -106,15 +116,22 @@ def _used(problem: Problem, stack: Stack, which: range, ends: Ends) -> Indices:
     return used
 
 
-def _outliers(problem: Problem, stack: Stack, which: range, kept: Kept) -> Outliers | None:
-    """The rows of which an equation was left out."""
+def _bad_rows(portion: Portion, ends: Ends, residuals: Floats) -> Mask | None:
+    """The rows (R,) of which an equation was left out, or is far off under a loss; None if none are looked for."""
+    if ends.kept is not None:
+        return ~np.asarray(ends.kept.outputs.all(axis=1), dtype=bool)
+    return outlying(portion, residuals) if portion.equations.lossy else None
+
+
+def _outliers(problem: Problem, stack: Stack, which: range, wrong: Mask | None) -> Outliers | None:
+    """The rows that are ``wrong`` (R,), by solve."""
     group = stack.equations.groups[0]
     table = problem.blocks[group.kernel.owner].table
-    if table is None or group.positions is None:
+    if wrong is None or table is None or group.positions is None:
         return None
     rows = stack.rows[0, which.start : which.stop]
     solve = np.repeat(np.arange(len(which)), rows)
-    bad = np.flatnonzero(~kept.outputs.all(axis=1))
+    bad = np.flatnonzero(wrong)
     ends = np.cumsum(np.bincount(solve[bad], minlength=len(which)))
     return Outliers(
         table=stack.tables[table],

@@ -13,6 +13,7 @@ from mbm.problem.types import BlockRole, Problem
 from mbm.solution.manifolds import moved
 from mbm.solution.many.derived import DerivedColumns
 from mbm.solution.many.factor import Factors
+from mbm.solution.many.losses import rooted_residuals
 from mbm.solution.many.stack import Portion, stated
 from mbm.solution.many.types import Ends
 from mbm.solution.nonlinearity import LOOKED_AT, MOST_COORDINATES, MOST_RESIDUALS, NORMAL_95, TOLERATED
@@ -33,16 +34,26 @@ def doubtful(
     noise: Floats,
     derived: tuple[DerivedColumns, ...],
     residuals: Floats,
+    looked_at: Mask,
 ) -> Mask:
     """Solves (K,) whose intervals may miss their ends, whose priors may be strained, or with a column near zero.
 
-    ``noise`` (K,) is the estimated factor in the covariance (1 where noise is stated), ``residuals`` (K, m).
+    ``noise`` (K,) is the estimated factor in the covariance (1 where noise is stated), ``residuals`` (K, m) are plain.
+    ``looked_at`` (K,): the covariance is that factor squared times the inverse normal equations, so that intervals are
+    looked at.
     """
     wrong = _stationary(portion, ends, found)
     wrong |= _strained(problem, portion, found, residuals)
     around = _Intervals(portion, ends, found, noise)
-    if around.too_much:
+    if around.too_much or not bool(looked_at.any()):
         return wrong
+    return wrong | looked_at & _bent(problem, portion, around, derived)
+
+
+def _bent(problem: Problem, portion: Portion, around: _Intervals, derived: tuple[DerivedColumns, ...]) -> Mask:
+    """Solves (K,) an interval of which may miss its ends."""
+    found, noise = around.found, around.noise
+    wrong = np.zeros(portion.count, dtype=bool)
     # `nonlinearity.surroundings` looks whether the cost is that of these residuals; here they are, but for roundings
     linear = portion.equations.linear
     if not linear:
@@ -75,7 +86,7 @@ class _Intervals:
         """The true ends (2, K) as multiples of the linear ones, as `nonlinearity.Surroundings.ratios` has them."""
         result = []
         for side in (-1.0, 1.0):
-            residuals = self.portion.residuals(self.point(along, side))
+            residuals = rooted_residuals(self.portion, self.portion.residuals(self.point(along, side)))
             seen = np.matmul(self.found.basis.transpose(0, 2, 1), residuals[:, :, None])[:, :, 0]
             own = np.einsum("kj,kj->k", seen, along)
             least = np.square(residuals).sum(axis=1) - np.square(seen).sum(axis=1) + np.square(own)

@@ -34,7 +34,7 @@ def factors(jacobian: Floats) -> Factors:
     basis = np.where(good[:, None, None], jacobian / scale[:, None, :], 0.0)
     root = np.broadcast_to(np.eye(width), (len(basis), width, width))
     for _ in range(2):
-        inverse, sound = _inverse_root(np.matmul(basis.transpose(0, 2, 1), basis))
+        inverse, sound = inverse_root(np.matmul(basis.transpose(0, 2, 1), basis))
         good &= sound
         root = np.matmul(root, inverse)
         basis = np.matmul(basis, inverse)
@@ -44,7 +44,7 @@ def factors(jacobian: Floats) -> Factors:
     return Factors(root=root / scale[:, :, None], scale=scale, basis=basis, good=good)
 
 
-def _inverse_root(gram: Floats) -> tuple[Floats, Mask]:
+def inverse_root(gram: Floats) -> tuple[Floats, Mask]:
     """Upper triangular (K, n, n) X with ``Xᵀ G X = 1``, and where there is one (K,): Cholesky's, all K together."""
     count, width, _ = gram.shape
     lower = np.zeros_like(gram)

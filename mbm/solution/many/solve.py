@@ -18,6 +18,7 @@ from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import EvaluationCache
+from mbm.solution.challenge import challenged
 from mbm.solution.estimate import Run, answered, assemble
 from mbm.solution.many.answers import answers
 from mbm.solution.many.consensus import consensus_descent
@@ -26,6 +27,7 @@ from mbm.solution.many.stack import Stack, stack
 from mbm.solution.many.suits import asks_for_one_search, suits
 from mbm.solution.many.types import REASONS, Begun, Block, Columns, Descent
 from mbm.solution.robust.types import Prepared
+from mbm.solution.search import Found
 from mbm.solution.selected import SelectedTables
 from mbm.solution.selection import Divided, Selection, divided
 from mbm.solution.settings import Settings
@@ -115,11 +117,7 @@ class Together:
             if self.settings.stopped():
                 which, columns, clean = range(which.start, number), columns.first(place), clean[:place]
                 break
-            if (
-                columns.solved[place]
-                and self.settings.robust is None
-                and (columns.expected[place] or not self._challenged(number))
-            ):
+            if columns.solved[place] and self.settings.robust is None and self._stands(number, columns, place):
                 if not columns.clean[place]:
                     found[number] = self.solution(number, columns, place)
             else:
@@ -160,12 +158,23 @@ class Together:
                 found[:, number] = self.divided.parts[block.table].sizes[which.start : which.stop]
         return found
 
-    def _challenged(self, number: int) -> bool:
-        """Whether a closed form might lead elsewhere from a fit that is not as good as expected."""
-        if self.equations.linear:
-            return False
+    def _stands(self, number: int, columns: Columns, place: int) -> bool:
+        """Whether a fit is as good as expected, or no closed form is made that might lead to a better one."""
+        if columns.expected[place] or self.equations.linear:
+            return True
         names = tuple(entry.unknown.name for entry in self.equations.layout.entries)
-        return (names, tuple(self.stack.rows[:, number].tolist())) not in self.cache.without_closed_form
+        if (names, tuple(self.stack.rows[:, number].tolist())) in self.cache.without_closed_form:
+            return True
+        equations, _ = assemble(self.problem, self.kernels, self.selection(number).tables, {}, self.cache)
+        found = Found(
+            minimum=_minimum(equations, columns, place),
+            alternatives=(),
+            tally=None,
+            origin=GIVEN,
+            iterations=int(columns.iterations[place]),
+            evaluations=int(columns.evaluations[place]),
+        )
+        return challenged(equations, self.settings, found, self.problem, self.cache, many=True) is found
 
     def selection(self, number: int) -> Selection:
         """The key and the tables of one solve."""
@@ -176,18 +185,7 @@ class Together:
         selection = self.selection(number)
         tables = selection.tables
         equations, binder = assemble(self.problem, self.kernels, tables, {}, self.cache)
-        point = columns.points[place]
-        minimum = Minimum(
-            point=point,
-            residuals=equations.residuals(point),
-            jacobian=equations.jacobian(point),
-            cost=float(columns.cost[place]),
-            reason=REASONS[columns.reason[place]],
-            iterations=int(columns.iterations[place]),
-            evaluations=int(columns.evaluations[place]),
-            offset=float(columns.offset[place]),
-            at_bound=np.zeros(equations.dimension, dtype=np.int8),
-        )
+        minimum = _minimum(equations, columns, place)
         noise: dict[int, Noise] = {
             i: common_factor(minimum.cost, int(columns.dof[place]))
             for i, block in enumerate(self.problem.blocks)
@@ -222,6 +220,22 @@ class Together:
         )
 
 
+def _minimum(equations: Assembled, columns: Columns, place: int) -> Minimum:
+    """The end of one solve."""
+    point = columns.points[place]
+    return Minimum(
+        point=point,
+        residuals=equations.residuals(point),
+        jacobian=equations.jacobian(point),
+        cost=float(columns.robust_cost[place]),
+        reason=REASONS[columns.reason[place]],
+        iterations=int(columns.iterations[place]),
+        evaluations=int(columns.evaluations[place]),
+        offset=float(columns.offset[place]),
+        at_bound=np.zeros(equations.dimension, dtype=np.int8),
+    )
+
+
 def together(
     problem: Problem,
     kernels: KernelSet,
@@ -253,7 +267,7 @@ def together(
         bound = stack(problem, kernels, tables, found, layout, cache)
     except MbmError:
         return None  # which solve is at fault, the general path says
-    if any(len(groups) != 1 for groups in bound.derived):
+    if any(len(groups) != 1 for groups in bound.derived) or not _losses_suit(bound.equations, settings):
         return None
     if settings.robust is None:
         descent = descent_of(bound, points, settings)
@@ -274,6 +288,14 @@ def together(
         cache=cache,
         descent=descent,
     )
+
+
+def _losses_suit(equations: Assembled, settings: Settings) -> bool:
+    """Whether losses, if there are any, need no consensus to start from, and are those of one group."""
+    losses = [loss for group in equations.groups for loss in group.losses]
+    if not losses:
+        return True
+    return settings.robust is None and len(equations.groups) == 1 and all(loss.convex for loss in losses)
 
 
 def _selection(problem: Problem, tables: Mapping[str, Table], found: Divided, number: int) -> Selection:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from mbm.solution.selection import Divided, Part
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.solution.whitening import Whitener
 from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.solution.robust.losses.function import LossFunction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -148,8 +152,19 @@ class Portion:
         none = np.zeros(0, dtype=np.int64)
         return np.concatenate([none, *solves]), np.concatenate([none, *slots])
 
+    @property
+    def rows(self) -> int:
+        """Rows of all groups together."""
+        return sum(len(each.solve) for each in self._lines)
+
+    def losses(self) -> Iterator[tuple[LossFunction, Indices, Indices]]:
+        """Each loss, with the solves (U,) of its units and the places (U, k) of their residuals."""
+        for each in self._lines:
+            for whitener, loss in zip(each.whiteners, each.group.losses, strict=False):
+                yield loss, each.solve, each.slots[:, whitener.first : whitener.last]
+
     def residuals(self, points: Floats) -> Floats:
-        """Whitened residuals (K, m) at points (K, N)."""
+        """Whitened residuals (K, m) at points (K, N), without losses."""
         result = np.zeros((self.count, self.most))
         for each in self._lines:
             values = each.group.cache.stream(each.group.number, each.group.kernel).values(_inputs(each, points))
@@ -157,7 +172,7 @@ class Portion:
         return result
 
     def linearised(self, points: Floats) -> tuple[Floats, Floats]:
-        """Whitened residuals (K, m), and their derivatives by a step (K, m, n)."""
+        """Whitened residuals (K, m), and their derivatives by a step (K, m, n), without losses."""
         width = self.equations.dimension
         result, slopes = np.zeros((self.count, self.most)), np.zeros((self.count, self.most, width))
         for each in self._lines:

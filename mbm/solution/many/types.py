@@ -27,9 +27,9 @@ Begun: TypeAlias = Callable[[Mapping[str, CellKey]], Mapping[str, Floats]] | Map
 class Ends:
     """Where the descents of K solves ended.
 
-    ``points`` (K, N); ``cost`` (K,) ``Σ r²``; ``reason`` (K,) numbers of ``REASONS``, -1 where another method is to
-    take over; ``held`` (K,): some coordinate is at a bound; ``offset`` as `Minimum` has it. ``kept``: what consensus
-    left in (None: everything).
+    ``points`` (K, N); ``cost`` (K,) ``Σ r²``, ``Σ ρ`` with losses; ``reason`` (K,) numbers of ``REASONS``, -1 where
+    another method is to take over; ``held`` (K,): some coordinate is at a bound; ``offset`` as `Minimum` has it.
+    ``kept``: what consensus left in (None: everything).
     """
 
     points: Floats
@@ -75,17 +75,19 @@ class Columns:
 
     ``points`` (T, N), ``sigma`` (T, n), ``factor`` (T, n, n) with ``factor @ factorᵀ`` the covariance; ``cost``,
     ``offset``, ``reason``, ``iterations``, ``evaluations`` as `Ends` has them; ``dof``, ``sigma0`` and ``chi2_p``
-    (NaN: there is none), ``noise`` the common unknown factor (1 where noise is stated); ``scale`` (T, n) the column
-    norms of the Jacobian; ``derived`` has for each derived quantity its values (T, numbers), its sigmas (T, size), and
+    (NaN: there is none), ``noise`` the common unknown factor (1 where noise is stated); ``robust_cost`` is `Ends.cost`,
+    ``Σ ρ`` where there are losses and ``cost`` else; ``root`` (T, n, n) and ``scale`` (T, n) are those of `Factors` of
+    the Jacobian; ``derived`` has for each derived quantity its values (T, numbers), its sigmas (T, size), and
     its gradient times ``factor`` (T, size, n); ``rms`` and ``used`` (T, blocks) are the normalised root mean
     square of the residuals of each block of equations (NaN: there is none), and its rows in use. ``solved`` (T,): the
     end is a minimum that determines everything; ``clean`` (T,): and there is nothing else to be said of it. Where it is
     not, columns hold anything. ``expected`` (T,): the fit is as good as stated noise lets expect. ``outliers`` are the
-    rows left out (None: none are looked for). ``seconds`` (T,).
+    rows left out, or far off under a loss (None: none are looked for). ``seconds`` (T,).
     """
 
     points: Floats
     cost: Floats
+    robust_cost: Floats
     offset: Floats
     reason: NDArray[np.int64]
     iterations: Indices
@@ -96,6 +98,7 @@ class Columns:
     noise: Floats
     sigma: Floats
     factor: Floats
+    root: Floats
     scale: Floats
     derived: tuple[tuple[Floats, Floats, Floats], ...]
     rms: Floats

@@ -18,6 +18,7 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.kernels.native.engine import Library
     from mbm.kernels.native.kernels import NativeKernels
+    from mbm.kernels.native.normal import NormalKernels
     from mbm.kernels.store import Store
 
 LANES = 4
@@ -27,7 +28,11 @@ PLAIN, FAST = 0, 2
 """Levels of optimisation."""
 
 WORTH = 1e9
-"""Products from which making the fast code pays: it takes 1.4 s of a processor, and saves 1 to 1.5 ns a product."""
+"""Products from which making the fast code pays: it takes 1.4 s of a processor (that of consensus 2.3 s), and saves 1
+to 1.5 ns a product."""
+
+KEPT_WORTH = 1e8
+"""The same where a store keeps it, for the processes to come."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +82,7 @@ class SolverCode:
             found = None
             if not self._libraries:
                 found = fetched(self._name, self._store, FAST, compact=True)
-            if found is None and self._expected >= WORTH:
+            if found is None and self._expected >= (WORTH if self._store is None else KEPT_WORTH):
                 found = kept(self._name, self._text, self._store, FAST, compact=True)
             if found is not None:
                 self._libraries.append(found)
@@ -162,6 +167,7 @@ class NativeCode:
         self._consensus: SolverCode | None = None
         self.consensus_asked = 0
         self._kernels: dict[tuple[int, ...], NativeKernels | None] = {}
+        self.sums: dict[object, NormalKernels | None] = {}
         self.asked = 0
         self.systems: dict[object, Described] = {}
 

@@ -1,14 +1,16 @@
-"""One minimum by the native solver, as every solver answers."""
+"""Minima by the native solver, as every solver answers: one, or those of many starts."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from mbm.problem.types import ConstraintMethod, Method
 from mbm.solution.assembly import Assembled
-from mbm.solution.native.system import native_code, system_of
+from mbm.solution.batch import batch
+from mbm.solution.native.system import NativeEnds, NativeSystem, native_code, system_of
 from mbm.solution.settings import Settings
 from mbm.solution.types import Equations, Floats, Minimum, Reason
 from mbm.target.solver import description as of
@@ -22,6 +24,8 @@ REASONS = {
 }
 """Ends that are believed; after any other the general path starts anew, and finds the words for it."""
 
+MEMORY = 4_000_000
+"""Numbers in the Jacobians that are computed together."""
 
 UNPAID = 100
 """Minima of one problem after which compiling the solver pays where nothing keeps it: it takes as long as they do."""
@@ -29,34 +33,61 @@ UNPAID = 100
 
 def native_minimum(equations: Equations, start: Floats, settings: Settings) -> Minimum | None:
     """The minimum that a start (N,) leads to; None: the equations are not for the native solver, or it is not sure."""
+    system = _system(equations, settings, 1)
+    if system is None or not isinstance(equations, Assembled):
+        return None
+    ends = system.one(start, stopped=settings.stopped if settings.interruption is not None else None)
+    point = ends.numbers[0]
+    with np.errstate(all="ignore"):
+        return _minimum(equations, ends, 0, equations.residuals(point), equations.jacobian(point))
+
+
+def native_minima(equations: Equations, starts: Floats, settings: Settings) -> Iterator[Minimum | None]:
+    """The same for many starts (T, N) in one call; the ends do not depend on the number of threads."""
+    system = _system(equations, settings, len(starts)) if len(starts) else None
+    if system is None or not isinstance(equations, Assembled):
+        yield from (None for _ in starts)
+        return
+    ends = system.solve(starts, workers=settings.threads(len(starts)), stopped=settings.stopped)
+    stack = batch(equations)
+    step = max(1, MEMORY // max(1, stack.count * stack.dimension))
+    for first in range(0, len(starts), step):
+        which = np.arange(first, min(first + step, len(starts)))
+        with np.errstate(all="ignore"):
+            residuals, jacobian = stack.linearised(ends.numbers[which], which - first)
+        for k, here, slopes in zip(which.tolist(), residuals, jacobian, strict=True):
+            made = ends.states[k, of.EVALUATIONS] > 0
+            yield _minimum(equations, ends, k, here.copy(), slopes.copy()) if made else None
+
+
+def _system(equations: Equations, settings: Settings, minima: int) -> NativeSystem | None:
+    """What the native solver is given; None where it should not take part."""
     if not isinstance(equations, Assembled) or settings.method not in (Method.AUTO, Method.MARQUARDT):
         return None
     if equations.constraints and settings.constraints is not ConstraintMethod.PENALTY:
         return None
-    system = system_of(equations, settings) if pays(equations, 1) else None
-    if system is None:
+    return system_of(equations, settings) if pays(equations, minima) else None
+
+
+def _minimum(equations: Assembled, ends: NativeEnds, k: int, residuals: Floats, jacobian: Floats) -> Minimum | None:
+    """The end of solve ``k`` as a minimum; None where it is not to be believed."""
+    reason = REASONS.get(int(ends.states[k, of.REASON]))
+    if reason is None or not (ends.clean[k] or reason is Reason.INTERRUPTED):
         return None
-    ends = system.one(start, stopped=settings.stopped if settings.interruption is not None else None)
-    reason = REASONS.get(int(ends.states[0, of.REASON]))
-    if reason is None or not (ends.clean[0] or reason is Reason.INTERRUPTED):
-        return None
-    point = ends.numbers[0]
-    with np.errstate(all="ignore"):
-        residuals, jacobian = equations.residuals(point), equations.jacobian(point)
     if not (np.isfinite(residuals).all() and np.isfinite(jacobian).all()):
         return None
     found = Minimum(
-        point=point,
+        point=ends.numbers[k],
         residuals=residuals,
         jacobian=jacobian,
         cost=float(residuals @ residuals),
         reason=reason,
-        iterations=int(ends.states[0, of.STEPS]),
-        evaluations=int(ends.states[0, of.EVALUATIONS]),
-        offset=float(ends.results[0, of.OFFSET]),
-        at_bound=ends.sides[0].astype(np.int8),
+        iterations=int(ends.states[k, of.STEPS]),
+        evaluations=int(ends.states[k, of.EVALUATIONS]),
+        offset=float(ends.results[k, of.OFFSET]),
+        at_bound=ends.sides[k].astype(np.int8),
     )
-    return _with_constraints(equations, found, ends.multipliers[0]) if equations.constraints else found
+    return _with_constraints(equations, found, ends.multipliers[k]) if equations.constraints else found
 
 
 def _with_constraints(equations: Assembled, found: Minimum, multipliers: Floats) -> Minimum | None:

@@ -150,7 +150,7 @@ def structure_of(equations: Assembled) -> object:
 
 def system_arrays(
     equations: Assembled,
-    addresses: Sequence[tuple[int, int]],
+    addresses: Sequence[tuple[int, int, int]],
     *,
     most_rows: Sequence[int],
     iterations: int,
@@ -160,7 +160,8 @@ def system_arrays(
 ) -> tuple[Indices, Floats]:
     """``system`` and ``constants`` for the groups of ``equations`` with up to ``most_rows`` rows each.
 
-    ``addresses`` are those of values and Jacobian of each group's kernel, in the order of the groups, then constraints.
+    ``addresses`` are those of values, Jacobian and sums (0: none) of each group's kernel, in the order of the groups,
+    then constraints.
     """
     layout, n = equations.layout, equations.dimension
     groups = (*equations.groups, *equations.constraints)
@@ -175,10 +176,11 @@ def system_arrays(
     blocks, tail, losses = _blocks(equations, addresses, blocks_at + len(groups) * of.BLOCK, of.BOUNDS_AT + 2 * n)
     header = np.zeros(of.HEADER, dtype=np.int64)
     padded = [rounded_up(rows) for rows in most_rows]
-    outputs = blocks[:, of.BLOCK_OUTPUTS]
+    outputs, tangents = blocks[:, of.BLOCK_OUTPUTS], blocks[:, of.BLOCK_TANGENTS]
     chunk = max([ROWS_AT_A_TIME, *(LANES * outputs).tolist()])
     chunk += -chunk % LANES
-    at_a_time = chunk // (LANES * outputs)
+    kernels = (outputs + blocks[:, of.BLOCK_NONZEROS]) * LANES * (chunk // (LANES * outputs))
+    sums = np.where(blocks[:, of.BLOCK_NORMAL] == 0, 0, tangents * (tangents + 1) // 2 + tangents + 2)
     for at, value in (
         (of.NUMBERS, len(layout.start)),
         (of.COORDINATES, n),
@@ -194,7 +196,7 @@ def system_arrays(
         (of.INPUTS, int((blocks[:, of.BLOCK_VARIABLES] + blocks[:, of.BLOCK_PARAMETERS]) @ padded)),
         (of.WEIGHTS, int(np.where(blocks[:, of.BLOCK_WEIGHTS] > 0, blocks[:, of.BLOCK_WEIGHTS], 2 * outputs) @ padded)),
         (of.CHUNK, chunk),
-        (of.OUTPUTS, int(((outputs + blocks[:, of.BLOCK_NONZEROS]) * LANES * at_a_time).max(initial=0))),
+        (of.OUTPUTS, int(np.maximum(kernels, sums).max(initial=0))),
         (of.PLACES_AT, places_at),
         (of.POSITIVE_AT, positive_at),
         (of.CURVED_AT, curved_at),
@@ -207,7 +209,7 @@ def system_arrays(
 
 
 def _blocks(
-    equations: Assembled, addresses: Sequence[tuple[int, int]], end: int, losses_at: int
+    equations: Assembled, addresses: Sequence[tuple[int, int, int]], end: int, losses_at: int
 ) -> tuple[Indices, list[Indices], list[Floats]]:
     """The table of blocks, what stands in ``system`` from ``end`` on, and in ``constants`` from ``losses_at`` on."""
     groups = (*equations.groups, *equations.constraints)
@@ -217,7 +219,7 @@ def _blocks(
     for line, group, address in zip(blocks, groups, addresses, strict=True):
         tables, losses = _tables(group, losses_at, equations)
         line[: of.BLOCK_WEIGHTS] = (
-            *address,
+            *address[:2],
             group.kernel.outputs,
             len(group.kernel.variables),
             len(group.kernel.parameters),
@@ -229,6 +231,7 @@ def _blocks(
         line[of.BLOCK_WEIGHTS] = sum(int(np.prod(w.weights.shape[1:])) for w in group.whiteners)
         line[of.BLOCK_UNITS] = len(group.whiteners)
         line[of.BLOCK_NOISE] = -1
+        line[of.BLOCK_NORMAL] = address[2]
         for at, table in zip((of.BLOCK_UNITS_AT, of.BLOCK_NONZEROS_AT, of.BLOCK_EQUALITY_AT), tables, strict=True):
             line[at] = end
             end += table.size

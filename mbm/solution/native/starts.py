@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 
 import numpy as np
@@ -19,9 +18,6 @@ from mbm.target.solver import description as of
 
 SETTLED = 1e-6
 """Relative offset at which a descent ends: what is left is far below what tells two ends apart."""
-
-FEW = 50
-"""Starts that are not worth a thread of their own."""
 
 
 def native_ends(
@@ -43,8 +39,7 @@ def native_ends(
     system = system_of(part, Settings(max_iterations=iterations, tolerance=SETTLED), strict=False)
     if system is None:
         return None
-    workers = min(settings.workers or os.cpu_count() or 1, max(1, len(starts) // FEW))
-    ends = system.solve(starts, workers=workers, stopped=settings.stopped)
+    ends = system.solve(starts, workers=settings.threads(len(starts)), stopped=settings.stopped)
     reasons, points, cost = ends.states[:, of.REASON], ends.numbers, ends.results[:, of.COST]
     idle = ends.states[:, of.EVALUATIONS] == 0
     if idle.any():

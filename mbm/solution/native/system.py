@@ -14,9 +14,11 @@ from mbm.problem.types import Method
 from mbm.solution.assembly import Assembled
 from mbm.solution.native.code import Described, NativeCode, SolverCode
 from mbm.solution.native.packing import LOSSES, Rows, rows_of, structure_of, system_arrays, triangle_kind
+from mbm.solution.native.summing import sum_addresses, summable
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices
 from mbm.target.solver import description as of
+from mbm.target.solver.normal_equations import MANY_ROWS
 from mbm.target.solver.workspace import work_integers, work_reals
 from mbm.values import dataclass
 
@@ -245,7 +247,10 @@ def system_of(
     known = code.systems.get(key)
     if known is None or any(a > b for a, b in zip(rows, known.rows, strict=True)):
         room = rows if known is None else [max(a, b) for a, b in zip(rows, known.rows, strict=True)]
-        addresses = [(kernels.values_address(k), kernels.jacobian_address(k)) for k in range(len(groups))]
+        sums = sum_addresses(
+            code, [g if r >= MANY_ROWS and summable(g) else None for g, r in zip(groups, room, strict=True)]
+        )
+        addresses = [(kernels.values_address(k), kernels.jacobian_address(k), sums[k]) for k in range(len(groups))]
         system, constants = system_arrays(
             equations,
             addresses,

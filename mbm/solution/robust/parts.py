@@ -31,15 +31,14 @@ def parts_of(equations: Assembled) -> tuple[Part, ...]:
     """The parts, in the order of their first coordinate; residuals that touch nothing are in none."""
     place = np.full(len(equations.layout.number), -1, dtype=np.int64)
     place[equations.free] = np.arange(equations.dimension)
-    touched = [place[group.columns] for group in (*equations.groups, *equations.constraints)]
+    touched = [place[group.touched] for group in (*equations.groups, *equations.constraints)]
     label = np.arange(equations.dimension)
     while True:
         before = label.copy()
         for columns in touched:
             lowest = _lowest(label, columns)
-            for column in columns.T:
-                inside = column >= 0
-                np.minimum.at(label, column[inside], lowest[inside])
+            inside = columns >= 0
+            np.minimum.at(label, columns[inside], np.broadcast_to(lowest[:, None], columns.shape)[inside])
         label = label[label]
         if bool((label == before).all()):
             break
@@ -47,7 +46,8 @@ def parts_of(equations: Assembled) -> tuple[Part, ...]:
     for group, columns in zip(equations.groups, touched, strict=False):
         lowest = _lowest(label, columns)
         lowest[lowest == equations.dimension] = -1
-        of_row[group.first : group.first + group.count] = np.repeat(lowest, group.kernel.outputs)
+        every = np.broadcast_to(lowest, group.rows) if len(lowest) == 1 else lowest
+        of_row[group.first : group.first + group.count] = np.repeat(every, group.kernel.outputs)
     return tuple(
         Part(columns=equations.free[label == each], rows=np.flatnonzero(of_row == each))
         for each in np.unique(label).tolist()

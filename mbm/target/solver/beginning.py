@@ -17,6 +17,7 @@ from mbm.target.solver.description import (
     DATA_COUNT,
     DATA_HEAD,
     DATA_ROWS,
+    LANES,
     LINEAR,
     NO_FINITE_STEP,
     NOT_FINITE_AT_START,
@@ -29,8 +30,8 @@ from mbm.target.solver.equations import residuals_at_point
 from mbm.target.solver.linear_algebra import dot, filled
 from mbm.target.solver.manifolds import coordinates_of, place_coordinates, retract
 from mbm.target.solver.places import arrive
-from mbm.target.solver.slopes import sweep
 from mbm.target.solver.steps import project
+from mbm.target.solver.sweeps import set_triangle, summed, sweep
 from mbm.target.solver.trust_region import factor_there
 from mbm.target.solver.workspace import (
     AT_COST,
@@ -55,6 +56,7 @@ from mbm.target.solver.workspace import (
     RESIDUALS_TRIED,
     SLOT,
     STOP,
+    SUMMED,
     X,
     place_at,
     residuals_at,
@@ -111,7 +113,11 @@ def begin(
     count = residuals_at_point(system, constants, data, index, point, 1, flags[PENALISED], work, residuals)
     place[AT_COST] = dot(count, residuals, residuals)
     triangle = place[triangle_at(system) :]
-    sweep(system, constants, data, index, columns, point, 0, flags[PENALISED], work, scalars, triangle)
+    if LANES > 1:
+        flags[SUMMED] = summed(system, data)
+        set_triangle(system, constants, data, index, columns, 0, work, flags)
+    else:
+        sweep(system, constants, data, index, columns, point, 0, flags[PENALISED], work, scalars, triangle)
     total = place[AT_COST]
     for i in range((n + 1) * (n + 1)):
         total += fabs(triangle[i])

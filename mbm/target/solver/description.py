@@ -137,6 +137,11 @@ BLOCK_NOISE = 13
 """Group of unknown noise, -1: none; for callers, as `NOISES`."""
 BLOCK_EQUALITY_AT = 14
 """Of constraints, offset in ``system`` of 1 (to be zero) or 0 (not above zero) for each output."""
+BLOCK_NORMAL = 15
+"""Address of the function that sums the normal equations of all rows, 0: there is none. It may be there for blocks with
+one row of columns, weights that are the factors of the outputs in their order, and losses of all units or of none. It
+is reached by ``call_normal(address, inputs, weights, losses, sums, blocks)``, see `mbm.target.normal_rows`; printed
+text has none."""
 BLOCK = 16
 
 NONZERO_OUTPUT = 0

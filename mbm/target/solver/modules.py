@@ -13,9 +13,11 @@ from mbm.target.solver import (
     losses,
     manifolds,
     newton,
+    normal_equations,
     places,
     slopes,
     steps,
+    sweeps,
     trials,
     trust_region,
     workspace,
@@ -29,6 +31,8 @@ PARTS = (
     workspace,
     equations,
     slopes,
+    normal_equations,
+    sweeps,
     steps,
     newton,
     places,
@@ -41,7 +45,9 @@ PARTS = (
 )
 """The files of the solver, those that are called before those that call them."""
 
-INNER = frozenset(function.__name__ for part in (linear_algebra, equations, slopes) for function in part.ROUTINES)
+INNER = frozenset(
+    function.__name__ for part in (linear_algebra, equations, slopes, sweeps) for function in part.ROUTINES
+)
 """The functions in which a solve spends its time: those worth compiling for speed at any size."""
 
 

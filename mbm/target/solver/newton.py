@@ -13,8 +13,8 @@ from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Int
 from mbm.target.solver.description import BOXED, COORDINATES
 from mbm.target.solver.linear_algebra import cholesky, dot, filled, solve_transposed, solve_upper
 from mbm.target.solver.manifolds import retract
-from mbm.target.solver.slopes import sweep
 from mbm.target.solver.steps import chosen_columns, down_of, norm_of, up_of
+from mbm.target.solver.sweeps import sweep
 from mbm.target.solver.workspace import (
     AT_COST,
     AT_LENGTH,

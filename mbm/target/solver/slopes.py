@@ -1,4 +1,4 @@
-"""Derivatives: rows of ``[J r]`` portion by portion, into their triangular factor or into a product ``Jᵀ v``."""
+"""Derivatives: nonzeros of the Jacobian → whitened rows of ``[J r]``, with losses in square-root form."""
 
 from __future__ import annotations
 
@@ -7,32 +7,19 @@ from mbm.target.from_python import (
     ConstantReals,
     Integer,
     Reals,
-    call_kernel,
     distinct_arrays,
 )
 from mbm.target.solver.description import (
-    BLOCK,
     BLOCK_COLUMNS,
     BLOCK_EQUALITY_AT,
-    BLOCK_JACOBIAN,
     BLOCK_NONZEROS,
     BLOCK_NONZEROS_AT,
     BLOCK_OUTPUTS,
-    BLOCK_PARAMETERS,
     BLOCK_UNITS,
     BLOCK_UNITS_AT,
-    BLOCK_VARIABLES,
     BLOCK_WEIGHTS,
-    BLOCKS,
-    BLOCKS_AT,
     CHUNK,
-    CONSTRAINTS,
     COORDINATES,
-    DATA_BLOCK,
-    DATA_COLUMNS,
-    DATA_HEAD,
-    DATA_INDEX,
-    DATA_ROWS,
     LANES,
     NO_LOSS,
     NONZERO,
@@ -48,18 +35,9 @@ from mbm.target.solver.description import (
     UNIT_WEIGHTS,
 )
 from mbm.target.solver.equations import (
-    gather,
-    groups_of,
-    penalise_values,
-    portion,
-    root_values,
     square_of,
-    weights_width,
-    whiten_values,
 )
-from mbm.target.solver.linear_algebra import append_rows, dot, filled
 from mbm.target.solver.losses import root_factor, root_slope
-from mbm.target.solver.workspace import chunk_at, inputs_at, outputs_at, weights_at
 
 
 @distinct_arrays
@@ -233,94 +211,6 @@ def root_slopes(
                             rows[i * LANES] = factor * rows[i * LANES] + change * along * own[i * LANES]
 
 
-@distinct_arrays
-def settle_chunk(
-    width: Integer, rows: Integer, stride: Integer, mode: Integer, vector: ConstantReals, chunk: Reals, target: Reals
-) -> None:
-    """What becomes of a full chunk: rows of the triangle, or of the product with the vector."""
-    count = rows
-    while count % 4 != 0:
-        for column in range(width):
-            chunk[column * stride + count] = 0.0
-        count += 1
-    if mode == 0:
-        append_rows(width, count, stride, chunk, target)
-    else:
-        for column in range(width - 1):
-            target[column] += dot(rows, chunk[column * stride :], vector)
-
-
-def sweep(
-    system: ConstantIntegers,
-    constants: ConstantReals,
-    data: ConstantIntegers,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    point: ConstantReals,
-    mode: Integer,
-    penalised: Integer,
-    work: Reals,
-    vector: ConstantReals,
-    target: Reals,
-) -> None:
-    """All rows of ``[J r]`` at a point, with losses.
-
-    ``mode`` 0: ``target`` becomes their triangular factor (n + 1, n + 1); 1: the product ``Jᵀ vector`` (n,) with a
-    vector of residuals. ``penalised`` 0 leaves the constraints out.
-    """
-    n = system[COORDINATES]
-    stride = system[CHUNK]
-    inputs = inputs_at(system)
-    whitening = weights_at(system)
-    outputs = work[outputs_at(system) :]
-    chunk = work[chunk_at(system) :]
-    if mode == 0:
-        filled((n + 1) * (n + 1), 0.0, target)
-    else:
-        filled(n, 0.0, target)
-    there = 0
-    settled = 0
-    for b in range(system[BLOCKS] + penalised * system[CONSTRAINTS]):
-        block = system[system[BLOCKS_AT] + b * BLOCK :]
-        at = DATA_HEAD + b * DATA_BLOCK
-        rows = data[at + DATA_ROWS]
-        lines = block[BLOCK_OUTPUTS] * LANES
-        width = (block[BLOCK_VARIABLES] + block[BLOCK_PARAMETERS]) * LANES
-        heavy = weights_width(block) * LANES
-        own = columns[data[at + DATA_COLUMNS] :]
-        gather(block, rows, index[data[at + DATA_INDEX] :], point, work[inputs:])
-        first = 0
-        while first < groups_of(rows):
-            groups = portion(system, block)
-            if first + groups > groups_of(rows):
-                groups = groups_of(rows) - first
-            if there + groups * lines > stride:
-                settle_chunk(n + 1, there, stride, mode, vector[settled:], chunk, target)
-                settled += there
-                there = 0
-            call_kernel(block[BLOCK_JACOBIAN], work[inputs + first * width :], outputs, groups)
-            weights = work[whitening + first * heavy :]
-            for column in range(n):
-                filled(groups * lines, 0.0, chunk[column * stride + there :])
-            scatter(system, block, own, first, rows, groups, outputs, weights, chunk[there:])
-            right = chunk[n * stride + there :]
-            every = block[BLOCK_OUTPUTS] + block[BLOCK_NONZEROS]
-            if b < system[BLOCKS]:
-                whiten_values(system, block, groups, every, outputs, weights, right)
-                whiten_matrices(system, block, groups, weights, chunk[there:])
-                root_slopes(system, constants, block, groups, right, chunk[there:])
-                root_values(system, constants, block, groups, right)
-            else:
-                penalise_values(system, block, groups, every, outputs, weights, right)
-                penalise_slopes(system, block, groups, weights, right, chunk[there:])
-            there += groups * lines
-            first += groups
-        inputs += groups_of(rows) * width
-        whitening += groups_of(rows) * heavy
-    if there > 0:
-        settle_chunk(n + 1, there, stride, mode, vector[settled:], chunk, target)
-
-
 ROUTINES = (
     add_to_column,
     add_plain_to_column,
@@ -329,6 +219,4 @@ ROUTINES = (
     whiten_matrices,
     penalise_slopes,
     root_slopes,
-    settle_chunk,
-    sweep,
 )

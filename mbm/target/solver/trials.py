@@ -25,8 +25,8 @@ from mbm.target.solver.linear_algebra import (
     times_upper,
 )
 from mbm.target.solver.manifolds import coordinates_of, place_coordinates, retract
-from mbm.target.solver.slopes import sweep
 from mbm.target.solver.steps import boxed_step, judge_step, land, marquardt_step
+from mbm.target.solver.sweeps import sweep
 from mbm.target.solver.workspace import (
     AT_COST,
     AT_LENGTH,

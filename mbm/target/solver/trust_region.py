@@ -12,6 +12,7 @@ from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Int
 from mbm.target.solver.description import (
     COORDINATES,
     FLAT,
+    LANES,
     NO_FINITE_STEP,
     NUMBERS,
     ROUNDING,
@@ -24,7 +25,7 @@ from mbm.target.solver.linear_algebra import (
 )
 from mbm.target.solver.newton import remaining, set_curvature
 from mbm.target.solver.places import arrive, judge
-from mbm.target.solver.slopes import sweep
+from mbm.target.solver.sweeps import set_triangle, sweep
 from mbm.target.solver.trials import UNDECIDED, same_point, shortening, step_within, try_step
 from mbm.target.solver.workspace import (
     AT_COST,
@@ -101,8 +102,10 @@ def factor_there(
     copied(system[NUMBERS], work[trial_at(system, flags[POINT_TRIED]) :], there[AT_POINT:])
     there[AT_COST] = scalars[COST_TRIED]
     triangle = there[triangle_at(system) :]
-    point = there[AT_POINT:]
-    sweep(system, constants, data, index, columns, point, 0, flags[PENALISED], work, scalars, triangle)
+    if LANES > 1:
+        set_triangle(system, constants, data, index, columns, 1 - flags[HERE], work, flags)
+    else:
+        sweep(system, constants, data, index, columns, there[AT_POINT:], 0, flags[PENALISED], work, scalars, triangle)
     total = 0.0
     for i in range((n + 1) * (n + 1)):
         total += triangle[i]

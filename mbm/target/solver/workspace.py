@@ -29,6 +29,8 @@ AT_NOISE = 4
 """The rounding of ``‖r‖``."""
 AT_SLACK = 5
 """The rounding of the cost."""
+AT_SQUARE = 6
+"""Upper estimate of the squared condition where the triangle comes from sums of products; 0 where it does not."""
 AT_POINT = 8
 
 X = 0
@@ -78,6 +80,8 @@ POINT_TRIED = 21
 """Number of the trial point."""
 WHOLE = 22
 """1: the step tried is the undamped one."""
+SUMMED = 23
+"""1: triangles come from sums of products, as long as the condition allows it."""
 FLAGS = 24
 
 # --- reals of the iteration --------------------------------------------------------------------------------------

@@ -341,6 +341,7 @@ static int assemble(struct frame *f)
     return status;
 }
 
+
 /* Everything of a data set that the solver is handed. */
 static int prepare(struct frame *f, const bounds_data *data,
     bounds_workspace *workspace)
@@ -477,8 +478,9 @@ int bounds_begin(const bounds_data *data, bounds_result *result, bounds_workspac
         f->covariance[c] = -1.0;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
+    f->states[4] = 0;
     answer(f, result);
-    return 0;
+    return result->status;
 }
 
 long bounds_residual_count(const bounds_data *data, bounds_workspace *workspace)

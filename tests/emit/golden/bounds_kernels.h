@@ -14,6 +14,7 @@ static void d_values(const double *inputs, double *outputs)
     const double b = inputs[1];
     const double x = inputs[2];
     const double y = inputs[3];
+
     outputs[0] = a * x + b - y;
 }
 
@@ -29,6 +30,7 @@ static void d_jacobian(const double *inputs, double *outputs)
     const double b = inputs[1];
     const double x = inputs[2];
     const double y = inputs[3];
+
     outputs[0] = a * x + b - y;
     outputs[1] = x;
     outputs[2] = 1.0;
@@ -42,6 +44,7 @@ static void d_jacobian(const double *inputs, double *outputs)
 static void prior_a_values(const double *inputs, double *outputs)
 {
     const double a = inputs[0];
+
     outputs[0] = a + -1.5;
 }
 
@@ -53,6 +56,7 @@ static void prior_a_values(const double *inputs, double *outputs)
 static void prior_a_jacobian(const double *inputs, double *outputs)
 {
     const double a = inputs[0];
+
     outputs[0] = a + -1.5;
     outputs[1] = 1.0;
 }
@@ -61,6 +65,7 @@ static void prior_a_jacobian(const double *inputs, double *outputs)
 static void d_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.2;
 }
 
@@ -68,6 +73,7 @@ static void d_noise(const double *inputs, double *outputs)
 static void prior_a_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.1;
 }
 
@@ -75,6 +81,7 @@ static void prior_a_noise(const double *inputs, double *outputs)
 static void start_of_a(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 1.5;
 }
 
@@ -82,6 +89,7 @@ static void start_of_a(const double *inputs, double *outputs)
 static void least_of_a(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.0;
 }
 
@@ -89,6 +97,7 @@ static void least_of_a(const double *inputs, double *outputs)
 static void greatest_of_a(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 2.0;
 }
 
@@ -96,6 +105,7 @@ static void greatest_of_a(const double *inputs, double *outputs)
 static void start_of_b(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.1;
 }
 

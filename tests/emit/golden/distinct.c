@@ -341,6 +341,7 @@ static int assemble(struct frame *f)
     return status;
 }
 
+
 /* Everything of a data set that the solver is handed. */
 static int prepare(struct frame *f, const distinct_data *data,
     distinct_workspace *workspace)
@@ -479,8 +480,9 @@ int distinct_begin(const distinct_data *data, distinct_result *result, distinct_
         f->covariance[c] = -1.0;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
+    f->states[4] = 0;
     answer(f, result);
-    return 0;
+    return result->status;
 }
 
 long distinct_residual_count(const distinct_data *data, distinct_workspace *workspace)

@@ -31,8 +31,8 @@ typedef struct {
     const double *d_x;    /* `x` */
     const double *d_y;    /* `y` */
     const double *d_good;    /* `good` */
-    const double *start_k;    /* where k begins: 1 numbers; NULL: as the problem states */
-    const double *start_o;    /* where o begins: 1 numbers for each member; NULL: as the problem states */
+    const double *start_k;    /* where k begins: a number; NULL: as the README says */
+    const double *start_o;    /* where o begins: a number for each member; NULL: as the README says */
 } distinct_data;
 
 /* What is answered, in SI; `sigma` are standard deviations. */

@@ -16,6 +16,7 @@ static void d_values(const double *inputs, double *outputs)
     const double o_kind = inputs[1];  /* o[kind] */
     const double x = inputs[2];
     const double y = inputs[3];
+
     outputs[0] = k * x + o_kind - y;
 }
 
@@ -23,7 +24,7 @@ static void d_values(const double *inputs, double *outputs)
  * d: the same, and behind it the derivatives that are not zero everywhere, in the order
  *
  *     d(component 1) / d(k, coordinate 1)
- *     d(component 1) / d(o, coordinate 1)
+ *     d(component 1) / d(o[kind], coordinate 1)
  */
 static void d_jacobian(const double *inputs, double *outputs)
 {
@@ -31,6 +32,7 @@ static void d_jacobian(const double *inputs, double *outputs)
     const double o_kind = inputs[1];  /* o[kind] */
     const double x = inputs[2];
     const double y = inputs[3];
+
     outputs[0] = k * x + o_kind - y;
     outputs[1] = x;
     outputs[2] = 1.0;
@@ -40,6 +42,7 @@ static void d_jacobian(const double *inputs, double *outputs)
 static void d_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.1;
 }
 
@@ -47,6 +50,7 @@ static void d_noise(const double *inputs, double *outputs)
 static void d_kept(const double *inputs, double *outputs)
 {
     const double good = inputs[0];
+
     outputs[0] = kernel_equal(good, 1.0);
 }
 
@@ -54,6 +58,7 @@ static void d_kept(const double *inputs, double *outputs)
 static void start_of_k(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 1.0;
 }
 
@@ -61,6 +66,7 @@ static void start_of_k(const double *inputs, double *outputs)
 static void start_of_o(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.0;
 }
 
@@ -68,6 +74,7 @@ static void start_of_o(const double *inputs, double *outputs)
 static void d_when(const double *inputs, double *outputs)
 {
     const double x = inputs[0];
+
     outputs[0] = kernel_less(x, 10.0);
 }
 

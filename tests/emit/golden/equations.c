@@ -362,6 +362,7 @@ static int assemble(struct frame *f)
     return status;
 }
 
+
 /* Everything of a data set that the solver is handed. */
 static int prepare(struct frame *f, const equations_data *data,
     equations_workspace *workspace)
@@ -496,8 +497,9 @@ int equations_begin(const equations_data *data, equations_result *result, equati
         f->covariance[c] = -1.0;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
+    f->states[4] = 0;
     answer(f, result);
-    return 0;
+    return result->status;
 }
 
 long equations_residual_count(const equations_data *data, equations_workspace *workspace)

@@ -29,7 +29,7 @@ typedef struct {
     long d_rows;    /* rows of `d` */
     const double *d_corner;    /* `corner` */
     const double *d_angle;    /* `angle` */
-    const double *start_q;    /* where q begins: 3 numbers; NULL: as the problem states */
+    const double *start_q;    /* where q begins: 3 numbers; NULL: as the README says */
 } equations_data;
 
 /* What is answered, in SI; `sigma` are standard deviations. */

@@ -12,6 +12,7 @@ static void d_1_values(const double *inputs, double *outputs)
 {
     const double q_1 = inputs[0];  /* q[1] */
     const double angle = inputs[1];
+
     outputs[0] = q_1 - angle;
 }
 
@@ -24,6 +25,7 @@ static void d_1_jacobian(const double *inputs, double *outputs)
 {
     const double q_1 = inputs[0];  /* q[1] */
     const double angle = inputs[1];
+
     outputs[0] = q_1 - angle;
     outputs[1] = 1.0;
 }
@@ -37,6 +39,7 @@ static void d_2_values(const double *inputs, double *outputs)
 {
     const double q_2 = inputs[0];  /* q[2] */
     const double angle = inputs[1];
+
     outputs[0] = q_2 - angle;
 }
 
@@ -49,6 +52,7 @@ static void d_2_jacobian(const double *inputs, double *outputs)
 {
     const double q_2 = inputs[0];  /* q[2] */
     const double angle = inputs[1];
+
     outputs[0] = q_2 - angle;
     outputs[1] = 1.0;
 }
@@ -62,6 +66,7 @@ static void d_3_values(const double *inputs, double *outputs)
 {
     const double q_3 = inputs[0];  /* q[3] */
     const double angle = inputs[1];
+
     outputs[0] = q_3 - angle;
 }
 
@@ -74,6 +79,7 @@ static void d_3_jacobian(const double *inputs, double *outputs)
 {
     const double q_3 = inputs[0];  /* q[3] */
     const double angle = inputs[1];
+
     outputs[0] = q_3 - angle;
     outputs[1] = 1.0;
 }
@@ -88,6 +94,7 @@ static void q_1_q_2_q_3_180_values(const double *inputs, double *outputs)
     const double q_1 = inputs[0];  /* q[1] */
     const double q_2 = inputs[1];  /* q[2] */
     const double q_3 = inputs[2];  /* q[3] */
+
     outputs[0] = q_1 + q_2 + q_3 + -180.0;
 }
 
@@ -103,6 +110,7 @@ static void q_1_q_2_q_3_180_jacobian(const double *inputs, double *outputs)
     const double q_1 = inputs[0];  /* q[1] */
     const double q_2 = inputs[1];  /* q[2] */
     const double q_3 = inputs[2];  /* q[3] */
+
     outputs[0] = q_1 + q_2 + q_3 + -180.0;
     outputs[1] = 1.0;
     outputs[2] = 1.0;
@@ -113,6 +121,7 @@ static void q_1_q_2_q_3_180_jacobian(const double *inputs, double *outputs)
 static void d_1_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.1;
 }
 
@@ -120,6 +129,7 @@ static void d_1_noise(const double *inputs, double *outputs)
 static void d_2_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.1;
 }
 
@@ -127,6 +137,7 @@ static void d_2_noise(const double *inputs, double *outputs)
 static void d_3_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.1;
 }
 
@@ -134,6 +145,7 @@ static void d_3_noise(const double *inputs, double *outputs)
 static void start_of_q(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 60.0;
     outputs[1] = 60.0;
     outputs[2] = 60.0;

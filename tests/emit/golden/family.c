@@ -289,6 +289,7 @@ static int assemble(struct frame *f)
     return status;
 }
 
+
 /* Everything of a data set that the solver is handed. */
 static int prepare(struct frame *f, const family_data *data,
     family_workspace *workspace)
@@ -425,8 +426,9 @@ int family_begin(const family_data *data, family_result *result, family_workspac
         f->covariance[c] = -1.0;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
+    f->states[4] = 0;
     answer(f, result);
-    return 0;
+    return result->status;
 }
 
 long family_residual_count(const family_data *data, family_workspace *workspace)

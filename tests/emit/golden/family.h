@@ -35,7 +35,7 @@ typedef struct {
     const char *const *steps_to;    /* `to` */
     const double *steps_rise;    /* `rise` */
     const double *steps_s;    /* `s` */
-    const double *start_h;    /* where h begins: 1 numbers for each member; NULL: as the problem states */
+    const double *start_h;    /* where h begins: a number for each member; NULL: as the README says */
 } family_data;
 
 /* What is answered, in SI; `sigma` are standard deviations. */

@@ -14,20 +14,22 @@ static void steps_values(const double *inputs, double *outputs)
     const double h_to = inputs[0];  /* h[to] */
     const double h_from = inputs[1];  /* h[from] */
     const double rise = inputs[2];
+
     outputs[0] = h_to - h_from - rise;
 }
 
 /*
  * steps: the same, and behind it the derivatives that are not zero everywhere, in the order
  *
- *     d(component 1) / d(h, coordinate 1)
- *     d(component 1) / d(h, coordinate 1)
+ *     d(component 1) / d(h[to], coordinate 1)
+ *     d(component 1) / d(h[from], coordinate 1)
  */
 static void steps_jacobian(const double *inputs, double *outputs)
 {
     const double h_to = inputs[0];  /* h[to] */
     const double h_from = inputs[1];  /* h[from] */
     const double rise = inputs[2];
+
     outputs[0] = h_to - h_from - rise;
     outputs[1] = 1.0;
     outputs[2] = -1.0;
@@ -37,6 +39,7 @@ static void steps_jacobian(const double *inputs, double *outputs)
 static void steps_noise(const double *inputs, double *outputs)
 {
     const double s = inputs[0];
+
     outputs[0] = s * 0.01;
 }
 
@@ -44,6 +47,7 @@ static void steps_noise(const double *inputs, double *outputs)
 static void start_of_h(const double *inputs, double *outputs)
 {
     const double height = inputs[0];
+
     outputs[0] = height;
 }
 
@@ -51,6 +55,7 @@ static void start_of_h(const double *inputs, double *outputs)
 static void fixed_of_h(const double *inputs, double *outputs)
 {
     const double known = inputs[0];
+
     outputs[0] = kernel_equal(known, 1.0);
 }
 

@@ -242,6 +242,7 @@ static int assemble(struct frame *f)
     return status;
 }
 
+
 /* Everything of a data set that the solver is handed. */
 static int prepare(struct frame *f, const for_each_data *data,
     for_each_workspace *workspace)
@@ -376,8 +377,9 @@ int for_each_begin(const for_each_data *data, for_each_result *result, for_each_
         f->covariance[c] = -1.0;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
+    f->states[4] = 0;
     answer(f, result);
-    return 0;
+    return result->status;
 }
 
 long for_each_residual_count(const for_each_data *data, for_each_workspace *workspace)

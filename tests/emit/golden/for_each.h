@@ -29,7 +29,7 @@ typedef struct {
     long d_rows;    /* rows of `d` */
     const double *d_day;    /* `day` */
     const double *d_y;    /* `y` */
-    const double *start_m;    /* where m begins: 1 numbers; NULL: as the problem states */
+    const double *start_m;    /* where m begins: a number; NULL: as the README says */
 } for_each_data;
 
 /* What is answered, in SI; `sigma` are standard deviations. */

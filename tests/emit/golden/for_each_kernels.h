@@ -12,6 +12,7 @@ static void d_values(const double *inputs, double *outputs)
 {
     const double m = inputs[0];
     const double y = inputs[1];
+
     outputs[0] = m - y;
 }
 
@@ -24,6 +25,7 @@ static void d_jacobian(const double *inputs, double *outputs)
 {
     const double m = inputs[0];
     const double y = inputs[1];
+
     outputs[0] = m - y;
     outputs[1] = 1.0;
 }
@@ -32,6 +34,7 @@ static void d_jacobian(const double *inputs, double *outputs)
 static void d_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.5;
 }
 
@@ -39,6 +42,7 @@ static void d_noise(const double *inputs, double *outputs)
 static void start_of_m(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.0;
 }
 

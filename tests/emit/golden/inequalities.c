@@ -370,6 +370,7 @@ static int assemble(struct frame *f)
     return status;
 }
 
+
 /* Everything of a data set that the solver is handed. */
 static int prepare(struct frame *f, const inequalities_data *data,
     inequalities_workspace *workspace)
@@ -506,8 +507,9 @@ int inequalities_begin(const inequalities_data *data, inequalities_result *resul
         f->covariance[c] = -1.0;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
+    f->states[4] = 0;
     answer(f, result);
-    return 0;
+    return result->status;
 }
 
 long inequalities_residual_count(const inequalities_data *data, inequalities_workspace *workspace)

@@ -29,8 +29,8 @@ typedef struct {
     long d_rows;    /* rows of `d` */
     const double *d_x;    /* `x` */
     const double *d_y;    /* `y` */
-    const double *start_a;    /* where a begins: 1 numbers; NULL: as the problem states */
-    const double *start_b;    /* where b begins: 1 numbers; NULL: as the problem states */
+    const double *start_a;    /* where a begins: a number; NULL: as the README says */
+    const double *start_b;    /* where b begins: a number; NULL: as the README says */
 } inequalities_data;
 
 /* What is answered, in SI; `sigma` are standard deviations. */

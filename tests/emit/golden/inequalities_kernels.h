@@ -14,6 +14,7 @@ static void d_values(const double *inputs, double *outputs)
     const double b = inputs[1];
     const double x = inputs[2];
     const double y = inputs[3];
+
     outputs[0] = a * x + b - y;
 }
 
@@ -29,6 +30,7 @@ static void d_jacobian(const double *inputs, double *outputs)
     const double b = inputs[1];
     const double x = inputs[2];
     const double y = inputs[3];
+
     outputs[0] = a * x + b - y;
     outputs[1] = x;
     outputs[2] = 1.0;
@@ -43,6 +45,7 @@ static void a_b_3_values(const double *inputs, double *outputs)
 {
     const double a = inputs[0];
     const double b = inputs[1];
+
     outputs[0] = a + b + -3.0;
 }
 
@@ -56,6 +59,7 @@ static void a_b_3_jacobian(const double *inputs, double *outputs)
 {
     const double a = inputs[0];
     const double b = inputs[1];
+
     outputs[0] = a + b + -3.0;
     outputs[1] = 1.0;
     outputs[2] = 1.0;
@@ -69,6 +73,7 @@ static void a_b_3_jacobian(const double *inputs, double *outputs)
 static void b_10_values(const double *inputs, double *outputs)
 {
     const double b = inputs[0];
+
     outputs[0] = -10.0 - b;
 }
 
@@ -80,6 +85,7 @@ static void b_10_values(const double *inputs, double *outputs)
 static void b_10_jacobian(const double *inputs, double *outputs)
 {
     const double b = inputs[0];
+
     outputs[0] = -10.0 - b;
     outputs[1] = -1.0;
 }
@@ -88,6 +94,7 @@ static void b_10_jacobian(const double *inputs, double *outputs)
 static void d_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.2;
 }
 
@@ -95,6 +102,7 @@ static void d_noise(const double *inputs, double *outputs)
 static void start_of_a(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 1.0;
 }
 
@@ -102,6 +110,7 @@ static void start_of_a(const double *inputs, double *outputs)
 static void start_of_b(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.5;
 }
 

@@ -246,6 +246,7 @@ static int assemble(struct frame *f)
     return status;
 }
 
+
 /* Everything of a data set that the solver is handed. */
 static int prepare(struct frame *f, const information_data *data,
     information_workspace *workspace)
@@ -380,8 +381,9 @@ int information_begin(const information_data *data, information_result *result, 
         f->covariance[c] = -1.0;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
+    f->states[4] = 0;
     answer(f, result);
-    return 0;
+    return result->status;
 }
 
 long information_residual_count(const information_data *data, information_workspace *workspace)

@@ -31,7 +31,7 @@ typedef struct {
     const double *d_v;    /* `v` */
     const double *d_s;    /* `s` */
     const double *d_c;    /* `c` */
-    const double *start_p;    /* where p begins: 2 numbers; NULL: as the problem states */
+    const double *start_p;    /* where p begins: 2 numbers; NULL: as the README says */
 } information_data;
 
 /* What is answered, in SI; `sigma` are standard deviations. */

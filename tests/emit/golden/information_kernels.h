@@ -16,6 +16,7 @@ static void d_values(const double *inputs, double *outputs)
     const double p_2 = inputs[1];  /* p[2] */
     const double u = inputs[2];
     const double v = inputs[3];
+
     outputs[0] = p_1 - u;
     outputs[1] = kernel_square(p_2) - v;
 }
@@ -32,6 +33,7 @@ static void d_jacobian(const double *inputs, double *outputs)
     const double p_2 = inputs[1];  /* p[2] */
     const double u = inputs[2];
     const double v = inputs[3];
+
     outputs[0] = p_1 - u;
     outputs[1] = kernel_square(p_2) - v;
     outputs[2] = 1.0;
@@ -43,6 +45,7 @@ static void d_noise(const double *inputs, double *outputs)
 {
     const double s = inputs[0];
     const double c = inputs[1];
+
     outputs[0] = s;
     outputs[1] = c;
     outputs[2] = c;
@@ -53,6 +56,7 @@ static void d_noise(const double *inputs, double *outputs)
 static void start_of_p(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 1.0;
     outputs[1] = 1.0;
 }

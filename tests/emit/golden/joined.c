@@ -269,6 +269,7 @@ static int assemble(struct frame *f)
     return status;
 }
 
+
 /* Everything of a data set that the solver is handed. */
 static int prepare(struct frame *f, const joined_data *data,
     joined_workspace *workspace)
@@ -403,8 +404,9 @@ int joined_begin(const joined_data *data, joined_result *result, joined_workspac
         f->covariance[c] = -1.0;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
+    f->states[4] = 0;
     answer(f, result);
-    return 0;
+    return result->status;
 }
 
 long joined_residual_count(const joined_data *data, joined_workspace *workspace)

@@ -33,7 +33,7 @@ typedef struct {
     long ranges_rows;    /* rows of `ranges` */
     const char *const *ranges_place;    /* `place` */
     const double *ranges_r;    /* `r` */
-    const double *start_p;    /* where p begins: 2 numbers; NULL: as the problem states */
+    const double *start_p;    /* where p begins: 2 numbers; NULL: as the README says */
 } joined_data;
 
 /* What is answered, in SI; `sigma` are standard deviations. */

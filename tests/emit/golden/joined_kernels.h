@@ -16,6 +16,7 @@ static void ranges_values(const double *inputs, double *outputs)
     const double places_x = inputs[2];  /* places.x */
     const double places_y = inputs[3];  /* places.y */
     const double r = inputs[4];
+
     outputs[0] = sqrt(kernel_square(p_1 - places_x) + kernel_square(p_2 - places_y)) - r;
 }
 
@@ -35,6 +36,7 @@ static void ranges_jacobian(const double *inputs, double *outputs)
     const double t1 = p_1 - places_x;
     const double t2 = p_2 - places_y;
     const double t3 = sqrt(kernel_square(t1) + kernel_square(t2));
+
     outputs[0] = t3 - r;
     outputs[1] = t1 / t3;
     outputs[2] = t2 / t3;
@@ -44,6 +46,7 @@ static void ranges_jacobian(const double *inputs, double *outputs)
 static void ranges_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.05;
 }
 
@@ -51,6 +54,7 @@ static void ranges_noise(const double *inputs, double *outputs)
 static void start_of_p(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 1.0;
     outputs[1] = 1.0;
 }

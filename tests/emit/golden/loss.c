@@ -287,6 +287,7 @@ static int assemble(struct frame *f)
     return status;
 }
 
+
 /* Everything of a data set that the solver is handed. */
 static int prepare(struct frame *f, const loss_data *data,
     loss_workspace *workspace)
@@ -427,8 +428,9 @@ int loss_begin(const loss_data *data, loss_result *result, loss_workspace *works
         f->covariance[c] = -1.0;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
+    f->states[4] = 0;
     answer(f, result);
-    return 0;
+    return result->status;
 }
 
 long loss_residual_count(const loss_data *data, loss_workspace *workspace)

@@ -14,6 +14,7 @@ static void d_values(const double *inputs, double *outputs)
     const double b = inputs[1];
     const double x = inputs[2];
     const double y = inputs[3];
+
     outputs[0] = a * x + b - y;
 }
 
@@ -29,6 +30,7 @@ static void d_jacobian(const double *inputs, double *outputs)
     const double b = inputs[1];
     const double x = inputs[2];
     const double y = inputs[3];
+
     outputs[0] = a * x + b - y;
     outputs[1] = x;
     outputs[2] = 1.0;
@@ -38,6 +40,7 @@ static void d_jacobian(const double *inputs, double *outputs)
 static void d_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.2;
 }
 
@@ -45,6 +48,7 @@ static void d_noise(const double *inputs, double *outputs)
 static void start_of_a(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 2.0;
 }
 
@@ -52,6 +56,7 @@ static void start_of_a(const double *inputs, double *outputs)
 static void start_of_b(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 1.0;
 }
 

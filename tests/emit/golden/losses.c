@@ -143,11 +143,13 @@ static int find_rows(struct frame *f)
 static int set_up_a(struct frame *f)
 {
     const losses_data *data = f->data;
+    double inputs[1];
     double stated[1];
     double lower[1], upper[1];
     long m, c;
 
     (void)stated;
+    inputs[0] = 0.0;
     for (m = 0; m < f->members[0]; m++) {
         const long number = f->offsets[0] + m * 1;
         const long first = f->firsts[0] + m * 1;
@@ -167,7 +169,11 @@ static int set_up_a(struct frame *f)
                 f->start[number + c] = data->start_a[m * 1 + c];
             continue;
         }
-        f->start[number + 0] = 2.0417117316814064;
+        start_of_a(inputs, stated);
+        for (c = 0; c < 1; c++) {
+            const double found = begun(stated[c], -HUGE_VAL, HUGE_VAL, lower[c], upper[c]);
+            f->start[number + c] = found;
+        }
     }
     return 0;
 }
@@ -176,11 +182,13 @@ static int set_up_a(struct frame *f)
 static int set_up_b(struct frame *f)
 {
     const losses_data *data = f->data;
+    double inputs[1];
     double stated[1];
     double lower[1], upper[1];
     long m, c;
 
     (void)stated;
+    inputs[0] = 0.0;
     for (m = 0; m < f->members[1]; m++) {
         const long number = f->offsets[1] + m * 1;
         const long first = f->firsts[1] + m * 1;
@@ -200,7 +208,11 @@ static int set_up_b(struct frame *f)
                 f->start[number + c] = data->start_b[m * 1 + c];
             continue;
         }
-        f->start[number + 0] = 1.018358170029207;
+        start_of_b(inputs, stated);
+        for (c = 0; c < 1; c++) {
+            const double found = begun(stated[c], -HUGE_VAL, HUGE_VAL, lower[c], upper[c]);
+            f->start[number + c] = found;
+        }
     }
     return 0;
 }
@@ -344,6 +356,7 @@ static int assemble(struct frame *f)
     return status;
 }
 
+
 /* Everything of a data set that the solver is handed. */
 static int prepare(struct frame *f, const losses_data *data,
     losses_workspace *workspace)
@@ -484,8 +497,9 @@ int losses_begin(const losses_data *data, losses_result *result, losses_workspac
         f->covariance[c] = -1.0;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
+    f->states[4] = 0;
     answer(f, result);
-    return 0;
+    return result->status;
 }
 
 long losses_residual_count(const losses_data *data, losses_workspace *workspace)

@@ -14,6 +14,7 @@ static void d_values(const double *inputs, double *outputs)
     const double b = inputs[1];
     const double x = inputs[2];
     const double y = inputs[3];
+
     outputs[0] = a * x + b - y;
 }
 
@@ -29,6 +30,7 @@ static void d_jacobian(const double *inputs, double *outputs)
     const double b = inputs[1];
     const double x = inputs[2];
     const double y = inputs[3];
+
     outputs[0] = a * x + b - y;
     outputs[1] = x;
     outputs[2] = 1.0;
@@ -46,6 +48,7 @@ static void e_values(const double *inputs, double *outputs)
     const double a = inputs[1];
     const double u = inputs[2];
     const double v = inputs[3];
+
     outputs[0] = b - u;
     outputs[1] = 0.5 * a - v;
 }
@@ -62,6 +65,7 @@ static void e_jacobian(const double *inputs, double *outputs)
     const double a = inputs[1];
     const double u = inputs[2];
     const double v = inputs[3];
+
     outputs[0] = b - u;
     outputs[1] = 0.5 * a - v;
     outputs[2] = 1.0;
@@ -72,6 +76,7 @@ static void e_jacobian(const double *inputs, double *outputs)
 static void d_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.2;
 }
 
@@ -79,8 +84,25 @@ static void d_noise(const double *inputs, double *outputs)
 static void e_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.2;
     outputs[1] = 0.2;
+}
+
+/* a: where the iteration begins. */
+static void start_of_a(const double *inputs, double *outputs)
+{
+    (void)inputs;
+
+    outputs[0] = 2.0;
+}
+
+/* b: where the iteration begins. */
+static void start_of_b(const double *inputs, double *outputs)
+{
+    (void)inputs;
+
+    outputs[0] = 1.0;
 }
 
 /* Kernel 2k gives the values of kernel k, 2k + 1 the values and the derivatives; `rows` of them. */

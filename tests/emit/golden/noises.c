@@ -398,6 +398,7 @@ static int assemble(struct frame *f)
     return status;
 }
 
+
 /* Everything of a data set that the solver is handed. */
 static int prepare(struct frame *f, const noises_data *data,
     noises_workspace *workspace)
@@ -534,8 +535,9 @@ int noises_begin(const noises_data *data, noises_result *result, noises_workspac
         f->covariance[c] = -1.0;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
+    f->states[4] = 0;
     answer(f, result);
-    return 0;
+    return result->status;
 }
 
 long noises_residual_count(const noises_data *data, noises_workspace *workspace)

@@ -31,8 +31,8 @@ typedef struct {
     const double *d_y;    /* `y` */
     long e_rows;    /* rows of `e` */
     const double *e_u;    /* `u` */
-    const double *start_a;    /* where a begins: 1 numbers; NULL: as the problem states */
-    const double *start_b;    /* where b begins: 1 numbers; NULL: as the problem states */
+    const double *start_a;    /* where a begins: a number; NULL: as the README says */
+    const double *start_b;    /* where b begins: a number; NULL: as the README says */
 } noises_data;
 
 /* What is answered, in SI; `sigma` are standard deviations. */

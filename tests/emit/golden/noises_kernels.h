@@ -14,6 +14,7 @@ static void d_values(const double *inputs, double *outputs)
     const double b = inputs[1];
     const double x = inputs[2];
     const double y = inputs[3];
+
     outputs[0] = a * exp(0.01 * x) * x + b - y;
 }
 
@@ -30,6 +31,7 @@ static void d_jacobian(const double *inputs, double *outputs)
     const double x = inputs[2];
     const double y = inputs[3];
     const double t1 = exp(0.01 * x);
+
     outputs[0] = a * t1 * x + b - y;
     outputs[1] = x * t1;
     outputs[2] = 1.0;
@@ -44,6 +46,7 @@ static void e_values(const double *inputs, double *outputs)
 {
     const double b = inputs[0];
     const double u = inputs[1];
+
     outputs[0] = b - u;
 }
 
@@ -56,6 +59,7 @@ static void e_jacobian(const double *inputs, double *outputs)
 {
     const double b = inputs[0];
     const double u = inputs[1];
+
     outputs[0] = b - u;
     outputs[1] = 1.0;
 }
@@ -68,6 +72,7 @@ static void e_jacobian(const double *inputs, double *outputs)
 static void prior_b_values(const double *inputs, double *outputs)
 {
     const double b = inputs[0];
+
     outputs[0] = b + -1.0;
 }
 
@@ -79,6 +84,7 @@ static void prior_b_values(const double *inputs, double *outputs)
 static void prior_b_jacobian(const double *inputs, double *outputs)
 {
     const double b = inputs[0];
+
     outputs[0] = b + -1.0;
     outputs[1] = 1.0;
 }
@@ -87,6 +93,7 @@ static void prior_b_jacobian(const double *inputs, double *outputs)
 static void d_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 1.0;
 }
 
@@ -94,6 +101,7 @@ static void d_noise(const double *inputs, double *outputs)
 static void e_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.5;
 }
 
@@ -101,6 +109,7 @@ static void e_noise(const double *inputs, double *outputs)
 static void prior_b_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.5;
 }
 
@@ -108,6 +117,7 @@ static void prior_b_noise(const double *inputs, double *outputs)
 static void start_of_a(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 2.0;
 }
 
@@ -115,6 +125,7 @@ static void start_of_a(const double *inputs, double *outputs)
 static void start_of_b(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 1.0;
 }
 

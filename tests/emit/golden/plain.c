@@ -287,6 +287,7 @@ static int assemble(struct frame *f)
     return status;
 }
 
+
 /* Everything of a data set that the solver is handed. */
 static int prepare(struct frame *f, const plain_data *data,
     plain_workspace *workspace)
@@ -423,8 +424,9 @@ int plain_begin(const plain_data *data, plain_result *result, plain_workspace *w
         f->covariance[c] = -1.0;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
+    f->states[4] = 0;
     answer(f, result);
-    return 0;
+    return result->status;
 }
 
 long plain_residual_count(const plain_data *data, plain_workspace *workspace)

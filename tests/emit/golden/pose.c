@@ -437,6 +437,7 @@ static int assemble(struct frame *f)
     return status;
 }
 
+
 /* Everything of a data set that the solver is handed. */
 static int prepare(struct frame *f, const pose_data *data,
     pose_workspace *workspace)
@@ -573,8 +574,9 @@ int pose_begin(const pose_data *data, pose_result *result, pose_workspace *works
         f->covariance[c] = -1.0;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
+    f->states[4] = 0;
     answer(f, result);
-    return 0;
+    return result->status;
 }
 
 long pose_residual_count(const pose_data *data, pose_workspace *workspace)

@@ -35,8 +35,8 @@ typedef struct {
     const double *d_w;    /* `w` */
     long e_rows;    /* rows of `e` */
     const double *e_s;    /* `s` */
-    const double *start_T;    /* where T begins: 7 numbers; NULL: as the problem states */
-    const double *start_n;    /* where n begins: 3 numbers; NULL: as the problem states */
+    const double *start_T;    /* where T begins: 7 numbers; NULL: as the README says */
+    const double *start_n;    /* where n begins: 3 numbers; NULL: as the README says */
 } pose_data;
 
 /* What is answered, in SI; `sigma` are standard deviations. */

@@ -41,6 +41,7 @@ static void d_values(const double *inputs, double *outputs)
     const double t7 = 2.0 * kernel_square(T_2);
     const double t8 = 2.0 * (T_3 * T_4);
     const double t9 = 2.0 * (T_1 * T_2);
+
     outputs[0] = (1.0 - (t1 + t2)) * x + (t3 - t4) * y + (t5 + t6) * z + T_5 - u;
     outputs[1] = (t3 + t4) * x + (1.0 - (t7 + t2)) * y + (t8 - t9) * z + T_6 - v;
     outputs[2] = (t5 - t6) * x + (t8 + t9) * y + (1.0 - (t7 + t1)) * z + T_7 - w;
@@ -121,6 +122,7 @@ static void d_jacobian(const double *inputs, double *outputs)
     const double t42 = t21 - t32;
     const double t43 = t17 - t39 - z * t22;
     const double t44 = t37 + t11;
+
     outputs[0] = (1.0 - (t1 + t2)) * x + (t3 - t4) * y + (t5 + t6) * z + T_5 - u;
     outputs[1] = (t3 + t4) * x + (1.0 - (t7 + t2)) * y + (t8 - t9) * z + T_6 - v;
     outputs[2] = (t5 - t6) * x + (t8 + t9) * y + (1.0 - (t7 + t1)) * z + T_7 - w;
@@ -148,6 +150,7 @@ static void e_values(const double *inputs, double *outputs)
     const double n_1 = inputs[0];  /* n[1] */
     const double s = inputs[3];
     const double offset = inputs[4];
+
     outputs[0] = offset + n_1 - (s + offset);
 }
 
@@ -167,6 +170,7 @@ static void e_jacobian(const double *inputs, double *outputs)
     const double t1 = kernel_less(n_3, 0.0);
     const double t2 = kernel_select(t1, -1.0) + kernel_select(kernel_not(t1), 1.0);
     const double t3 = -1.0 / (t2 + n_3);
+
     outputs[0] = offset + n_1 - (s + offset);
     outputs[1] = 1.0 + t2 * n_1 * n_1 * t3;
     outputs[2] = n_1 * n_2 * t3;
@@ -181,6 +185,7 @@ static void turned_values(const double *inputs, double *outputs)
 {
     const double n_2 = inputs[1];  /* n[2] */
     const double s = inputs[3];
+
     outputs[0] = n_2 - 1.4 * s;
 }
 
@@ -199,6 +204,7 @@ static void turned_jacobian(const double *inputs, double *outputs)
     const double t1 = kernel_less(n_3, 0.0);
     const double t2 = kernel_select(t1, -1.0) + kernel_select(kernel_not(t1), 1.0);
     const double t3 = -1.0 / (t2 + n_3);
+
     outputs[0] = n_2 - 1.4 * s;
     outputs[1] = t2 * (n_1 * n_2 * t3);
     outputs[2] = t2 + kernel_square(n_2) * t3;
@@ -208,6 +214,7 @@ static void turned_jacobian(const double *inputs, double *outputs)
 static void d_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.01;
     outputs[1] = 0.01;
     outputs[2] = 0.01;
@@ -217,6 +224,7 @@ static void d_noise(const double *inputs, double *outputs)
 static void e_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.05;
 }
 
@@ -224,6 +232,7 @@ static void e_noise(const double *inputs, double *outputs)
 static void turned_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.05;
 }
 
@@ -238,6 +247,7 @@ static void start_of_T(const double *inputs, double *outputs)
     const double t5 = kernel_select(t1, 0.45891868035714284) + kernel_select(kernel_not(t1), 2.0 * (t4 * t4) /
         t2);
     const double t6 = kernel_select(t1, 0.8384594428571428) + kernel_select(kernel_not(t1), sin(t3) / t3);
+
     outputs[0] = 1.0 - t5 * 1.02 + t5 * 0.010000000000000002;
     outputs[1] = t5 * -0.010000000000000002 - t6 * 1.0;
     outputs[2] = t5 * 0.1 + t6 * -0.1;
@@ -256,6 +266,7 @@ static void start_of_T(const double *inputs, double *outputs)
 static void start_of_n(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 1.0;
     outputs[1] = 2.0;
     outputs[2] = 3.0;

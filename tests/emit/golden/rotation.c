@@ -254,6 +254,7 @@ static int assemble(struct frame *f)
     return status;
 }
 
+
 /* Everything of a data set that the solver is handed. */
 static int prepare(struct frame *f, const rotation_data *data,
     rotation_workspace *workspace)
@@ -388,8 +389,9 @@ int rotation_begin(const rotation_data *data, rotation_result *result, rotation_
         f->covariance[c] = -1.0;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
+    f->states[4] = 0;
     answer(f, result);
-    return 0;
+    return result->status;
 }
 
 long rotation_residual_count(const rotation_data *data, rotation_workspace *workspace)

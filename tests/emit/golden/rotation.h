@@ -33,7 +33,7 @@ typedef struct {
     const double *d_u;    /* `u` */
     const double *d_v;    /* `v` */
     const double *d_w;    /* `w` */
-    const double *start_R;    /* where R begins: 4 numbers; NULL: as the problem states */
+    const double *start_R;    /* where R begins: 4 numbers; NULL: as the README says */
 } rotation_data;
 
 /* What is answered, in SI; `sigma` are standard deviations. */

@@ -38,6 +38,7 @@ static void d_values(const double *inputs, double *outputs)
     const double t7 = 2.0 * kernel_square(R_2);
     const double t8 = 2.0 * (R_3 * R_4);
     const double t9 = 2.0 * (R_1 * R_2);
+
     outputs[0] = (1.0 - (t1 + t2)) * x + (t3 - t4) * y + (t5 + t6) * z - u;
     outputs[1] = (t3 + t4) * x + (1.0 - (t7 + t2)) * y + (t8 - t9) * z - v;
     outputs[2] = (t5 - t6) * x + (t8 + t9) * y + (1.0 - (t7 + t1)) * z - w;
@@ -112,6 +113,7 @@ static void d_jacobian(const double *inputs, double *outputs)
     const double t42 = t21 - t32;
     const double t43 = t17 - t39 - z * t22;
     const double t44 = t37 + t11;
+
     outputs[0] = (1.0 - (t1 + t2)) * x + (t3 - t4) * y + (t5 + t6) * z - u;
     outputs[1] = (t3 + t4) * x + (1.0 - (t7 + t2)) * y + (t8 - t9) * z - v;
     outputs[2] = (t5 - t6) * x + (t8 + t9) * y + (1.0 - (t7 + t1)) * z - w;
@@ -130,6 +132,7 @@ static void d_jacobian(const double *inputs, double *outputs)
 static void d_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.01;
     outputs[1] = 0.01;
     outputs[2] = 0.01;
@@ -146,6 +149,7 @@ static void start_of_R(const double *inputs, double *outputs)
     const double t5 = kernel_select(t1, 0.45891868035714284) + kernel_select(kernel_not(t1), 2.0 * (t4 * t4) /
         t2);
     const double t6 = kernel_select(t1, 0.8384594428571428) + kernel_select(kernel_not(t1), sin(t3) / t3);
+
     outputs[0] = 1.0 - t5 * 1.02 + t5 * 0.010000000000000002;
     outputs[1] = t5 * -0.010000000000000002 - t6 * 1.0;
     outputs[2] = t5 * 0.1 + t6 * -0.1;

@@ -250,6 +250,7 @@ static int assemble(struct frame *f)
     return status;
 }
 
+
 /* Everything of a data set that the solver is handed. */
 static int prepare(struct frame *f, const similarity_data *data,
     similarity_workspace *workspace)
@@ -384,8 +385,9 @@ int similarity_begin(const similarity_data *data, similarity_result *result, sim
         f->covariance[c] = -1.0;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
+    f->states[4] = 0;
     answer(f, result);
-    return 0;
+    return result->status;
 }
 
 long similarity_residual_count(const similarity_data *data, similarity_workspace *workspace)

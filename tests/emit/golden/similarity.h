@@ -31,7 +31,7 @@ typedef struct {
     const double *d_y;    /* `y` */
     const double *d_u;    /* `u` */
     const double *d_v;    /* `v` */
-    const double *start_S;    /* where S begins: 4 numbers; NULL: as the problem states */
+    const double *start_S;    /* where S begins: 4 numbers; NULL: as the README says */
 } similarity_data;
 
 /* What is answered, in SI; `sigma` are standard deviations. */

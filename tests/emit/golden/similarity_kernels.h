@@ -21,6 +21,7 @@ static void d_values(const double *inputs, double *outputs)
     const double v = inputs[7];
     const double t1 = S_4 * cos(S_1);
     const double t2 = S_4 * sin(S_1);
+
     outputs[0] = t1 * x - t2 * y + S_2 - u;
     outputs[1] = t2 * x + t1 * y + S_3 - v;
 }
@@ -49,6 +50,7 @@ static void d_jacobian(const double *inputs, double *outputs)
     const double t2 = S_4 * t1;
     const double t3 = sin(S_1);
     const double t4 = S_4 * t3;
+
     outputs[0] = t2 * x - t4 * y + S_2 - u;
     outputs[1] = t4 * x + t2 * y + S_3 - v;
     outputs[2] = (x * t1 - y * t3) * S_4;
@@ -63,6 +65,7 @@ static void d_jacobian(const double *inputs, double *outputs)
 static void d_noise(const double *inputs, double *outputs)
 {
     (void)inputs;
+
     outputs[0] = 0.1;
     outputs[1] = 0.1;
 }

@@ -133,6 +133,14 @@ def test_without_llvmlite_none_is_available(monkeypatch):
     assert not engine.available()
 
 
+@pytest.mark.parametrize(
+    ("version", "there"), [("0.43.0", False), ("0.44.1", True), ("1.0.0", True), ("of ours", True)]
+)
+def test_an_llvmlite_that_is_too_old_is_none(version, there, monkeypatch):
+    monkeypatch.setattr(engine, "_version", lambda: f"version_version = '{version}'")
+    assert engine.available() is there
+
+
 def test_where_memory_may_not_be_executed_none_is_available(monkeypatch):
     monkeypatch.setattr(image, "executable", lambda: False)
     monkeypatch.setattr(image, "supported", lambda: True)

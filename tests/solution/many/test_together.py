@@ -75,6 +75,7 @@ def turned_points(seed=2):
 CONSENSUS = RANGES.format(more="", when="", sigma="10mm", top="2.7m").replace(
     "(for-each epoch)", "(for-each epoch) (solve :robust lmeds)"
 )
+LOSS = RANGES.format(more="", when="", sigma="10mm :loss huber", top="2.7m")
 PROBLEMS = {
     "ranges": (RANGES.format(more="", when="", sigma="10mm", top="2.7m"), epochs()),
     "unknown noise": (RANGES.format(more="", when="", sigma="unknown", top="2.7m"), epochs()),
@@ -82,6 +83,13 @@ PROBLEMS = {
     "filtered": (RANGES.format(more="", when=":when (< receiver 7)", sigma="10mm", top="2.7m"), epochs()),
     "prior": (RANGES.format(more="(h :init 0.9m :sigma 3cm)", when="", sigma="10mm", top="h"), epochs()),
     "gross errors": (RANGES.format(more="", when="", sigma="10mm", top="2.7m"), epochs(outliers=True)),
+    "a loss": (LOSS, epochs(outliers=True)),
+    "a loss that is wide": (LOSS.replace("huber", "(huber 5)"), epochs()),
+    "a loss of vectors": (
+        "(problem turned (data d external) (unknowns (a :init 0) (turn (rotation 3) :init [0.2 0.1 -0.3]))"
+        " (observe d (= [u v w] (+ (rotate turn [x y 1]) [a a 0])) :sigma 0.004 :loss soft-l1) (for-each g k))",
+        turned_points(),
+    ),
     "consensus": (CONSENSUS, epochs(outliers=True)),
     "consensus without a start": (CONSENSUS.replace(":init [1.75m 1.75m 1m]", ":unit m"), epochs(outliers=True)),
     "too few": (RANGES.format(more="", when=":when (< receiver 3)", sigma="10mm", top="2.7m"), epochs()),
@@ -98,6 +106,11 @@ PROBLEMS = {
         turned_points(),
     ),
 }
+
+MADE_TOGETHER = [
+    *("ranges", "unknown noise", "filtered", "fixed", "rotations", "scattered", "linear", "consensus"),
+    *("a loss", "a loss that is wide", "a loss of vectors"),
+]
 
 
 def numbers_apart(first, second, path=""):
@@ -134,7 +147,7 @@ def test_documents_agree_with_those_of_solves_one_by_one(name):
     assert list(numbers_apart(plain.document(), made.document())) == []
 
 
-@pytest.mark.parametrize("name", ["ranges", "filtered", "fixed", "rotations", "scattered", "linear", "consensus"])
+@pytest.mark.parametrize("name", MADE_TOGETHER)
 def test_these_are_made_together(name):
     """And not by the way that takes over where something is unusual."""
     text, data = PROBLEMS[name]

@@ -1,0 +1,135 @@
+"""C functions for quantities that are computed from the estimates, with their standard deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from mbm.emit.c.cells import Cells
+from mbm.emit.c.kernels import function
+from mbm.emit.types import BlockCase, Blueprint, DerivedShape, SlotPlace
+from mbm.target.solver import description as at
+
+_SPREAD = """/* The standard deviation of a quantity with the derivatives `slopes` by the coordinates at `places`, by
+ * linear propagation; negative where the data do not determine it. `row` says which of several quantities it is. */
+static double spread_of(const struct frame *f, long row, long count, const long *rows, const long *columns,
+    const long *places, const double *slopes, double *gradient)
+{{
+    const long n = f->system[{coordinates}];
+    double variance = 0.0;
+    long i, j, k;
+
+    for (j = 0; j < n; j++)
+        gradient[j] = 0.0;
+    for (k = 0; k < count; k++) {{
+        const long place = places[columns[k]];
+        if (rows[k] != row || slopes[k] == 0.0)
+            continue;
+        if (f->column[place] >= 0)
+            gradient[f->column[place]] += slopes[k];
+        else if (!f->fixed[place])
+            return -1.0;
+    }}
+    for (i = 0; i < n; i++) {{
+        if (gradient[i] == 0.0)
+            continue;
+        if (f->states[{deficient}] != 0 || !(f->covariance[i * n + i] >= 0.0))
+            return -1.0;
+        for (j = 0; j < n; j++)
+            if (gradient[j] != 0.0)
+                variance += gradient[i] * f->covariance[i * n + j] * gradient[j];
+    }}
+    return variance > 0.0 ? sqrt(variance) : 0.0;
+}}
+"""
+
+
+def derived_kernels(blueprint: Blueprint) -> Iterator[str]:
+    """The functions that compute the quantities and their derivatives."""
+    for derived in blueprint.derived:
+        for case in derived.cases:
+            head = [f"{derived.name}, and behind it its derivatives that are not zero everywhere.", ""]
+            yield function(
+                f"{case.identifier}_derived",
+                case.kernel.jacobian_program,
+                case.input_names,
+                [*head, *(f"    {line}" for line in case.text)],
+            )
+
+
+def derived_functions(blueprint: Blueprint) -> str:
+    """One function for each quantity; it answers 0 where a row is in none of its cases."""
+    if not blueprint.derived:
+        return ""
+    cells = Cells(blueprint)
+    spread = _SPREAD.format(coordinates=at.COORDINATES, deficient=at.DEFICIENT)
+    return "\n".join([spread, *("\n".join(_function(cells, each)) for each in blueprint.derived)])
+
+
+def capacity(cells: Cells, derived: DerivedShape) -> str:
+    """Numbers that a quantity takes at most."""
+    return str(derived.size) if derived.table is None else f"{derived.size} * {cells.rows(derived.table)}"
+
+
+def _function(cells: Cells, derived: DerivedShape) -> Iterator[str]:
+    over = "once" if derived.table is None else f"for each row of `{derived.table}`"
+    filtered = derived.table is not None and cells.blueprint.table(derived.table).where is not None
+    yield f"/* {derived.name}, {over}. */"
+    yield f"static int derive_{derived.identifier}(struct frame *f)"
+    yield "{"
+    yield f"    const {cells.blueprint.identifier}_data *data = f->data;"
+    for number, case in enumerate(derived.cases):
+        kernel = case.kernel
+        for word, values in (("rows", kernel.jacobian_rows), ("columns", kernel.jacobian_columns)):
+            listed = ", ".join(str(int(v)) for v in values) or "0"
+            yield f"    static const long {word}_{number + 1}[] = {{{listed}}};"
+    wide = max((len(c.variables) + len(c.parameters) for c in derived.cases), default=0)
+    outputs = max((derived.size + len(c.kernel.jacobian_rows) for c in derived.cases), default=0)
+    tangents = max((len(c.tangents) for c in derived.cases), default=0)
+    yield f"    double inputs[{wide + 1}], outputs[{outputs + 1}];"
+    yield f"    long places[{tangents + 1}], c, used = 0;"
+    if derived.table is not None:
+        yield f"    long {'i' if filtered else 'row'};"
+    yield ""
+    yield "    (void)data;"
+    opened, closed = cells.loop(derived.table)
+    yield from opened
+    for number, case in enumerate(derived.cases):
+        yield from (f"        {line}" for line in _case(cells, derived, case, number))
+    if any(case.static for case in derived.cases):
+        yield "        return 0;"
+    yield from closed
+    yield f"    f->derived_{derived.identifier}_count = used;"
+    yield "    return 1;"
+    yield "}"
+    yield ""
+
+
+def _case(cells: Cells, derived: DerivedShape, case: BlockCase, number: int) -> Iterator[str]:
+    tests = " && ".join(cells.equals(value, key) for value, key in case.static)
+    yield f"if ({tests}) {{" if tests else "{"
+    for i, slot in enumerate(case.variables):
+        yield f"    inputs[{i}] = f->point[{_place(cells, slot, 'offsets')}];"
+    for i, value in enumerate(case.parameters):
+        yield f"    inputs[{len(case.variables) + i}] = {cells.input(value)};"
+    for i, slot in enumerate(case.tangents):
+        yield f"    places[{i}] = {_place(cells, slot, 'firsts')};"
+    count = len(case.kernel.jacobian_rows)
+    held = f"f->derived_{derived.identifier}"
+    yield f"    {case.identifier}_derived(inputs, outputs);"
+    yield f"    for (c = 0; c < {derived.size}; c++) {{"
+    yield f"        {held}[used * {derived.size} + c] = outputs[c];"
+    yield f"        {held}_sigma[used * {derived.size} + c] = spread_of(f, c, {count}, rows_{number + 1},"
+    yield f"            columns_{number + 1}, places, outputs + {derived.size}, f->spare);"
+    yield "    }"
+    yield "    used++;"
+    yield "    continue;" if tests else "}"
+    if tests:
+        yield "}"
+
+
+def _place(cells: Cells, slot: SlotPlace, origin: str) -> str:
+    unknown = cells.blueprint.unknowns[slot.unknown]
+    width = unknown.size if origin == "offsets" else unknown.freedom
+    member = "" if slot.member is None else f" + {cells.member(slot.member)} * {width}"
+    component = f" + {slot.component}" if slot.component else ""
+    return f"f->{origin}[{slot.unknown}]{member}{component}"

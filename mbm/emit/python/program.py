@@ -1,0 +1,82 @@
+"""The end of a generated Python module: tables from files, and the program that solves them."""
+
+PROGRAM = '''def read_tables(paths: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """The tables from CSV files in the order of `COLUMNS`; numbers are turned into SI."""
+    found: dict[str, dict[str, Any]] = {}
+    for path, (table, columns) in zip(paths, COLUMNS.items(), strict=True):
+        try:
+            with open(path, encoding="utf-8-sig", newline="") as file:
+                rows = [row for row in csv.reader(file) if row]
+        except (OSError, UnicodeDecodeError) as error:
+            raise DataError(f"{path}: cannot be read: {error}") from None
+        names = rows[0] if rows else []
+        found[table] = {}
+        for column, (is_text, source, factor) in columns.items():
+            if source not in names:
+                raise DataError(f"{path}, row 1: there is no column `{source}`")
+            place = names.index(source)
+            values: list[Any] = []
+            for number, row in enumerate(rows[1:], start=2):
+                if len(row) != len(names):
+                    raise DataError(f"{path}, row {number}: has another number of fields than the names in row 1")
+                try:
+                    values.append(row[place] if is_text else finite(row[place]) * factor)
+                except ValueError:
+                    raise DataError(f"{path}, row {number}, column `{source}`: `{row[place]}` is no number") from None
+            found[table][column] = np.array(values, dtype=str if is_text else float)
+    return found
+
+
+def finite(cell: str) -> float:
+    """A decimal number; raises ValueError for anything else."""
+    value = float(cell)
+    if "_" in cell or not math.isfinite(value):
+        raise ValueError(cell)
+    return value
+
+
+def lines_of(result: Mapping[str, Any]) -> Iterator[str]:
+    """``name,value,sigma,unit`` for each number, in the unit that the problem shows."""
+    for u, name in enumerate(NAMES):
+        unit, factor, turned = SHOWN[u]
+        values, sigmas = result["estimates"][name]["value"], result["estimates"][name]["sigma"]
+        for m, member in enumerate(values):
+            for c, value in enumerate(member):
+                label = name + (f"[{result['estimates'][name]['keys'][m]}]" if FAMILIES[u] is not None else "")
+                label += f"[{c + 1}]" if len(member) > 1 else ""
+                sigma = "" if turned else f"{sigmas[m][c] / factor:.17g}"
+                yield f"{label},{value / factor:.17g},{sigma},{unit}"
+    for (name, table, size, _), (unit, factor) in zip(DERIVED, DERIVED_SHOWN, strict=True):
+        found = result["derived"][name]
+        for r, (values, sigmas) in enumerate(zip(found["value"], found["sigma"], strict=True)):
+            for c in range(size):
+                label = name + (f"[{r + 1}]" if table is not None else "") + (f"[{c + 1}]" if size > 1 else "")
+                yield f"{label},{values[c] / factor:.17g},{sigmas[c] / factor:.17g},{unit}"
+
+
+def main(paths: Sequence[str]) -> int:
+    """Solve the tables of files; 0 solved, 1 an answer that should not be trusted, 2 wrong data."""
+    if len(paths) != len(COLUMNS):
+        print(f"usage: {sys.argv[0]} " + " ".join(f"{name.upper()}.csv" for name in COLUMNS), file=sys.stderr)
+        return 2
+    worst = 0
+    try:
+        print(",".join([*KEYS, "name", "value", "sigma", "unit"]))
+        for key, result in solve_each(read_tables(paths)):
+            for line in lines_of(result):
+                print(",".join([*(str(value) for value in key.values()), line]))
+            print(
+                f"{result['status']}: chi2 {result['cost']:.9g}, {result['freedom']} degrees of freedom, "
+                f"sigma0 {result['sigma0']:.6g}, {result['iterations']} iterations",
+                file=sys.stderr,
+            )
+            worst = max(worst, 0 if result["status"] == "converged" else 1)
+    except DataError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return worst
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
+'''

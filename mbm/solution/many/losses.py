@@ -1,0 +1,163 @@
+"""Robust losses in many solves: what `robust.covariance` says of one, for all of them side by side."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbm.solution.many.factor import inverse_root
+from mbm.solution.many.stack import Portion
+from mbm.solution.nonlinearity import ORTHONORMAL
+from mbm.solution.robust.losses.rooted import rooted, rooted_jacobian
+from mbm.solution.robust.scores import STATED_CUT
+from mbm.solution.robust.units import limits
+from mbm.solution.types import Floats, Indices, Mask
+from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.solution.robust.losses.function import LossFunction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sandwiches:
+    """Covariances of K solves: ``factor`` (K, n, n) where ``sound`` (K,).
+
+    ``plain`` (K,): next to nothing is weighed down, so that they may be ``deviation`` (K,) squared times the inverse
+    normal equations, for which alone `nonlinearity.surroundings` is made.
+    """
+
+    factor: Floats
+    sound: Mask
+    plain: Mask
+    deviation: Floats
+
+
+def rooted_residuals(portion: Portion, residuals: Floats) -> Floats:
+    """Residuals (K, m) in square-root form, from the plain ones; these where there are no losses."""
+    result = residuals.copy() if portion.equations.lossy else residuals
+    for loss, solve, slots in portion.losses():
+        place = solve[:, None]
+        result[place, slots] = rooted(loss, residuals[place, slots])
+    return result
+
+
+def rooted_slopes(portion: Portion, residuals: Floats, slopes: Floats) -> Floats:
+    """Derivatives (K, m, n) of the residuals in square-root form, from those of the plain ones."""
+    result = slopes.copy()
+    for loss, solve, slots in portion.losses():
+        place = solve[:, None]
+        result[place, slots] = rooted_jacobian(loss, residuals[place, slots], slopes[place, slots])
+    return result
+
+
+def outlying(portion: Portion, residuals: Floats) -> Mask:
+    """The rows (R,) of the one group that some equation takes for an outlier, as `preparation.outliers` does."""
+    found = np.zeros(portion.rows, dtype=bool)
+    for _, solve, slots in portion.losses():
+        squares = np.square(residuals[solve[:, None], slots]).sum(axis=1)
+        found |= ~(squares <= limits(np.full(1, slots.shape[1]), STATED_CUT)[0])
+    return found
+
+
+@np.errstate(all="ignore")
+def sandwiches(portion: Portion, residuals: Floats, slopes: Floats, root: Floats) -> Sandwiches:
+    """The covariances ``H⁻¹ G H⁻¹``, pooled and corrected as `robust.covariance.sandwich` has them.
+
+    ``residuals`` (K, m) and ``slopes`` (K, m, n) are plain; ``root`` (K, n, n) are coordinates in which to calculate,
+    best those that make the normal equations with losses the identity.
+    """
+    along = np.matmul(slopes, root)
+    pools = [_pool(loss, parts, portion, residuals, along) for loss, parts in _by_loss(portion).items()]
+    fixed = _information(_without_loss(portion), along)
+    curvature = fixed + sum(pool.slope[:, None, None] * pool.information for pool in pools)
+    half, sound = inverse_root(curvature)
+    inverse = np.matmul(half, half.transpose(0, 2, 1))
+    spread = fixed + sum(_corrected(pool, inverse)[:, None, None] * pool.information for pool in pools)
+    upper, definite = inverse_root(spread)
+    # S = L Lᵀ, and X with Xᵀ S X = 1 is L⁻ᵀ
+    own = np.matmul(inverse, np.matmul(spread, upper))
+    gram = np.matmul(own.transpose(0, 2, 1), own)
+    variance = np.trace(gram, axis1=1, axis2=2) / gram.shape[1]
+    off = np.abs(gram / variance[:, None, None] - np.eye(gram.shape[1])).max(axis=(1, 2))
+    return Sandwiches(
+        factor=np.matmul(root, own),
+        sound=sound & definite,
+        plain=~(off > 2 * ORTHONORMAL),
+        deviation=np.sqrt(variance),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Pool:
+    """One loss in K solves: ``information`` A (K, n, n), its factors in H and G, and what corrects them (K,)."""
+
+    information: Floats
+    slope: Floats
+    spread: Floats
+    count: Floats
+    bend: Floats
+
+
+Parts = list[tuple[Indices, Indices]]
+"""Solves (U,) of units, and the places (U, k) of their residuals."""
+
+
+def _by_loss(portion: Portion) -> dict[LossFunction, Parts]:
+    found: dict[LossFunction, Parts] = {}
+    for loss, solve, slots in portion.losses():
+        found.setdefault(loss, []).append((solve, slots))
+    return found
+
+
+def _without_loss(portion: Portion) -> Floats:
+    """1 (K, m) where a residual has no loss."""
+    found = np.ones((portion.count, portion.most))
+    for _, solve, slots in portion.losses():
+        found[solve[:, None], slots] = 0.0
+    return found
+
+
+def _information(weights: Floats, along: Floats) -> Floats:
+    """``Σ w aᵀa`` (K, n, n)."""
+    return np.asarray(np.matmul((along * weights[:, :, None]).transpose(0, 2, 1), along))
+
+
+def _pool(loss: LossFunction, parts: Parts, portion: Portion, residuals: Floats, along: Floats) -> _Pool:
+    """Sums over all units of one loss, solve by solve."""
+    solves = portion.count
+    weights = np.zeros((solves, portion.most))
+    total, slope, spread, count = (np.zeros(solves) for _ in range(4))
+    traced = []
+    for solve, slots in parts:
+        size = slots.shape[1]
+        squares = np.square(residuals[solve[:, None], slots]).sum(axis=1)
+        weight = loss.weight(squares)
+        traces = size * weight + 2.0 * loss.slope(squares) * squares
+        weights[solve[:, None], slots] = weight[:, None]
+        total += size * np.bincount(solve, weights=weight, minlength=solves)
+        slope += np.bincount(solve, weights=traces, minlength=solves)
+        spread += np.bincount(solve, weights=weight * weight * squares, minlength=solves)
+        count += size * np.bincount(solve, minlength=solves)
+        traced.append((solve, size, traces))
+    mean = slope / count
+    scattered = np.zeros(solves)
+    for solve, size, traces in traced:
+        off = np.square(traces / size - mean[solve])
+        scattered += size * np.bincount(solve, weights=off, minlength=solves)
+    safe = np.maximum(total, 1e-300)
+    return _Pool(
+        information=_information(weights, along),
+        slope=slope / safe,
+        spread=spread / safe,
+        count=count,
+        bend=np.where(mean > 0.0, scattered / count / np.square(mean), 0.0),
+    )
+
+
+def _corrected(pool: _Pool, inverse: Floats) -> Floats:
+    """The factors (K,) of A in G with Huber's correction for small samples."""
+    share = pool.slope * np.einsum("kij,kji->k", inverse, pool.information)
+    freedom = pool.count - share
+    bend = 1.0 + share / pool.count * pool.bend
+    return np.where(freedom > 0.0, pool.spread * bend * bend * pool.count / freedom, pool.spread)

@@ -1,0 +1,194 @@
+"""The functions beside `solve` of generated solvers, against the compiled equations; other ways to build the C."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import shutil
+import sys
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import mbm
+from tests.emit.making import emitted, of_text, run, written
+from tests.emit.shapes import SHAPES
+
+STATED = [n for n in SHAPES if n not in ("loss", "losses", "similarity", "for-each", "keys", "bounds")]
+"""Shapes with a start and without losses, solves or bounds: there the compiled equations mean the same by a point."""
+
+QUICK = ("weights", "pose", "family")
+"""Shapes that are compiled in every test run: matrices of noise, tangent spaces, members."""
+
+CLOSE = 1e-10
+"""Relative to the largest number: the same operations in another order, over at most ten rows."""
+
+CALLS = """#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "{name}_tables.h"
+
+int main(void)
+{{
+    char *paths[] = {{{paths}}};
+    struct {name}_tables tables;
+    {name}_workspace workspace;
+    {name}_result result;
+    double *point, *found;
+    long m, n, i;
+
+    if (!{name}_read_tables(&tables, paths))
+        return 2;
+    {name}_workspace_size(&tables.data, &workspace);
+    workspace.reals = malloc(sizeof(double) * (size_t)workspace.reals_size);
+    workspace.integers = malloc(sizeof(long) * (size_t)workspace.integers_size);
+    if ({name}_begin(&tables.data, &result, &workspace) != 0)
+        return 3;
+    n = result.free;
+    m = {name}_residual_count(&tables.data, &workspace);
+    point = malloc(sizeof(double) * (size_t)result.numbers);
+    memcpy(point, result.point, sizeof(double) * (size_t)result.numbers);
+    found = calloc((size_t)(m + m * n + n * n), sizeof(double));
+    {name}_residuals(&tables.data, point, found, &workspace);
+    {name}_jacobian(&tables.data, point, found + m, &workspace);
+    if (!{name}_covariance(&tables.data, point, found + m + m * n, &workspace))
+        return 4;
+    printf("%ld %ld\\n", m, n);
+    for (i = 0; i < m + m * n + n * n; i++)
+        printf("%.17g\\n", found[i]);
+    free(found);
+    free(point);
+    free(workspace.reals);
+    free(workspace.integers);
+    {name}_free_tables(&tables);
+    return 0;
+}}
+"""
+
+
+def close(found, wanted) -> bool:
+    """Whether numbers agree as `CLOSE` says."""
+    wanted = np.asarray(wanted)
+    return bool(np.all(np.abs(np.asarray(found) - wanted) <= CLOSE * np.abs(wanted).max(initial=1e-300)))
+
+
+def at_the_start(name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals and Jacobian of the compiled problem at its start."""
+    compiled = mbm.loads(SHAPES[name]).compile()
+    nothing = np.zeros(len(mbm.loads(SHAPES[name]).solve().covariance.matrix))
+    return compiled.residuals(nothing), compiled.jacobian(nothing)
+
+
+def module_of(name: str, tmp_path) -> tuple[ModuleType, dict]:
+    """The generated Python module, and the tables that it was made with."""
+    folder = written(of_text(SHAPES[name], "python"), tmp_path)
+    identifier = name.replace("-", "_")
+    spec = importlib.util.spec_from_file_location(f"functions_{identifier}", folder / f"{identifier}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module, module.read_tables([str(folder / "data" / f"{table}.csv") for table in module.COLUMNS])
+
+
+@pytest.mark.parametrize("name", STATED)
+def test_python_has_the_residuals_and_the_jacobian_of_the_compiled_problem(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    module, tables = module_of(name, tmp_path)
+    begun = module.started(tables, {})
+    point = np.concatenate([begun[unknown] for unknown in module.NAMES])
+    residuals, jacobian = at_the_start(name)
+    assert close(module.residuals(tables, point), residuals)
+    assert close(module.jacobian(tables, point), jacobian)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) is here")
+@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in STATED])
+def test_c_has_the_residuals_the_jacobian_and_the_covariance_of_the_compiled_problem(name, tmp_path):
+    folder = written(of_text(SHAPES[name], "c"), tmp_path)
+    identifier = name.replace("-", "_")
+    test = (folder / "test.c").read_text()
+    paths = test.split("char *const paths[] = {")[1].split("}")[0]
+    (folder / "calls.c").write_text(CALLS.format(name=identifier, paths=paths), encoding="utf-8")
+    strict = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wno-unused-function")
+    made = run("cc", *strict, "-o", "calls", "calls.c", f"{identifier}.c", "-lm", folder=folder)
+    assert made.returncode == 0, made.stderr
+    found = run("./calls", folder=folder)
+    assert found.returncode == 0, found.stderr
+    head, *numbers = found.stdout.split("\n")
+    m, n = map(int, head.split())
+    values = np.array([float(v) for v in numbers if v])
+    residuals, jacobian = at_the_start(name)
+    assert close(values[:m], residuals)
+    slopes = values[m : m + m * n].reshape(m, n)
+    assert close(slopes, jacobian)
+    if "constraints" not in SHAPES[name]:
+        # inverted by NumPy: ten digits are left of the sixteen where the condition is below a million
+        assert close(values[m + m * n :].reshape(n, n) @ (jacobian.T @ jacobian), np.eye(n))
+
+
+def test_python_derives_what_the_document_derives(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    module, tables = module_of("derived", tmp_path)
+    found = module.solve(tables)["derived"]
+    solved = mbm.loads(SHAPES["derived"]).solve()
+    for name, factor in (("climb", 0.01), ("top", 1.0), ("both", 1.0)):
+        assert close(found[name]["value"].ravel() / factor, np.ravel(solved[name].value))
+        assert close(found[name]["sigma"].ravel() / factor, np.ravel(solved[name].sigma))
+
+
+def test_keys_of_several_tables_are_solved_each(tmp_path):
+    folder = written(of_text(SHAPES["keys"], "python"), tmp_path)
+    found = run(sys.executable, "keys.py", "data/d.csv", "data/e.csv", folder=folder)
+    assert found.returncode == 0, found.stderr
+    rows = list(csv.DictReader(found.stdout.splitlines()))
+    assert [float(row["day"]) for row in rows] == [1.0, 2.0, 3.0]
+    # weighted means by hand: day 3 has two rows of `e` only, (2 · 6.3 + 1 · 3.2) / (2² + 1²)
+    assert abs(float(rows[2]["value"]) - 15.8 / 5) < 1e-12
+
+
+@pytest.mark.parametrize("target", ["c", "python"])
+def test_the_test_of_a_solver_that_begins_at_the_answer_begins_elsewhere(target):
+    files = {file.path: file.content.decode() for file in of_text(SHAPES["similarity"], target)}
+    rows = [line.split(",") for line in files["reference.csv"].split("\n") if line]
+    start = {row[2]: float(row[4]) for row in rows if row[1] == "start"}
+    answer = {row[2]: (float(row[4]), float(row[5])) for row in rows if row[1] == "number"}
+    spread = [abs(start[i] - value) / sigma for i, (value, sigma) in answer.items() if sigma > 0]
+    assert min(spread) > 0.1  # standard deviations: what the test solves is not solved already
+    assert "begins at the answer" in files["README.md"]
+
+
+def test_a_stated_start_is_where_the_solver_begins(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    module, tables = module_of("joined", tmp_path)
+    assert module.started(tables, {})["p"].tolist() == [1.0, 1.0]
+
+
+def test_keys_that_no_table_has_together_are_refused():
+    text = """(problem apart (data d (table (day y) (1 1) (2 3))) (data e (table (kind z) (1 1) (2 2)))
+      (unknowns (m :init 0)) (observe d (= y m) :sigma 1) (observe e (= z m) :sigma 1) (for-each day kind))"""
+    with pytest.raises(mbm.MbmError) as caught:
+        of_text(text, "c")
+    assert [d.code.name for d in caught.value.diagnostics] == ["not-emitted"]
+
+
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="cmake is not here")
+@pytest.mark.slow
+def test_cmake_builds_and_tests(tmp_path):
+    folder = written(emitted(mbm.loads(SHAPES["family"]), "c"), tmp_path)
+    for arguments in (("-B", "build"), ("--build", "build"), ("--build", "build", "--target", "test")):
+        made = run("cmake", *arguments, folder=folder)
+        assert made.returncode == 0, made.stdout + made.stderr
+    assert "100% tests passed" in made.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("compiler", ["cc", "clang"])
+def test_c_is_clean_with_optimisation_too(compiler, name, tmp_path):
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not here")
+    folder = written(of_text(SHAPES[name], "c"), tmp_path)
+    made = run("make", "all", "test", f"CC={compiler}", "CFLAGS=-O2", folder=folder)
+    assert made.returncode == 0, made.stdout + made.stderr

@@ -1,0 +1,110 @@
+"""Many starts in native code: the ends of the NumPy batch, whatever the number of threads, and when stopped."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import mbm
+from mbm.solution.batch import batch
+from mbm.solution.minimise import minima, minimise
+from mbm.solution.native.starts import native_ends
+from mbm.solution.settings import Settings
+from mbm.solution.solvers.batched import minimise_all
+from tests.solution.test_batch import PROBLEMS, points_about
+
+pytest.importorskip("llvmlite")
+
+STEPS = 60
+
+
+@pytest.fixture(params=PROBLEMS)
+def equations(request):
+    return mbm.loads(PROBLEMS[request.param]).compile(backend="native")._assembled()[0]
+
+
+@pytest.mark.parametrize("share", ["all", "some units"])
+def test_the_ends_are_those_of_the_batch(equations, share):
+    starts = points_about(equations, 12)
+    units = None if share == "all" else np.unique(equations.units)[:-1]
+    found = native_ends(equations, starts, equations.free, units, STEPS, Settings())
+    stack = batch(equations, columns=equations.free, units=units)
+    wanted = minimise_all(stack, starts, iterations=STEPS)
+    settled = found.settled & wanted.settled
+    assert settled.sum() >= 10
+    # A step below 1e-6 standard deviations is left at the one, the like at the other: 1e-12 of the cost; and rounding.
+    np.testing.assert_allclose(found.cost[settled], wanted.cost[settled], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found.cost, np.square(stack.residuals(found.points)).sum(axis=1), rtol=1e-12, atol=1e-20)
+
+
+def test_coordinates_that_are_not_asked_for_stay(equations):
+    starts = points_about(equations, 5)
+    found = native_ends(equations, starts, equations.free[:1], None, STEPS, Settings())
+    moved = equations.freed(equations.free[:1], equations.numbers).moving()
+    np.testing.assert_array_equal(found.points[:, ~moved], starts[:, ~moved])
+    assert (found.points[:, moved] != starts[:, moved]).any()
+
+
+def test_the_number_of_threads_does_not_matter(equations):
+    starts = points_about(equations, 211)
+    one, *others = (
+        native_ends(equations, starts, equations.free, None, STEPS, Settings(workers=workers)) for workers in (1, 2, 3)
+    )
+    for other in others:
+        for name in ("points", "cost", "settled", "iterations", "evaluations"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_where_it_is_stopped_every_start_stands_at_its_cost(equations):
+    class Requested:
+        requested = True
+
+    starts = points_about(equations, 4)
+    found = native_ends(equations, starts, equations.free, None, STEPS, Settings(interruption=Requested()))
+    np.testing.assert_array_equal(found.points, starts)
+    np.testing.assert_allclose(found.cost, np.square(batch(equations).residuals(starts)).sum(axis=1), rtol=1e-12)
+    assert not found.settled.any()
+
+
+def test_a_start_without_a_value_has_an_infinite_cost():
+    text = """(problem p (unknowns (x :in (-1 9) :init 1))
+      (observe a (= 1 (sqrt x)) :sigma 1) (observe b (= 4.2 (^ x 2)) :sigma 1))"""
+    equations = mbm.loads(text).compile(backend="native")._assembled()[0]
+    found = native_ends(equations, np.array([[-0.5], [4.0]]), equations.free, None, STEPS, Settings())
+    assert found.cost[0] == np.inf
+    assert found.points[0, 0] == -0.5
+    assert found.settled.tolist() == [False, True]
+
+
+def test_other_backends_keep_the_batch():
+    equations = mbm.loads(PROBLEMS["families and a robust loss"]).compile(backend="numpy")._assembled()[0]
+    assert native_ends(equations, points_about(equations, 3), equations.free, None, STEPS, Settings()) is None
+
+
+def test_minima_of_many_points_are_those_of_each(equations):
+    """The last digits of a point in one call and alone: the same code on the same numbers."""
+    starts = points_about(equations, 7)
+    settings = Settings()
+    together = list(minima(equations, starts, settings))
+    for start, found in zip(starts, together, strict=True):
+        alone = minimise(equations, start, settings)
+        np.testing.assert_array_equal(found.point, alone.point)
+        assert (found.reason, found.iterations, found.evaluations) == (
+            alone.reason,
+            alone.iterations,
+            alone.evaluations,
+        )
+        # Through the kernels together or alone: sums in another order.
+        np.testing.assert_allclose(found.residuals, alone.residuals, rtol=1e-12, atol=1e-13)
+        np.testing.assert_allclose(found.jacobian, alone.jacobian, rtol=1e-12, atol=1e-12)
+
+
+def test_a_search_gives_the_same_document_for_any_number_of_workers():
+    text = """(problem p (unknowns (x :in (-3 3)) (y :in (-3 3)))
+      (observe a (- (^ x 2) 1) :sigma 1) (observe b (= 0 y) :sigma 1) (observe c (+ 1 (* 0.1 x)) :sigma 1)
+      (solve :starts (random 200)))"""
+    problem = mbm.loads(text)
+    documents = [problem.solve(workers=workers).document() for workers in (1, 2, 3)]
+    for document in documents:
+        document["solves"][0]["seconds"] = None
+    assert documents[0] == documents[1] == documents[2]
