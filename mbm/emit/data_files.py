@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mbm.emit.types import Blueprint, GivenTable, OutputFile, Reference, TableShape
+from mbm.emit.types import Blueprint, Floats, GivenTable, OutputFile, Reference, TableShape
 
 MOST_COVARIANCES = 60
 """Coordinates up to which all covariances are kept; beyond only the variances."""
@@ -43,6 +43,9 @@ def _field(text: str) -> str:
 def _references(blueprint: Blueprint) -> str:
     """``spread`` is the standard deviation by which a difference is measured where the number itself is small.
 
+    Of a covariance it is the product of two. What a constraint determines has a sigma of exactly zero, which is a
+    difference of large numbers and comes out as rounding: the largest sigma of the solve is its scale there.
+
     ``start`` is where the test begins, where that is not where the solver begins by itself.
     """
     lines = ["solve,what,row,column,value,spread"]
@@ -70,8 +73,19 @@ def _reference(reference: Reference) -> Iterator[str]:
                 yield f"derived,{number},{i},{value!r},{own!r}"
                 yield f"derived sigma,{number},{i},{own!r},{own!r}"
     covariance = reference.covariance
-    sigma = np.sqrt(np.diag(covariance))
+    sigma = _scales(covariance)
     for i in range(len(covariance)):
         for j in range(i + 1) if len(covariance) <= MOST_COVARIANCES else (i,):
             if np.isfinite(covariance[i, j]):
                 yield f"covariance,{i},{j},{float(covariance[i, j])!r},{float(sigma[i] * sigma[j])!r}"
+
+
+def _scales(covariance: Floats) -> Floats:
+    """Standard deviations (n,), the largest one for those of zero.
+
+    An element of such a row is ``Σ`` of products that cancel, each about as large as the variances of the coordinates
+    that the constraint ties to it: rounding is relative to these, and nothing in the element itself tells its size.
+    """
+    sigma: Floats = np.sqrt(np.diag(covariance))
+    largest = float(np.nanmax(sigma, initial=0.0))
+    return np.where(sigma == 0.0, largest, sigma)

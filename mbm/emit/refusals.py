@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 from mbm.emit import faults
 from mbm.expression.nodes import Column, Expression, leaves
 from mbm.problem.elaborated import Elaborated
-from mbm.problem.types import BlockRole, Gauge, Method, Problem, Unknown
+from mbm.problem.kinds import LossKind
+from mbm.problem.types import BlockRole, Gauge, Loss, Method, Problem, Unknown
 from mbm.text.types import Diagnostic, MbmError
 
 MOST_COORDINATES = 300
@@ -102,6 +103,20 @@ def _blocks(problem: Problem) -> Iterator[Diagnostic]:
         if block.role is BlockRole.CONSTRAINT and lossy is not None:
             what = f"the constraint beside the loss of `{lossy.name}`"
             yield faults.not_emitted(block.span, what, "generated solvers have no covariance for both together")
+        if block.unknown_factor and block.loss is not None:
+            what = f"the loss of `{block.name}` with unknown noise"
+            why = "how large noise with outliers is takes a consensus, which generated solvers do not have"
+            yield faults.not_emitted(block.span, what, why)
+        if block.loss is not None and _bounded(block.loss):
+            why = "far from the answer it has no slope: it takes many starts, and generated solvers go from one"
+            yield faults.not_emitted(block.span, f"`:loss {block.loss.kind.value}`", why)
+
+
+def _bounded(loss: Loss) -> bool:
+    """Whether no residual, however large, costs more than some number: such a loss flattens out."""
+    if loss.kind is LossKind.BARRON:
+        return loss.shape is not None and loss.shape < 0.0
+    return loss.kind in (LossKind.TUKEY, LossKind.GEMAN_MCCLURE)
 
 
 def _derived(problem: Problem) -> Iterator[Diagnostic]:

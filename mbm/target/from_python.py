@@ -13,14 +13,9 @@ is decided then: arithmetic and comparisons of constant integers, branches on th
 from __future__ import annotations
 
 import ast
-import ctypes
 from collections.abc import Callable, Iterable, Mapping
 from operator import add, eq, floordiv, ge, gt, le, lt, mod, mul, ne, sub
 from types import MappingProxyType
-from typing import TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
 
 from mbm.target.definitions import Definitions
 from mbm.target.tree import (
@@ -52,13 +47,7 @@ from mbm.target.tree import (
     Type,
     While,
 )
-
-Real = float
-Integer = int
-Reals = NDArray[np.float64]
-Integers = NDArray[np.int64]
-ConstantReals = NDArray[np.float64]
-ConstantIntegers = NDArray[np.int64]
+from mbm.target.words import distinct_arrays
 
 _ANNOTATIONS: Mapping[str, Type] = {
     "Real": Type.REAL,
@@ -104,28 +93,6 @@ _DECIDE: Mapping[str, Callable[[float, float], bool]] = {
 
 class NotInTargetLanguageError(Exception):
     """The text uses something that the target language does not have; only a mistake in mbm's own solvers."""
-
-
-Some = TypeVar("Some", bound=Callable[..., object])
-
-
-def distinct_arrays(function: Some) -> Some:
-    """A decorator: no array that the function writes overlaps another one that it is given."""
-    return function
-
-
-def call_kernel(address: Integer, inputs: ConstantReals, outputs: Reals, blocks: Integer) -> None:
-    """`CALL_KERNEL` for solvers that run as Python: call the machine code at ``address``."""
-    signature = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
-    signature(address)(inputs.ctypes.data, outputs.ctypes.data, blocks)
-
-
-def call_normal(
-    address: Integer, inputs: ConstantReals, weights: ConstantReals, losses: ConstantReals, sums: Reals, blocks: Integer
-) -> None:
-    """`CALL_NORMAL` likewise."""
-    signature = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4, ctypes.c_int64)
-    signature(address)(inputs.ctypes.data, weights.ctypes.data, losses.ctypes.data, sums.ctypes.data, blocks)
 
 
 def module_of(

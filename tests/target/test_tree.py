@@ -41,17 +41,9 @@ import pytest
 from numpy import fmax, fmin
 
 from mbm.target import c, python
-from mbm.target.from_python import (
-    ConstantReals,
-    Integer,
-    NotInTargetLanguageError,
-    Real,
-    Reals,
-    call_kernel,
-    distinct_arrays,
-    module_of,
-)
+from mbm.target.from_python import NotInTargetLanguageError, module_of
 from mbm.target.tree import Assign, For, If, Intrinsic, Literal, Name, Primitive, Type
+from mbm.target.words import ConstantReals, Integer, Real, Reals, call_kernel, distinct_arrays
 
 
 def cholesky(n: Integer, a: Reals) -> Integer:

@@ -8,7 +8,6 @@ from mbm.emit.routines.description import (
     UNKNOWN_FREEDOM,
     UNKNOWN_SIZE,
 )
-from mbm.target.from_python import ConstantIntegers, Integer, Integers
 from mbm.target.solver.description import (
     BLOCK_COLUMNS,
     BLOCK_NONZEROS,
@@ -16,6 +15,7 @@ from mbm.target.solver.description import (
     NONZERO,
     NONZERO_TANGENT,
 )
+from mbm.target.words import ConstantIntegers, Integer, Integers
 
 
 def place_unknowns(

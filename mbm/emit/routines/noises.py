@@ -5,7 +5,6 @@ from __future__ import annotations
 from math import fabs, sqrt
 
 from mbm.emit.routines.rows import evaluate_row, row_scratch
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 from mbm.target.solver.batch import finish_solve, go_on, start_solve
 from mbm.target.solver.description import (
     BLOCK,
@@ -25,6 +24,7 @@ from mbm.target.solver.description import (
     NUMBERS,
     REASON,
 )
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 
 ROUNDS_AT_MOST = 200
 SETTLED = 1e-9
@@ -114,7 +114,8 @@ def solve_noises(
         numbers[i] = start[i]
     rounds = 0
     change = 1.0
-    while change > SETTLED and rounds < ROUNDS_AT_MOST:
+    going = 1
+    while going == 1:
         start_solve(system, constants, parameters, weights, index, columns, data, 0, numbers, work, flags)
         go_on(system, constants, data, index, columns, system[ITERATIONS] + 1, work, flags)
         finish_solve(
@@ -133,9 +134,12 @@ def solve_noises(
             covariance,
             multipliers,
         )
-        rounds += 1
-        change = 0.0
+        going = 0
         if groups > 0 and states[REASON] != NOT_FINITE_AT_START:
+            if change > SETTLED and rounds < ROUNDS_AT_MOST:
+                going = 1  # also where the factors settle now: the last solve is one with the last of them
+            rounds += 1
+            change = 0.0
             line = scratch[row_scratch(system) :]
             for g in range(groups):
                 share_of_group(
@@ -145,7 +149,7 @@ def solve_noises(
                 if found[1] > LEAST_REDUNDANCY and found[0] > 0.0:
                     spare[g] = sqrt(found[0] / found[1])
                 change = max(change, fabs(spare[g] - 1.0))
-            if change > SETTLED:
+            if going == 1:
                 for g in range(groups):
                     factors[g] = factors[g] * spare[g]
                     rescale(system, data, g, spare, weights)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import atan2, floor, isfinite, pi, sqrt
 
-from mbm.target.from_python import ConstantReals, Real, Reals
+from mbm.target.words import ConstantReals, Real, Reals
 
 
 def quaternion_of_matrix(matrix: ConstantReals, quaternion: Reals) -> None:

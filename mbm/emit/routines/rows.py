@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Reals, call_kernel
 from mbm.target.solver.description import (
     BLOCK,
     BLOCK_COLUMNS,
@@ -35,6 +34,7 @@ from mbm.target.solver.description import (
     UNIT_MATRIX,
     UNIT_WEIGHTS,
 )
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, call_kernel
 
 
 def whiten_row(

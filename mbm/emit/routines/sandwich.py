@@ -9,7 +9,6 @@ from __future__ import annotations
 from math import fabs, sqrt
 
 from mbm.emit.routines.rows import evaluate_row, row_scratch
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Real, Reals
 from mbm.target.solver.description import (
     BLOCK,
     BLOCK_OUTPUTS,
@@ -29,6 +28,7 @@ from mbm.target.solver.description import (
     UNIT_LOSS_AT,
 )
 from mbm.target.solver.losses import loss_slope, loss_weight
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 
 TOTAL = 0
 SLOPE = 1
@@ -244,7 +244,7 @@ def corrected(
     information: ConstantReals,
     sides: ConstantIntegers,
 ) -> Real:
-    """The factor of A in G with Huber's correction (Huber 1981, 7.6)."""
+    """The factor of A in G with Huber's correction (Huber 1981, 7.6), 1 where no residual tells it."""
     spread = sums[SPREAD] / max(sums[TOTAL], 1e-300)
     share = 0.0
     for i in range(n):
@@ -254,8 +254,8 @@ def corrected(
     count = sums[COUNT]
     freedom = count - share
     found = 0.0
-    if freedom <= 0.0:
-        found = spread
+    if freedom <= 1e-9 * count:
+        found = 1.0
     else:
         mean = sums[TRACES] / count
         bend = 0.0

@@ -20,7 +20,6 @@ from mbm.emit.routines.description import (
     UNKNOWN_POSITIVE,
     UNKNOWN_SIZE,
 )
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 from mbm.target.solver.description import (
     BLOCK,
     BLOCK_NONZEROS,
@@ -61,6 +60,7 @@ from mbm.target.solver.description import (
     UNIT_LOSS_AT,
     WEIGHTS,
 )
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 
 def set_capacities(system: Integers, data: ConstantIntegers) -> Integer:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import fabs, sqrt
 
-from mbm.target.from_python import ConstantReals, Integer, Real, Reals
+from mbm.target.words import ConstantReals, Integer, Real, Reals
 
 SKEW = 1e-9
 """Share of the largest element by which a symmetric matrix may be none."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.problem.types import BlockRole, Problem
+from mbm.problem.types import BlockRole, ConsensusKind, Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.many.descent import native_sets, plain_ends
 from mbm.solution.many.stack import Stack
@@ -102,7 +102,7 @@ def _ruled(problem: Problem, stack: Stack, first: Assembled, points: Floats, set
         if known is None:
             return None
     startless = not bool(np.isfinite(points).all()) or bool(stack.equations.layout.guessed.any())
-    if startless and form is None:
+    if startless and (form is None or settings.robust.kind is ConsensusKind.GNC):  # whose starts decide more
         return None
     rules = rules_of(
         problem,

@@ -9,6 +9,7 @@ import numpy as np
 from mbm.solution.many.factor import inverse_root
 from mbm.solution.many.stack import Portion
 from mbm.solution.nonlinearity import ORTHONORMAL
+from mbm.solution.robust.covariance import EXHAUSTED
 from mbm.solution.robust.losses.rooted import rooted, rooted_jacobian
 from mbm.solution.robust.scores import STATED_CUT
 from mbm.solution.robust.units import limits
@@ -156,8 +157,9 @@ def _pool(loss: LossFunction, parts: Parts, portion: Portion, residuals: Floats,
 
 
 def _corrected(pool: _Pool, inverse: Floats) -> Floats:
-    """The factors (K,) of A in G with Huber's correction for small samples."""
+    """The factors (K,) of A in G with Huber's correction for small samples, 1 where no residual tells the spread."""
     share = pool.slope * np.einsum("kij,kji->k", inverse, pool.information)
     freedom = pool.count - share
     bend = 1.0 + share / pool.count * pool.bend
-    return np.where(freedom > 0.0, pool.spread * bend * bend * pool.count / freedom, pool.spread)
+    told = freedom > EXHAUSTED * pool.count
+    return np.where(told, pool.spread * bend * bend * pool.count / np.where(told, freedom, 1.0), 1.0)

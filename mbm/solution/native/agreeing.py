@@ -23,9 +23,6 @@ from mbm.solution.types import Floats
 from mbm.target.solver import consensus_description as c
 from mbm.values import dataclass
 
-UNPAID = 100
-"""Times that consensus is asked of one problem after which compiling it pays where nothing keeps it."""
-
 KEPT = "consensus"
 """Where the cache of a problem keeps what consensus has learnt of it."""
 
@@ -51,7 +48,7 @@ def agreed_natively(
     Without starts (None) the closed form has to give one; there is no answer where it does not.
     """
     plain = without_losses(equations)
-    system = system_of(plain, settings) if _pays(plain) else None
+    system = system_of(plain, settings)
     if system is None:
         return None
     cache = plain.groups[0].cache
@@ -97,15 +94,6 @@ def _code(equations: Assembled) -> NativeCode | None:
     if cache is None or not isinstance(cache.backend, NativeBackend):
         return None
     return native_code(cache.native, cache.backend.store)
-
-
-def _pays(equations: Assembled) -> bool:
-    """Whether consensus is compiled already, or kept, or asked for so often that compiling it pays."""
-    code = _code(equations)
-    if code is None:
-        return False
-    code.consensus_asked += 1
-    return code.store is not None or code.consensus_asked > UNPAID
 
 
 def left_out(group: Group) -> bool:

@@ -104,12 +104,12 @@ class SolverCode:
 
 
 def source_digest() -> str:
-    """SHA-256 of the texts that the solver is made of: equal content, equal code."""
+    """SHA-256 of the texts that the solver is made of and of this one, which lowers them: equal content, equal code."""
     import mbm.target
 
     folder = Path(mbm.target.__file__).parent
     digest = sha256()
-    for path in sorted([*folder.glob("*.py"), *(folder / "solver").glob("*.py")]):
+    for path in sorted([*folder.glob("*.py"), *(folder / "solver").glob("*.py"), Path(__file__)]):
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 
@@ -158,17 +158,15 @@ class Described:
 class NativeCode:
     """What native solves of one compiled problem share; local to it, as `EvaluationCache` is.
 
-    ``asked`` counts the minima that were asked for, ``systems`` keeps descriptions by structure and settings.
+    ``systems`` keeps descriptions by structure and settings.
     """
 
     def __init__(self, store: Store | None) -> None:
         self.store = store
         self._solver: SolverCode | None = None
         self._consensus: SolverCode | None = None
-        self.consensus_asked = 0
         self._kernels: dict[tuple[int, ...], NativeKernels | None] = {}
         self.sums: dict[object, NormalKernels | None] = {}
-        self.asked = 0
         self.systems: dict[object, Described] = {}
 
     @property

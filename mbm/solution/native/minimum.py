@@ -10,7 +10,7 @@ import numpy as np
 from mbm.problem.types import ConstraintMethod, Method
 from mbm.solution.assembly import Assembled
 from mbm.solution.batch import batch
-from mbm.solution.native.system import NativeEnds, NativeSystem, native_code, system_of
+from mbm.solution.native.system import NativeEnds, NativeSystem, system_of
 from mbm.solution.settings import Settings
 from mbm.solution.types import Equations, Floats, Minimum, Reason
 from mbm.target.solver import description as of
@@ -27,13 +27,10 @@ REASONS = {
 MEMORY = 4_000_000
 """Numbers in the Jacobians that are computed together."""
 
-UNPAID = 100
-"""Minima of one problem after which compiling the solver pays where nothing keeps it: it takes as long as they do."""
-
 
 def native_minimum(equations: Equations, start: Floats, settings: Settings) -> Minimum | None:
     """The minimum that a start (N,) leads to; None: the equations are not for the native solver, or it is not sure."""
-    system = _system(equations, settings, 1)
+    system = _system(equations, settings)
     if system is None or not isinstance(equations, Assembled):
         return None
     ends = system.one(start, stopped=settings.stopped if settings.interruption is not None else None)
@@ -44,7 +41,7 @@ def native_minimum(equations: Equations, start: Floats, settings: Settings) -> M
 
 def native_minima(equations: Equations, starts: Floats, settings: Settings) -> Iterator[Minimum | None]:
     """The same for many starts (T, N) in one call; the ends do not depend on the number of threads."""
-    system = _system(equations, settings, len(starts)) if len(starts) else None
+    system = _system(equations, settings) if len(starts) else None
     if system is None or not isinstance(equations, Assembled):
         yield from (None for _ in starts)
         return
@@ -60,13 +57,13 @@ def native_minima(equations: Equations, starts: Floats, settings: Settings) -> I
             yield _minimum(equations, ends, k, here.copy(), slopes.copy()) if made else None
 
 
-def _system(equations: Equations, settings: Settings, minima: int) -> NativeSystem | None:
+def _system(equations: Equations, settings: Settings) -> NativeSystem | None:
     """What the native solver is given; None where it should not take part."""
     if not isinstance(equations, Assembled) or settings.method not in (Method.AUTO, Method.MARQUARDT):
         return None
     if equations.constraints and settings.constraints is not ConstraintMethod.PENALTY:
         return None
-    return system_of(equations, settings) if pays(equations, minima) else None
+    return system_of(equations, settings)
 
 
 def _minimum(equations: Assembled, ends: NativeEnds, k: int, residuals: Floats, jacobian: Floats) -> Minimum | None:
@@ -99,16 +96,3 @@ def _with_constraints(equations: Assembled, found: Minimum, multipliers: Floats)
     place = linearise(equations, found.point)
     state = constraint_state(equations.equality, place, multipliers[: len(place.values)])
     return None if bool(state.violated.any()) else replace(found, constraints=state)
-
-
-def pays(equations: Assembled, minima: int) -> bool:
-    """Whether machine code is kept, or there are ``minima`` enough to make it for, with those asked for before."""
-    from mbm.kernels.backends.native import NativeBackend
-
-    groups = (*equations.groups, *equations.constraints)
-    backend = groups[0].cache.backend if groups else None
-    if not isinstance(backend, NativeBackend):
-        return False
-    code = native_code(groups[0].cache.native, backend.store)
-    code.asked += minima
-    return backend.store is not None or code.asked > UNPAID

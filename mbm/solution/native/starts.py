@@ -9,7 +9,6 @@ import numpy as np
 from mbm.solution.assembly import Assembled
 from mbm.solution.batch import batch
 from mbm.solution.excerpt import excerpt
-from mbm.solution.native.minimum import pays
 from mbm.solution.native.system import handled, system_of
 from mbm.solution.settings import Settings
 from mbm.solution.solvers.batched import Batched
@@ -33,7 +32,7 @@ def native_ends(
     ``columns`` and ``units`` say which coordinates move and which units count, as in `batch`. ``settings`` give the
     threads, on whose number the ends do not depend, and stop them where they are.
     """
-    if not handled(replace(equations, constraints=())) or not pays(equations, len(starts)):
+    if not handled(replace(equations, constraints=())):
         return None
     part = excerpt(equations, columns, np.unique(equations.units) if units is None else units)
     system = system_of(part, Settings(max_iterations=iterations, tolerance=SETTLED), strict=False)

@@ -188,7 +188,7 @@ def stream_of(problem: Problem, equations: Assembled, settings: Settings, estima
     """
     if settings.robust is not None or settings.routine is not None or sparse_suits(equations):
         return None
-    if settings.method not in (Method.AUTO, Method.MARQUARDT) or (equations.lossy and _estimated(problem)):
+    if settings.method not in (Method.AUTO, Method.MARQUARDT) or equations.lossy:
         return None
     if _estimated(problem) and len(problem.blocks) > 1:
         return None
@@ -200,7 +200,9 @@ def stream_of(problem: Problem, equations: Assembled, settings: Settings, estima
     names = tuple(entry.unknown.name for entry in layout.entries)
     kind = (names, tuple(group.rows for group in equations.groups))
     known = equations.groups[0].cache.without_closed_form
-    alone = equations.linear or (given and (equations.lossy or bool(equations.constraints) or kind in known))
+    # what was learnt of closed forms is not relied on where stated noise tells a bad fit
+    unchallenged = bool(equations.constraints) or (kind in known and _estimated(problem))
+    alone = equations.linear or (given and unchallenged)
     if not alone and _estimated(problem):
         return None
     freedom = max(equations.count - equations.dimension, 1)

@@ -45,7 +45,9 @@ def agreeing(
     problem: Problem, equations: Assembled, settings: Settings, consensus: Consensus, starts: Starts
 ) -> Prepared:
     """The units that agree, by the consensus that the problem asks for; ``starts`` are looked for where they matter."""
-    found = _startless(problem, equations, settings, consensus) if settings.starts is None else None
+    # graduated non-convexity narrows down from fits to all rows: which of the closed form's roots it begins at decides
+    anywhere = settings.starts is None and consensus.kind is not ConsensusKind.GNC
+    found = _startless(problem, equations, settings, consensus) if anywhere else None
     beginnings: tuple[Beginning, ...] = ()
     if found is None:
         beginnings = starts()

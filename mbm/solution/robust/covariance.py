@@ -17,6 +17,9 @@ from mbm.solution.robust.losses.function import LossFunction
 from mbm.solution.types import Covariance, Floats, Indices, Mask, Observability
 from mbm.values import dataclass
 
+EXHAUSTED = 1e-9
+"""A freedom below this share of the residuals is rounding of none."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pool:
@@ -84,12 +87,13 @@ def _pool(loss: LossFunction, parts: list[Indices], residuals: Floats, along: Fl
 def _corrected(pool: _Pool, inverse: Floats) -> float:
     """The factor of A in G with Huber's correction for small samples, ``K² n/(n − p)``, ``K = 1 + p/n var ψ'/(E ψ')²``.
 
-    p is the number of unknowns that this loss's units determine (Huber 1981, 7.6).
+    p is the number of unknowns that this loss's units determine (Huber 1981, 7.6). Where these take up all that the
+    units say, no residual tells the spread, and what the noise was stated to be counts: 1.
     """
     share = pool.slope * float(np.trace(inverse @ pool.information))
     freedom = pool.count - share
-    if freedom <= 0.0:
-        return pool.spread
+    if freedom <= EXHAUSTED * pool.count:
+        return 1.0
     bend = 1.0 + share / pool.count * pool.bend
     return pool.spread * bend * bend * pool.count / freedom
 

@@ -129,7 +129,7 @@ def _texts() -> str:
     from mbm.target import blocks
 
     digest = sha256(repr(FLAGS).encode())
-    for package, names in ((target, ("from_python", "llvm", "tree")), (blocks, ("*",))):
+    for package, names in ((target, ("from_python", "llvm", "tree", "words")), (blocks, ("*",))):
         for path in _files(package, names):
             digest.update(path.read_bytes())
     return digest.hexdigest()

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mbm.solution.robust.covariance import EXHAUSTED
 from mbm.solution.robust.losses.function import LossFunction
 from mbm.solution.sparse.observability import sparse_covariance
 from mbm.solution.sparse.rank import decided
@@ -51,7 +52,9 @@ def sparse_sandwich(
         spread = float(np.square(weight[places] * residuals[places]).sum()) / total
         share = float(leverages[places].sum())
         bend = float(slope[places].var()) / max(float(slope[places].mean()) ** 2, 1e-300)
-        if len(places) > share:
+        if len(places) - share <= EXHAUSTED * len(places):
+            spread = 1.0
+        else:
             spread *= (1.0 + share / len(places) * bend) ** 2 * len(places) / (len(places) - share)
         factors[places] = weight[places] * mean * mean / max(spread, 1e-300)
     final = decided(blocks.plan, _weighted(blocks, np.sqrt(factors), every), held).inverse

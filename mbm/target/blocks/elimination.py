@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from math import isfinite, sqrt
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Reals, distinct_arrays
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, distinct_arrays
 
 SIZE = 3
 """Columns of a member of the family that goes. Each problem has its own."""

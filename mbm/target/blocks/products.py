@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Reals, distinct_arrays
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, distinct_arrays
 
 OUTPUTS = 2
 RIGHT = 3

@@ -5,7 +5,7 @@ Links, panels and the other names are those of `mbm.target.blocks.elimination`.
 
 from __future__ import annotations
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Reals, distinct_arrays
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, distinct_arrays
 
 SIZE = 3
 """Columns of a member of the family that went."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 from mbm.target.solver.beginning import begin, constraint_count, solve_directly
 from mbm.target.solver.constraints import HELD, LAMBDA, begin_rounds, next_round, set_held
 from mbm.target.solver.covariance import set_covariance
@@ -77,6 +76,7 @@ from mbm.target.solver.workspace import (
     triangle_at,
     vector_at,
 )
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 
 SURE = 1e4
 """A squared condition up to which sums of products give variances to 1e-10: with errors of a few eps √rows."""

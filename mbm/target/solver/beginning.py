@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from math import fabs, inf, isfinite, sqrt
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 from mbm.target.solver.description import (
     BLOCK,
     BLOCK_OUTPUTS,
@@ -66,6 +65,7 @@ from mbm.target.solver.workspace import (
     triangle_at,
     vector_at,
 )
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 
 UNSCALED = 1e-3
 """A start so much shorter (as ‖scale · x‖) than the residuals says nothing about how far to go."""

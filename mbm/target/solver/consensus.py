@@ -6,7 +6,6 @@ best of those brought to the fixed point of fit, noise and inliers.
 
 from __future__ import annotations
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 from mbm.target.solver.consensus_description import (
     AGREED,
     AMBIGUOUS,
@@ -54,6 +53,7 @@ from mbm.target.solver.consensus_units import judge_rounding, list_units, norm_d
 from mbm.target.solver.description import COORDINATES, NUMBERS
 from mbm.target.solver.equations import load_rows
 from mbm.target.solver.linear_algebra import copied
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 
 LARGE_SUBSET = 7
 """From so many units in a subset on, trials free of outliers are rare: graduated non-convexity gives one more."""

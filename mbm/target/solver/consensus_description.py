@@ -15,8 +15,8 @@ whose first weight is 0 must not be among them.
 
 from __future__ import annotations
 
-from mbm.target.from_python import ConstantIntegers, Integer
 from mbm.target.solver.description import BLOCKS, CHUNK, COORDINATES, NUMBERS
+from mbm.target.words import ConstantIntegers, Integer
 
 # --- header of ``rules`` ----------------------------------------------------------------------------------------
 KIND = 0

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Reals
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 
 FIRST_FACTOR = 40014
 FIRST_MODULUS = 2147483563

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from math import atan2, isfinite, sqrt
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 from mbm.target.solver.consensus_description import (
     AS_EULER_ANGLES,
     AS_QUATERNION,
@@ -25,6 +24,7 @@ from mbm.target.solver.description import NUMBERS
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.solver.minimal_pose import poses_from_three, quaternion_of
 from mbm.target.solver.minimal_spheres import places_from_spheres
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 
 LOCKED = 1e-12
 """Cosine of the middle Euler angle below which only a sum of the others is determined; the first is 0 then."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from math import inf, isfinite, sqrt
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 from mbm.target.solver.consensus_description import (
     CUTS,
     GROUP_OF,
@@ -24,6 +23,7 @@ from mbm.target.solver.consensus_order import median, robust_variance
 from mbm.target.solver.consensus_refine import STILL, refined
 from mbm.target.solver.consensus_rules import GIVEN
 from mbm.target.solver.description import COORDINATES
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 GROWTH = 1.4
 """Factor of the control parameter from one round to the next (§IV of the paper)."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 from mbm.target.solver.consensus_description import (
     CANDIDATES,
     CUTS,
@@ -38,6 +37,7 @@ from mbm.target.solver.description import CHUNK, COORDINATES, NUMBERS, PLACES_AT
 from mbm.target.solver.equations import residuals_at_point
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.solver.workspace import residuals_at
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 
 SAME = 1e-4
 """Objectives that differ by less, absolutely or as a share, belong to solutions that the data cannot tell apart."""

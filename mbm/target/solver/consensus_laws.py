@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import exp, fabs, log
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 LOG_ROOT_PI = 0.5723649429247001
 TERMS = 100000

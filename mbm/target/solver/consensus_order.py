@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 
 STATED = -1
 """The noise group of units whose noise is stated."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 from mbm.target.solver.consensus_description import (
     GRADIENT,
     NO_CANDIDATE,
@@ -31,6 +30,7 @@ from mbm.target.solver.consensus_rows import (
 from mbm.target.solver.consensus_rules import GIVEN, judged
 from mbm.target.solver.description import CHUNK, COORDINATES, NUMBERS, PLACES_AT
 from mbm.target.solver.linear_algebra import cholesky, copied, dot
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 DAMPING = 1e-6
 """First damping, relative to the diagonal of the normal equations: candidates are near their fit."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from math import inf, isfinite
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Real, Reals, call_kernel, distinct_arrays
 from mbm.target.solver.consensus_description import COMPONENTS, PLACE, place_vector_at, simple_at
 from mbm.target.solver.description import (
     BLOCK,
@@ -31,6 +30,7 @@ from mbm.target.solver.linear_algebra import copied, filled
 from mbm.target.solver.manifolds import retract
 from mbm.target.solver.slopes import scatter, whiten_matrices
 from mbm.target.solver.workspace import inputs_at, outputs_at, weights_at
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, call_kernel, distinct_arrays
 
 
 def linearised(

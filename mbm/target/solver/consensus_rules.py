@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from math import inf, isfinite, log
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Real, Reals
 from mbm.target.solver.consensus_description import (
     GROUP_OF,
     GROUPS,
@@ -24,6 +23,7 @@ from mbm.target.solver.consensus_description import (
 )
 from mbm.target.solver.consensus_order import STATED, selected
 from mbm.target.solver.consensus_scores import rank_of_half
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 
 TRUNCATED = 0
 """Units inside their limits count with the inverse of their variances."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import exp, inf, isfinite, log
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Real, Reals
 from mbm.target.solver.consensus_order import STATED, selected
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 
 LMEDS = 0
 RANSAC = 1

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from math import sqrt
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 from mbm.target.solver.consensus_description import (
     COMPONENTS,
     CUTS,
@@ -31,6 +30,7 @@ from mbm.target.solver.consensus_refine import STILL, refined
 from mbm.target.solver.consensus_rules import TRUNCATED
 from mbm.target.solver.description import COORDINATES, NUMBERS
 from mbm.target.solver.linear_algebra import copied
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 
 STEPS = 12
 ROUNDS = 20

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 from mbm.target.solver.consensus_description import (
     AWAY,
     BLOCK_OF,
@@ -65,6 +64,7 @@ from mbm.target.solver.description import BLOCKS_AT as SYSTEM_BLOCKS_AT
 from mbm.target.solver.equations import load_rows
 from mbm.target.solver.linear_algebra import cholesky, copied, dot
 from mbm.target.solver.manifolds import coordinates_of
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 FIT_STEPS = 12
 """Steps of the fit to one subset: those that need more are nearly degenerate."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from math import inf, isfinite
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 from mbm.target.solver.consensus_description import (
     CANDIDATES,
     COMPONENTS,
@@ -47,6 +46,7 @@ from mbm.target.solver.consensus_subset import fitted_to_subset, gather_subset
 from mbm.target.solver.description import COORDINATES, NUMBERS
 from mbm.target.solver.equations import residuals_at_point
 from mbm.target.solver.workspace import residuals_at
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 MOST_FITS = 4000
 """Several starts are tried with each subset, up to so many fits; beyond, subsets and starts are paired off."""

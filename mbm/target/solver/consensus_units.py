@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 from mbm.target.solver.consensus_description import (
     AWAY,
     BLOCK_OF,
@@ -54,6 +53,7 @@ from mbm.target.solver.description import BLOCKS_AT as SYSTEM_BLOCKS_AT
 from mbm.target.solver.equations import groups_of
 from mbm.target.solver.linear_algebra import filled
 from mbm.target.solver.manifolds import coordinates_of
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 
 ROUNDING = 64.0 * 2.220446049250313e-16
 """The rounding of a residual beside the terms that it is the difference of."""

@@ -9,16 +9,6 @@ from __future__ import annotations
 
 from math import fabs, sqrt
 
-from mbm.target.from_python import (
-    ConstantIntegers,
-    ConstantReals,
-    Integer,
-    Integers,
-    Real,
-    Reals,
-    call_kernel,
-    distinct_arrays,
-)
 from mbm.target.solver.beginning import begin, constraint_count
 from mbm.target.solver.description import (
     BLOCK,
@@ -72,6 +62,16 @@ from mbm.target.solver.workspace import (
     slopes_at,
     vector_at,
     weights_at,
+)
+from mbm.target.words import (
+    ConstantIntegers,
+    ConstantReals,
+    Integer,
+    Integers,
+    Real,
+    Reals,
+    call_kernel,
+    distinct_arrays,
 )
 
 ROUNDS = 30

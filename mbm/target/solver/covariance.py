@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 from mbm.target.solver.description import COORDINATES
 from mbm.target.solver.linear_algebra import append_rows, dot, filled, inverted_upper
 from mbm.target.solver.workspace import (
@@ -18,6 +17,7 @@ from mbm.target.solver.workspace import (
     small_triangle_at,
     step_at,
 )
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 HEAVY = 1e8
 """Weight of a constraint that holds, in units of the scaled columns: movements across it keep a variance of 1e-16."""

@@ -7,15 +7,6 @@ row repeat it with weight 0.
 
 from __future__ import annotations
 
-from mbm.target.from_python import (
-    ConstantIntegers,
-    ConstantReals,
-    Integer,
-    Real,
-    Reals,
-    call_kernel,
-    distinct_arrays,
-)
 from mbm.target.solver.description import (
     BLOCK,
     BLOCK_EQUALITY_AT,
@@ -49,6 +40,7 @@ from mbm.target.solver.description import (
 )
 from mbm.target.solver.losses import root_factor
 from mbm.target.solver.workspace import inputs_at, outputs_at, weights_at
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, call_kernel, distinct_arrays
 
 
 def portion(system: ConstantIntegers, block: ConstantIntegers) -> Integer:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from math import fabs, sqrt
 
-from mbm.target.from_python import ConstantReals, Integer, Real, Reals, distinct_arrays
+from mbm.target.words import ConstantReals, Integer, Real, Reals, distinct_arrays
 
 
 @distinct_arrays

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from math import cos, exp, sin, sqrt
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Real, Reals, distinct_arrays
 from mbm.target.solver.description import (
     COORDINATES,
     CURVED,
@@ -22,6 +21,7 @@ from mbm.target.solver.description import (
     SCALE,
 )
 from mbm.target.solver.linear_algebra import copied
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, distinct_arrays
 
 
 def part_of_step(column: Integer, step: ConstantReals) -> Real:

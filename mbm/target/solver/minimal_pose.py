@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
-from mbm.target.from_python import ConstantReals, Integer, Real, Reals
 from mbm.target.solver.minimal_quartic import real_roots
+from mbm.target.words import ConstantReals, Integer, Real, Reals
 
 SYMMETRIC = 1e-6
 """Difference of the cosines between sights below which Grunert's fraction is nothing by nothing."""

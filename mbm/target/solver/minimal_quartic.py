@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import atan2, cos, exp, fabs, isfinite, log, sqrt
 
-from mbm.target.from_python import ConstantReals, Integer, Real, Reals
+from mbm.target.words import ConstantReals, Integer, Real, Reals
 
 NEARLY_REAL = 1e-6
 """A pair of roots whose imaginary parts are below this share of 1 + |x| counts as real: two roots nearly equal."""

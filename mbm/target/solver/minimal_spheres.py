@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from math import fabs, inf, isfinite, sqrt
 
-from mbm.target.from_python import ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.words import ConstantReals, Integer, Integers, Real, Reals
 
 FLAT = 1e-9
 """A pivot below this share of the largest is none: the stations leave more than a line."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from math import fabs, isfinite, log, sqrt
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 from mbm.target.solver.description import BOXED, COORDINATES
 from mbm.target.solver.linear_algebra import cholesky, dot, filled, solve_transposed, solve_upper
 from mbm.target.solver.manifolds import retract
@@ -43,6 +42,7 @@ from mbm.target.solver.workspace import (
     triangle_at,
     vector_at,
 )
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 FRACTION = 1e-4
 """Length of a difference in conditional standard deviations of the coordinate."""

@@ -7,17 +7,9 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from mbm.target.from_python import (
-    ConstantIntegers,
-    ConstantReals,
-    Integer,
-    Real,
-    Reals,
-    call_normal,
-    distinct_arrays,
-)
 from mbm.target.solver.description import BLOCK_NORMAL, BLOCK_TANGENTS, BLOCK_UNITS_AT, UNIT_LOSS_AT
 from mbm.target.solver.linear_algebra import cholesky, dot, filled, inverted_upper, solve_transposed
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, call_normal, distinct_arrays
 
 MANY_ROWS = 500
 """Rows of a block from which its normal equations are summed."""

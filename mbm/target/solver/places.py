@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from math import fabs, inf, sqrt
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals, distinct_arrays
 from mbm.target.solver.description import (
     BOUNDS_AT,
     BOXED,
@@ -55,6 +54,7 @@ from mbm.target.solver.workspace import (
     triangle_at,
     vector_at,
 )
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals, distinct_arrays
 
 UNLIMITED = inf
 

@@ -2,13 +2,6 @@
 
 from __future__ import annotations
 
-from mbm.target.from_python import (
-    ConstantIntegers,
-    ConstantReals,
-    Integer,
-    Reals,
-    distinct_arrays,
-)
 from mbm.target.solver.description import (
     BLOCK_COLUMNS,
     BLOCK_EQUALITY_AT,
@@ -38,6 +31,7 @@ from mbm.target.solver.equations import (
     square_of,
 )
 from mbm.target.solver.losses import root_factor, root_slope
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, distinct_arrays
 
 
 @distinct_arrays

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals, distinct_arrays
 from mbm.target.solver.description import BOUNDS_AT, COORDINATES, POSITIVE_AT
 from mbm.target.solver.linear_algebra import (
     append_rows,
@@ -36,6 +35,7 @@ from mbm.target.solver.workspace import (
     step_at,
     vector_at,
 )
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals, distinct_arrays
 
 ROUNDING_OF_BOUNDS = 8.881784197001252e-16
 """Relative error of a bound minus a number plus that number: four roundings."""

@@ -2,15 +2,6 @@
 
 from __future__ import annotations
 
-from mbm.target.from_python import (
-    ConstantIntegers,
-    ConstantReals,
-    Integer,
-    Integers,
-    Reals,
-    call_kernel,
-    distinct_arrays,
-)
 from mbm.target.solver.description import (
     BLOCK,
     BLOCK_JACOBIAN,
@@ -59,6 +50,7 @@ from mbm.target.solver.workspace import (
     triangle_at,
     weights_at,
 )
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals, call_kernel, distinct_arrays
 
 HARMLESS = 1e6
 """A squared condition up to which sums of products give steps to 1e-9 of their length, and offsets likewise."""

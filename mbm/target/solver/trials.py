@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from math import isfinite
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 from mbm.target.solver.description import (
     BOXED,
     COORDINATES,
@@ -56,6 +55,7 @@ from mbm.target.solver.workspace import (
     trial_at,
     vector_at,
 )
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 CURVED_SHARE = 0.75
 """A step that brings less of its promise than this is tried again with the curvature answered."""

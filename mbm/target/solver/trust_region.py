@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from math import isfinite
 
-from mbm.target.from_python import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 from mbm.target.solver.description import (
     COORDINATES,
     FLAT,
@@ -59,6 +58,7 @@ from mbm.target.solver.workspace import (
     trial_at,
     triangle_at,
 )
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 ACCEPT = 1e-4
 """Least share of the promised decrease that a step must bring (MINPACK)."""

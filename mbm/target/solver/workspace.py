@@ -6,7 +6,6 @@ rows of the data set as the kernels take them. Functions give offsets in ``work`
 
 from __future__ import annotations
 
-from mbm.target.from_python import ConstantIntegers, Integer
 from mbm.target.solver.description import (
     CHUNK,
     COORDINATES,
@@ -17,6 +16,7 @@ from mbm.target.solver.description import (
     RESIDUALS,
     WEIGHTS,
 )
+from mbm.target.words import ConstantIntegers, Integer
 
 # --- reals of a place -------------------------------------------------------------------------------------------
 AT_COST = 0

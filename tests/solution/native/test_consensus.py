@@ -12,7 +12,6 @@ import mbm
 from mbm.problem.types import BlockRole
 from mbm.solution.estimate import assemble
 from mbm.solution.multistart import starting_points
-from mbm.solution.native import agreeing
 from mbm.solution.native.agreeing import agreed_natively
 from mbm.solution.native.consensus import consensus_many
 from mbm.solution.native.consensus_rules import rules_of
@@ -50,12 +49,6 @@ PARABOLA = """
 """
 NOISES = {"stated": ":sigma {sigma}", "unknown": ""}
 RULES = ("lmeds", "ransac", "msac", "gnc")
-
-
-@pytest.fixture(autouse=True)
-def _paid(monkeypatch):
-    """Consensus is compiled however seldom it is asked for."""
-    monkeypatch.setattr(agreeing, "UNPAID", -1)
 
 
 def ranges(seed, outliers):
