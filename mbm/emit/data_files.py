@@ -10,6 +10,8 @@ from mbm.emit.types import Blueprint, Floats, GivenTable, OutputFile, Reference,
 
 MOST_COVARIANCES = 60
 """Coordinates up to which all covariances are kept; beyond only the variances."""
+ROUNDING = 1e-12
+"""Of the largest sigma: what a basis of the constraints' null space, rounded, makes of none."""
 STATUSES = ("converged", "not-converged", "unobservable", "infeasible")
 
 
@@ -43,8 +45,7 @@ def _field(text: str) -> str:
 def _references(blueprint: Blueprint) -> str:
     """``spread`` is the standard deviation by which a difference is measured where the number itself is small.
 
-    Of a covariance it is the product of two. What a constraint determines has a sigma of exactly zero, which is a
-    difference of large numbers and comes out as rounding: the largest sigma of the solve is its scale there.
+    Of a covariance it is the product of two, `_scales` where they are zero.
 
     ``start`` is where the test begins, where that is not where the solver begins by itself.
     """
@@ -81,11 +82,11 @@ def _reference(reference: Reference) -> Iterator[str]:
 
 
 def _scales(covariance: Floats) -> Floats:
-    """Standard deviations (n,), the largest one for those of zero.
+    """Standard deviations (n,), the largest one for those of what constraints determine: zero but for rounding.
 
-    An element of such a row is ``Σ`` of products that cancel, each about as large as the variances of the coordinates
-    that the constraint ties to it: rounding is relative to these, and nothing in the element itself tells its size.
+    An element of such a row is a sum of products that cancel, each about as large as the variances of the coordinates
+    that the constraints tie to it: rounding is relative to these, and nothing in the element itself tells its size.
     """
     sigma: Floats = np.sqrt(np.diag(covariance))
     largest = float(np.nanmax(sigma, initial=0.0))
-    return np.where(sigma == 0.0, largest, sigma)
+    return np.where(sigma <= ROUNDING * largest, largest, sigma)

@@ -24,7 +24,7 @@ SHAPES = {
       (data e (table (u v) (1.1 0.9) (0.8 1.2) (1.0 1.0) (1.3 0.7) (3 3)))
       (unknowns (a :init 2) (b :init 1))
       (observe d (= y (+ (* a x) b)) :sigma 0.2 :loss cauchy)
-      (observe e (= [u v] [b (/ a 2)]) :sigma 0.2 :loss tukey))""",
+      (observe e (= [u v] [b (/ a 2)]) :sigma 0.2 :loss (barron 0.5 2)))""",
     "bounds": f"""(problem bounds "A prior, and a bound that holds." {LINE}
       (unknowns (a :init 1.5 :in (0 2) :sigma 0.1) (b positive :init 0.1))
       (observe d (= y (+ (* a x) b)) :sigma 0.2))""",
@@ -98,5 +98,22 @@ SHAPES = {
       (unknowns (a :init 2) (b :init 1 :sigma 0.5))
       (observe d (= y (+ (* a (exp (* 0.01 x)) x) b)) :sigma unknown)
       (observe e (= u b) :sigma (unknown 0.5)))""",
+    "loss-and-noise": """(problem loss-and-noise "A loss, and noise beside it that its residuals tell."
+      (data d (table (x y) (0 1.1) (1 2.9) (2 5.2) (3 6.8) (4 9.1) (5 17.0)))
+      (data e (table (u) (1.2) (0.7) (1.3) (0.8)))
+      (unknowns (a :init 2) (b :init 1))
+      (observe d (= y (+ (* a x) b)) :sigma 0.2 :loss (huber 1.5))
+      (observe e (= u b) :sigma (unknown 0.5)))""",
+    "slow-noises": """(problem slow-noises "Two groups of unknown noise whose factors settle over many rounds."
+      (data d (table (x y) (0 1.1) (1 2.9) (2 5.2) (3 7.4)))
+      (data e (table (x y) (0 0.8) (1 3.3) (2 4.9)))
+      (unknowns (a :init 2) (b :init 1))
+      (observe d (= y (+ (* a x) b)) :sigma unknown)
+      (observe e (= y (+ (* a x) b)) :sigma (unknown 0.5)))""",
+    "determined": """(problem determined "Two constraints leave one unknown no freedom: its variance is zero."
+      (data d (table (x y z) (1 1.1 0.7) (2 2.3 0.9) (3 2.8 0.8) (4 4.3 0.7)))
+      (unknowns (p (vector 3) :init [1 1 1]))
+      (observe d (= [y z] [(+ (* (p 1) x) (p 2)) (* (p 3) (+ 1 (* 0.1 (p 1))))]) :sigma 0.1)
+      (constraints (= (p 1) (+ (p 2) (p 3))) (<= (p 3) 0.6)) (solve :constraints exact))""",
 }
 """By name; inline tables, so that a golden file depends on nothing but the text."""

@@ -15,7 +15,8 @@ import mbm
 from tests.emit.making import emitted, of_text, run, written
 from tests.emit.shapes import SHAPES
 
-STATED = [n for n in SHAPES if n not in ("loss", "losses", "similarity", "for-each", "keys", "bounds")]
+UNCOMPARED = ("loss", "losses", "loss-and-noise", "similarity", "for-each", "keys", "bounds")
+STATED = [n for n in SHAPES if n not in UNCOMPARED]
 """Shapes with a start and without losses, solves or bounds: there the compiled equations mean the same by a point."""
 
 QUICK = ("weights", "pose", "family")
@@ -171,6 +172,37 @@ def test_keys_that_no_table_has_together_are_refused():
     with pytest.raises(mbm.MbmError) as caught:
         of_text(text, "c")
     assert [d.code.name for d in caught.value.diagnostics] == ["not-emitted"]
+
+
+REFUSED = {
+    ":sigma unknown :loss (huber 2)": "the loss of `d` with unknown noise",
+    ":sigma 1 :loss tukey": "`:loss tukey`",
+    ":sigma 1 :loss geman-mcclure": "`:loss geman-mcclure`",
+    ":sigma 1 :loss (barron -1 2)": "`:loss barron`",
+}
+
+
+@pytest.mark.parametrize("noise", REFUSED)
+def test_losses_that_a_descent_from_one_start_does_not_minimise_are_refused_where_they_stand(noise):
+    text = f"""(problem lossy (data d (table (y) (1) (3))) (data e (table (z) (1) (2)))
+      (unknowns (m :init 0))
+      (observe e (= z m) :sigma unknown)
+      (observe d (= y m) {noise}))"""
+    with pytest.raises(mbm.MbmError) as caught:
+        of_text(text, "c")
+    (found,) = caught.value.diagnostics
+    assert found.code.name == "not-emitted"
+    assert REFUSED[noise] in found.message
+    assert found.place.line == 4
+
+
+def test_what_a_constraint_determines_is_compared_by_the_largest_sigma():
+    files = {file.path: file.content.decode() for file in of_text(SHAPES["determined"], "c")}
+    rows = [line.split(",") for line in files["reference.csv"].split("\n")]
+    found = {(row[2], row[3]): (float(row[4]), float(row[5])) for row in rows if row[1:2] == ["covariance"]}
+    largest = max(value for value, _ in found.values())
+    assert found["2", "2"][0] < 1e-24 * largest  # none, but for the rounding of its root
+    assert found["2", "2"][1] == pytest.approx(largest, rel=1e-12)  # a product of two square roots, rounded
 
 
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="cmake is not here")

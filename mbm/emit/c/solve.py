@@ -198,6 +198,10 @@ def _public(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield f"    solve_noises(f->system, f->constants, {_FRAME_ARGUMENTS}, f->data_set,"
     yield "        f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,"
     yield "        f->multipliers, factors, f->spare);"
+    yield f"    result->cost = f->results[{at.PLAIN_COST}];"
+    if len(static.noises) == 1:
+        yield "    /* one unknown factor counts as 1 in the cost */"
+        yield "    result->cost += (factors[0] * factors[0] - 1.0) * f->spare[1];"
     if lossy(blueprint):
         yield f"    if (f->states[{at.DEFICIENT}] == 0"
         yield "        && !sandwich(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index,"
@@ -206,12 +210,8 @@ def _public(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield "    result->status = status_of(f);"
     yield f"    result->iterations = f->states[{at.STEPS}];"
     yield f"    result->evaluations = f->states[{at.EVALUATIONS}];"
-    yield f"    result->cost = f->results[{at.PLAIN_COST}];"
     yield f"    result->robust_cost = f->results[{at.COST}];"
     yield f"    result->freedom = f->states[{at.FREEDOM}];"
-    if len(static.noises) == 1:
-        yield "    /* one unknown factor counts as 1 in the cost */"
-        yield "    result->cost += (factors[0] * factors[0] - 1.0) * f->spare[1];"
     yield "    result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;"
     if static.scaled:
         yield "    /* all residuals share one unknown factor: the noise is as large as the residuals say */"

@@ -252,13 +252,14 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
             p.system, p.constants, *p.arrays, p.data, p.start, p.work, p.flags, point, results, states, sides, triangle,
             covariance, multipliers, factors, p.spare,
         )
+        cost = float(results[PLAIN_COST])
+        if p.system[NOISES] == 1:
+            cost += (factors[0] * factors[0] - 1.0) * float(p.spare[1])  # one unknown factor counts as 1 in the cost
         if LOSSY and states[DEFICIENT] == 0:
             states[DEFICIENT] = 1 - sandwich(
                 p.system, p.constants, p.data, *p.arrays, point, sides, p.spare, covariance
             )
-    cost, freedom = float(results[PLAIN_COST]), int(states[FREEDOM])
-    if p.system[NOISES] == 1:
-        cost += (factors[0] * factors[0] - 1.0) * p.spare[1]  # one unknown factor counts as 1 in the cost
+    freedom = int(states[FREEDOM])
     sigma0 = math.sqrt(cost / freedom) if freedom > 0 else 0.0
     matrix = covariance[: n * n].reshape(n, n)
     if SCALED:

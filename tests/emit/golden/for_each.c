@@ -350,10 +350,10 @@ int for_each_solve(const for_each_data *data, for_each_result *result, for_each_
     solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
         f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
         f->multipliers, factors, f->spare);
+    result->cost = f->results[2];
     result->status = status_of(f);
     result->iterations = f->states[1];
     result->evaluations = f->states[2];
-    result->cost = f->results[2];
     result->robust_cost = f->results[0];
     result->freedom = f->states[3];
     result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;

@@ -397,6 +397,7 @@ int loss_solve(const loss_data *data, loss_result *result, loss_workspace *works
     solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
         f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
         f->multipliers, factors, f->spare);
+    result->cost = f->results[2];
     if (f->states[4] == 0
         && !sandwich(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index,
             f->columns, f->point, f->sides, f->spare, f->covariance))
@@ -404,7 +405,6 @@ int loss_solve(const loss_data *data, loss_result *result, loss_workspace *works
     result->status = status_of(f);
     result->iterations = f->states[1];
     result->evaluations = f->states[2];
-    result->cost = f->results[2];
     result->robust_cost = f->results[0];
     result->freedom = f->states[3];
     result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;

@@ -12,7 +12,7 @@
 static const long SYSTEM[80] = {
     0, 0, 0, 2, 0, 0, 0, 0, 100, 0, 0, 0, 0, 32, 0, 0, 0, 24, 0, 0, 0, 0, 0, 0, 0, 1, 1, 2, 2, 2, 2, 0, 0, 1,
     1, 56, 62, -1, 68, 0, 2, 3, 2, 2, 2, 2, 2, 0, 0, 2, 1, 68, 74, -1, 80, 0, 0, 1, 0, 0, 3, 8, 0, 0, 0, 0, 1,
-    0, 0, 2, 0, 0, 4, 10, 0, 0, 0, 1, 1, 1
+    0, 0, 2, 0, 0, 6, 10, 0, 0, 0, 1, 1, 1
 };
 
 /* Of each unknown: numbers, coordinates, family, positive, pieces. */
@@ -22,7 +22,7 @@ static const long UNKNOWNS[18] = {
 
 /* Parameter and shape of each loss. */
 static const double LOSSES[4] = {
-    2.38494711936238, 0.0, 5.12298608995241, 0.0
+    2.38494711936238, 0.0, 2.0, 0.5
 };
 
 #define TOLERANCE 1e-10    /* of the next step, in standard deviations */
@@ -466,6 +466,7 @@ int losses_solve(const losses_data *data, losses_result *result, losses_workspac
     solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
         f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
         f->multipliers, factors, f->spare);
+    result->cost = f->results[2];
     if (f->states[4] == 0
         && !sandwich(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index,
             f->columns, f->point, f->sides, f->spare, f->covariance))
@@ -473,7 +474,6 @@ int losses_solve(const losses_data *data, losses_result *result, losses_workspac
     result->status = status_of(f);
     result->iterations = f->states[1];
     result->evaluations = f->states[2];
-    result->cost = f->results[2];
     result->robust_cost = f->results[0];
     result->freedom = f->states[3];
     result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;

@@ -1,0 +1,555 @@
+/* determined: from tables to the arrays of the solver, and back. */
+
+#include "determined.h"
+
+#include <stddef.h>
+#include <string.h>
+
+#include "determined_kernels.h"
+#include "determined_solver.h"
+
+/* How the solver's description of the equations begins: what no data change. */
+static const long SYSTEM[104] = {
+    0, 0, 0, 1, 2, 0, 0, 0, 100, 0, 0, 0, 0, 32, 0, 0, 0, 24, 0, 0, 0, 0, 0, 0, 0, 1, 2, 3, 3, 3, 4, 0, 0, 2,
+    1, 72, 78, -1, 90, 0, 2, 3, 1, 3, 0, 3, 3, 0, 0, 0, 0, 90, 90, -1, 99, 0, 4, 5, 1, 1, 0, 1, 1, 0, 0, 0, 0,
+    100, 100, -1, 103, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 1, 0, 1, 0, 1, 0, 1, 2, 1, 0, 0, -1, 0, 1, -1, 0, 2, -1,
+    1, 0, 0, -1, 0
+};
+
+/* Of each unknown: numbers, coordinates, family, positive, pieces. */
+static const long UNKNOWNS[15] = {
+    3, 3, 0, 0, 3, 6, 0, 0, 0, 0, 1, 1, 0, 2, 2
+};
+
+/* Parameter and shape of each loss. */
+static const double LOSSES[1] = {
+    0.0
+};
+
+#define TOLERANCE 1e-10    /* of the next step, in standard deviations */
+
+/* Arrays of one data set, taken from the caller's workspace one after the other; nothing is allocated. */
+struct arena {
+    double *reals;
+    long reals_used;
+    long *integers;
+    long integers_used;
+};
+
+static double *reals_of(struct arena *a, long count)
+{
+    double *found = a->reals != NULL ? a->reals + a->reals_used : NULL;
+    a->reals_used += count;
+    return found;
+}
+
+static long *integers_of(struct arena *a, long count)
+{
+    long *found = a->integers != NULL ? a->integers + a->integers_used : NULL;
+    a->integers_used += count;
+    return found;
+}
+
+struct frame {
+    const determined_data *data;
+    long members[1];        /* of each unknown; 1 without a family */
+    long offsets[2];        /* where the numbers of each unknown begin */
+    long firsts[2];         /* where its coordinates begin */
+    long data_set[16];      /* as the solver wants it */
+    long *chosen, *fixed, *used, *column, *index, *columns, *system, *sides, *flags, *coordinates;
+    long parameters_used, weights_used, index_used, columns_used;
+    double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;
+    double *triangle, *covariance, *multipliers, *work, *spare;
+    double results[8];
+    long states[8];
+};
+
+/* Lays out a frame for the rows of `data`: the most that can be needed. */
+static void lay_out(struct frame *f, const determined_data *data, struct arena *a)
+{
+    long n, numbers, residuals = 4, inputs = 0, weights = 0, multipliers = 0, i;
+    long parameters = 0, index = 0, columns = 0, chosen = 1;
+    long header[24] = {0};
+
+    f->data = data;
+    f->members[0] = 1;
+    place_unknowns(UNKNOWNS, 1, f->members, f->offsets, f->firsts);
+    numbers = f->offsets[1];
+    n = f->firsts[1];
+    /* d */
+    chosen = chosen < data->d_rows ? data->d_rows : chosen;
+    parameters += data->d_rows * 3;
+    residuals += data->d_rows * 2;
+    inputs += data->d_rows * 6;
+    index += (data->d_rows + 1) * 3;
+    columns += (data->d_rows + 1) * 3;
+    weights += data->d_rows * 2;
+    /* (= (p 1) (+ (p 2) (p 3))) */
+    parameters += 1 * 0;
+    residuals += 1 * 1;
+    inputs += 1 * 3;
+    index += (1 + 1) * 3;
+    columns += (1 + 1) * 3;
+    multipliers += 1 * 1;
+    /* (<= (p 3) 0.6) */
+    parameters += 1 * 0;
+    residuals += 1 * 1;
+    inputs += 1 * 1;
+    index += (1 + 1) * 1;
+    columns += (1 + 1) * 1;
+    multipliers += 1 * 1;
+    f->chosen = integers_of(a, chosen + 1);
+    f->index = integers_of(a, index + 1);
+    f->columns = integers_of(a, columns + 1);
+    f->fixed = integers_of(a, n + 1);
+    f->used = integers_of(a, n + 1);
+    f->column = integers_of(a, n + 1);
+    f->sides = integers_of(a, n + 1);
+    f->coordinates = integers_of(a, n + 1);
+    f->system = integers_of(a, 104 + (2 + 8) * n);
+    f->parameters = reals_of(a, parameters + 1);
+    f->weights = reals_of(a, weights + 1);
+    f->scratch = reals_of(a, 4);
+    f->start = reals_of(a, numbers);
+    f->point = reals_of(a, numbers);
+    f->lower = reals_of(a, n);
+    f->upper = reals_of(a, n);
+    f->sigma = reals_of(a, n);
+    f->constants = reals_of(a, 8 + 2 * n);
+    f->triangle = reals_of(a, (n + 1) * (n + 1));
+    f->covariance = reals_of(a, n * n);
+    f->multipliers = reals_of(a, multipliers + 1);
+    header[0] = numbers;
+    header[1] = n;
+    header[5] = multipliers;
+    header[10] = residuals;
+    header[11] = inputs;
+    header[12] = weights + 2 * multipliers;
+    header[13] = 32;
+    header[14] = 128;
+    f->work = reals_of(a, work_reals(header));
+    f->spare = reals_of(a, 16 + 4 * n);
+    f->flags = integers_of(a, work_integers(header));
+    f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;
+    for (i = 0; i < 16; i++)
+        f->data_set[i] = 0;
+}
+
+/* The rows that count, the members of families, and what the keys name. */
+static int find_rows(struct frame *f)
+{
+    const determined_data *data = f->data;
+
+    (void)data;
+
+    return 0;
+}
+
+/* `p`. */
+static int set_up_p(struct frame *f)
+{
+    const determined_data *data = f->data;
+    double inputs[1];
+    double stated[3];
+    double lower[3], upper[3];
+    long m, c;
+
+    (void)stated;
+    inputs[0] = 0.0;
+    for (m = 0; m < f->members[0]; m++) {
+        const long number = f->offsets[0] + m * 3;
+        const long first = f->firsts[0] + m * 3;
+        for (c = 0; c < 3; c++) {
+            lower[c] = -HUGE_VAL;
+            upper[c] = HUGE_VAL;
+        }
+        for (c = 0; c < 3; c++) {
+            if (!(lower[c] < upper[c]))
+                return DETERMINED_BAD_BOUNDS;
+            f->lower[first + c] = lower[c];
+            f->upper[first + c] = upper[c];
+            f->fixed[first + c] = 0;
+        }
+        if (data->start_p != NULL) {
+            for (c = 0; c < 3; c++)
+                f->start[number + c] = data->start_p[m * 3 + c];
+            continue;
+        }
+        start_of_p(inputs, stated);
+        for (c = 0; c < 3; c++) {
+            const double found = begun(stated[c], -HUGE_VAL, HUGE_VAL, lower[c], upper[c]);
+            f->start[number + c] = found;
+        }
+    }
+    return 0;
+}
+
+/* Starts, bounds and what stays, of all unknowns. */
+static int set_up(struct frame *f)
+{
+    int status = 0;
+
+    if (status == 0)
+        status = set_up_p(f);
+    return status;
+}
+
+/* The rows of `d` that d is about. */
+static int d_rows(struct frame *f, long *count)
+{
+    const determined_data *data = f->data;
+    long row;
+
+    (void)data;
+    *count = 0;
+    for (row = 0; row < data->d_rows; row++) {
+        f->chosen[(*count)++] = row;
+    }
+    return 0;
+}
+
+/* Parameters, weights and unknowns of the rows of d: kernel 0. */
+static int d_assemble(struct frame *f, long count)
+{
+    const determined_data *data = f->data;
+    double inputs[1], noise[2];
+    long i, rows = 0;
+
+    (void)data;
+    inputs[0] = 0.0;
+    f->data_set[1] = f->parameters_used;
+    f->data_set[2] = f->weights_used;
+    f->data_set[3] = f->index_used;
+    f->data_set[4] = f->columns_used;
+    for (i = 0; i < count; i++) {
+        const long row = f->chosen[i];
+        f->parameters[f->parameters_used++] = data->d_x[row];
+        f->parameters[f->parameters_used++] = data->d_y[row];
+        f->parameters[f->parameters_used++] = data->d_z[row];
+        d_noise(inputs, noise);
+        if (!weight_of_sigma(noise[0], f->weights + f->weights_used + 0))
+            return -1;
+        if (!weight_of_sigma(noise[1], f->weights + f->weights_used + 1))
+            return -1;
+        f->weights_used += 2;
+        if (rows == 0) {    /* all rows share their unknowns */
+            f->index[f->index_used++] = f->offsets[0];    /* p */
+            f->index[f->index_used++] = f->offsets[0] + 1;    /* p */
+            f->index[f->index_used++] = f->offsets[0] + 2;    /* p */
+            f->columns[f->columns_used++] = f->firsts[0];    /* p */
+            f->columns[f->columns_used++] = f->firsts[0] + 1;    /* p */
+            f->columns[f->columns_used++] = f->firsts[0] + 2;    /* p */
+        }
+        rows++;
+    }
+    f->data_set[5] = rows;
+    return (int)rows;
+}
+
+
+/* Parameters, weights and unknowns of the rows of p_1_p_2_p_3: kernel 1. */
+static int p_1_p_2_p_3_assemble(struct frame *f, long count)
+{
+    const determined_data *data = f->data;
+    long i, rows = 0;
+
+    (void)data;
+    f->data_set[6] = f->parameters_used;
+    f->data_set[7] = f->weights_used;
+    f->data_set[8] = f->index_used;
+    f->data_set[9] = f->columns_used;
+    for (i = 0; i < count; i++) {
+        (void)i;
+        if (rows == 0) {    /* all rows share their unknowns */
+            f->index[f->index_used++] = f->offsets[0];    /* p */
+            f->index[f->index_used++] = f->offsets[0] + 1;    /* p */
+            f->index[f->index_used++] = f->offsets[0] + 2;    /* p */
+            f->columns[f->columns_used++] = f->firsts[0];    /* p */
+            f->columns[f->columns_used++] = f->firsts[0] + 1;    /* p */
+            f->columns[f->columns_used++] = f->firsts[0] + 2;    /* p */
+        }
+        rows++;
+    }
+    f->data_set[10] = rows;
+    return (int)rows;
+}
+
+
+/* Parameters, weights and unknowns of the rows of p_3_0_6: kernel 2. */
+static int p_3_0_6_assemble(struct frame *f, long count)
+{
+    const determined_data *data = f->data;
+    long i, rows = 0;
+
+    (void)data;
+    f->data_set[11] = f->parameters_used;
+    f->data_set[12] = f->weights_used;
+    f->data_set[13] = f->index_used;
+    f->data_set[14] = f->columns_used;
+    for (i = 0; i < count; i++) {
+        (void)i;
+        if (rows == 0) {    /* all rows share their unknowns */
+            f->index[f->index_used++] = f->offsets[0] + 2;    /* p */
+            f->columns[f->columns_used++] = f->firsts[0] + 2;    /* p */
+        }
+        rows++;
+    }
+    f->data_set[15] = rows;
+    return (int)rows;
+}
+
+/* All clauses: the rows that they use, each in the case that its values ask for. */
+static int assemble(struct frame *f)
+{
+    long count;
+    int rows, all, status = 0;
+
+    /* observation d */
+    status = d_rows(f, &count);
+    if (status != 0)
+        return status;
+    all = 0;
+    rows = d_assemble(f, count);
+    if (rows < 0)
+        return DETERMINED_BAD_NOISE;
+    all += rows;
+    if (all != count)
+        return DETERMINED_UNKNOWN_CASE;
+    /* constraint (= (p 1) (+ (p 2) (p 3))) */
+    count = 1;
+    all = 0;
+    rows = p_1_p_2_p_3_assemble(f, count);
+    if (rows < 0)
+        return DETERMINED_BAD_NOISE;
+    all += rows;
+    if (all != count)
+        return DETERMINED_UNKNOWN_CASE;
+    /* constraint (<= (p 3) 0.6) */
+    count = 1;
+    all = 0;
+    rows = p_3_0_6_assemble(f, count);
+    if (rows < 0)
+        return DETERMINED_BAD_NOISE;
+    all += rows;
+    if (all != count)
+        return DETERMINED_UNKNOWN_CASE;
+    return status;
+}
+
+
+/* Everything of a data set that the solver is handed. */
+static int prepare(struct frame *f, const determined_data *data,
+    determined_workspace *workspace)
+{
+    struct arena a = {0};
+    long b, c, count;
+    int status;
+
+    lay_out(f, data, &a);
+    if (a.reals_used > workspace->reals_size || a.integers_used > workspace->integers_size)
+        return DETERMINED_WORKSPACE_TOO_SMALL;
+    a.reals = workspace->reals;
+    a.integers = workspace->integers;
+    a.reals_used = a.integers_used = 0;
+    lay_out(f, data, &a);
+    status = find_rows(f);
+    if (status != 0)
+        return status;
+    place_unknowns(UNKNOWNS, 1, f->members, f->offsets, f->firsts);
+    status = set_up(f);
+    if (status == 0)
+        status = assemble(f);
+    if (status != 0)
+        return status;
+    for (c = 0; c < 104; c++)
+        f->system[c] = SYSTEM[c];
+    count = f->firsts[1];
+    for (c = 0; c < count; c++)
+        f->used[c] = 0;
+    for (b = 0; b < 3; b++) {
+        const long *block = f->system + 24 + b * 16;
+        const long *own = f->data_set + 1 + b * 5;
+        mark_used(f->system, block, own[4], f->columns + own[3], f->used);
+    }
+    c = free_coordinates(UNKNOWNS, 1, f->members, f->firsts, f->used, f->fixed, f->column);
+    renumber(f->columns_used, f->column, f->columns);
+    set_coordinates(f->system, 104, c, UNKNOWNS, 1, f->members, f->offsets,
+        f->firsts, f->column);
+    f->data_set[0] = set_capacities(f->system, f->data_set);
+    set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);
+    for (b = 0; b < count; b++)
+        if (f->column[b] >= 0)
+            f->coordinates[f->column[b]] = b;
+    return 0;
+}
+
+/* Where the answer stands; `sigma` of what is not determined is negative, of what stays 0. */
+static void answer(struct frame *f, determined_result *result)
+{
+    const long n = f->system[1], all = f->firsts[1];
+    long c;
+
+    for (c = 0; c < all; c++)
+        f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
+    for (c = 0; c < n; c++) {
+        const double variance = f->covariance[c * n + c];
+        f->sigma[f->coordinates[c]] = variance >= 0.0 ? sqrt(variance) : -1.0;
+    }
+    result->numbers = f->offsets[1];
+    result->point = f->point;
+    result->free = n;
+    result->coordinates = f->coordinates;
+    result->covariance = f->covariance;
+    result->sigmas = f->sigma;
+    result->p = f->point + f->offsets[0];
+    result->p_sigma = f->sigma + f->firsts[0];
+}
+
+/* What the reason of the solver means to the caller. */
+static int status_of(const struct frame *f)
+{
+    const long reason = f->states[0];
+
+    if (reason == 7)
+        return DETERMINED_NOT_FINITE;
+    if (reason == 9)
+        return DETERMINED_INFEASIBLE;
+    if (f->states[4] != 0)
+        return DETERMINED_UNOBSERVABLE;
+    if (reason < 1 || reason > 4)
+        return DETERMINED_NOT_CONVERGED;
+    return DETERMINED_CONVERGED;
+}
+
+void determined_workspace_size(const determined_data *data, determined_workspace *workspace)
+{
+    struct frame f;
+    struct arena a = {0};
+
+    lay_out(&f, data, &a);
+    workspace->reals_size = a.reals_used;
+    workspace->integers_size = a.integers_used;
+}
+
+int determined_solve(const determined_data *data, determined_result *result, determined_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+    double factors[1];
+    long c, n;
+
+    result->status = prepare(f, data, workspace);
+    if (result->status != 0)
+        return result->status;
+    n = f->system[1];
+    solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
+        f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
+        f->multipliers, factors, f->spare);
+    result->cost = f->results[2];
+    result->status = status_of(f);
+    result->iterations = f->states[1];
+    result->evaluations = f->states[2];
+    result->robust_cost = f->results[0];
+    result->freedom = f->states[3];
+    result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;
+    (void)c;
+    (void)n;
+    answer(f, result);
+    return result->status;
+}
+
+int determined_begin(const determined_data *data, determined_result *result, determined_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+    long c, n;
+
+    memset(result, 0, sizeof *result);
+    result->status = prepare(f, data, workspace);
+    if (result->status != 0)
+        return result->status;
+    n = f->system[1];
+    for (c = 0; c < n * n; c++)
+        f->covariance[c] = -1.0;
+    for (c = 0; c < f->system[0]; c++)
+        f->point[c] = f->start[c];
+    f->states[4] = 0;
+    answer(f, result);
+    return result->status;
+}
+
+long determined_residual_count(const determined_data *data, determined_workspace *workspace)
+{
+    struct frame f;
+
+    return prepare(&f, data, workspace) == 0 ? f.data_set[0] : 0;
+}
+
+void determined_residuals(const determined_data *data, const double *point, double *residuals,
+    determined_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+
+    if (prepare(f, data, workspace) != 0)
+        return;
+    all_rows(f->system, f->data_set, f->parameters, f->weights, f->index, f->columns, point, 0,
+        f->spare, f->spare + row_scratch(f->system), residuals);
+}
+
+void determined_jacobian(const determined_data *data, const double *point, double *jacobian,
+    determined_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+
+    if (prepare(f, data, workspace) != 0)
+        return;
+    all_rows(f->system, f->data_set, f->parameters, f->weights, f->index, f->columns, point, 1,
+        f->spare, f->spare + row_scratch(f->system), jacobian);
+}
+
+int determined_covariance(const determined_data *data, const double *point, double *covariance,
+    determined_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+    long c;
+
+    if (prepare(f, data, workspace) != 0)
+        return 0;
+    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work);
+    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, f->work, f->constants,
+        f->triangle);
+    for (c = 0; c < f->system[1]; c++)
+        f->sides[c] = 0;
+    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+        < 1e300;
+}
+
+const char *determined_status_text(int status)
+{
+    switch (status) {
+    case DETERMINED_CONVERGED:
+        return "converged";
+    case DETERMINED_NOT_CONVERGED:
+        return "not converged: the estimates should not be trusted";
+    case DETERMINED_UNOBSERVABLE:
+        return "the data do not determine all unknowns";
+    case DETERMINED_INFEASIBLE:
+        return "no point meets all constraints";
+    case DETERMINED_NOT_FINITE:
+        return "an equation has no finite value at the start";
+    case DETERMINED_NO_ROWS:
+        return "a table that one row is wanted of has none";
+    case DETERMINED_UNKNOWN_KEY:
+        return "a key names no row or member";
+    case DETERMINED_UNKNOWN_CASE:
+        return "a row has values that no row had when the solver was made";
+    case DETERMINED_BAD_NOISE:
+        return "a standard deviation is not above zero, or a matrix is not symmetric and positive definite";
+    case DETERMINED_BAD_BOUNDS:
+        return "a lower bound is not below the upper one";
+    case DETERMINED_BAD_START:
+        return "an unknown that stays above zero does not begin there";
+    case DETERMINED_WORKSPACE_TOO_SMALL:
+        return "the workspace is smaller than the size that was asked for";
+    default:
+        return "no status";
+    }
+}

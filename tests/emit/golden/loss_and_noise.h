@@ -1,0 +1,93 @@
+#ifndef LOSS_AND_NOISE_H
+#define LOSS_AND_NOISE_H
+
+/*
+ * loss-and-noise: A loss, and noise beside it that its residuals tell.
+ *
+ * Written by mbm 0.1.0. Everything is in SI, angles in radians. Calls share nothing but their
+ * arguments, so that threads may solve at the same time, each with a workspace of its own.
+ */
+
+/* What a call answers; `_status_text` has the sentence. */
+enum loss_and_noise_status {
+    LOSS_AND_NOISE_CONVERGED = 0,
+    LOSS_AND_NOISE_NOT_CONVERGED = 1,
+    LOSS_AND_NOISE_UNOBSERVABLE = 2,
+    LOSS_AND_NOISE_INFEASIBLE = 3,
+    LOSS_AND_NOISE_NOT_FINITE = 4,
+    LOSS_AND_NOISE_NO_ROWS = 5,
+    LOSS_AND_NOISE_UNKNOWN_KEY = 6,
+    LOSS_AND_NOISE_UNKNOWN_CASE = 7,
+    LOSS_AND_NOISE_BAD_NOISE = 8,
+    LOSS_AND_NOISE_BAD_BOUNDS = 9,
+    LOSS_AND_NOISE_BAD_START = 10,
+    LOSS_AND_NOISE_WORKSPACE_TOO_SMALL = 11
+};
+
+/* What is given: columns of tables, one element per row, in SI. */
+typedef struct {
+    long d_rows;    /* rows of `d` */
+    const double *d_x;    /* `x` */
+    const double *d_y;    /* `y` */
+    long e_rows;    /* rows of `e` */
+    const double *e_u;    /* `u` */
+    const double *start_a;    /* where a begins: a number; NULL: as the README says */
+    const double *start_b;    /* where b begins: a number; NULL: as the README says */
+} loss_and_noise_data;
+
+/* What is answered, in SI; `sigma` are standard deviations. */
+typedef struct {
+    int status;
+    long iterations, evaluations;
+    double cost;           /* weighted sum of squares, without losses */
+    double robust_cost;    /* the same with losses */
+    long freedom;          /* degrees of freedom */
+    double sigma0;         /* sqrt(cost / freedom); 0 without freedom */
+    long numbers;          /* N, numbers of all unknowns */
+    const double *point;   /* (N) the estimates, unknown after unknown, member after member */
+    long free;             /* n, estimated coordinates */
+    const long *coordinates;     /* (n) their places among all coordinates */
+    const double *covariance;    /* (n, n) row by row */
+    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
+    const double *a;          /* (1) real */
+    const double *a_sigma;    /* (1) */
+    const double *b;          /* (1) real */
+    const double *b_sigma;    /* (1) */
+} loss_and_noise_result;
+
+/* Memory of the caller, of at least the sizes that `_workspace_size` gives; results point into it. */
+typedef struct {
+    double *reals;
+    long reals_size;
+    long *integers;
+    long integers_size;
+} loss_and_noise_workspace;
+
+/* How much memory data of these numbers of rows need; only the counts of rows in `data` are read. */
+void loss_and_noise_workspace_size(const loss_and_noise_data *data, loss_and_noise_workspace *workspace);
+
+/* Solves; the answer is also in `result->status`. Allocates nothing. */
+int loss_and_noise_solve(const loss_and_noise_data *data, loss_and_noise_result *result, loss_and_noise_workspace *workspace);
+
+/* Prepares the equations without solving: `result` then has the start, and where everything stands. */
+int loss_and_noise_begin(const loss_and_noise_data *data, loss_and_noise_result *result, loss_and_noise_workspace *workspace);
+
+/* How many residuals the data of the last `_begin` or `_solve` with this workspace have. */
+long loss_and_noise_residual_count(const loss_and_noise_data *data, loss_and_noise_workspace *workspace);
+
+/* Whitened residuals (m) at a point (N), after `_begin` or `_solve` with the same data and workspace. */
+void loss_and_noise_residuals(const loss_and_noise_data *data, const double *point, double *residuals,
+    loss_and_noise_workspace *workspace);
+
+/* Their derivatives by the estimated coordinates (m, n), row by row; without losses. */
+void loss_and_noise_jacobian(const loss_and_noise_data *data, const double *point, double *jacobian,
+    loss_and_noise_workspace *workspace);
+
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+int loss_and_noise_covariance(const loss_and_noise_data *data, const double *point, double *covariance,
+    loss_and_noise_workspace *workspace);
+
+/* What a status means. */
+const char *loss_and_noise_status_text(int status);
+
+#endif
