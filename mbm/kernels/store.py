@@ -35,6 +35,11 @@ STALE = 3600.0
 """Seconds after which a file that was never renamed into place is left over from a process that died."""
 
 _HEADER = f"mbm-cache 1 {__version__}\n".encode()
+_FEW = 64
+_OFTEN = 16
+"""The folder is looked through after entries above this part of the limit, and after so many of 256 others: looking
+takes longer than writing where there are thousands."""
+
 _DIGEST = 32
 _SUFFIX, _UNFINISHED = ".entry", ".part"
 _NAME = re.compile(r"[a-z0-9]+(?:-[a-z0-9]+)*")
@@ -98,7 +103,8 @@ class Store:
             with suppress(OSError):
                 unfinished.unlink()
             return
-        self._make_room(path)
+        if size > self.limit // _FEW or _digest(kind, key, b"")[0] < _OFTEN:
+            self._make_room(path)
 
     def entries(self) -> tuple[Entry, ...]:
         """All entries, by kind and name."""

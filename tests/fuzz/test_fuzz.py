@@ -54,8 +54,8 @@ def examples(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return sorted(path for path in home.rglob("*.mbm") if path.stat().st_size < 20_000)
 
 
-def _assert_answered(command: str, file: Path) -> None:
-    found = outcome(command, str(file), "--json", "-")
+def _assert_answered(command: str, file: Path, *options: str) -> None:
+    found = outcome(command, str(file), "--json", "-", *options)
     wrong = faults_of(found, file.parent, CODES)
     assert not wrong, f"{wrong}\n{found.err[-2000:]}"
 
@@ -77,7 +77,8 @@ def test_generated_problems_are_checked(folder: Path, decisions: bytes) -> None:
 def test_generated_problems_are_solved(folder: Path, decisions: bytes) -> None:
     file = folder / "solved.mbm"
     file.write_text(problem_file(decisions), encoding="utf-8")
-    _assert_answered("solve", file)
+    # machine code of a problem takes longer to make than its solve: every eighth has it
+    _assert_answered("solve", file, "--backend", "auto" if decisions[0] % 8 == 0 else "numpy")
 
 
 @_share(0.25)

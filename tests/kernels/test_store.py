@@ -101,7 +101,8 @@ def test_what_is_larger_than_the_bound_is_not_kept_and_costs_nothing_else(tmp_pa
     assert store.get("object", "cd" * 32) is None
 
 
-def test_left_over_files_of_dead_processes_go_in_time(store: Store) -> None:
+def test_left_over_files_of_dead_processes_go_in_time(tmp_path: Path) -> None:
+    store = Store(directory=tmp_path, limit=1_000)  # so small that the folder is looked through after each entry
     store.put("object", KEY, b"x")
     old, new = (store.directory / "object" / f"{KEY}.{n}.part" for n in ("1", "2"))
     for path in (old, new):
