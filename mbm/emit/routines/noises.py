@@ -24,7 +24,7 @@ from mbm.target.solver.description import (
     NUMBERS,
     REASON,
 )
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 ROUNDS_AT_MOST = 200
 SETTLED = 1e-9
@@ -80,6 +80,32 @@ def share_of_group(
                     found[1] += max(0.0, min(1.0, 1.0 - leverage))
 
 
+def factors_left(
+    system: ConstantIntegers,
+    data: ConstantIntegers,
+    parameters: ConstantReals,
+    weights: ConstantReals,
+    index: ConstantIntegers,
+    columns: ConstantIntegers,
+    numbers: ConstantReals,
+    covariance: ConstantReals,
+    spare: Reals,
+) -> Real:
+    """The factors by which the residuals say that the noise is still wrong, into ``spare``; how far they are from 1."""
+    groups = system[NOISES]
+    found = spare[groups:]
+    scratch = spare[groups + 2 :]
+    line = scratch[row_scratch(system) :]
+    change = 0.0
+    for g in range(groups):
+        share_of_group(system, data, parameters, weights, index, columns, numbers, covariance, g, scratch, line, found)
+        spare[g] = 1.0
+        if found[1] > LEAST_REDUNDANCY and found[0] > 0.0:
+            spare[g] = sqrt(found[0] / found[1])
+        change = max(change, fabs(spare[g] - 1.0))
+    return change
+
+
 def solve_noises(
     system: ConstantIntegers,
     constants: ConstantReals,
@@ -106,8 +132,6 @@ def solve_noises(
     ``factors`` (groups,) become the factors; ``spare``: (groups,) and what `evaluate_row` and a row of it want.
     """
     groups = system[NOISES]
-    found = spare[groups:]
-    scratch = spare[groups + 2 :]
     for g in range(groups):
         factors[g] = 1.0
     for i in range(system[NUMBERS]):
@@ -139,20 +163,11 @@ def solve_noises(
             if change > SETTLED and rounds < ROUNDS_AT_MOST:
                 going = 1  # also where the factors settle now: the last solve is one with the last of them
             rounds += 1
-            change = 0.0
-            line = scratch[row_scratch(system) :]
-            for g in range(groups):
-                share_of_group(
-                    system, data, parameters, weights, index, columns, numbers, covariance, g, scratch, line, found
-                )
-                spare[g] = 1.0
-                if found[1] > LEAST_REDUNDANCY and found[0] > 0.0:
-                    spare[g] = sqrt(found[0] / found[1])
-                change = max(change, fabs(spare[g] - 1.0))
+            change = factors_left(system, data, parameters, weights, index, columns, numbers, covariance, spare)
             if going == 1:
                 for g in range(groups):
                     factors[g] = factors[g] * spare[g]
                     rescale(system, data, g, spare, weights)
 
 
-ROUTINES = (rescale, share_of_group, solve_noises)
+ROUTINES = (rescale, share_of_group, factors_left, solve_noises)
