@@ -18,8 +18,10 @@ import mbm
 from mbm.cli.main import run
 from mbm.text.types import Code
 
-SLOWEST = {"check": 2.0, "solve": 5.0}
+SLOWEST = {"check": 5.0, "solve": 5.0}
 """Seconds of processor time that no answer may take: bounds against hangs, since the usual case takes milliseconds.
+What makes as many values as the limits allow takes half a second by itself, and four times that in a process as full
+as that of these tests, whose garbage is collected meanwhile.
 Solving may use up all iterations that it is allowed, once for each key."""
 
 NODES = "id,x,y,z,name\n1,0,0,2,p\n2,4,0,2,q\n3,0,4,2,p\n"
