@@ -110,14 +110,14 @@ class Assembled:
         return found
 
     def retract(self, x: Floats, step: Floats) -> Floats:
-        """The point after a step (n,) of the free coordinates."""
+        """The point (N,) after a step (n,) of the free coordinates; or as many points (…, N) as steps (…, n)."""
         layout = self.layout
         if not layout.curved:
             moved = x.copy()
-            moved[layout.number[self.free]] += step
+            moved[..., layout.number[self.free]] += step
             return moved
-        every = np.zeros(len(layout.number))
-        every[self.free] = step
+        every = np.zeros((*step.shape[:-1], len(layout.number)))
+        every[..., self.free] = step
         return layout.retract(x, every)
 
     def chart_slopes(self, x: Floats, step: Floats) -> Floats:

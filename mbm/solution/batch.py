@@ -11,7 +11,6 @@ import numpy as np
 from mbm.kernels.types import Stream
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import Group
-from mbm.solution.manifolds import moved
 from mbm.solution.robust.losses.rooted import rooted, rooted_jacobian
 from mbm.solution.scatter import Scatter
 from mbm.solution.types import Floats, Indices, Mask
@@ -113,21 +112,12 @@ class Batch:
     def moved(self, points: Floats, steps: Floats) -> Floats:
         """The points after the steps (T, n), inside the bounds."""
         layout = self.equations.layout
-        result = points.copy()
+        every = np.zeros((len(points), len(layout.number)))
+        every[:, self.columns] = steps
+        result = layout.retract(points, every)
         places = layout.number[self.columns]
         plain = places >= 0
-        numbers = points[:, places[plain]] + steps[:, plain]
-        result[:, places[plain]] = np.clip(numbers, self.lower[plain], self.upper[plain])
-        if layout.curved and not plain.all():
-            every = np.zeros((len(points), len(layout.number)))
-            every[:, self.columns] = steps
-            for curved in layout.curved:
-                turned = moved(
-                    curved.piece,
-                    points[:, curved.numbers].reshape(-1, curved.piece.size),
-                    every[:, curved.coordinates].reshape(-1, curved.piece.tangent),
-                )
-                result[:, curved.numbers] = turned.reshape(len(points), *curved.numbers.shape)
+        result[:, places[plain]] = np.clip(result[:, places[plain]], self.lower[plain], self.upper[plain])
         return result
 
     def _whitened(self, group: Group, values: Floats, rows: Indices) -> Floats:

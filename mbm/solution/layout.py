@@ -107,15 +107,18 @@ class Layout:
         return found
 
     def retract(self, numbers: Floats, step: Floats) -> Floats:
-        """All numbers (N,) after a step of all coordinates (M,)."""
+        """All numbers (…, N) after a step of all coordinates (…, M)."""
         result = numbers.copy()
         if not self.curved:
-            result[self.number] += step
+            result[..., self.number] += step
             return result
         plain = self.number >= 0
-        result[self.number[plain]] += step[plain]
+        result[..., self.number[plain]] += step[..., plain]
         for curved in self.curved:
-            result[curved.numbers] = moved(curved.piece, numbers[curved.numbers], step[curved.coordinates])
+            before = numbers[..., curved.numbers]
+            flat = before.reshape(-1, curved.piece.size)
+            turned = moved(curved.piece, flat, step[..., curved.coordinates].reshape(-1, curved.piece.tangent))
+            result[..., curved.numbers] = turned.reshape(before.shape)
         return result
 
 

@@ -17,7 +17,6 @@ import numpy as np
 
 from mbm.solution.assembly import Assembled
 from mbm.solution.batch import batch
-from mbm.solution.manifolds import moved
 from mbm.solution.profile import Profile
 from mbm.solution.types import Covariance, Equations, Floats, Indices, Minimum
 from mbm.values import dataclass
@@ -196,22 +195,9 @@ def _complement(direction: Floats) -> Floats:
 
 def _moved(equations: Equations, point: Floats, steps: Floats) -> Floats:
     """The points (k, N) after each of the ``steps`` (k, n), bounds left aside; rotations all at once."""
-    if not isinstance(equations, Assembled) or not equations.layout.curved:
+    if not isinstance(equations, Assembled):
         return np.stack([equations.retract(point, step) for step in steps])
-    layout = equations.layout
-    every = np.zeros((len(steps), len(layout.number)))
-    every[:, equations.free] = steps
-    result = np.tile(point, (len(steps), 1))
-    plain = layout.number >= 0
-    result[:, layout.number[plain]] += every[:, plain]
-    for curved in layout.curved:
-        turned = moved(
-            curved.piece,
-            result[:, curved.numbers].reshape(-1, curved.piece.size),
-            every[:, curved.coordinates].reshape(-1, curved.piece.tangent),
-        )
-        result[:, curved.numbers] = turned.reshape(len(steps), *curved.numbers.shape)
-    return result
+    return equations.retract(np.tile(point, (len(steps), 1)), steps)
 
 
 def _residuals(equations: Equations, points: Floats) -> Floats:

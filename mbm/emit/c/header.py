@@ -23,8 +23,6 @@ STATUSES: Mapping[str, str] = {
 }
 """What a call answers, in order from 0; the first four are answers, the others wrong data."""
 
-ANSWERED = 4
-
 
 def header(blueprint: Blueprint) -> str:
     """``<problem>.h``."""

@@ -10,7 +10,7 @@ import numpy as np
 from mbm.solution.many.stack import Stack
 from mbm.solution.many.types import REASONS, Descent, Ends
 from mbm.solution.settings import Settings
-from mbm.solution.types import Floats, Indices, Reason
+from mbm.solution.types import Floats, Indices
 
 if TYPE_CHECKING:
     from mbm.solution.native.system import NativeEnds, NativeSystem
@@ -40,22 +40,17 @@ def native_sets(stack: Stack, settings: Settings) -> NativeSystem | None:
 
 def plain_ends(found: NativeEnds) -> Ends:
     """Native ends by the names that the general path has; those that it should look at have no reason."""
+    from mbm.solution.native.minimum import ENDINGS
     from mbm.target.solver import description as of
 
-    known = {
-        of.SMALL_OFFSET: Reason.SMALL_OFFSET,
-        of.ROUNDING: Reason.ROUNDING,
-        of.EXACT_FIT: Reason.EXACT_FIT,
-        of.ONE_STEP: Reason.ONE_STEP,
-    }
-    number = np.full(max(known) + 1, -1, dtype=np.int64)
-    number[list(known)] = [REASONS.index(reason) for reason in known.values()]
+    number = np.full(max(ENDINGS) + 1, -1, dtype=np.int64)
+    number[list(ENDINGS)] = [REASONS.index(reason) for reason in ENDINGS.values()]
     reasons = found.states[:, of.REASON]
     return Ends(
         points=found.numbers,
         cost=found.results[:, of.COST],
         offset=found.results[:, of.OFFSET],
-        reason=np.where(found.clean, number[np.minimum(reasons, max(known))], -1),
+        reason=np.where(found.clean, number[np.minimum(reasons, max(ENDINGS))], -1),
         iterations=found.states[:, of.STEPS],
         evaluations=found.states[:, of.EVALUATIONS],
         held=(found.sides != 0).any(axis=1),

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from mbm.problem.types import BlockRole, Problem
-from mbm.solution.manifolds import moved
 from mbm.solution.many.derived import DerivedColumns
 from mbm.solution.many.factor import Factors
 from mbm.solution.many.losses import rooted_residuals
@@ -80,7 +79,7 @@ class _Intervals:
     def point(self, along: Floats, side: float) -> Floats:
         """The points (K, N) at one end of the intervals in the directions ``along`` (K, k)."""
         steps = side * NORMAL_95 * self.noise[:, None] * np.matmul(self.found.root, along[:, :, None])[:, :, 0]
-        return stepped(self.portion, self.ends.points, steps)
+        return self.portion.equations.retract(self.ends.points, steps)
 
     def ratios(self, along: Floats) -> Floats:
         """The true ends (2, K) as multiples of the linear ones, as `nonlinearity.Surroundings.ratios` has them."""
@@ -150,21 +149,3 @@ def _stationary(portion: Portion, ends: Ends, found: Factors) -> Mask:
     spread = np.maximum(1.0, np.sqrt(ends.cost / max(portion.most, 1)))
     near = length * FAR * np.where(size > 0.0, size, 1.0) < spread[:, None]
     return np.asarray(near.any(axis=1))
-
-
-def stepped(portion: Portion, points: Floats, steps: Floats) -> Floats:
-    """Points (K, N) after steps (K, n) of the free coordinates, bounds left aside."""
-    layout, free = portion.equations.layout, portion.equations.free
-    every = np.zeros((len(points), len(layout.number)))
-    every[:, free] = steps
-    result = points.copy()
-    plain = layout.number >= 0
-    result[:, layout.number[plain]] += every[:, plain]
-    for curved in layout.curved:
-        turned = moved(
-            curved.piece,
-            points[:, curved.numbers].reshape(-1, curved.piece.size),
-            every[:, curved.coordinates].reshape(-1, curved.piece.tangent),
-        )
-        result[:, curved.numbers] = turned.reshape(len(points), *curved.numbers.shape)
-    return result

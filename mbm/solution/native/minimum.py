@@ -15,8 +15,7 @@ from mbm.solution.settings import Settings
 from mbm.solution.types import Equations, Floats, Minimum, Reason
 from mbm.target.solver import description as of
 
-REASONS = {
-    of.RUNNING: Reason.INTERRUPTED,
+ENDINGS = {
     of.SMALL_OFFSET: Reason.SMALL_OFFSET,
     of.ROUNDING: Reason.ROUNDING,
     of.EXACT_FIT: Reason.EXACT_FIT,
@@ -68,8 +67,9 @@ def _system(equations: Equations, settings: Settings) -> NativeSystem | None:
 
 def _minimum(equations: Assembled, ends: NativeEnds, k: int, residuals: Floats, jacobian: Floats) -> Minimum | None:
     """The end of solve ``k`` as a minimum; None where it is not to be believed."""
-    reason = REASONS.get(int(ends.states[k, of.REASON]))
-    if reason is None or not (ends.clean[k] or reason is Reason.INTERRUPTED):
+    code = int(ends.states[k, of.REASON])
+    interrupted = code == of.RUNNING
+    if not interrupted and (code not in ENDINGS or not ends.clean[k]):
         return None
     if not (np.isfinite(residuals).all() and np.isfinite(jacobian).all()):
         return None
@@ -78,7 +78,7 @@ def _minimum(equations: Assembled, ends: NativeEnds, k: int, residuals: Floats, 
         residuals=residuals,
         jacobian=jacobian,
         cost=float(residuals @ residuals),
-        reason=reason,
+        reason=Reason.INTERRUPTED if interrupted else ENDINGS[code],
         iterations=int(ends.states[k, of.STEPS]),
         evaluations=int(ends.states[k, of.EVALUATIONS]),
         offset=float(ends.results[k, of.OFFSET]),
