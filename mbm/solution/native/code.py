@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Sequence
-from hashlib import sha256
-from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mbm.kernels.native.sources import source_digest
 from mbm.kernels.types import Kernel, KernelSet
 from mbm.values import dataclass
 
@@ -62,7 +61,7 @@ class SolverCode:
 
     def __init__(self, store: Store | None, name: str, text: Callable[[], str]) -> None:
         self._store = store
-        self._name = f"{name} {source_digest()}"
+        self._name = f"{name} {source_digest('solver', __file__)}"
         self._text = text
         self._expected = 0.0
         self._lock = Lock()
@@ -101,17 +100,6 @@ class SolverCode:
             signature = ctypes.CFUNCTYPE(ctypes.c_int64, *types)
             found = known[name] = Routine(signature(self._libraries[-1].address(name)), plain)
         return found
-
-
-def source_digest() -> str:
-    """SHA-256 of the texts that the solver is made of and of this one, which lowers them: equal content, equal code."""
-    import mbm.target
-
-    folder = Path(mbm.target.__file__).parent
-    digest = sha256()
-    for path in sorted([*folder.glob("*.py"), *(folder / "solver").glob("*.py"), Path(__file__)]):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
 
 
 def _text() -> str:

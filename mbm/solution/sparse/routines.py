@@ -6,14 +6,12 @@ import ctypes
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from hashlib import sha256
 from itertools import pairwise
-from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbm.kernels.native.sources import source_digest
 from mbm.solution.types import Floats, Indices
 from mbm.values import dataclass
 
@@ -105,7 +103,7 @@ def routines(products: Iterable[tuple[int, int]], size: int | None, store: Store
     from mbm.kernels.native.engine import kept
 
     sizes = tuple(sorted(set(products)))
-    name = f"blocks {_texts()} {sizes} {size}"
+    name = f"blocks {source_digest('blocks', __file__)} {sizes} {size}"
     # The inner loops are unrolled and side by side; vectors across the outer ones would gather and scatter.
     library = kept(name, lambda: _lowered(sizes, size), store, LEVEL, loops=False)
     count = _processors() if heavy else 1
@@ -121,20 +119,3 @@ def _lowered(sizes: tuple[tuple[int, int], ...], size: int | None) -> str:
     target = ir.Module("blocks")
     lower_into(target, blocks_module(sizes, size), FLAGS)
     return str(target)
-
-
-def _texts() -> str:
-    """A digest of the routines' own texts and of what lowers them."""
-    from mbm import target
-    from mbm.target import blocks
-
-    digest = sha256(repr(FLAGS).encode())
-    for package, names in ((target, ("from_python", "llvm", "tree", "words")), (blocks, ("*",))):
-        for path in _files(package, names):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
-def _files(package: ModuleType, names: Iterable[str]) -> list[Path]:
-    folder = Path(str(package.__path__[0]))
-    return sorted(path for name in names for path in folder.glob(f"{name}.py"))

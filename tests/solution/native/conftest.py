@@ -33,6 +33,7 @@ class Both:
         """The pairs of a problem's text."""
         self.found.clear()
         mbm.loads(text).solve(data=data or None, backend="native")
+        assert self.found, "nothing was minimised"
         return list(self.found)
 
 

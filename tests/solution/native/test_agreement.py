@@ -17,6 +17,9 @@ NAMES = [(file, name) for file in FILES for name in mbm.load(file).names]
 HANDED_OVER = {"rim"}
 """Errors in measured columns are eliminated by the general path alone."""
 
+TOGETHER = {"tags"}
+"""The solves of ``for-each`` go in one batch and ask for no single minimum."""
+
 
 def agree(pair):
     equations, _, settings, general, native = pair
@@ -44,12 +47,30 @@ def agree(pair):
         np.testing.assert_allclose(native.constraints.multipliers, wanted, rtol=1e-5, atol=1e-5 * np.abs(wanted).max())
 
 
-@pytest.mark.parametrize(("file", "name"), NAMES, ids=lambda value: getattr(value, "stem", value))
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [each for each in NAMES if each[1] not in TOGETHER],
+    ids=lambda value: getattr(value, "stem", value),
+)
 def test_problems(file, name, both):
     mbm.load(file).named(name).solve(backend="native")
+    assert both.found, "nothing was minimised"
     for pair in both.found:
         if name not in HANDED_OVER:
             agree(pair)
+
+
+@pytest.mark.parametrize(("file", "name"), [each for each in NAMES if each[1] in TOGETHER])
+def test_problems_of_many_solves(file, name):
+    native, general = (mbm.load(file).named(name).solve(backend=backend) for backend in ("native", "casadi"))
+    assert len(native.solves) == len(general.solves) > 1
+    for ours, theirs in zip(native.solves, general.solves, strict=True):
+        assert (ours.key, ours.status) == (theirs.key, theirs.status)
+        for one, other in zip(ours.estimates, theirs.estimates, strict=True):
+            # Tolerances as those of a single minimum above.
+            scale = np.maximum(other.sigma, 1e-4 * np.abs(other.value))
+            np.testing.assert_array_less(np.abs(one.value - other.value), 1e-9 * scale)
+            np.testing.assert_allclose(one.sigma, other.sigma, rtol=1e-8)
 
 
 KINDS = {
@@ -77,9 +98,7 @@ def rows():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_kinds(kind, both):
-    pairs = both.of(f"(problem p (data t external) {KINDS[kind]})", t=rows())
-    assert pairs
-    for pair in pairs:
+    for pair in both.of(f"(problem p (data t external) {KINDS[kind]})", t=rows()):
         agree(pair)
 
 
