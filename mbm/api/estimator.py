@@ -97,7 +97,8 @@ class Estimator:
             MbmError: the arrays do not fit (`wrong-input`), or the data do not go with the problem.
 
         """
-        given = self._checked(columns, None)
+        given = self._numbers(columns)
+        self._check(given, None)
         if self._stream is not None:
             parameters = self._stream.parameters(1)[0]
             for each, cells in zip(self._varied, given, strict=True):
@@ -116,9 +117,9 @@ class Estimator:
             MbmError: the arrays do not fit (`wrong-input`), or a data set does not go with the problem.
 
         """
-        first = np.shape(columns[0]) if columns else ()
-        count = first[0] if first else 0
-        given = self._checked(columns, count)
+        given = self._numbers(columns)
+        count = len(given[0]) if given and given[0].ndim else 0
+        self._check(given, count)
         n = len(self.names)
         if self._stream is None:
             values, covariance = np.empty((count, len(self._factors))), np.empty((count, n, n))
@@ -136,17 +137,24 @@ class Estimator:
             values[t], covariance[t], cost[t], status[t] = self._answer(report)
         return Estimates(self.names, values, covariance, cost, status, clean, self._places)
 
-    def _checked(self, columns: tuple[ArrayLike, ...], sets: int | None) -> list[Floats]:
-        """The arrays as they are asked for: of so many data sets (None: of one, without an axis for it)."""
+    def _numbers(self, columns: tuple[ArrayLike, ...]) -> list[Floats]:
+        """The arrays that are given, one for each input."""
         if len(columns) != len(self._varied):
             raise MbmError(faults.wrong_count(self.inputs, len(columns)))
-        given = [np.asarray(column, dtype=np.float64) for column in columns]
-        leading = () if sets is None else (sets,)
-        for each, cells in zip(self._varied, given, strict=True):
-            if cells.shape != (*leading, each.rows):
-                name = f"{each.table}.{each.name}"
-                raise MbmError(faults.wrong_shape(name, cells.shape, each.rows, sets))
+        given = []
+        for name, column in zip(self.inputs, columns, strict=True):
+            try:
+                given.append(np.asarray(column, dtype=np.float64))
+            except (TypeError, ValueError) as error:
+                raise MbmError(faults.no_numbers(name)) from error
         return given
+
+    def _check(self, given: list[Floats], sets: int | None) -> None:
+        """Whether the arrays are as long as is asked for: of so many data sets (None: of one, without an axis)."""
+        leading = () if sets is None else (sets,)
+        for name, each, cells in zip(self.inputs, self._varied, given, strict=True):
+            if cells.shape != (*leading, each.rows):
+                raise MbmError(faults.wrong_shape(name, cells.shape, each.rows, sets))
 
     def _in_units(self, ends: StreamEnds) -> tuple[Floats, Floats]:
         """Values and covariance in the units of the report."""

@@ -7,7 +7,7 @@ from mbm.text.types import Code, Diagnostic
 
 NO_SUCH_INPUT = Code(
     "no-such-input",
-    "An estimator is to take a column that no equation uses, or of which several tables have one.",
+    "An estimator is to take a column that no equation uses, of which several tables have one, or twice.",
     "Name the column as `table.column`; leave the names out to replace all measured columns.",
 )
 DECIDING_INPUT = Code(
@@ -63,22 +63,37 @@ def wrong_count(expected: tuple[str, ...], count: int) -> Diagnostic:
     """Too many or too few arrays."""
     return Diagnostic(
         code=WRONG_INPUT,
-        message=f"{count} arrays are given; there are {len(expected)} inputs: {_listed(expected, ', ')}",
+        message=f"arrays given: {count}; inputs: {len(expected)}, {_listed(expected, ', ')}",
         place=None,
         hint="they are taken in the order of `estimator.inputs`",
     )
 
 
+def no_numbers(name: str) -> Diagnostic:
+    """An array of something else, or lines of different lengths."""
+    return Diagnostic(
+        code=WRONG_INPUT,
+        message=f"what is given for `{name}` is no array of numbers",
+        place=None,
+        hint="NumPy must be able to make an array of float64 of it",
+    )
+
+
+def repeated_input(name: str) -> Diagnostic:
+    """A column that is to be taken twice."""
+    return Diagnostic(code=NO_SUCH_INPUT, message=f"`{name}` is named twice", place=None, hint="name each input once")
+
+
 def wrong_shape(name: str, shape: tuple[int, ...], rows: int, sets: int | None) -> Diagnostic:
     """An array that has not ``rows`` numbers, or such a line for each of ``sets`` data sets (None: for one call)."""
-    found = " × ".join(map(str, shape)) or "one"
+    found = f"{' × '.join(map(str, shape))} numbers" if shape else "one number"
     wanted = f"{rows}" if sets is None else f"{sets} × {rows}"
     hint = "`compiled.solve(data=…)` takes tables of any length"
     if sets is None and len(shape) == 2:
         hint = "`estimator.many` takes many data sets"
     return Diagnostic(
         code=WRONG_INPUT,
-        message=f"`{name}` has {found} numbers; {wanted} are wanted, one for each row of its table",
+        message=f"`{name}` has {found}; {wanted} are wanted, one for each row of its table",
         place=None,
         hint=hint,
     )

@@ -13,7 +13,7 @@ from mbm.problem.types import Block, Problem, RowValues
 from mbm.solution.binding import Group
 from mbm.solution.types import Floats, Indices
 from mbm.symbolic.types import ColumnInput
-from mbm.text.types import MbmError
+from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 
 Name = tuple[str, str]
@@ -48,7 +48,7 @@ def varied(
     """The columns called ``names`` (``column`` or ``table.column``); without any, all measured ones.
 
     Raises:
-        MbmError: no equation uses such a column, several tables have one, or it decides more than a value.
+        MbmError: no equation uses such a column, several tables have one, it decides more than a value, or is repeated.
 
     """
     used = _used(groups)
@@ -56,7 +56,8 @@ def varied(
         measured = _measured(problem)
         names = tuple(f"{table}.{column}" for table, column in used if (table, column) in measured)
     deciding = _deciding(problem, groups)
-    found, wrong = [], []
+    found: list[Varied] = []
+    wrong: list[Diagnostic] = []
     for name in names:
         known = dict.fromkeys((*used, *deciding))
         meant = [each for each in known if name in (each[1], ".".join(each))]
@@ -64,6 +65,8 @@ def varied(
             wrong.append(faults.no_such_input(name, tuple(f"{t}.{c}" for t, c in meant or used), several=bool(meant)))
         elif meant[0] in deciding:
             wrong.append(faults.deciding_input(".".join(meant[0]), deciding[meant[0]]))
+        elif any((each.table, each.name) == meant[0] for each in found):
+            wrong.append(faults.repeated_input(".".join(meant[0])))
         else:
             found.append(_placed(problem, tables, groups, meant[0]))
     if wrong:

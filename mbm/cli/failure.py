@@ -27,7 +27,8 @@ def report_failure(diagnostics: Sequence[Diagnostic], arguments: Sequence[str], 
         traceback.print_exception(fault, file=sys.stderr)
     print_diagnostics(diagnostics, color="--no-color" not in arguments and colorful(sys.stderr))
     destination = _json_destination(arguments)
-    if destination is not None:
+    said = any(d.code is faults.NOT_WRITABLE and f"`{destination}`" in d.message for d in diagnostics)
+    if destination is not None and not said:
         write_json(diagnostics, destination)
 
 

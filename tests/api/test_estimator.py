@@ -178,7 +178,7 @@ def test_a_cell_without_a_number_is_named(compiled: mbm.CompiledProblem, ranges:
 
 @pytest.mark.parametrize(
     ("shape", "says"),
-    [((4,), "`ranges.range` has 4 numbers; 5 are wanted"), ((), "one numbers"), ((2, 5), "has 2 × 5 numbers")],
+    [((4,), "`ranges.range` has 4 numbers; 5 are wanted"), ((), "has one number;"), ((2, 5), "has 2 × 5 numbers")],
 )
 def test_arrays_of_another_shape(shape: tuple[int, ...], says: str, compiled: mbm.CompiledProblem) -> None:
     estimator = compiled.estimator()
@@ -187,13 +187,19 @@ def test_arrays_of_another_shape(shape: tuple[int, ...], says: str, compiled: mb
     assert caught.value.diagnostics[0].code.name == "wrong-input"
 
 
+@pytest.mark.parametrize("given", ["abc", [[1.0, 2.0], [3.0]], [1.0, {}, 3.0, 4.0, 5.0]])
+def test_what_is_no_array_of_numbers(given: object, compiled: mbm.CompiledProblem) -> None:
+    estimator = compiled.estimator()
+    for call in (estimator, estimator.many):
+        with pytest.raises(mbm.MbmError, match=r"`ranges\.range` is no array of numbers"):
+            call(given)
+
+
 def test_the_wrong_number_of_arrays_and_of_lines(compiled: mbm.CompiledProblem) -> None:
     estimator = compiled.estimator()
     for call in (estimator, estimator.many):
         for given in ((), (np.ones(5), np.ones(5))):
-            with pytest.raises(
-                mbm.MbmError, match=f"{len(given)} arrays are given; there are 1 inputs: `ranges.range`"
-            ):
+            with pytest.raises(mbm.MbmError, match=f"arrays given: {len(given)}; inputs: 1, `ranges.range`"):
                 call(*given)
     with pytest.raises(mbm.MbmError, match="has 3 × 4 numbers; 3 × 5 are wanted"):
         estimator.many(np.ones((3, 4)))
@@ -209,6 +215,7 @@ def test_the_wrong_number_of_arrays_and_of_lines(compiled: mbm.CompiledProblem) 
         (("w",), "deciding-input", "`d.w` decides which rows count"),
         (("x0",), "deciding-input", "`d.x0` decides the start"),
         (("y",), "no-such-input", "`y` may mean several columns"),
+        (("e.y", "e.y"), "no-such-input", "`e.y` is named twice"),
     ],
 )
 def test_columns_that_cannot_be_inputs(columns: tuple[str, ...], code: str, says: str) -> None:
