@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -72,7 +73,7 @@ class Reading:
         if store is not None and self._digest is not None:
             found = recalled(store, self._digest, name, self.base, inputs, self.registry)
             if found is not None:
-                return found
+                return replace(found, without_closed_form=()) if self.text.closed_forms else found
         elaborated = compiler.elaborated(self.program, name, inputs, self.registry)
         kernels = compiler.derived(elaborated)
         key: str | None = None
@@ -84,7 +85,10 @@ class Reading:
         return Recalled(elaborated=elaborated, kernels=kernels, key=key)
 
     def learned(self, key: str, kinds: Collection[Kind], before: int) -> None:
-        """Keep for which kinds of equations of an entry no closed form is made; there were ``before`` of them."""
-        store = self.registry.store() if len(kinds) > before else None
+        """Keep for which kinds of equations of an entry no closed form is made; there were ``before`` of them.
+
+        Not where the caller brings closed forms: a form of the same name may do more the next time.
+        """
+        store = self.registry.store() if len(kinds) > before and not self.text.closed_forms else None
         if store is not None:
             remember_starts(store, key, kinds)

@@ -50,3 +50,28 @@ def test_where_no_closed_form_was_found_a_fit_that_stated_noise_does_not_explain
     compiled.kept.compilation.cache.without_closed_form.add((("p",), (8,)))
     after = compiled.solve().solves[0]
     np.testing.assert_array_equal(after.estimates[0].value, alone.estimates[0].value)
+
+
+class Asked:
+    """A closed form that answers nothing and counts how often it is asked."""
+
+    name = "asked"
+    joint = False
+
+    def __init__(self):
+        self.times = 0
+
+    def recognises(self, situation, candidate):
+        self.times += 1
+
+
+def test_a_caller_s_closed_form_is_asked_anew_in_each_process():
+    """What the store keeps of an earlier form of the same name says nothing about this one."""
+    text = """(problem growth
+      (data d (table (t y) (0 1.0) (1 1.6) (2 2.8) (3 4.4)))
+      (unknowns (a :init 1) (k :init 0.4))
+      (observe d (= y (* a (exp (* k t)))) :sigma unknown))"""
+    for _ in range(2):
+        form = Asked()
+        mbm.loads(text, closed_forms=[form]).solve()
+        assert form.times > 0
