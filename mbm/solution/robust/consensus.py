@@ -58,7 +58,7 @@ def agreeing(
     else:
         units = units_of(equations, problem, found.point, _observed)
     if not found.inliers.any():  # no equation has a value anywhere near: the minimisation says which
-        return Prepared(equations=equations, starts=beginnings)
+        return Prepared(equations=equations, starts=beginnings or starts())
     keep = np.ones(int(equations.units.max()) + 1, dtype=bool)
     keep[units.number] = found.inliers
     factors, noise = _loss_noise(problem, equations, units, found)
