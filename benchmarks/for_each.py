@@ -1,18 +1,29 @@
-"""10,000 small problems together: a place from 48 ranges each, stage by stage, plain and by consensus, beside SciPy."""
+"""Many small problems in one call: 10,000 places from 48 ranges each, stage by stage, beside SciPy; and by kinds.
+
+python -m benchmarks.for_each [KIND…]
+"""
 
 from __future__ import annotations
 
 import io
+import os
+import sys
 from collections.abc import Callable
 from time import perf_counter
 
 import numpy as np
 
 import mbm
+from benchmarks.figures import Figure, duration
+from benchmarks.kinds import KINDS
 from benchmarks.machine import machine, show
 from benchmarks.scenes import EPOCHS, ceiling, epoch_tables
 
 EPOCH_COUNT = 10_000
+KIND_COUNT = 5_000
+FEW = 200
+SLOW = ("an inequality", "an equality", "a family")
+"""Kinds that are solved one by one: fewer of them are enough."""
 PEER_COUNT = 500
 REPEATS = 3
 
@@ -47,8 +58,67 @@ def timed(work: Callable[[], object]) -> float:
     return min(seconds)
 
 
+def kind_seconds(name: str) -> tuple[float, float, float]:
+    """Seconds a solve of one kind on one processor, on all of them, and one by one."""
+    from mbm.solution.many import together
+
+    kind, count = KINDS[name], FEW if name in SLOW else KIND_COUNT
+    compiled = mbm.loads(kind.text).compile(data=kind.data(count))
+    compiled.solve()
+    alone = timed(lambda: compiled.solve(workers=1)) / count
+    every = timed(compiled.solve) / count
+    compiled = mbm.loads(kind.text).compile(data=kind.data(FEW))
+    usual, together.FEW = together.FEW, FEW
+    try:
+        compiled.solve()
+        one_by_one = timed(compiled.solve) / FEW
+    finally:
+        together.FEW = usual
+    return alone, every, one_by_one
+
+
+def figures() -> list[Figure]:
+    """Seconds a solve of each kind, and what the processors bring."""
+    lines = []
+    for name in KINDS:
+        alone, every, one_by_one = kind_seconds(name)
+        lines.append(
+            Figure(
+                work=f"{name}, one processor, a solve",
+                ours=duration(alone),
+                peer="mbm, one by one",
+                theirs=duration(one_by_one),
+                ratio=one_by_one / alone,
+                compared=f"{os.cpu_count()} processors: {duration(every)}",
+            )
+        )
+    return lines
+
+
 def main() -> None:
-    """Print the table."""
+    """Print the tables, or the kinds that are named."""
+    names = sys.argv[1:]
+    if not names:
+        stages()
+    lines = []
+    for name in names or KINDS:
+        alone, every, one_by_one = kind_seconds(name)
+        cells = [f"{1e6 * s:.0f}" for s in (alone, every, one_by_one)]
+        lines.append([name, *cells, f"{one_by_one / alone:.0f}", f"{alone / every:.2f}"])
+    print()
+    heads = [
+        "µs a solve, 24 ranges",
+        "one processor",
+        f"{os.cpu_count()} processors",
+        "one by one",
+        "×",
+        "× processors",
+    ]
+    show(heads, lines)
+
+
+def stages() -> None:
+    """Print the stages of 10,000 solves."""
     from mbm.report.exports import write_solves
 
     print(machine())

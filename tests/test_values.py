@@ -115,3 +115,37 @@ def test_inheritance_post_init_pickles_and_patterns():
     with pytest.raises(AttributeError):
         object.__setattr__(value, "d", 1)
     assert Derived(3).c == 5
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+def test_calls_that_are_compiled_do_as_those_before(options):
+    """``__init__`` is compiled after some calls; what is made, and what is refused, stays the same."""
+    theirs, ours = pair(options, body)
+    for number in range(values.OFTEN + 3):
+        for arguments in ({"a": number}, {"a": number, "b": [number]}, {"a": number, "hidden": 5, "c": "z"}):
+            made, expected = ours(**arguments), theirs(**arguments)
+            assert [getattr(made, f.name) for f in fields(ours)] == [getattr(expected, f.name) for f in fields(theirs)]
+    _, fresh = pair(options, body)
+    for wrong in ({}, {"a": 1, "z": 2}, {"a": 1, "b": values.MISSING, "x": 3}):
+        with pytest.raises(TypeError) as refused:
+            fresh(**wrong)
+        with pytest.raises(TypeError) as expected:
+            theirs(**wrong)
+        assert str(refused.value) == str(expected.value)
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+def test_what_dataclasses_keeps_of_a_class_is_the_same(options):
+    theirs, ours = pair(options, body)
+    for mine, other in zip(fields(ours), fields(theirs), strict=True):
+        for name in ("name", "type", "default", "init", "repr", "compare", "kw_only"):
+            assert getattr(mine, name) == getattr(other, name)
+
+
+def test_fields_of_bases_come_first():
+    assert [(f.name, f.kw_only) for f in fields(Derived)] == [("a", False), ("b", True), ("c", True)]
+    assert Derived.__match_args__ == ("a",)
+    with pytest.raises(TypeError):
+        Derived(1, 2)
+    with pytest.raises(TypeError):
+        Derived(1, a=2)

@@ -94,7 +94,7 @@ class CompiledProblem:
             seed: every random choice follows from it.
             method: ``auto``, ``lm``, ``dogleg`` or ``gauss-newton``.
             covariance_full: keep covariance matrices however large.
-            workers: threads that share many solves or starts; None: one a processor. Answers do not depend on it.
+            workers: threads for many solves, many starts, a large solve; None: one a processor. Answers do not change.
 
         Raises:
             MbmError: the data do not go with the problem.
@@ -264,10 +264,10 @@ def compilation_of(origin: Origin, inputs: Inputs, backend: str) -> Compilation:
         raise MbmError(faults.unknown_backend(backend, tuple(origin.registry.backends)))
     try:
         evaluating = origin.registry.backend(backend)
-    except BackendUnavailableError:
+    except BackendUnavailableError as error:
         from mbm.problem import faults
 
-        raise MbmError(faults.native_unavailable()) from None
+        raise MbmError(faults.native_unavailable(str(error))) from None
     found = origin.reading.compiled(origin.name, inputs)
     return Compilation(
         elaborated=found.elaborated,

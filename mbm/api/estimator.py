@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -19,13 +19,14 @@ from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 from mbm.report.geometric import GEOMETRIC, number_factors
 from mbm.report.types import SolveReport, SolveStatus
-from mbm.solution.native.stream import Stream, StreamEnds, stream_of
+from mbm.solution.native.stream import Stream, stream_of, threads
 from mbm.solution.types import Floats, Mask
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.api.compiled import Compilation, Origin
+    from mbm.solution.native.robust_stream import RobustStream
 
 CONVERGED = SolveStatus.CONVERGED.label
 LABEL = f"<U{max(len(status.label) for status in SolveStatus)}"
@@ -83,7 +84,8 @@ class Estimator:
     names: tuple[str, ...]
     fast: bool
     _varied: tuple[Varied, ...] = field(repr=False)
-    _stream: Stream | None = field(repr=False)
+    _entries: tuple[tuple[tuple[int, ...], Callable[[Floats], None]], ...] = field(repr=False)
+    _stream: Stream | RobustStream | None = field(repr=False)
     _general: General = field(repr=False)
     _factors: Floats = field(repr=False)
     _outer: Floats = field(repr=False)
@@ -97,21 +99,37 @@ class Estimator:
             MbmError: the arrays do not fit (`wrong-input`), or the data do not go with the problem.
 
         """
+        ends = None if self._stream is None else self._quickly(self._stream, columns)
+        if ends is not None:
+            values, covariance, cost = ends
+            if not self._plain:
+                values, covariance = self._in_units(values, covariance)
+            return Estimates(self.names, values, covariance, cost, CONVERGED, True, self._places)
         given = self._numbers(columns)
         self._check(given, None)
-        if self._stream is not None:
-            parameters = self._stream.parameters(1)[0]
-            for each, cells in zip(self._varied, given, strict=True):
-                each.enter(cells, parameters)
-            ends = self._stream.solved_one()
-            if ends.clean:
-                values, covariance = self._in_units(ends)
-                return Estimates(self.names, values, covariance, ends.cost, CONVERGED, True, self._places)
         report = self._general.report(self._varied, given)
         return Estimates(self.names, *self._answer(report), False, self._places)
 
-    def many(self, *columns: ArrayLike) -> Estimates:
+    def _quickly(
+        self, stream: Stream | RobustStream, columns: tuple[ArrayLike, ...]
+    ) -> tuple[Floats, Floats, float] | None:
+        """The solve by native code; None where it is not clean, or the arrays do not fit."""
+        try:
+            for (shape, enter), column in zip(self._entries, columns, strict=True):
+                cells = np.asarray(column, np.float64)
+                if cells.shape != shape:
+                    return None
+                enter(cells)
+        except (TypeError, ValueError):
+            return None
+        return stream.solved_one()
+
+    def many(self, *columns: ArrayLike, workers: int | None = None) -> Estimates:
         """Solve T data sets: for each input an array (T, rows).
+
+        Args:
+            columns: the arrays.
+            workers: threads; None: one a processor. Answers do not change.
 
         Raises:
             MbmError: the arrays do not fit (`wrong-input`), or a data set does not go with the problem.
@@ -128,9 +146,10 @@ class Estimator:
             parameters = self._stream.parameters(count)
             for each, cells in zip(self._varied, given, strict=True):
                 each.enter(cells, parameters)
-            ends = self._stream.solved(count)
-            values, covariance = self._in_units(ends)
-            cost, clean = np.asarray(ends.cost), np.asarray(ends.clean)
+            ends = self._stream.solved(count, threads(workers, count))
+            values, covariance, cost, clean = ends.numbers, ends.covariance, ends.cost, ends.clean
+            if not self._plain:
+                values, covariance = self._in_units(values, covariance)
         status = np.full(count, CONVERGED, dtype=LABEL)
         for t in np.flatnonzero(~clean).tolist():
             report = self._general.report(self._varied, [cells[t] for cells in given])
@@ -144,23 +163,21 @@ class Estimator:
         given = []
         for name, column in zip(self.inputs, columns, strict=True):
             try:
-                given.append(np.asarray(column, dtype=np.float64))
+                given.append(np.asarray(column, np.float64))
             except (TypeError, ValueError) as error:
                 raise MbmError(faults.no_numbers(name)) from error
         return given
 
     def _check(self, given: list[Floats], sets: int | None) -> None:
-        """Whether the arrays are as long as is asked for: of so many data sets (None: of one, without an axis)."""
+        """Compare the shapes of the arrays with those of the tables; ``sets`` None: of one data set."""
         leading = () if sets is None else (sets,)
         for name, each, cells in zip(self.inputs, self._varied, given, strict=True):
             if cells.shape != (*leading, each.rows):
                 raise MbmError(faults.wrong_shape(name, cells.shape, each.rows, sets))
 
-    def _in_units(self, ends: StreamEnds) -> tuple[Floats, Floats]:
+    def _in_units(self, values: Floats, covariance: Floats) -> tuple[Floats, Floats]:
         """Values and covariance in the units of the report."""
-        if self._plain:
-            return ends.numbers, ends.covariance
-        return ends.numbers / self._factors, ends.covariance / self._outer
+        return values / self._factors, covariance / self._outer
 
     def _answer(self, report: SolveReport) -> tuple[Floats, Floats, float, str]:
         n = len(self.names)
@@ -250,6 +267,7 @@ def estimator(compilation: Compilation, origin: Origin, inputs: Inputs, columns:
         names=first.covariance.names,
         fast=stream is not None,
         _varied=chosen,
+        _entries=() if stream is None else tuple(((each.rows,), each.entry(stream.single)) for each in chosen),
         _stream=stream,
         _general=general,
         _factors=np.concatenate(scales),

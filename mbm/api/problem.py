@@ -166,7 +166,7 @@ class Problem:
             method: ``auto``, ``lm``, ``dogleg`` or ``gauss-newton``.
             backend: see ``compile``.
             covariance_full: keep covariance matrices however large.
-            workers: threads that share many solves or starts; None: one a processor. Answers do not depend on it.
+            workers: threads for many solves, many starts, a large solve; None: one a processor. Answers do not change.
             allow_external: see ``compile``.
 
         Raises:

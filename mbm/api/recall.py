@@ -43,6 +43,12 @@ if TYPE_CHECKING:
 TEXT, TABLES, PROBLEM, STARTS = "text", "tables", "problem", "starts"
 """The kinds of entries."""
 
+MAKERS = ("api", "data", "expression", "kernels", "language", "problem", "shapes", "symbolic", "target", "text")
+"""Folders of mbm that make equations and kernels, beside its own files: stages import one way, so no later one does."""
+
+CLOSED_FORMS = "solution/closed_forms"
+"""The folder that decides for which equations there are closed forms."""
+
 MOST_KINDS = 1000
 """Sets of numbers of rows that are worth keeping for one problem."""
 
@@ -224,25 +230,30 @@ def _environment() -> tuple[object, ...]:
 
     Files are told apart by size and time of change. A folder of packages changes when one is installed or removed.
     """
-    here = Path(__file__).parent.parent
-    sources = sorted(_states(here))
+    here = str(Path(__file__).parent.parent)
+    folders = [os.path.join(here, name) for name in (*MAKERS, CLOSED_FORMS)]  # noqa: PTH118 - as below
+    sources = sorted([*_states([here], below=False), *_states(folders, below=True)])
     packages = [(entry, _changed(entry)) for entry in sys.path if entry.endswith("-packages")]
-    return (__version__, sys.version, str(here), _digest(sources), packages)
+    return (__version__, sys.version, here, _digest(sources), packages)
 
 
-def _states(folder: Path) -> Iterable[tuple[str, int, int]]:
-    """Names, sizes and times of change of the files in a folder and those below, compiled ones left out."""
-    try:
-        entries = list(os.scandir(folder))
-    except OSError:
-        return
-    for entry in entries:
-        if entry.is_dir():
-            if entry.name != "__pycache__":
-                yield from _states(Path(entry.path))
-        else:
-            found = entry.stat()
-            yield entry.path, found.st_size, found.st_mtime_ns
+def _states(folders: Iterable[str], *, below: bool) -> Iterable[tuple[str, int, int]]:
+    """Names, sizes and times of change of the files in folders, and in those ``below``; compiled ones left out.
+
+    Texts in place of `Path`, and no more calls than files: this is done for every solve.
+    """
+    left = list(folders)
+    while left:
+        try:
+            with os.scandir(left.pop()) as entries:
+                for entry in entries:
+                    if not entry.is_dir():
+                        found = entry.stat()
+                        yield entry.path, found.st_size, found.st_mtime_ns
+                    elif below and entry.name != "__pycache__":
+                        left.append(entry.path)
+        except OSError:
+            continue
 
 
 def _changed(entry: str) -> int | None:

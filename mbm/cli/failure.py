@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import traceback
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +11,6 @@ import click
 
 from mbm.cli import faults
 from mbm.cli.options import colorful
-from mbm.text.render import as_json, render
 from mbm.text.types import Diagnostic
 
 
@@ -24,6 +22,8 @@ def report_failure(diagnostics: Sequence[Diagnostic], arguments: Sequence[str], 
     """
     verbose = any(argument in ("-v", "--verbose") for argument in arguments)
     if fault is not None and verbose:
+        import traceback
+
         traceback.print_exception(fault, file=sys.stderr)
     print_diagnostics(diagnostics, color="--no-color" not in arguments and colorful(sys.stderr))
     destination = _json_destination(arguments)
@@ -34,8 +34,11 @@ def report_failure(diagnostics: Sequence[Diagnostic], arguments: Sequence[str], 
 
 def print_diagnostics(diagnostics: Iterable[Diagnostic], *, color: bool) -> None:
     """The diagnostics with their excerpts on standard error, an empty line between two."""
-    texts = [render(_mendable(diagnostic), color=color) for diagnostic in diagnostics]
-    if texts:
+    every = tuple(diagnostics)
+    if every:
+        from mbm.text.render import render
+
+        texts = (render(_mendable(diagnostic), color=color) for diagnostic in every)
         click.echo("\n\n".join(texts), err=True, color=color)
 
 
@@ -63,6 +66,7 @@ def _json_destination(arguments: Sequence[str]) -> str | None:
 def write_json(diagnostics: Iterable[Diagnostic], destination: str) -> None:
     """``{"diagnostics": […]}`` into a file, or to standard output for ``-``; a file that cannot be written is said."""
     from mbm.report.encode import encode, to_bytes
+    from mbm.text.render import as_json
 
     content = to_bytes(encode({"diagnostics": [as_json(_mendable(diagnostic)) for diagnostic in diagnostics]}))
     if destination == "-":

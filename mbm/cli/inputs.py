@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -34,6 +33,8 @@ def named_paths(option: str, entries: Iterable[str]) -> dict[str, Path]:
 
 def json_object(path: Path) -> dict[str, Any]:
     """The JSON object that a file holds. Raises MbmError (bad-json) if it holds none."""
+    import json
+
     try:
         value = json.loads(path.read_bytes())
     except OSError as error:

@@ -1,33 +1,16 @@
-"""``mbm``: the list of commands, and what happens to whatever they raise. Loads a command only when it is called."""
+"""The process of the command line: what is set before anything is loaded, and what happens to whatever is raised."""
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 from io import TextIOWrapper
+from typing import TYPE_CHECKING
 
-import click
-
-from mbm.cli.options import verbosity_options
-from mbm.version import __version__
-
-COMMANDS = {
-    "solve": "Solve a problem: estimates with their uncertainties.",
-    "simulate": "Make the measurements that the model predicts, with noise, as data files.",
-    "check": "Find what is wrong with a problem without solving it.",
-    "explain": "Show the derived observation model: equations, unknowns, structure.",
-    "compile": "Write a solver that needs no mbm: in C, Python or CasADi.",
-    "expand": "Show the form that a form expands to.",
-    "fmt": "Lay the source out.",
-    "new": "Write a first problem that solves at once.",
-    "cache": "Show or clear what was compiled earlier.",
-}
-"""The commands, each the module of its name in `mbm.cli.commands`."""
-
-LATER = ("design", "view", "ui", "lsp")
-"""Commands of CONTRACT §1 that this version answers with one line."""
+if TYPE_CHECKING:
+    import click
 
 COMPLETION = "_MBM_COMPLETE"
 """Environment variable by which a shell asks what may come next (Click's protocol)."""
@@ -35,66 +18,37 @@ COMPLETION = "_MBM_COMPLETE"
 INTERRUPTED = 130
 WRONG = 2
 
-
-class Commands(click.Group):
-    """The commands by name, imported when they are called."""
-
-    def list_commands(self, _context: click.Context) -> list[str]:
-        """Every command, in the order of the table."""
-        return list(COMMANDS)
-
-    def get_command(self, context: click.Context, name: str) -> click.Command | None:
-        """The command of a name; raises for those of later versions and for names that are none."""
-        if name in COMMANDS:
-            command = import_module(f"mbm.cli.commands.{name}").command
-            return command if isinstance(command, click.Command) else None
-        if context.resilient_parsing:
-            return None
-        from mbm.cli import faults
-        from mbm.text.types import MbmError
-
-        raise MbmError(
-            faults.not_available_yet(f"mbm {name}") if name in LATER else faults.unknown_command(name, COMMANDS)
-        )
-
-    def format_commands(self, _context: click.Context, formatter: click.HelpFormatter) -> None:
-        """The list of commands, from the table: no command is loaded for it."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
-
-
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__, prog_name="mbm")
-@verbosity_options
-def cli() -> None:
-    """A compiler for measurement problems: from shapes, data and observation equations to estimates with honest
-    uncertainties.
-
-    Exit status: 0 solved; 1 an answer that should not be trusted as it stands, or a file that `fmt --check` would
-    change; 2 the problem, the data or the call is wrong.
-    """
-
-
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Read when NumPy is first imported. One thread unless the environment says otherwise: the matrices are narrow, where
 more threads only wait for one another (twice the time for 400,000 × 13 on two cores), and sums keep their order."""
 
+COLLECTED = 100_000
+"""Containers made before cycles are looked for (Python: 700). Loading the modules of a command makes some 60,000, all
+of which stay: a tenth of a warm start went into looking at them time and again."""
 
-def main() -> None:
-    """The entry point: runs the command line of this process and ends it.
 
-    A terminal that cannot show a character (``±`` in ASCII) gets a question mark, not a failure.
+def main() -> int:
+    """The command line of this process, whose exit status it answers.
+
+    A terminal that cannot show a character (``±`` in ASCII) gets a question mark, not a failure; where an output was
+    closed by whoever started the process, what is said goes nowhere.
     """
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115, PTH123 - until the process ends
+    gc.set_threshold(COLLECTED, *gc.get_threshold()[1:])
     completion = os.environ.get(COMPLETION)
     if completion:
         from click.shell_completion import shell_complete
+
+        from mbm.cli.group import cli
 
         sys.exit(shell_complete(cli, {}, "mbm", COMPLETION, completion))
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")
     for variable in BLAS_THREADS:
         os.environ.setdefault(variable, "1")
-    sys.exit(run(sys.argv[1:]))
+    return run(sys.argv[1:])
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -111,13 +65,17 @@ def run(arguments: Sequence[str]) -> int:
 def _guarded(arguments: Sequence[str]) -> int:
     """Click's own ``main`` is left out: it would answer a closed pipe with 1, which means something else here."""
     try:
+        import click
+
+        from mbm.cli.group import cli
+
         with cli.make_context("mbm", list(arguments)) as context:
             status = cli.invoke(context)
-    except click.exceptions.Exit as leave:
-        return leave.exit_code
-    except KeyboardInterrupt:
+    except KeyboardInterrupt:  # first: it may come before Click is there
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
+    except click.exceptions.Exit as leave:
+        return leave.exit_code
     except click.exceptions.NoArgsIsHelpError as error:
         print(error.format_message(), file=sys.stderr)
         return WRONG
@@ -144,6 +102,8 @@ def _report(error: Exception, arguments: Sequence[str]) -> int:
 
 
 def _report_click(error: click.ClickException, arguments: Sequence[str]) -> int:
+    import click
+
     from mbm.cli import faults
     from mbm.cli.failure import report_failure
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 from collections.abc import Callable
 from typing import Any, TextIO, TypeVar
@@ -52,8 +51,19 @@ def terminal() -> Terminal:
         verbose=asked.get("mbm.verbose", False),
         color=colors and colorful(sys.stdout),
         color_errors=colors and colorful(sys.stderr),
-        width=max(NARROWEST, min(WIDEST, shutil.get_terminal_size((WIDEST, 24)).columns)),
+        width=max(NARROWEST, min(WIDEST, _columns())),
     )
+
+
+def _columns() -> int:
+    """The width of the terminal; `shutil.get_terminal_size` answers the same, but loads what unpacks archives."""
+    stated = os.environ.get("COLUMNS", "")
+    if stated.isdecimal() and int(stated) > 0:
+        return int(stated)
+    try:
+        return os.get_terminal_size(sys.__stdout__.fileno()).columns or WIDEST if sys.__stdout__ else WIDEST
+    except (OSError, ValueError):  # no terminal, or closed
+        return WIDEST
 
 
 def colorful(stream: TextIO) -> bool:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from mbm.emit.answers import Answers
 from mbm.emit.expressions import program_of
 from mbm.emit.identifiers import Identifiers, identifier
 from mbm.emit.places import Places
 from mbm.emit.reading import used_columns
 from mbm.emit.types import (
-    Answers,
     BlockCase,
     BlockShape,
     Blueprint,
@@ -112,6 +112,7 @@ class _Drafting:
             references=self.references,
             given=tuple(self._given(t) for t in tables),
             whole=self.answers.whole,
+            agreement=self.answers.agreement,
         )
 
     def _table(self, name: str, where: RowPrograms | None, used: frozenset[tuple[str, str]]) -> TableShape:

@@ -6,13 +6,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mbm.emit.types import Blueprint, Floats, GivenTable, OutputFile, Reference, TableShape
+from mbm.emit.answers import Floats, Reference
+from mbm.emit.types import Blueprint, GivenTable, OutputFile, TableShape
 
 MOST_COVARIANCES = 60
 """Coordinates up to which all covariances are kept; beyond only the variances."""
 ROUNDING = 1e-12
 """Of the largest sigma: what a basis of the constraints' null space, rounded, makes of none."""
-STATUSES = ("converged", "not-converged", "unobservable", "infeasible")
+STATUSES = ("converged", "not-converged", "unobservable", "infeasible", "no-agreement")
 
 
 def data_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:

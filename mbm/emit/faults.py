@@ -12,8 +12,6 @@ NOT_EMITTED = Code(
 )
 
 
-def not_emitted(place: Place | None, what: str, why: str) -> Diagnostic:
-    """``what`` the problem has, and ``why`` a generated solver cannot."""
-    return Diagnostic(
-        code=NOT_EMITTED, message=f"{what} cannot be compiled: {why}", place=place, hint="use `mbm solve`"
-    )
+def not_emitted(place: Place | None, what: str, why: str, instead: str = "use `mbm solve`") -> Diagnostic:
+    """``what`` the problem has, ``why`` a generated solver cannot, and what to do ``instead``."""
+    return Diagnostic(code=NOT_EMITTED, message=f"{what} cannot be compiled: {why}", place=place, hint=instead)

@@ -5,16 +5,7 @@ from __future__ import annotations
 from dataclasses import field
 
 from mbm.emit.identifiers import Identifiers
-from mbm.emit.types import (
-    Choice,
-    ColumnValue,
-    ConstantValue,
-    FamilyShape,
-    InputValue,
-    Link,
-    LiteralKey,
-    RowPlace,
-)
+from mbm.emit.types import Choice, ColumnValue, ConstantValue, FamilyShape, InputValue, Link, LiteralKey, RowPlace
 from mbm.expression.nodes import Column, ColumnMember, Constant, Leaf, LiteralMember, Member, RowChoice
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import ROW

@@ -5,47 +5,79 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from mbm.emit import faults
+from mbm.emit.answers import Agreement
+from mbm.emit.types import Target
 from mbm.expression.nodes import Column, Expression, leaves
 from mbm.problem.elaborated import Elaborated
-from mbm.problem.kinds import LossKind
-from mbm.problem.types import BlockRole, Gauge, Loss, Method, Problem, Unknown
+from mbm.problem.types import BlockRole, Gauge, Method, Problem, Unknown
 from mbm.text.types import Diagnostic, MbmError
 
 MOST_COORDINATES = 300
 """Coordinates beyond which a dense solver is the wrong one: `mbm solve` takes a sparse one there."""
 
+INTERPOLATE = "interpolate before, into a column of the table that the equations are about"
 
-def refuse(found: Elaborated) -> None:
-    """Raise what a generated solver cannot do.
+
+def refuse(found: Elaborated, target: Target) -> None:
+    """Raise what cannot be made for a target: functions alone need no method of solution.
 
     Raises:
         MbmError: with everything found.
 
     """
     problem = found.problem
-    faults_found = [*_data(problem), *_request(problem), *_keys(found), *_blocks(problem), *_derived(problem)]
+    faults_found = [*_data(problem), *_blocks(problem), *_derived(problem, target)]
+    if target.solves:
+        faults_found += [*_starts(problem), *_request(problem), *_keys(found), *_constraints(problem)]
     count = sum(
         u.freedom * (1 if u.family is None else len(found.tables[u.family.rows])) for u in found.problem.unknowns
     )
-    if count > MOST_COORDINATES:
+    if target.solves and count > MOST_COORDINATES:
         message = f"generated solvers are dense, for up to {MOST_COORDINATES} coordinates"
-        faults_found.append(faults.not_emitted(found.problem.span, f"a problem of {count} coordinates", message))
+        todo = "use `mbm solve`, which has a sparse solver; or compile for `casadi`"
+        faults_found.append(faults.not_emitted(found.problem.span, f"a problem of {count} coordinates", message, todo))
+    if faults_found:
+        raise MbmError(*faults_found)
+
+
+def refuse_startless(found: Elaborated, target: Target, agreement: Agreement | None) -> None:
+    """Raise which unknowns lack a start in data sets other than the first, where no consensus gives them one.
+
+    Raises:
+        MbmError: with all of them.
+
+    """
+    known = frozenset() if agreement is None else agreement.startless
+    open_ones = [u for i, u in enumerate(found.problem.unknowns) if i not in known and _startless(u)]
+    why = "each data set needs a start, and none is stated"
+    faults_found = [
+        faults.not_emitted(u.span, f"`for-each` with `{u.name}`", why, "state a start with `:init`")
+        for u in open_ones
+        if target.solves and found.problem.request.for_each and u.family is None
+    ]
     if faults_found:
         raise MbmError(*faults_found)
 
 
 def _data(problem: Problem) -> Iterator[Diagnostic]:
     for pair in problem.pairs:
-        yield faults.not_emitted(pair.span, "`pair`", "generated solvers do not match the times of tables")
+        why = "generated solvers do not match the times of tables"
+        todo = "make one table of both before, with a column for what is measured in each, and compile for that"
+        yield faults.not_emitted(pair.span, "`pair`", why, todo)
     for plan in problem.plans:
         if plan.declaration.skip_missing:
-            yield faults.not_emitted(
-                plan.declaration.span, "a table with gaps", "generated solvers want a number in every cell"
-            )
+            why = "generated solvers want a number in every cell"
+            todo = "leave the rows with gaps out of the tables, and `:missing skip` out of the problem"
+            yield faults.not_emitted(plan.declaration.span, "a table with gaps", why, todo)
+
+
+def _starts(problem: Problem) -> Iterator[Diagnostic]:
     for unknown in problem.unknowns:
         if unknown.family is not None and _startless(unknown):
-            why = "a generated solver finds no starts: state one with `:init`"
-            yield faults.not_emitted(unknown.span, f"the family `{unknown.name}` without a start", why)
+            why = "a generated solver finds no starts"
+            yield faults.not_emitted(
+                unknown.span, f"the family `{unknown.name}` without a start", why, "state one with `:init`"
+            )
 
 
 def _startless(unknown: Unknown) -> bool:
@@ -56,23 +88,20 @@ def _startless(unknown: Unknown) -> bool:
 def _request(problem: Problem) -> Iterator[Diagnostic]:
     request, place = problem.request, problem.span
     if request.window is not None:
-        yield faults.not_emitted(request.window.span, "`window`", "a generated solver solves one data set in one call")
-    if request.robust is not None:
-        what = f"`:robust {request.robust.kind.value}`"
-        yield faults.not_emitted(place, what, "generated solvers have no consensus; they have losses (`:loss`)")
+        why = "a generated solver solves one data set in one call"
+        todo = "leave `(window …)` out, and call the solver with the rows of each window"
+        yield faults.not_emitted(request.window.span, "`window`", why, todo)
     if request.method in (Method.CLOSED_FORM, Method.DIRECT_SEARCH) or request.routine is not None:
         what = f"`:method {request.routine or request.method.value}`"
-        yield faults.not_emitted(place, what, "generated solvers iterate from a start")
+        yield faults.not_emitted(place, what, "generated solvers iterate from a start", "state a start with `:init`")
     if request.gauge is Gauge.FREE:
-        yield faults.not_emitted(place, "`:gauge free`", "generated solvers want every unknown determined")
+        why = "generated solvers want every unknown determined"
+        todo = "fix what is free, with `:fixed` or a prior (`:sigma`)"
+        yield faults.not_emitted(place, "`:gauge free`", why, todo)
     if request.starts is not None:
-        yield faults.not_emitted(
-            place, "`:starts`", "a generated solver iterates from one start, which its caller gives"
-        )
-    for unknown in problem.unknowns if request.for_each else ():
-        if unknown.family is None and _startless(unknown):
-            why = "each data set needs a start, and none is stated: state one with `:init`"
-            yield faults.not_emitted(unknown.span, f"`for-each` with `{unknown.name}`", why)
+        why = "a generated solver iterates from one start"
+        todo = "leave `:starts` out, call the solver from each start, and keep the answer with the least cost"
+        yield faults.not_emitted(place, "`:starts`", why, todo)
 
 
 def _keys(found: Elaborated) -> Iterator[Diagnostic]:
@@ -81,54 +110,49 @@ def _keys(found: Elaborated) -> Iterator[Diagnostic]:
     if not keys:
         return
     if any(plan.where is not None for plan in problem.plans):
-        yield faults.not_emitted(
-            problem.span, "`for-each` with `:where`", "the program would have to know both at once"
-        )
+        why = "the program would have to know both at once"
+        todo = "leave the rows out before, and `:where` out of the problem"
+        yield faults.not_emitted(problem.span, "`for-each` with `:where`", why, todo)
     tables = [found.raw[plan.name].columns for plan in problem.plans]
     if not any(set(keys) <= set(columns) for columns in tables):
         why = "no table has all of its columns, and generated solvers do not try every combination"
-        yield faults.not_emitted(problem.span, "this `for-each`", why)
+        yield faults.not_emitted(problem.span, "this `for-each`", why, "put all of them into one table")
     if any(len({columns[key].is_text for columns in tables if key in columns}) > 1 for key in keys):
-        yield faults.not_emitted(problem.span, "this `for-each`", "a key is a text in one table, a number in another")
+        why = "a key is a text in one table, a number in another"
+        yield faults.not_emitted(problem.span, "this `for-each`", why, "write it alike in all tables")
 
 
 def _blocks(problem: Problem) -> Iterator[Diagnostic]:
-    lossy = next((b for b in problem.blocks if b.loss is not None), None)
     for block in problem.blocks:
-        if block.errors:
-            yield faults.not_emitted(block.span, "`:errors`", "generated solvers take measured columns as exact")
         nodes = [n for case in block.cases for e in case.equations for n in (*e.components, *e.noise)]
         if _sampled(nodes):
-            yield faults.not_emitted(block.span, "`sample`", "generated solvers do not interpolate tables")
-        if block.role is BlockRole.CONSTRAINT and lossy is not None:
+            yield faults.not_emitted(block.span, "`sample`", "generated solvers do not interpolate tables", INTERPOLATE)
+
+
+def _constraints(problem: Problem) -> Iterator[Diagnostic]:
+    lossy = next((b for b in problem.blocks if b.loss is not None), None)
+    if lossy is None:
+        return
+    for block in problem.blocks:
+        if block.role is BlockRole.CONSTRAINT:
             what = f"the constraint beside the loss of `{lossy.name}`"
-            yield faults.not_emitted(block.span, what, "generated solvers have no covariance for both together")
-        if block.unknown_factor and block.loss is not None:
-            what = f"the loss of `{block.name}` with unknown noise"
-            why = "how large noise with outliers is takes a consensus, which generated solvers do not have"
-            yield faults.not_emitted(block.span, what, why)
-        if block.loss is not None and _bounded(block.loss):
-            why = "far from the answer it has no slope: it takes many starts, and generated solvers go from one"
-            yield faults.not_emitted(block.span, f"`:loss {block.loss.kind.value}`", why)
+            why = "generated solvers have no covariance for both together"
+            todo = "state the constraint as an observation with a small `:sigma`, or use `mbm solve`"
+            yield faults.not_emitted(block.span, what, why, todo)
 
 
-def _bounded(loss: Loss) -> bool:
-    """Whether no residual, however large, costs more than some number: such a loss flattens out."""
-    if loss.kind is LossKind.BARRON:
-        return loss.shape is not None and loss.shape < 0.0
-    return loss.kind in (LossKind.TUKEY, LossKind.GEMAN_MCCLURE)
-
-
-def _derived(problem: Problem) -> Iterator[Diagnostic]:
+def _derived(problem: Problem, target: Target) -> Iterator[Diagnostic]:
     families = {u.family.rows for u in problem.unknowns if u.family is not None and u.family.column is not None}
     for derived in problem.derived:
         what = f"the derived quantity `{derived.name}`"
-        if derived.kind is not None:
-            yield faults.not_emitted(derived.span, what, "generated solvers derive numbers, no rotations or motions")
+        if derived.kind is not None and target.solves:
+            why = "generated solvers derive numbers, no rotations or motions"
+            yield faults.not_emitted(derived.span, what, why, "derive numbers of it, as its angles or its matrix")
         if derived.table in families:
-            yield faults.not_emitted(derived.span, what, "it is derived for each distinct value of a column")
+            why = "it is derived for each distinct value of a column"
+            yield faults.not_emitted(derived.span, what, why, "derive it over a table with one row for each value")
         if _sampled([n for case in derived.cases for n in case.values]):
-            yield faults.not_emitted(derived.span, what, "generated solvers do not interpolate tables")
+            yield faults.not_emitted(derived.span, what, "generated solvers do not interpolate tables", INTERPOLATE)
 
 
 def _sampled(nodes: Sequence[Expression]) -> bool:

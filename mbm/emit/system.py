@@ -38,8 +38,9 @@ SMALLEST_CHUNK = 32
 class StaticSystem:
     """``prefix`` is how the array ``system`` begins, ``unknowns`` what the routines are told of the unknowns.
 
-    ``losses`` has the parameter and the shape of each loss, two numbers each. ``scaled``: all residuals share one
-    unknown factor of their noise, so that the covariance is multiplied by ``cost / freedom``.
+    ``losses`` has the parameter and the shape of each loss, two numbers each. ``noises`` are the clauses with unknown
+    noise, those first whose factors the residuals tell, then those with a loss, which consensus tells. ``scaled``: all
+    residuals share one unknown factor of their noise, so that the covariance is multiplied by what the residuals say.
     """
 
     prefix: tuple[int, ...]
@@ -59,6 +60,11 @@ def _weights(equation: EquationShape) -> int:
     return size if equation.noise_kind is NoiseKind.SIGMA else size * size
 
 
+def kinds_of_units(blueprint: Blueprint) -> int:
+    """Equations of all kernels of residuals: each is a kind of units."""
+    return sum(len(c.equations) for b, c in blueprint.cases if b.role is not BlockRole.CONSTRAINT)
+
+
 def varies(blueprint: Blueprint, case: BlockCase) -> bool:
     """Whether the unknowns are others from row to row: some member is named by the row at hand."""
     links = {s.member for s in (*case.variables, *case.tangents) if s.member is not None}
@@ -69,14 +75,15 @@ def static_system(blueprint: Blueprint) -> StaticSystem:
     """What is known of the arrays when the problem is compiled."""
     cases = blueprint.cases
     measured = [(b, c) for b, c in cases if b.role is not BlockRole.CONSTRAINT]
-    unknown = [b.name for b in blueprint.blocks if b.unknown_factor]
-    scaled = len(unknown) == 1 and all(b.unknown_factor for b, _ in measured)
-    noises = () if scaled else tuple(unknown)
+    unknown = [b.name for b in blueprint.blocks if b.unknown_factor and b.loss is None]
+    robust = [b.name for b in blueprint.blocks if b.unknown_factor and b.loss is not None]
+    scaled = len(unknown) == 1 and not robust and all(b.unknown_factor for b, _ in measured)
+    noises = () if scaled else (*unknown, *robust)
     prefix = [0] * at.HEADER + [0] * (at.BLOCK * len(cases))
     prefix[at.BLOCKS], prefix[at.CONSTRAINTS] = len(measured), len(cases) - len(measured)
     prefix[at.BLOCKS_AT] = at.HEADER
     prefix[at.ITERATIONS] = blueprint.settings.max_iterations
-    prefix[at.NOISES] = len(noises)
+    prefix[at.NOISES] = 0 if scaled else len(unknown)
     lossy = any(b.loss is not None for b, _ in measured)
     every = [np.ones(len(c.tangents), dtype=bool) for _, c in measured]
     linear = not lossy and all(c.kernel.affine_in(mask) for (_, c), mask in zip(measured, every, strict=True))

@@ -8,21 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import field
 from enum import StrEnum
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mbm.emit.answers import Agreement, Floats, Reference, Whole
 from mbm.kernels.types import Kernel
-from mbm.values import dataclass
-
-if TYPE_CHECKING:
-    from mbm.kernels.serialised import BoundRows
 from mbm.problem.tables import CellKey
 from mbm.problem.types import BlockRole, Loss, NoiseKind, UnknownKind
 from mbm.target.program import Program
-
-Floats: TypeAlias = NDArray[np.float64]
+from mbm.values import dataclass
 
 
 class Target(StrEnum):
@@ -31,6 +24,11 @@ class Target(StrEnum):
     C = "c"
     PYTHON = "python"
     CASADI = "casadi"
+
+    @property
+    def solves(self) -> bool:
+        """Whether what is made solves by itself; else it is functions for solvers of others."""
+        return self is not Target.CASADI
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -288,51 +286,6 @@ class SolverSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Reference:
-    """What ``mbm solve`` answered for the data of compile time, one for each solve: what the test wants to see again.
-
-    ``numbers`` (N,) are the estimates in SI, ``spread`` (N,) the standard deviations of plain ones (0 else),
-    ``covariance`` (n, n) that of the estimated coordinates (NaN: not determined). ``start`` (N,) is where the solver
-    begins: as the problem states, and where it states nothing at the answer. ``elsewhere`` (N,) is where the test
-    begins instead (None: at ``start``): where that is the answer, or does not lead there. ``derived`` has values and
-    standard deviations (rows, size) of each derived quantity.
-    """
-
-    key: Mapping[str, CellKey]
-    status: str
-    numbers: Floats
-    spread: Floats
-    covariance: Floats
-    derived: tuple[tuple[Floats, Floats], ...]
-    cost: float
-    dof: int
-    start: Floats
-    elsewhere: Floats | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Whole:
-    """All rows of the first solve: the start (N,), the coordinates' names (n,), the rows of each kernel.
-
-    ``residuals`` (m,) and ``jacobian`` (m, n) are the whitened ones at the start.
-    """
-
-    start: Floats
-    names: tuple[str, ...]
-    bound: tuple[BoundRows, ...]
-    residuals: Floats
-    jacobian: Floats
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Answers:
-    """What mbm itself makes of the data of compile time."""
-
-    references: tuple[Reference, ...]
-    whole: Whole
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GivenTable:
     """The rows of a table at compile time: numbers in SI or texts, by the problem's column name."""
 
@@ -361,6 +314,7 @@ class Blueprint:
     references: tuple[Reference, ...]
     given: tuple[GivenTable, ...]
     whole: Whole
+    agreement: Agreement | None
 
     def table(self, name: str) -> TableShape:
         """A table by name."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from mbm.emit.answers import Agreement
 from mbm.emit.types import BlockShape, Blueprint, UnknownShape
 from mbm.problem.types import BlockRole, NoiseKind
 
@@ -35,6 +36,8 @@ def described(blueprint: Blueprint) -> Iterator[str]:
         yield from (line for case in derived.cases[:MOST_CASES] for line in case.text)
         yield "```"
         yield ""
+    if blueprint.agreement is not None:
+        yield from _agreement(blueprint.agreement)
     if any(reference.elsewhere is not None for reference in blueprint.references):
         yield "The problem states no start for everything, or none that leads to the answer of `mbm solve`: the test"
         yield "begins some standard deviations away from the answer (`start` in `reference.csv`). With other data, say"
@@ -56,9 +59,22 @@ def _unknown(blueprint: Blueprint, unknown: UnknownShape) -> str:
         text += f", one for each {over} of `{family.table}`"
     if unknown.unit:
         text += f", shown in {unknown.unit}"
-    if unknown.start is None and unknown.start_range is None and unknown.lower is None:
+    if blueprint.agreement is not None and blueprint.unknowns.index(unknown) in blueprint.agreement.startless:
+        text += "; begins where the data say, by consensus, unless the caller says"
+    elif unknown.start is None and unknown.start_range is None and unknown.lower is None:
         text += "; the problem states no start: begins at the answer for the data of `data/`, unless the caller says"
     return text + (f" ({unknown.doc})" if unknown.doc else "")
+
+
+def _agreement(agreement: Agreement) -> Iterator[str]:
+    yield f"Before it is solved, consensus (`{agreement.kind}`; its random subsets are the same in every call) tells"
+    if agreement.begins:
+        yield "where the iteration begins, unless the caller says; all measurements count."
+    elif agreement.kept:
+        yield "which measurements agree; the others are left out. Which they are is part of the answer."
+    else:
+        yield "where the losses' lowest minimum is, and how large noise is that goes with a loss."
+    yield ""
 
 
 def _block(block: BlockShape) -> Iterator[str]:

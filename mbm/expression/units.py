@@ -68,15 +68,18 @@ REFUSED: Mapping[str, str] = MappingProxyType(
 )
 """Units that people write and that are no factor times SI, with what to do instead."""
 
-_FACTOR = re.compile(r"(?P<name>1|[^\W\d_]+|%)(?:\^(?P<power>-?\d{1,2}))?")
+_FACTOR = r"(?P<name>1|[^\W\d_]+|%)(?:\^(?P<power>-?\d{1,2}))?"
 
 
 def parse_unit(text: str) -> Unit | None:
     """The unit that ``text`` names (``m``, ``m/s^2``, ``1/s``, ``N*m``), or None if it is not on the list."""
+    if text in UNITS:
+        return UNITS[text]
     factor, dimension = 1.0, NONE
     position, sign = 0, 1
+    pattern = re.compile(_FACTOR)
     while True:
-        match = _FACTOR.match(text, position)
+        match = pattern.match(text, position)
         if match is None:
             return None
         power = sign * int(match["power"] or 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import field
 from hashlib import sha256
-from typing import Protocol, TypeAlias
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from mbm.symbolic.types import Chart, Parameter, Purpose, Slot
 from mbm.target.program import Program
 from mbm.text.types import Span
 from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.kernels.store import Store
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -116,8 +119,27 @@ class Stream(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MachineCode:
+    """What backends have in common whose kernels are machine code, with solvers to match: where they keep it.
+
+    Solvers ask for this class before they load anything native.
+    """
+
+    store: Store | None = None
+    name: str = "native"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WithoutMachineCode:
+    """What the default backend is where no machine code can be made; ``reason`` says why."""
+
+    reason: str = ""
+    name: str = "auto"
+
+
 class BackendUnavailableError(Exception):
-    """A backend that this machine has not what it takes for."""
+    """A backend that this machine has not what it takes for; the message says what is in the way."""
 
 
 class Backend(Protocol):

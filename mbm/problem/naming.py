@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 from mbm.problem.tables import CellKey
 
 EXACT_INTEGERS = 2**53
@@ -20,7 +18,11 @@ def key_text(key: CellKey) -> str:
 
     Two different keys never give the same text.
     """
-    return json.dumps(key, ensure_ascii=False) if isinstance(key, str) else repr(plain_number(key))
+    if not isinstance(key, str):
+        return repr(plain_number(key))
+    import json  # a fiftieth of a small solve, where names have keys
+
+    return json.dumps(key, ensure_ascii=False)
 
 
 def member_name(name: str, key: CellKey | None) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.report.document import document
+from mbm.report.document import document, lazy_document
 from mbm.report.elements import shown_sigma
 from mbm.report.encode import encode, to_bytes
 from mbm.report.geometric import GEOMETRIC, number_factors
@@ -126,7 +126,7 @@ class Solved:
 
     def to_json(self, path: str | Path | None = None) -> str:
         """The document as JSON text; written to ``path`` if one is given."""
-        text = encode(self.document())
+        text = encode(lazy_document(self.result))
         if path is not None:
             Path(path).write_bytes(to_bytes(text))
         return text

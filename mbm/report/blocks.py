@@ -13,23 +13,16 @@ import numpy as np
 from mbm.problem.types import BlockRole, Problem
 from mbm.report.elements import element_names, shown_sigma, shown_values
 from mbm.report.filled import families, filled
-from mbm.report.from_solution import failure_report, skipped_report, solve_report
-from mbm.report.types import DerivedValue, Estimate, Floats, Key, SolveReport, SolveStatus
+from mbm.report.from_solution import report_of
+from mbm.report.types import DerivedValue, Estimate, Floats, Key, Mask, SolveReport, SolveStatus
 from mbm.solution.many.types import Block
-from mbm.solution.solution import Failure, Skipped, Solution
-
-
-def report_of(problem: Problem, solution: Solution | Failure | Skipped, *, covariance_full: bool) -> SolveReport:
-    """One solve as a report, whatever became of it."""
-    if isinstance(solution, Failure):
-        return failure_report(solution)
-    if isinstance(solution, Skipped):
-        return skipped_report(solution)
-    return solve_report(problem, solution, covariance_full=covariance_full)
 
 
 class BlockReports:
-    """The solves of a block: reports of those that were solved apart, the others made when they are asked for."""
+    """The solves of a block: reports of those that were solved apart, the others made when they are asked for.
+
+    ``from_columns`` (K,) says which are alike but for numbers, so that columns have all that is to be said of them.
+    """
 
     def __init__(
         self, problem: Problem, block: Block, apart: Mapping[int, SolveReport], *, covariance_full: bool
@@ -38,7 +31,11 @@ class BlockReports:
         self.block = block
         self.apart = apart
         self._full = covariance_full
-        self._alike = all(each.role is BlockRole.OBSERVATION for each in problem.blocks)
+        alike = all(
+            each.role is BlockRole.OBSERVATION or (each.role is BlockRole.PRIOR and each.table is None)
+            for each in problem.blocks
+        )
+        self.from_columns: Mask = block.columns.clean & (block.columns.dof > 0) & alike
 
     def __len__(self) -> int:
         return len(self.block.which)
@@ -48,9 +45,9 @@ class BlockReports:
         found = self.apart.get(self.block.which.start + place)
         if found is not None:
             return found
-        if not self._alike or self.block.columns.dof[place] <= 0:
+        if not self.from_columns[place] or not self.complete:
             return self._made(place)
-        return filled(self._model, self._items, self.problem, self.block, place)
+        return filled(self.model, self.items, self.problem, self.block, place)
 
     def _made(self, place: int) -> SolveReport:
         """The report of a solve, from all that is to be said of it."""
@@ -58,19 +55,23 @@ class BlockReports:
         return report_of(self.problem, solution, covariance_full=self._full)
 
     @cached_property
-    def _model(self) -> SolveReport:
-        """The report of a clean solve with degrees of freedom: but for numbers, those of the others are like it."""
-        columns = self.block.columns
-        return self._made(int(np.flatnonzero(columns.clean & (columns.dof > 0))[0]))
+    def complete(self) -> bool:
+        """Whether columns have what is to be said of priors."""
+        return len(self.model.priors) == int(self.block.columns.priors.shape[1])
 
     @cached_property
-    def _items(self) -> tuple[Estimate | DerivedValue, ...]:
+    def model(self) -> SolveReport:
+        """The report of the first solve ``from_columns``: but for numbers, those of the others are like it."""
+        return self._made(int(np.flatnonzero(self.from_columns)[0]))
+
+    @cached_property
+    def items(self) -> tuple[Estimate | DerivedValue, ...]:
         """The estimates, then the derived quantities, of all solves: families over the solves."""
         return tuple(families(self.problem, self.block))
 
     def scalars(self) -> Iterator[tuple[str, Floats, Floats]]:
         """Name, values (K,) and sigmas (K,) of each scalar of the clean solves, in the units that are shown."""
-        for item in self._items:
+        for item in self.items:
             values = np.reshape(shown_values(item), (len(self), -1))
             sigmas = np.reshape(shown_sigma(item), (len(self), -1))
             for i, name in enumerate(element_names(item.quantity)):

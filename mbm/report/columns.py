@@ -9,7 +9,7 @@ from enum import StrEnum
 
 from mbm.values import dataclass
 
-_WHOLE_PART = re.compile(r"\(?[+-]?[0-9]+")
+_WHOLE_PART = r"\(?[+-]?[0-9]+"
 
 
 class Style(StrEnum):
@@ -63,5 +63,5 @@ def wrapped(text: str, width: int) -> list[str]:
 
 def _whole_width(text: str) -> int:
     """Columns before the decimal point, or before where it would stand."""
-    match = _WHOLE_PART.match(text)
+    match = re.match(_WHOLE_PART, text)
     return len(text) if match is None else match.end()

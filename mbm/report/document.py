@@ -3,30 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping, Sequence
 from enum import Enum
 from pathlib import PurePath
 from typing import Any
 
-import numpy as np
-
-from mbm.report.elements import plain_key, shown_sigma, unit_text
-from mbm.report.geometric import GEOMETRIC
-from mbm.report.geometric import written as written_geometry
+from mbm.report.blocks import ManyReports
+from mbm.report.solve_document import solve_document
 from mbm.report.types import (
-    Alternative,
-    ConstraintReport,
-    CorrectionReport,
-    CovarianceMatrix,
-    DerivedValue,
-    Estimate,
-    Floats,
-    FreeDirection,
-    Key,
-    Observability,
-    PriorReport,
-    ResidualSummary,
     Result,
     SolveReport,
 )
@@ -39,6 +23,20 @@ def document(result: Result) -> dict[str, Any]:
     Numbers are in the units of their quantities, undefined ones None with a ``reason`` (or ``reasons``) beside them.
     What belongs to later versions (gauges) has its key and an empty value.
     """
+    written = lazy_document(result)
+    written["solves"] = [_copied(solve) for solve in written["solves"]]
+    return written
+
+
+def _copied(entry: Any) -> Any:
+    """A tree of dictionaries and lists of its own, so that solves share nothing that a caller may change."""
+    if type(entry) is dict:
+        return {name: _copied(each) for name, each in entry.items()}
+    return [_copied(each) for each in entry] if type(entry) is list else entry
+
+
+def lazy_document(result: Result) -> dict[str, Any]:
+    """The document, the solves of which are made while one goes through them: to be written, and not to be changed."""
     return {
         "mbm": result.version,
         "file": result.file,
@@ -48,225 +46,31 @@ def document(result: Result) -> dict[str, Any]:
         "options": {name: _plain(value) for name, value in result.options.items()},
         "inputs": [{"path": entry.path, "sha256": entry.sha256, "rows": entry.rows} for entry in result.inputs],
         "diagnostics": [as_json(diagnostic) for diagnostic in result.diagnostics],
-        "solves": [_solve(solve) for solve in result.solves],
+        "solves": _Solves(result.solves),
     }
 
 
-def solve_key(key: Mapping[str, Key]) -> dict[str, Any]:
-    """The key of a solve as documents hold it: whole numbers as integers."""
-    return {name: plain_key(value) for name, value in key.items()}
+class _Solves(Sequence[dict[str, Any]]):
+    """The documents of solves, made anew each time that one goes through them."""
 
+    def __init__(self, solves: Sequence[SolveReport]) -> None:
+        self._solves = solves
 
-def _solve(solve: SolveReport) -> dict[str, Any]:
-    numbers = {name: _number(getattr(solve, name)) for name in ("cost", "dof", "sigma0", "chi2_p")}
-    reasons = {name: solve.reasons.get(name) or _why_missing(solve, name) for name, x in numbers.items() if x is None}
-    factors = {item.quantity.name: item.quantity.factor for item in solve.estimates}
-    written: dict[str, Any] = {
-        "key": solve_key(solve.key),
-        "status": solve.status.label,
-        "message": solve.message,
-        "method": solve.method,
-        "iterations": solve.iterations,
-        "evaluations": solve.evaluations,
-        "seconds": _number(solve.seconds),
-        **numbers,
-    }
-    if solve.robust_cost is not None:
-        written["robust_cost"] = _number(solve.robust_cost)
-    if reasons:
-        written["reasons"] = reasons
-    corrections = {"corrections": _corrections(solve.corrections)} if solve.corrections else {}
-    return written | {
-        "estimates": {item.quantity.name: _estimate(item) for item in solve.estimates},
-        "covariance": _covariance(solve.covariance),
-        "derived": {item.quantity.name: _derived(item) for item in solve.derived},
-        "derived_covariance": _covariance(solve.derived_covariance),
-        "observability": _observability(solve.observability, factors),
-        "noise": {name: _number(factor) for name, factor in solve.noise.items()},
-        "residuals": {name: _summary(summary) for name, summary in solve.residual_summaries.items()},
-        **corrections,
-        "constraints": [_constraint(constraint) for constraint in solve.constraints],
-        "priors": [_prior(prior) for prior in solve.priors],
-        "alternatives": [_alternative(found) for found in solve.alternatives],
-        "starts": None if solve.starts is None else asdict(solve.starts),
-        "diagnostics": [as_json(diagnostic) for diagnostic in solve.diagnostics],
-    }
+    def __len__(self) -> int:
+        return len(self._solves)
 
+    def __getitem__(self, index: Any) -> Any:
+        return list(self)[index]
 
-def _corrections(columns: tuple[CorrectionReport, ...]) -> dict[str, Any]:
-    """Corrections by table and column, in SI."""
-    written: dict[str, Any] = {}
-    for each in columns:
-        keys = {} if each.keys is None else {"keys": [None if k is None else plain_key(k) for k in each.keys]}
-        written.setdefault(each.table, {})[each.column] = {
-            "rows": list(each.rows),
-            **keys,
-            "value": _numbers(each.value),
-            "sigma": _numbers(each.sigma),
-        }
-    return written
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        if not isinstance(self._solves, ManyReports):
+            yield from map(solve_document, self._solves)
+            return
+        # Loaded where there are many solves only, so that the others start at once.
+        from mbm.report.block_documents import block_documents
 
-
-def _alternative(found: Alternative) -> dict[str, Any]:
-    written: dict[str, Any] = {
-        "cost": _number(found.cost),
-        "starts": found.starts,
-        "estimates": {item.quantity.name: _estimate(item) for item in found.estimates},
-    }
-    return written if found.remark is None else written | {"remark": found.remark}
-
-
-def _why_missing(solve: SolveReport, name: str) -> str:
-    if name in ("sigma0", "chi2_p") and solve.dof == 0:
-        return "there are no degrees of freedom"
-    if name == "chi2_p" and any(factor is not None for factor in solve.noise.values()):
-        return "the noise was not stated but estimated from the residuals"
-    return "it was not computed" if getattr(solve, name) is None else "the value is not finite"
-
-
-def _estimate(item: Estimate) -> dict[str, Any]:
-    written = _family("per", item.per, item.keys)
-    written |= _value_and_sigma(item)
-    if bool(np.any(item.fixed)):
-        written["fixed"] = item.fixed.tolist()
-    if item.at_bound is not None and bool(np.any(item.at_bound)):
-        written["at_bound"] = item.at_bound.tolist()
-    return written
-
-
-def _derived(item: DerivedValue) -> dict[str, Any]:
-    return _family("over", item.over, item.keys) | _value_and_sigma(item)
-
-
-def _family(word: str, table: str | None, keys: tuple[Key, ...] | None) -> dict[str, Any]:
-    return {} if keys is None else {word: table, "keys": [plain_key(key) for key in keys]}
-
-
-def _value_and_sigma(item: Estimate | DerivedValue) -> dict[str, Any]:
-    """Value, sigma and unit, and the reason where one of the numbers is missing."""
-    sigma = shown_sigma(item)
-    written: dict[str, Any] = {
-        "value": _value(item),
-        "sigma": _numbers(sigma),
-        "unit": unit_text(item.quantity) or None,
-    }
-    if not np.all(np.isfinite(sigma)) or not np.all(np.isfinite(item.value)):
-        written["reason"] = item.reason or _why_undefined(item, sigma)
-    return written
-
-
-def _value(item: Estimate | DerivedValue) -> Any:
-    """The value in its unit: numbers, or what documents hold for rotations, poses, similarities and directions."""
-    if item.quantity.kind not in GEOMETRIC:
-        return _numbers(np.asarray(item.value) / item.quantity.factor)
-    if item.keys is None:
-        return written_geometry(item.quantity, item.value)
-    return [written_geometry(item.quantity, numbers) for numbers in item.value]
-
-
-def _why_undefined(item: Estimate | DerivedValue, sigma: Floats) -> str:
-    if not np.all(np.isfinite(item.value)):
-        return "the value is not finite"
-    held = item.at_bound if isinstance(item, Estimate) else None
-    if held is not None and bool(np.all(np.isfinite(sigma) | held)):
-        return "held at its bound"
-    return "no standard deviation was computed" if item.sigma is None else "the data do not determine it"
-
-
-def _covariance(covariance: CovarianceMatrix | None) -> dict[str, Any] | None:
-    if covariance is None:
-        return None
-    written: dict[str, Any] = {"names": list(covariance.names)}
-    if covariance.matrix is None:
-        return written | {"matrix": None, "reason": covariance.reason or "it was not computed"}
-    factors = np.array(covariance.factors)
-    written["matrix"] = _numbers(covariance.matrix / np.outer(factors, factors))
-    if not np.all(np.isfinite(covariance.matrix)):
-        written["reason"] = covariance.reason or "null stands for what the data do not determine"
-    return written
-
-
-def _observability(found: Observability | None, factors: Mapping[str, float]) -> dict[str, Any] | None:
-    if found is None:
-        return None
-    condition = _number(found.condition)
-    written: dict[str, Any] = {"rank": found.rank, "dimension": found.dimension, "condition": condition}
-    if condition is None:
-        written["reason"] = "there is no estimable part whose condition could be given"
-    return written | {
-        "unobservable": [_direction(direction, factors) for direction in found.unobservable],
-        "gauge": [
-            {"sentence": g.sentence, "motion": g.motion, "dimensions": g.dimensions, "unknowns": list(g.unknowns)}
-            for g in found.gauge
-        ],
-        "unused": list(found.unused),
-    }
-
-
-def _direction(direction: FreeDirection, factors: Mapping[str, float]) -> dict[str, Any]:
-    """The coefficients in the units of the estimates, whose name is what precedes the index."""
-    coefficients = {
-        name: _number(movement / factors.get(name.partition("[")[0], 1.0))
-        for name, movement in direction.coefficients.items()
-    }
-    return {
-        "sentence": direction.sentence,
-        "unknowns": list(direction.unknowns),
-        "coefficients": coefficients,
-    }
-
-
-def _summary(summary: ResidualSummary) -> dict[str, Any]:
-    rms = _number(summary.rms)
-    written: dict[str, Any] = {"rows": summary.rows, "used": summary.used, "rms": rms}
-    written["outliers"] = list(summary.outliers)
-    return written if rms is not None else written | {"reason": "no row was used"}
-
-
-def _prior(prior: PriorReport) -> dict[str, Any]:
-    return {
-        "name": prior.name,
-        "value": _number(prior.value),
-        "mean": _number(prior.mean),
-        "sigma": _number(prior.sigma),
-        "residual": _number(prior.residual),
-    }
-
-
-def _constraint(constraint: ConstraintReport) -> dict[str, Any]:
-    written: dict[str, Any] = {
-        "name": constraint.name,
-        "type": constraint.kind,
-        "value": _number(constraint.value),
-        "violation": _number(constraint.violation),
-        "active": constraint.active,
-    }
-    if not math.isfinite(constraint.value):
-        written["reason"] = "it has no finite value"
-    if constraint.over is None:
-        return written
-    return written | {
-        "over": constraint.over,
-        "rows": constraint.rows,
-        "violated_rows": list(constraint.violated_rows),
-        "active_rows": list(constraint.active_rows),
-    }
-
-
-def _number(value: float | None) -> float | int | None:
-    """A number as JSON holds it; None for NaN and infinity."""
-    if value is None or isinstance(value, int):
-        return value
-    return float(value) if math.isfinite(value) else None
-
-
-def _numbers(values: Floats) -> Any:
-    """A number, or (nested) lists of numbers, by the shape of ``values``."""
-    if np.all(np.isfinite(values)):
-        return np.asarray(values, dtype=float).tolist()
-    entries = np.array(values, dtype=object)
-    entries[~np.isfinite(values)] = None
-    return entries.tolist()
+        for block in self._solves.blocks:
+            yield from block_documents(block)
 
 
 def _plain(value: object) -> Any:
@@ -280,5 +84,5 @@ def _plain(value: object) -> Any:
     if isinstance(value, PurePath):
         return value.as_posix()
     if isinstance(value, float):
-        return _number(value)
+        return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, (bool, int, str)) else str(value)

@@ -44,9 +44,10 @@ def element_names(quantity: Quantity, keys: tuple[Key, ...] | None = None) -> tu
     if quantity.kind in geometric.GEOMETRIC:
         labels = geometric.manifold(quantity).labels
         return tuple(member_name(quantity.name, key) + label for key in keys or (None,) for label in labels)
-    indices = list(product(*(range(1, n + 1) for n in quantity.shape)))
-    members: tuple[Key | None, ...] = (None,) if keys is None else keys
-    return tuple(scalar_name(quantity.name, key, index) for key in members for index in indices)
+    indices = product(*(range(1, n + 1) for n in quantity.shape))
+    places = [scalar_name("", None, index) for index in indices]
+    names = (member_name(quantity.name, key) for key in ((None,) if keys is None else keys))
+    return tuple(name + place for name in names for place in places)
 
 
 def shown_sigma(item: Estimate | DerivedValue) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from math import isfinite
+from json.encoder import encode_basestring
 
 WIDEST = 100
 """Characters of a list or dictionary that is written on one line, its indentation not counted."""
@@ -27,26 +27,40 @@ def to_bytes(text: str) -> bytes:
 
 
 def _lines(value: object, indent: str) -> str:
-    if isinstance(value, (float, int, str)):
-        return _atom(value)
-    inner = indent + "  "
-    if isinstance(value, (dict, Mapping)) and value:
-        parts = [f"{_atom(str(name))}: {_lines(entry, inner)}" for name, entry in value.items()]
-        return _joined(parts, "{", "}", indent)
-    if isinstance(value, (list, Sequence)) and value:
-        parts = [_lines(entry, inner) for entry in value]
-        return _joined(parts, "[", "]", indent)
-    return _atom(value)
+    kind = type(value)
+    if kind is float:  # nearly all of a long document, then texts, then tables
+        text = repr(value)
+        return _ATOMS.encode(value) if "n" in text else text  # inf and nan are refused there
+    if kind is str:
+        return encode_basestring(value)  # type: ignore[arg-type]
+    if isinstance(value, dict | Mapping):
+        return _table(value, indent) if value else "{}"
+    if isinstance(value, str):
+        return _ATOMS.encode(value)
+    if isinstance(value, list | Sequence):
+        return _list(value, indent) if value else "[]"
+    return _ATOMS.encode(value)
 
 
-def _joined(parts: list[str], opening: str, closing: str, indent: str) -> str:
-    """On one line if it fits and nothing inside is broken; numbers of a long list fill lines."""
-    if sum(len(part) + 2 for part in parts) <= WIDEST and not any("\n" in part for part in parts):
-        return f"{opening}{', '.join(parts)}{closing}"
+def _table(value: Mapping[object, object], indent: str) -> str:
+    """The names with their entries."""
     inner = indent + "  "
-    of_numbers = opening == "[" and all(part[0] not in '[{"' for part in parts)
-    rows = _filled(parts) if of_numbers else parts
-    return f"{opening}\n{inner}" + f",\n{inner}".join(rows) + f"\n{indent}{closing}"
+    parts = [f"{encode_basestring(str(name))}: {_lines(entry, inner)}" for name, entry in value.items()]
+    joined = ", ".join(parts)
+    if len(joined) + 2 <= WIDEST and "\n" not in joined:
+        return f"{{{joined}}}"
+    return f"{{\n{inner}" + f",\n{inner}".join(parts) + f"\n{indent}}}"
+
+
+def _list(value: Sequence[object], indent: str) -> str:
+    """The entries; numbers of a long list fill lines."""
+    inner = indent + "  "
+    parts = [_lines(entry, inner) for entry in value]
+    joined = ", ".join(parts)
+    if len(joined) + 2 <= WIDEST and "\n" not in joined:
+        return f"[{joined}]"
+    of_numbers = all(part[0] not in '[{"' for part in parts)
+    return f"[\n{inner}" + f",\n{inner}".join(_filled(parts) if of_numbers else parts) + f"\n{indent}]"
 
 
 def _filled(parts: list[str]) -> list[str]:
@@ -61,9 +75,3 @@ def _filled(parts: list[str]) -> list[str]:
         length += len(part) + 2
     rows.append(", ".join(row))
     return rows
-
-
-def _atom(value: object) -> str:
-    if type(value) is float and isfinite(value):  # nearly all of a long document
-        return repr(value)
-    return _ATOMS.encode(value)

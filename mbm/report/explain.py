@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 
 from mbm.expression.nodes import Number
-from mbm.kernels.types import KernelSet
+from mbm.kernels.types import KernelSet, WithoutMachineCode
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.kinds import ConstraintKind
 from mbm.problem.tables import Table
@@ -165,6 +165,8 @@ def _solver(
     else:
         yield f"{_SOLVERS.get(choice.solver, choice.solver)}: {choice.reason}"
         yield f"start: {choice.start}"
+    if isinstance(cache.backend, WithoutMachineCode):
+        yield f"equations: evaluated by NumPy and CasADi, as no machine code can be made here: {cache.backend.reason}"
     if found.problem.request.robust is not None:
         yield f"outliers: {consensus_text(found.problem.request.robust)}"
     if found.problem.request.for_each:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.problem.types import Problem, UnknownKind
+from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report.from_solution import wrapped
 from mbm.report.pictures import plot_data
 from mbm.report.quantities import derived_quantity, quantity_of
@@ -62,7 +62,8 @@ def filled(
     ``items`` are the estimates and derived quantities as families over the solves of the block.
     """
     columns, number = block.columns, block.which.start + place
-    factor, noise = columns.factor[place], float(columns.noise[place])
+    factor = columns.factor[place]
+    noise = {each.name: float(columns.noise[place, i]) for i, each in enumerate(problem.blocks)}
     estimates = [item for item in items if isinstance(item, Estimate)]
     derived = [item for item in items if isinstance(item, DerivedValue)]
     singular = np.linalg.svd(columns.root[place] * columns.scale[place][:, None], compute_uv=False)
@@ -92,8 +93,12 @@ def filled(
         observability=None
         if model.observability is None
         else replace(model.observability, condition=float(singular[0] / singular[-1])),
-        noise={name: None if estimated is None else noise for name, estimated in model.noise.items()},
+        noise={name: None if estimated is None else noise[name] for name, estimated in model.noise.items()},
         residual_summaries=dict(_summaries(model, problem, block, place)),
+        priors=tuple(
+            replace(prior, value=prior.mean + away, residual=away / prior.sigma)
+            for prior, away in zip(model.priors, columns.priors[place].tolist(), strict=True)
+        ),
         residual_rows=lambda: _rows(problem, block, number),
         plot_data=lambda: _pictures(problem, block, number),
     )
@@ -109,14 +114,11 @@ def _with_matrix(model: CovarianceMatrix | None, factor: Floats) -> CovarianceMa
 
 
 def _summaries(model: SolveReport, problem: Problem, block: Block, place: int) -> Iterator[tuple[str, ResidualSummary]]:
-    found = block.columns.outliers
-    outliers: tuple[int, ...] = ()
-    places: tuple[int, ...] = ()
-    if found is not None:  # there is one block then
-        bad = found.of(place)
-        outliers = tuple(sorted(int(found.table.rows[position]) for position in bad))
-        places = file_rows(found.table, bad)
     for i, each in enumerate(problem.blocks):
+        if each.role is not BlockRole.OBSERVATION:
+            continue
+        found = block.columns.outliers[i]
+        bad = [] if found is None else found.of(place)
         rms = float(block.columns.rms[place, i])
         yield (
             each.name,
@@ -125,8 +127,8 @@ def _summaries(model: SolveReport, problem: Problem, block: Block, place: int) -
                 rows=int(block.rows[place, i]),
                 used=int(block.columns.used[place, i]),
                 rms=rms if np.isfinite(rms) else None,
-                outliers=outliers,
-                outlier_places=places,
+                outliers=() if found is None else tuple(sorted(int(found.table.rows[position]) for position in bad)),
+                outlier_places=() if found is None else file_rows(found.table, bad),
             ),
         )
 

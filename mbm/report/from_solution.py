@@ -47,6 +47,15 @@ _MIRRORED = "the mirror image of another one"
 _NOT_FINITE = "the value is not finite"
 
 
+def report_of(problem: Problem, solution: Solution | Failure | Skipped, *, covariance_full: bool) -> SolveReport:
+    """One solve as a report, whatever became of it."""
+    if isinstance(solution, Failure):
+        return failure_report(solution)
+    if isinstance(solution, Skipped):
+        return skipped_report(solution)
+    return solve_report(problem, solution, covariance_full=covariance_full)
+
+
 def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool) -> SolveReport:
     """One solve as a report."""
     names = coordinate_names(problem, solution)
@@ -298,11 +307,9 @@ def _unused(solution: Solution) -> tuple[str, ...]:
     unused[solution.unused] = True
     names: list[str] = []
     for entry in solution.layout.entries:
-        size = entry.unknown.freedom
-        for member, key in enumerate(entry.keys if entry.keys is not None else (None,)):
-            first = entry.first + member * size
-            if bool(unused[first : first + size].all()):
-                names.append(member_name(entry.unknown.name, key))
+        keys = entry.keys if entry.keys is not None else (None,)
+        alone = unused[entry.coordinates].reshape(entry.members, -1).all(axis=1)
+        names.extend(member_name(entry.unknown.name, keys[member]) for member in np.flatnonzero(alone))
     return tuple(names)
 
 

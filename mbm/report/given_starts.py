@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -36,6 +37,7 @@ def given_starts(problem: Problem, tables: Mapping[str, Table], init: Mapping[st
 
     """
     unknowns = {unknown.name: unknown for unknown in problem.unknowns}
+    alike = init is not None and _for_all_alike(init) and all(u.family is None for u in problem.unknowns)
 
     def starts(key: Mapping[str, CellKey]) -> Mapping[str, Floats]:
         if init is None:
@@ -54,7 +56,14 @@ def given_starts(problem: Problem, tables: Mapping[str, Table], init: Mapping[st
                 found[name] = value
         return found
 
-    return starts
+    shared = cache(lambda: starts({}))
+    return (lambda _: shared()) if alike else starts
+
+
+def _for_all_alike(init: Mapping[str, object]) -> bool:
+    """Whether all solves get the same values: these are no document, or one of one solve."""
+    solves = init.get("solves")
+    return not is_document(init) or (isinstance(solves, Sequence) and len(solves) == 1)
 
 
 def members(unknown: Unknown, tables: Mapping[str, Table], key: Mapping[str, CellKey]) -> tuple[CellKey, ...]:

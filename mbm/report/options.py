@@ -35,8 +35,8 @@ class SolveOptions:
     ``data`` maps table names to paths, relative to the working directory. ``init`` is the parsed JSON document of
     ``--init``: name → value, or a whole result document (`mbm.report.initial.initial_values` reads it for one solve).
     ``method`` is a name of LANGUAGE §7 as typed. ``sandbox`` confines reads and ``use`` to a folder. ``interruption``
-    ends the solve with the best point so far when it is requested. ``workers`` threads share many solves (None: one for
-    each processor).
+    ends the solve with the best point so far when it is requested. ``workers`` threads share many solves, or a large
+    one (None: one for each processor).
     """
 
     problem: str | None = None

@@ -7,16 +7,25 @@ from itertools import islice
 
 import numpy as np
 
-from mbm.emit.types import Answers, Reference, Whole
+from mbm.emit.answers import Agreement, Answers, DerivedRows, Reference, Whole
 from mbm.kernels.serialised import BoundRows
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.types import Loss
-from mbm.solution.binding import EvaluationCache, Group
+from mbm.report.agreements import BY_MEDIAN, agreement_of, beginning_of, observed
+from mbm.solution.assembly import Assembled
+from mbm.solution.binding import Binder, EvaluationCache, Group
 from mbm.solution.estimate import assemble, estimate
+from mbm.solution.layout import Layout
+from mbm.solution.minimise import minimise
+from mbm.solution.multistart import starting_points
+from mbm.solution.native.agreeing import agreed_natively
+from mbm.solution.robust.agree import agree
+from mbm.solution.robust.binding import trials_of, units_of
 from mbm.solution.robust.losses.parameters import loss_function
+from mbm.solution.search import search
 from mbm.solution.selection import Selection, selections
-from mbm.solution.settings import Forms, settings_of
+from mbm.solution.settings import Forms, Settings, settings_of
 from mbm.solution.solution import Solution
 from mbm.solution.starting import GIVEN
 from mbm.solution.types import Floats, Indices, Mask, Reason
@@ -32,6 +41,9 @@ AWAY = 3.0
 HALVINGS = 12
 """Times at most that this distance is halved until mbm finds the answer from there."""
 
+SAME = 1e-5
+"""Relative difference of points that two ways lead to, up to which they are one minimum."""
+
 Again = Callable[[Mapping[str, Floats]], Solution]
 """Solves the same data from other starts, by unknown."""
 
@@ -41,16 +53,66 @@ def loss_scale(loss: Loss, components: int) -> float:
     return float(loss_function(loss, components).scale)
 
 
-def answers(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, forms: Forms) -> Answers:
+def answers(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, forms: Forms, *, solving: bool) -> Answers:
     """The answers for the tables at hand, and the equations of the first solve row by row.
 
+    ``solving``: what is made of them solves by itself, so that it has to have what the problem asks for.
+
     Raises:
-        MbmError: the only solve cannot be set up.
+        MbmError: the only solve cannot be set up, or generated solvers do not have its consensus.
 
     """
     with np.errstate(all="ignore"):  # values that are none are told as such, by status or NaN
-        known = tuple(_references(found, kernels, cache, forms))
-        return Answers(references=known, whole=_whole(found, kernels, cache, known))
+        agreement = _agreement(found, kernels, cache, forms) if solving else None
+        known = tuple(_references(found, kernels, cache, forms, agreement, solving))
+        return Answers(references=known, whole=_whole(found, kernels, cache, known), agreement=agreement)
+
+
+def _agreement(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, forms: Forms) -> Agreement | None:
+    """The consensus of the problem, by the equations of the first solve that can be set up."""
+    settings = settings_of(found.problem.request, None, forms)
+    first = next(_systems(found, kernels, cache), None)
+    if first is None:
+        return None
+    asked = agreement_of(found, first, settings)
+    if asked is not None:
+        return asked
+    begun = beginning_of(found, first, settings)
+    if begun is None or not all(_leads(found, each, settings) for each in _systems(found, kernels, cache)):
+        return None
+    return begun
+
+
+def _systems(found: Elaborated, kernels: KernelSet, cache: EvaluationCache) -> Iterator[Assembled]:
+    """The equations of the first solves, but for those that cannot be set up."""
+    _, picked = selections(found.problem, found.tables)
+    for selection in islice(picked, MOST_REFERENCES):
+        try:
+            yield assemble(found.problem, kernels, selection.tables, {}, cache)[0]
+        except MbmError:
+            continue
+
+
+def _leads(found: Elaborated, equations: Assembled, settings: Settings) -> bool:
+    """Whether the minimum that consensus leads to is the one that mbm finds by itself."""
+    try:
+        starts = starting_points(equations, settings, None)
+    except MbmError:
+        return False
+    own = search(equations, starts, settings, found.problem, _never)
+    agreed = agreed_natively(found.problem, equations, settings, BY_MEDIAN, observed, None)
+    if agreed is None:
+        points = np.stack([start.point for start in starts])
+        units = units_of(equations, found.problem, points[0], observed)
+        agreed = agree(trials_of(equations, units, settings.closed_forms), units, points, BY_MEDIAN, settings.seed)
+    other = minimise(equations, agreed.point, settings)
+    near = np.abs(other.point - own.minimum.point) <= SAME * np.maximum(np.abs(own.minimum.point), 1.0)
+    return bool(near.all()) and other.reason.converged
+
+
+def _never(first: Floats, second: Floats) -> bool:
+    """No two points are taken for one."""
+    return False
 
 
 def _whole(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, known: tuple[Reference, ...]) -> Whole:
@@ -59,7 +121,7 @@ def _whole(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, known:
     for selection, reference in zip(picked, known, strict=False):
         if reference.status == "failed":
             continue
-        equations, _ = assemble(found.problem, kernels, selection.tables, {}, cache)
+        equations, binder = assemble(found.problem, kernels, selection.tables, {}, cache)
         column = np.full(len(equations.layout.number), -1, dtype=np.int64)
         column[equations.free] = np.arange(len(equations.free))
         return Whole(
@@ -68,13 +130,44 @@ def _whole(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, known:
             bound=tuple(_bound(group, column) for group in equations.groups),
             residuals=equations.plain_residuals(reference.start),
             jacobian=equations.plain_jacobian(reference.start),
+            answer=reference.numbers,
+            covariance=reference.covariance,
+            derived=tuple(
+                _derived(owner, kernels, binder, reference, column) for owner in range(len(found.problem.derived))
+            ),
         )
     nothing = np.empty(0)
-    return Whole(start=nothing, names=(), bound=(), residuals=nothing, jacobian=np.empty((0, 0)))
+    return Whole(
+        start=nothing,
+        names=(),
+        bound=(),
+        residuals=nothing,
+        jacobian=np.empty((0, 0)),
+        answer=nothing,
+        covariance=np.empty((0, 0)),
+        derived=(),
+    )
+
+
+def _derived(owner: int, kernels: KernelSet, binder: Binder, reference: Reference, column: Indices) -> DerivedRows:
+    """The rows of a derived quantity, and what they come to."""
+    groups = binder.derived(kernels, owner)
+    parts = [np.arange(1) if group.positions is None else group.positions for group in groups]
+    rows = np.concatenate([*parts, np.empty(0, dtype=np.int64)])
+    values = np.concatenate([*(group.values(reference.numbers).ravel() for group in groups), np.empty(0)])
+    sigma = reference.derived[owner][1][rows].ravel()
+    return DerivedRows(
+        bound=tuple(_bound(group, column) for group in groups),
+        rows=tuple(rows.tolist()),
+        values=values,
+        sigma=sigma if sigma.shape == values.shape else np.full(values.shape, np.nan),
+    )
 
 
 def _bound(group: Group, column: Indices) -> BoundRows:
-    weights = np.zeros((group.rows, group.kernel.outputs, group.kernel.outputs))
+    """The rows of a group with what whitens them; nothing does where there is no noise."""
+    shape = (group.rows, group.kernel.outputs, group.kernel.outputs)
+    weights = np.zeros(shape) if group.whiteners else np.broadcast_to(np.eye(group.kernel.outputs), shape)
     for each in group.whiteners:
         own = slice(each.first, each.last)
         if each.weights.ndim == 2:
@@ -91,7 +184,14 @@ def _bound(group: Group, column: Indices) -> BoundRows:
     )
 
 
-def _references(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, forms: Forms) -> Iterator[Reference]:
+def _references(
+    found: Elaborated,
+    kernels: KernelSet,
+    cache: EvaluationCache,
+    forms: Forms,
+    agreement: Agreement | None,
+    solving: bool,
+) -> Iterator[Reference]:
     problem = found.problem
     settings = settings_of(problem.request, None, forms)
     given: Mapping[str, Floats] = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
@@ -116,7 +216,7 @@ def _references(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, f
                 raise
             yield _failed(selection.key)
             continue
-        yield _reference(solution, solve)
+        yield _reference(solution, solve if solving else None, agreement)
 
 
 def _failed(key: Mapping[str, str | float]) -> Reference:
@@ -135,31 +235,43 @@ def _failed(key: Mapping[str, str | float]) -> Reference:
     )
 
 
-def _reference(solution: Solution, again: Again) -> Reference:
+def _reference(solution: Solution, again: Again | None, agreement: Agreement | None) -> Reference:
+    """The answer, and where the test begins: the answer is the one from there. ``again`` None: no test begins."""
     layout = solution.layout
+    unknown = np.isnan(layout.start) | layout.guessed
+    started = not bool(_without(unknown, layout, agreement).any())
+    begun = started and (solution.origin == GIVEN or agreement is not None)
+    first, elsewhere = solution, None
+    if again is not None and not begun and _status(solution) == "converged":
+        elsewhere, solution = _elsewhere(solution, again, agreement)
     spread = np.zeros(len(layout.start))
     places = layout.number[solution.free]
     plain = places >= 0
     spread[places[plain]] = np.nan_to_num(solution.covariance.sigma[plain])
-    unknown = np.isnan(layout.start) | layout.guessed
-    begun = not bool(unknown.any()) and solution.origin == GIVEN
-    status = _status(solution)
     return Reference(
         key=dict(solution.key),
-        status=status,
+        status=_status(solution),
         numbers=solution.numbers,
         spread=spread,
         covariance=solution.covariance.matrix,
         derived=tuple((each.values, each.sigma) for each in solution.derived),
         cost=solution.fit.cost,
         dof=solution.fit.dof,
-        start=np.where(unknown, solution.numbers, layout.start),
-        elsewhere=None if begun or status != "converged" else _elsewhere(solution, again),
+        start=np.where(unknown, first.numbers, layout.start),
+        elsewhere=elsewhere,
     )
 
 
-def _elsewhere(solution: Solution, again: Again) -> Floats | None:
-    """A point (N,) some standard deviations from the answer, from which mbm finds it again; None: there is none."""
+def _without(unknown: Mask, layout: Layout, agreement: Agreement | None) -> Mask:
+    """Which numbers (N,) have no start: those ``unknown``, but for what consensus begins by itself."""
+    found = unknown.copy()
+    for number in () if agreement is None else agreement.startless:
+        found[layout.entries[number].range] = False
+    return found
+
+
+def _elsewhere(solution: Solution, again: Again, agreement: Agreement | None) -> tuple[Floats | None, Solution]:
+    """A point (N,) some standard deviations from the answer, and what mbm answers from there; None: none leads back."""
     for halving in range(HALVINGS):
         point = _moved(solution, AWAY * 0.5**halving)
         try:
@@ -167,9 +279,10 @@ def _elsewhere(solution: Solution, again: Again) -> Floats | None:
         except MbmError:
             continue
         near = abs(other.fit.cost - solution.fit.cost) <= 1e-6 * max(solution.fit.cost, 1.0)
-        if near and other.origin == GIVEN and _status(other) == "converged":
-            return point
-    return None
+        by_itself = other.origin == GIVEN or agreement is not None
+        if near and by_itself and _status(other) == "converged":
+            return point, other
+    return None, solution
 
 
 def _moved(solution: Solution, deviations: float) -> Floats:
@@ -192,9 +305,11 @@ def _moved(solution: Solution, deviations: float) -> Floats:
 
 
 def _status(solution: Solution) -> str:
-    """The status as the document has it, without the sentences."""
+    """The status as the document has it, without the sentences; that too few agree is one of its own here."""
     if solution.minimum.reason is Reason.INFEASIBLE or not solution.minimum.feasible:
         return "infeasible"
+    if solution.minimum.reason is Reason.NO_AGREEMENT:
+        return "no-agreement"
     if not solution.minimum.reason.converged:
         return "not-converged"
     return "converged" if solution.observability.observable else "unobservable"

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Consensus, GivenStarts, Overrides, Problem, RandomStarts
-from mbm.report import faults
-from mbm.report.blocks import BlockReports, ManyReports, block_reports, report_of
-from mbm.report.initial import initial_option
+from mbm.report.from_solution import report_of
 from mbm.report.options import Progress
 from mbm.report.types import InputFile, Result, SolveReport
-from mbm.solution.many.types import Block
 from mbm.solution.run import Solutions
+from mbm.solution.solution import Failure, Skipped, Solution
+from mbm.text.types import Diagnostic
 from mbm.version import __version__
+
+if TYPE_CHECKING:
+    from mbm.report.blocks import BlockReports
 
 
 @np.errstate(all="ignore")  # overflow and NaN are results here: they are found, and reported, where they matter
@@ -34,12 +37,14 @@ def result_of(
     blocks: list[BlockReports] = []
     done = 0
     for part in solutions.parts:
-        if isinstance(part, Block):
-            blocks.append(block_reports(problem, part, covariance_full=covariance_full))
-            done += len(part.which)
-        else:
+        if isinstance(part, Solution | Failure | Skipped):
             reports.append(report_of(problem, part, covariance_full=covariance_full))
             done += 1
+        else:
+            from mbm.report.blocks import block_reports
+
+            blocks.append(block_reports(problem, part, covariance_full=covariance_full))
+            done += len(part.which)
         if progress is not None:
             progress(done, solutions.count)
     request = problem.request
@@ -49,7 +54,7 @@ def result_of(
         file=file,
         problem=problem.name,
         seed=request.seed,
-        solves=ManyReports(blocks) if blocks else tuple(reports),
+        solves=_joined(blocks) if blocks else tuple(reports),
         options={
             "method": request.method.value,
             "max-iterations": request.max_iterations,
@@ -62,9 +67,24 @@ def result_of(
         inputs=tuple(
             InputFile(path=t.provenance.path, sha256=t.provenance.sha256, rows=t.provenance.rows) for t in raw.values()
         ),
-        diagnostics=(*problem.warnings, *((faults.interrupted(done, left),) if left else ())),
+        diagnostics=(*problem.warnings, *_interrupted(done, left)),
         complete=not left,
     )
+
+
+def _joined(blocks: list[BlockReports]) -> Sequence[SolveReport]:
+    from mbm.report.blocks import ManyReports
+
+    return ManyReports(blocks)
+
+
+def _interrupted(done: int, left: int) -> tuple[Diagnostic, ...]:
+    """The warning that ``left`` solves were not made, if any."""
+    if not left:
+        return ()
+    from mbm.report import faults
+
+    return (faults.interrupted(done, left),)
 
 
 def _robust_option(consensus: Consensus | None) -> Mapping[str, object]:
@@ -104,6 +124,8 @@ def asked_options(
     if paths:
         found["data"] = dict(paths)
     if init is not None:
+        from mbm.report.initial import initial_option
+
         found["init"] = initial_option(init)
     return found
 

@@ -17,17 +17,18 @@ from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import CellKey, Column, Table
 from mbm.problem.types import BlockRole, Problem
 from mbm.report import faults
-from mbm.report.document import solve_key
 from mbm.report.elements import plain_key, unit_text
 from mbm.report.geometric import GEOMETRIC, written
 from mbm.report.given_starts import given_starts
 from mbm.report.initial import is_document
 from mbm.report.options import SimulationSettings
 from mbm.report.quantities import quantity_of
+from mbm.report.solve_document import solve_key
 from mbm.report.types import Quantity
 from mbm.solution.binding import EvaluationCache
 from mbm.solution.layout import Entry
 from mbm.solution.simulation import faults as simulation_faults
+from mbm.solution.simulation.repeating import repeatable
 from mbm.solution.simulation.simulate import simulate
 from mbm.solution.simulation.types import FactorsFinder, Outliers, Simulating, Simulation, Truth
 from mbm.text.types import Diagnostic, MbmError
@@ -82,6 +83,18 @@ class Simulated(Mapping[str, dict[str, Any]]):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Repeated:
+    """Data sets one below the other, told apart by a column: ``data`` as ``solve(data=…)`` takes it, and the truth.
+
+    ``truth`` has the form of a result document.
+    """
+
+    data: Mapping[str, dict[str, Any]]
+    truths: tuple[Truth, ...]
+    truth: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Simulator:
     """Makes measurements from true values, for many seeds.
 
@@ -102,13 +115,7 @@ class Simulator:
 
         """
         found, problem = self.found, self.found.problem
-        gross = settings.outliers
-        asked = Simulating(
-            seed=settings.seed,
-            outliers=None if gross is None else Outliers(fraction=gross[0], size=gross[1]),
-            measured=settings.measured,
-            kernels=self.kernels() if settings.draw_priors else None,
-        )
+        asked = replace(_asked(settings), kernels=self.kernels() if settings.draw_priors else None)
         values = given_starts(problem, found.tables, settings.at)
         made = simulate(found, values, noise_factors(problem, settings.at, settings.noise), asked)
         truth = {
@@ -120,6 +127,30 @@ class Simulator:
         }
         tables = tuple(self._table(name, origin, made) for name, origin in self.origins.items())
         return Simulated(tables=tables, truths=made.truths, truth=truth, notes=made.notes)
+
+    def repeated(self, settings: SimulationSettings, seeds: Sequence[int], key: str) -> Repeated | None:
+        """Data sets of one truth with these seeds, one below the other; None where the problem does not allow that.
+
+        Raises:
+            MbmError: as for ``measurements``.
+
+        """
+        found = self.found
+        measured = repeatable(found.problem, settings.measured)
+        if measured is None or settings.draw_priors or any(self.origins[name].key for name in measured):
+            return None
+        values = given_starts(found.problem, found.tables, settings.at)
+        asked = replace(_asked(settings), seeds=tuple(seeds))
+        made = simulate(found, values, noise_factors(found.problem, settings.at, settings.noise), asked)
+        data = {}
+        for name in measured:
+            origin = self.origins[name]
+            rows = np.tile(np.arange(len(origin)), len(seeds))
+            cells = self._table(name, origin.take(rows), made).cells()
+            cells[key] = np.repeat(np.arange(len(seeds)), len(origin))
+            data[name] = cells
+        truth = {"problem": found.problem.name, "solves": [_solve(found.problem, each) for each in made.truths]}
+        return Repeated(data=data, truths=made.truths, truth=truth)
 
     def _table(self, name: str, origin: Table, made: Simulation) -> SimulatedTable:
         """A table as it was read, with the simulated numbers in their units."""
@@ -136,6 +167,15 @@ class Simulator:
             columns[source] = replace(columns[source], numbers=numbers)
             changed.append(source)
         return SimulatedTable(name=name, columns=tuple(columns.values()), changed=tuple(changed), origin=origin)
+
+
+def _asked(settings: SimulationSettings) -> Simulating:
+    gross = settings.outliers
+    return Simulating(
+        seeds=(settings.seed,),
+        outliers=None if gross is None else Outliers(fraction=gross[0], size=gross[1]),
+        measured=settings.measured,
+    )
 
 
 def _solve(problem: Problem, truth: Truth) -> dict[str, Any]:

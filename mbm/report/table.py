@@ -9,7 +9,6 @@ from math import pi
 from mbm.report.columns import Paint, Style, aligned, left, wrapped
 from mbm.report.digits import Measured, measured, plain
 from mbm.report.elements import Scalar, scalars, unit_text
-from mbm.report.many import many_solves
 from mbm.report.others import search_sentences
 from mbm.report.sentences import (
     constraint_sentences,
@@ -37,6 +36,8 @@ def table(result: Result, *, width: int = 80, color: bool = False, full: bool = 
     if len(result.solves) == 1 and not result.solves[0].key:
         lines = list(_one_solve(result, result.solves[0], width, paint, full))
     else:
+        from mbm.report.many import many_solves
+
         lines = [_heading(result, None, paint), "", *many_solves(result.solves, width, paint, full)]
     return "\n".join(line.rstrip() for line in lines) + "\n"
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.kernels.types import KernelSet
+from mbm.kernels.types import KernelSet, MachineCode
 from mbm.problem.kinds import Relation
 from mbm.problem.types import Problem
 from mbm.solution.binding import Binder, Group, affine, mentioned
@@ -22,6 +22,10 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.solution.implicit.elimination import Elimination
     from mbm.solution.robust.losses.function import LossFunction
+
+
+DENSE = 20_000_000
+"""Numbers in a Jacobian up to which the places of its elements are found once for all."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -50,6 +54,12 @@ class Assembled:
     def dimension(self) -> int:
         """Free coordinates, n."""
         return len(self.free)
+
+    @property
+    def machine_code(self) -> MachineCode | None:
+        """The backend, if it makes machine code: only then is anything native worth loading."""
+        backend = self.groups[0].cache.backend if self.groups else None
+        return backend if isinstance(backend, MachineCode) else None
 
     @property
     def whole(self) -> int:
@@ -161,7 +171,8 @@ class Assembled:
         """Whitened Jacobian without losses (m, n)."""
         width = self.dimension
         result = np.zeros((self.whole, width))
-        for group, places in zip(self.groups, self._scatters, strict=True):
+        scatters = self._scatters or tuple(group.scatter(self._columns()) for group in self.groups)
+        for group, places in zip(self.groups, scatters, strict=True):
             if self._eliminated(group):
                 continue
             lines = result[group.first : group.first + group.count]
@@ -251,7 +262,8 @@ class Assembled:
         columns = np.full(len(self.layout.number), -1, dtype=np.int64)
         columns[free] = np.arange(len(free))
         linear = not self.lossy and self.implicit is None and all(affine(g, columns >= 0) for g in self.groups)
-        scatters = tuple(group.scatter(columns) for group in self.groups)
+        small = self.whole * len(free) <= DENSE
+        scatters = tuple(group.scatter(columns) for group in self.groups) if small else ()
         implicit = self.implicit.over(columns) if self.implicit is not None else None
         return replace(self, free=free, numbers=numbers, linear=linear, implicit=implicit, _scatters=scatters)
 

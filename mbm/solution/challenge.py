@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,12 +16,12 @@ from mbm.solution.search import Found
 from mbm.solution.settings import Settings
 from mbm.solution.starting import GIVEN
 
-if TYPE_CHECKING:
-    from mbm.solution.closed_forms.situation import Situation
-
 LOWER = 1e-6
 """Share of the cost by which another minimum must be lower to take the place of the one that a given start leads to."""
 
+
+FROM_A_SAMPLE = 1e-2
+"""Share of the cost by which an answer from a sample of the rows may lie above the minimum near it."""
 
 USUAL = 5.0
 """Standard deviations of χ² within which a fit gives no cause for doubt."""
@@ -34,10 +33,11 @@ def challenged(
     """``found``, or what a closed form for all unknowns leads to where that is a better fit.
 
     A closed form's answer costs more than the minimum that it lies near: it is followed only if it costs less than what
-    was found, or nothing was found. Of ``many`` solves, those that fit as well as the stated noise lets expect are left
-    alone. That no closed form is made for such equations is remembered in ``cache``, for the data sets to come. It is
-    learnt from data that were solved only, and not relied on where a fit is worse than stated noise lets expect: what
-    closed forms recognise is found by probing the data, and one that fails on these may succeed on the next.
+    was found (hardly more, where it is that of a sample of very many rows), or nothing was found. Of ``many`` solves,
+    those that fit as well as the stated noise lets expect are left alone. That no closed form is made for such
+    equations is remembered in ``cache``, for the data sets to come. It is learnt from data that were solved only, and
+    not relied on where a fit is worse than stated noise lets expect: what closed forms recognise is found by probing
+    the data, and one that fails on these may succeed on the next.
     """
     names = tuple(entry.unknown.name for entry in equations.layout.entries)
     kind: Kind = (names, tuple(group.rows for group in equations.groups))
@@ -52,18 +52,20 @@ def challenged(
     # Here and below: loaded where a start is challenged only, so that other problems start at once.
     from mbm.solution.closed_forms.completion import completions
     from mbm.solution.closed_forms.situation import Situation
+    from mbm.solution.closed_forms.thinning import ENOUGH
 
     numbers = np.where(equations.moving(), np.nan, found.minimum.point)
-    situation = Situation(layout=equations.layout, groups=equations.groups, numbers=numbers)
+    situation = Situation(layout=equations.layout, groups=equations.groups, numbers=numbers, most=ENOUGH)
     reached = completions(situation, settings.closed_forms)
     complete = [c for c in reached if not bool(np.isnan(c.numbers).any())]
     if not complete:
-        if solved and not any(_recognised(situation.with_numbers(c.numbers), settings) for c in reached):
+        if solved and not any(c.recognised for c in reached):
             cache.without_closed_form.add(kind)
         return found
     fits = costs(equations, np.stack([c.numbers for c in complete]))
     best = int(np.argmin(fits))
-    if not np.isfinite(fits[best]) or (found.minimum.reason.converged and not fits[best] < found.minimum.cost):
+    least = found.minimum.cost * (1.0 + FROM_A_SAMPLE if situation.thins else 1.0)
+    if not np.isfinite(fits[best]) or (found.minimum.reason.converged and not fits[best] < least):
         return found
     other = minimise(equations, complete[best].numbers, settings, problem.span)
     lower = other.cost < (1 - LOWER) * found.minimum.cost
@@ -75,13 +77,6 @@ def challenged(
         iterations=found.iterations + other.iterations,
         evaluations=found.evaluations + other.evaluations,
     )
-
-
-def _recognised(situation: Situation, settings: Settings) -> bool:
-    """Whether a closed form is made for some of the unknowns, whatever the data say."""
-    from mbm.solution.closed_forms.completion import plans
-
-    return next(plans(situation, settings.closed_forms), None) is not None
 
 
 def _plausible(equations: Assembled, found: Found, problem: Problem) -> bool:

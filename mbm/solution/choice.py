@@ -12,6 +12,7 @@ from mbm.solution.binding import Binder, EvaluationCache
 from mbm.solution.closed_forms.completion import completions
 from mbm.solution.closed_forms.situation import Situation
 from mbm.solution.closed_forms.standard import STANDARD
+from mbm.solution.closed_forms.thinning import ENOUGH
 from mbm.solution.closed_forms.types import ClosedForm
 from mbm.solution.layout import layout
 from mbm.solution.minimise import solver_name
@@ -61,7 +62,7 @@ def _start(equations: Assembled, settings: Settings) -> str:
     if origin != GIVEN or equations.linear:
         return origin
     numbers = np.where(equations.moving(), np.nan, equations.layout.start)
-    situation = Situation(layout=equations.layout, groups=equations.groups, numbers=numbers)
+    situation = Situation(layout=equations.layout, groups=equations.groups, numbers=numbers, most=ENOUGH)
     used = completions(situation, settings.closed_forms)[0].used
     return f"{origin}; closed forms are compared with what they lead to: {'; '.join(used)}" if used else origin
 

@@ -31,14 +31,14 @@ def picked_members(
             raise MbmError(problem_faults.dangling_key(entry.unknown.span, member.key, where, None, None))
         return literal
     cells = _cells(member, table, positions, tables)
-    found = np.array([entry.index.get(cell, -1) for cell in cells], dtype=np.int64)
-    if bool((found < 0).any()):
-        row = int(np.argmax(found < 0))
+    found = list(map(entry.index.get, cells))
+    if None in found:
+        row = found.index(None)
         if table is None or positions is None or member.row is not RowChoice.EACH:
             raise MbmError(problem_faults.dangling_key(entry.unknown.span, cells[row], where, None, None))
         place = table.place(int(positions[row]), member.column)
         raise MbmError(problem_faults.dangling_key(place, cells[row], where, None, entry.unknown.span))
-    return found
+    return np.array(found, dtype=np.int64)
 
 
 def _cells(
@@ -48,7 +48,7 @@ def _cells(
         if member.column == ROW and ROW not in table.columns:
             return [float(r) for r in table.rows[positions]]
         keys = table.keys(member.column)
-        return [keys[i] for i in positions]
+        return list(map(keys.__getitem__, positions.tolist()))
     if member.row is RowChoice.EACH:
         message = f"a key of `{member.table}.{member.column}` is wanted where there is no row"
         raise TypeError(message)

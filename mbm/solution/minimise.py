@@ -9,12 +9,9 @@ from typing import TYPE_CHECKING
 from mbm.problem.types import Method
 from mbm.solution import faults
 from mbm.solution.nudging import SINGULAR, beside
+from mbm.solution.pushing import with_pushed_bounds
 from mbm.solution.settings import Settings
-from mbm.solution.solvers.dogleg import DOGLEG
-from mbm.solution.solvers.gauss_newton import GAUSS_NEWTON
-from mbm.solution.solvers.linear import LINEAR
-from mbm.solution.solvers.marquardt import MARQUARDT
-from mbm.solution.solvers.standing import STANDING
+from mbm.solution.solvers.box import one_step_suits
 from mbm.solution.sparsity import sparse_suits
 from mbm.solution.types import Correctable, Equations, Floats, Minimum, Reason, Solver
 from mbm.text.types import MbmError, Place
@@ -29,33 +26,37 @@ ROUGH = 20
 ROUGHLY = 0.05
 """Iterations and relative offset of a fit whose end is only a start."""
 
-METHODS: dict[Method, Solver] = {
-    Method.MARQUARDT: MARQUARDT,
-    Method.DOGLEG: DOGLEG,
-    Method.GAUSS_NEWTON: GAUSS_NEWTON,
-    Method.CLOSED_FORM: STANDING,
-    Method.DIRECT_SEARCH: MARQUARDT,
-    Method.IPOPT: MARQUARDT,
-}
+SPARSE, LINEAR, MARQUARDT = "lm-sparse", "linear", Method.MARQUARDT.value
+"""Names of solvers that nobody asks for by name, and of the one that takes over from methods that only begin."""
 
 
 def solver_for(equations: Equations, settings: Settings) -> Solver:
     """The solver that ``settings`` names; `auto` is one step for linear equations without bounds, else Marquardt."""
-    if _sparse(equations, settings):
-        # Here and below: methods that few problems need are loaded by those that do, so that small ones start at once.
-        from mbm.solution.sparse.marquardt import SPARSE_MARQUARDT
+    # Here and below: methods that few problems need are loaded by those that do, so that small ones start at once.
+    name = _name(equations, settings)
+    if name == SPARSE:
+        from mbm.solution.sparse.marquardt import SparseMarquardt
 
-        return SPARSE_MARQUARDT
-    if settings.method is not Method.AUTO:
-        return METHODS[settings.method]
-    return LINEAR if LINEAR.supports(equations) else MARQUARDT
+        return SparseMarquardt(workers=settings.workers)
+    from mbm.solution.solvers.standard import SOLVERS
+
+    return SOLVERS[name]
+
+
+def _name(equations: Equations, settings: Settings) -> str:
+    """The name of that solver."""
+    method = settings.method
+    if _sparse(equations, settings):
+        return SPARSE
+    if method is Method.AUTO and one_step_suits(equations):
+        return LINEAR
+    return MARQUARDT if method in (Method.AUTO, Method.DIRECT_SEARCH, Method.IPOPT) else method.value
 
 
 def solver_name(equations: Equations, settings: Settings) -> str:
     """The name of the method that ``minimise`` takes."""
-    solver = solver_for(equations, settings)
-    if solver is STANDING or _bound(equations, settings) is None:
-        return solver.name
+    if settings.method is Method.CLOSED_FORM or _bound(equations, settings) is None:
+        return _name(equations, settings)
     from mbm.solution.constrained.solve import method_name
 
     return method_name(settings)
@@ -70,7 +71,6 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
         raise MbmError(faults.no_unknowns(place))
     if equations.count == 0:
         raise MbmError(faults.no_equations(equations.dimension, place))
-    solver = solver_for(equations, settings)
     size = max(equations.count, equations.dimension) * equations.dimension
     bound = _bound(equations, settings)
     if (not _sparse(equations, settings) or bound is not None) and size > DENSE_LIMIT:
@@ -79,29 +79,37 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
         from mbm.solution.implicit.approach import approached
 
         start = approached(equations, start, lambda plain, point: _roughly(plain, point, settings))
-    if solver in (LINEAR, MARQUARDT):
+    if _compiled(equations) and _name(equations, settings) in (LINEAR, MARQUARDT):
         from mbm.solution.native.minimum import native_minimum
 
         native = native_minimum(equations, start, settings)
         if native is not None:
-            return native
+            return with_pushed_bounds(equations, native)
+    solver = solver_for(equations, settings)
     found = _from(equations, bound, solver, start, settings)
-    if found.reason in SINGULAR and solver is not STANDING:
+    if found.reason in SINGULAR and settings.method is not Method.CLOSED_FORM:
         others = (_from(equations, bound, solver, point, settings) for point in beside(equations, start, settings.seed))
         found = next((other for other in others if other.reason not in SINGULAR), found)
-    return found
+    return with_pushed_bounds(equations, found)
 
 
 def minima(equations: Equations, starts: Floats, settings: Settings, place: Place | None = None) -> Iterator[Minimum]:
     """The minimum that each of many starts (T, N) leads to, as `minimise` finds it; native solves are made at once."""
     found: Iterable[Minimum | None] = (None for _ in starts)
     profiled = isinstance(equations, Correctable) and equations.profiled
-    if len(starts) > 1 and not profiled and solver_for(equations, settings) in (LINEAR, MARQUARDT):
+    alone = len(starts) < 2 or profiled or not _compiled(equations)
+    if not alone and _name(equations, settings) in (LINEAR, MARQUARDT):
         from mbm.solution.native.minimum import native_minima
 
         found = native_minima(equations, starts, settings)
     for start, native in zip(starts, found, strict=True):
-        yield minimise(equations, start, settings, place) if native is None else native
+        each = minimise(equations, start, settings, place) if native is None else native
+        yield with_pushed_bounds(equations, each)
+
+
+def _compiled(equations: Equations) -> bool:
+    """Whether there may be machine code for the equations."""
+    return getattr(equations, "machine_code", None) is not None
 
 
 def _sparse(equations: Equations, settings: Settings) -> bool:
@@ -123,7 +131,7 @@ def _from(
     equations: Equations, bound: ConstrainedEquations | None, solver: Solver, start: Floats, settings: Settings
 ) -> Minimum:
     """Where the solver gets from the start; ``bound`` are the equations if they have constraints."""
-    if solver is not STANDING and bound is not None:
+    if settings.method is not Method.CLOSED_FORM and bound is not None:
         from mbm.solution.constrained.solve import constrained_minimum
 
         return constrained_minimum(bound, start, settings)

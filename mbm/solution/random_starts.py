@@ -16,6 +16,9 @@ WIDEST = 0.94
 TOGETHER = 2_000_000
 """Residuals that are computed together."""
 
+SINGLE = 3
+"""Points up to which each is computed by itself: arrays for many are made ready for more."""
+
 POSITIVE_DECADES = 2.0
 """Positive numbers range over so many powers of ten on either side of their scale."""
 
@@ -44,7 +47,7 @@ def random_points(equations: Assembled, base: Floats, wanted: Mask, count: int, 
 def costs(equations: Assembled, points: Floats) -> Floats:
     """``Σ r²`` at points (T, N), infinite where an equation has no value."""
     with np.errstate(all="ignore"):
-        if equations.implicit is not None:
+        if equations.implicit is not None or len(points) <= SINGLE:
             found = np.array([float(np.square(equations.residuals(point)).sum()) for point in points])
         else:
             stack = batch(equations)

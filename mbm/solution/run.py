@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from mbm.problem.tables import CellKey
 from mbm.solution.binding import EvaluationCache
 from mbm.solution.estimate import estimate
 from mbm.solution.interruption import Interruption
-from mbm.solution.many.types import Begun, Block
 from mbm.solution.sampled_rows import settled
 from mbm.solution.selection import Selection, selections
 from mbm.solution.settings import Forms, Settings, settings_of, standard_forms
@@ -21,6 +21,9 @@ from mbm.solution.solution import Failure, Skipped, Solution
 from mbm.solution.types import Floats
 from mbm.text.types import MbmError
 from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.solution.many.types import Begun, Block
 
 StartsFinder = Callable[[Mapping[str, CellKey]], Mapping[str, Floats]]
 """The starts (SI, by name) given from outside for the solve with a key."""
@@ -37,10 +40,10 @@ class Solutions:
     def each(self) -> Iterator[Solution | Failure | Skipped]:
         """The solves one by one."""
         for part in self.parts:
-            if isinstance(part, Block):
-                yield from (part.solution(number) for number in part.which)
-            else:
+            if isinstance(part, Solution | Failure | Skipped):
                 yield part
+            else:
+                yield from (part.solution(number) for number in part.which)
 
 
 def solutions(
@@ -66,18 +69,18 @@ def solutions(
     settings = replace(settings_of(problem.request, interruption, forms), workers=workers)
     given = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
     window = problem.request.window
-    begun: Begun = given if starts is None else lambda key: {**starts(key), **given}
+    begun: Begun = given if starts is None else _with(starts, given) if given else starts
     solve = _one_by_one(found, kernels, cache, begun, settings)
     at_once = None
-    if problem.request.for_each and window is None:
+    if problem.request.for_each or window is not None:
         # Loaded by problems with many solves only, so that the others start at once.
-        from mbm.solution.many.solve import together
+        from mbm.solution.many.together import together
 
         at_once = together(problem, kernels, found.tables, settings, cache, begun)
     if at_once is not None:
         if interruption is not None:
             interruption.listen()
-        return Solutions(at_once.count, at_once.blocks(workers, lambda selection: solve(selection, None)))
+        return Solutions(at_once.count, at_once.blocks(workers, solve))
     count, picked = selections(problem, found.tables)
 
     def each() -> Iterator[Solution | Failure | Skipped]:
@@ -93,6 +96,10 @@ def solutions(
             yield solved
 
     return Solutions(count, each())
+
+
+def _with(starts: StartsFinder, given: Mapping[str, Floats]) -> StartsFinder:
+    return lambda key: {**starts(key), **given}
 
 
 def _one_by_one(

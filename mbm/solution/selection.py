@@ -5,19 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.problem.rows import Positions
 from mbm.problem.tables import CellKey, Table
-from mbm.problem.types import Problem
+from mbm.problem.types import Problem, Window
 from mbm.solution import faults
-from mbm.solution.grouping import Groups, groups
-from mbm.solution.selected import SelectedTables, column_families
 from mbm.solution.types import Indices
-from mbm.solution.windows import Windows, windows
 from mbm.text.types import MbmError
 from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.solution.grouping import Groups
+    from mbm.solution.windows import Windows
 
 MAXIMUM_SOLVES = 1_000_000
 """Combinations of keys from different tables that are tried; rows of one table that has all columns are not limited."""
@@ -49,6 +51,10 @@ def selections(problem: Problem, tables: Mapping[str, Table]) -> tuple[int, Iter
     columns, window = problem.request.for_each, problem.request.window
     if not columns and window is None:
         return 1, iter((Selection(key={}, tables=tables),))
+    # Loaded by problems with many solves only, so that the others start at once.
+    from mbm.solution.selected import SelectedTables, column_families
+    from mbm.solution.windows import windows
+
     families = column_families(problem)
     base = {name: table for name, table in tables.items() if name not in families}
     chosen = list(_chosen(columns, base))
@@ -56,15 +62,27 @@ def selections(problem: Problem, tables: Mapping[str, Table]) -> tuple[int, Iter
         made = (Selection(key=key, tables=SelectedTables(base, rows, families)) for key, rows in chosen)
         return len(chosen), made
     slid = [(key, windows(problem, window, base, rows)) for key, rows in chosen]
-    count = sum(each.count for _, each in slid)
+    count = too_many(window, sum(each.count for _, each in slid))
+    return count, (selection for key, each in slid for selection in _slid(key, each, base, problem))
+
+
+def too_many(window: Window, count: int) -> int:
+    """The number of windows.
+
+    Raises:
+        MbmError: they are more than can be meant.
+
+    """
     if count > MAXIMUM_WINDOWS:
         raise MbmError(faults.too_many_windows(window.span, count, MAXIMUM_WINDOWS))
-    return count, (selection for key, each in slid for selection in _slid(key, each, base, problem))
+    return count
 
 
 def _slid(
     key: Mapping[str, CellKey], slid: Windows, base: Mapping[str, Table], problem: Problem
 ) -> Iterator[Selection]:
+    from mbm.solution.selected import SelectedTables, column_families
+
     families = column_families(problem)
     for end, positions, rows in slid.each():
         tables = SelectedTables(base, positions, families)
@@ -118,6 +136,8 @@ def divided(columns: tuple[str, ...], tables: Mapping[str, Table]) -> Divided:
         MbmError: more combinations than can be meant.
 
     """
+    from mbm.solution.grouping import groups
+
     own = {name: tuple(i for i, c in enumerate(columns) if c in table.columns) for name, table in tables.items()}
     grouped = {name: groups(tables[name], [columns[i] for i in places]) for name, places in own.items() if places}
     whole = [grouped[name] for name, places in own.items() if len(places) == len(columns)]

@@ -32,9 +32,9 @@ def standard_forms() -> tuple[ClosedForm, ...]:
 class Settings:
     """``tolerance`` bounds the relative offset: the next step in standard deviations of the estimates.
 
-    ``forms`` gives the closed forms that may give starts. ``interruption`` is asked
-    between iterations, through ``stopped()``. ``workers`` threads share many starts (None: one for each processor);
-    the answers do not depend on their number.
+    ``forms`` gives the closed forms that may give starts. ``interruption`` is asked between iterations, through
+    ``stopped()``. ``workers`` threads share many starts, and what is heavy in a large solve (None: one for each
+    processor); the answers do not depend on their number.
     """
 
     method: Method = Method.AUTO

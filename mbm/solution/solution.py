@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from mbm.problem.tables import CellKey, Table
 from mbm.solution.binding import Group
 from mbm.solution.layout import Layout
-from mbm.solution.search import Alternative, Tally
 from mbm.solution.types import Covariance, Fit, Floats, Indices, Mask, Minimum, Noise, Observability
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.solution.implicit.types import CorrectedColumn
+    from mbm.solution.search import Alternative, Tally
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

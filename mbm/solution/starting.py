@@ -74,8 +74,10 @@ def beginnings(equations: Assembled, settings: Settings) -> tuple[Beginning, ...
     # Here and below: loaded where starts are missing only, so that other problems start at once.
     from mbm.solution.closed_forms.completion import completions
     from mbm.solution.closed_forms.situation import Situation
+    from mbm.solution.closed_forms.thinning import ENOUGH
 
-    situation = Situation(layout=layout, groups=equations.groups, numbers=np.where(open_ones, np.nan, numbers))
+    wanted_numbers = np.where(open_ones, np.nan, numbers)
+    situation = Situation(layout=layout, groups=equations.groups, numbers=wanted_numbers, most=ENOUGH)
     found = completions(situation, settings.closed_forms)
     most = min(int(np.isnan(c.numbers).sum()) for c in found)
     ends = [b for c in found if int(np.isnan(c.numbers).sum()) == most for b in _ended(equations, c, settings)]

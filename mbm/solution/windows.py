@@ -11,7 +11,7 @@ from mbm.problem.checks import used_rows
 from mbm.problem.rows import MAXIMUM_REPORTED, Positions
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Problem, Window
-from mbm.solution.types import Floats, Mask
+from mbm.solution.types import Floats, Indices, Mask
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
@@ -35,6 +35,19 @@ class _Timed:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stretch:
+    """The rows of all T windows in one table: window k has those at ``order[first[k] : last[k]]``.
+
+    ``used`` (T,) are those of them that an observation uses.
+    """
+
+    order: Positions
+    first: Indices
+    last: Indices
+    used: Indices
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Windows:
     """The windows over one selection of rows; ``others`` are positions in tables without the column."""
 
@@ -47,18 +60,34 @@ class Windows:
     timed: Mapping[str, _Timed]
     others: Mapping[str, Positions]
 
+    @property
+    def ends(self) -> list[float]:
+        """The end of each window, as the data write it."""
+        return [self._written(end) for end in self._ends().tolist()]
+
     def each(self) -> Iterator[tuple[float, Mapping[str, Positions], int]]:
         """End of each window, the positions of its rows by table, and how many rows observations use."""
-        for number in range(self.count):
-            end = self.first + number * self.step
+        stretches = {name: self.stretch(name) for name in self.timed}
+        for number, end in enumerate(self._ends().tolist()):
             positions = dict(self.others)
-            rows = 0
-            for name, timed in self.timed.items():
-                start = int(np.searchsorted(timed.times, end - self.length + self.slack, side="right"))
-                stop = int(np.searchsorted(timed.times, end + self.slack, side="right"))
-                positions[name] = np.sort(timed.positions[start:stop])
-                rows += int(timed.used[stop] - timed.used[start]) if stop > start else 0
-            yield self._written(end), positions, rows
+            for name, each in stretches.items():
+                positions[name] = np.sort(each.order[int(each.first[number]) : int(each.last[number])])
+            yield self._written(end), positions, sum(int(each.used[number]) for each in stretches.values())
+
+    def stretch(self, name: str) -> Stretch:
+        """The rows of all windows in one table."""
+        timed = self.timed.get(name)
+        if timed is None:
+            order = self.others[name]
+            whole = np.full(self.count, len(order), dtype=np.int64)
+            return Stretch(order=order, first=np.zeros_like(whole), last=whole, used=np.zeros_like(whole))
+        ends = self._ends()
+        first = np.searchsorted(timed.times, ends - self.length + self.slack, side="right")
+        last = np.maximum(np.searchsorted(timed.times, ends + self.slack, side="right"), first)
+        return Stretch(order=timed.positions, first=first, last=last, used=timed.used[last] - timed.used[first])
+
+    def _ends(self) -> Floats:
+        return np.asarray(self.first + np.arange(self.count, dtype=np.float64) * self.step)
 
     def _written(self, end: float) -> float:
         """The end as the data write it, where a row stands at it: 0.3, not 0.30000000000000004."""

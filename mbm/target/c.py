@@ -152,8 +152,9 @@ def _expression(node: Expression) -> tuple[str, int]:
         case Negate():
             return f"-{_at(node.argument, _UNARY + 1)}", _UNARY
         case Compare():
-            level = _PRECEDENCE[node.operator]
-            return f"{_at(node.left, level + 1)} {node.operator} {_at(node.right, level + 1)}", level
+            # A comparison of comparisons in parentheses always: compilers warn about it.
+            inner = _PRECEDENCE["+"]
+            return f"{_at(node.left, inner)} {node.operator} {_at(node.right, inner)}", _PRECEDENCE[node.operator]
         case Logical():
             return _logical(node)
         case Choose():

@@ -3,8 +3,8 @@
 What may be used: ``for i in range(…)``, ``while``, ``if``, ``break``, ``continue``, ``return``, assignments to names
 and to elements (also ``+= -= *= /=``), ``a[k:]`` for the array from an element on, arithmetic, comparisons, the
 intrinsic functions, ``a if c else b``, ``float(i)``, ``max(x, y)`` and ``min(x, y)`` of reals, `call_kernel`,
-`call_normal`, and functions read before. Parameters and results are annotated with `Real`, `Integer`, `Reals`,
-`Integers`, `ConstantReals`, `ConstantIntegers`. A variable has the type of what is first assigned to it.
+`call_united`, `call_normal`, and functions read before. Parameters and results are annotated with `Real`, `Integer`,
+`Reals`, `Integers`, `ConstantReals`, `ConstantIntegers`. A variable has the type of what is first assigned to it.
 
 Names of numbers at module level are constants, and may be given other values when the text is read. What they decide
 is decided then: arithmetic and comparisons of constant integers, branches on them, and loops that run once.

@@ -353,7 +353,24 @@ CALL_NORMAL = Function(
     external=True,
 )
 
-EXTERNAL = (CALL_KERNEL, CALL_NORMAL)
+CALL_UNITED = Function(
+    name="call_united",
+    parameters=(
+        Name("address", Type.INTEGER),
+        Name("point", Type.CONSTANT_REALS),
+        Name("data", Type.CONSTANT_REALS),
+        Name("target", Type.REALS),
+        Name("stride", Type.INTEGER),
+    ),
+    returns=None,
+    body=(),
+    locals=(),
+    doc="Evaluate rows of several kernels at once, as `mbm.target.straight_line` says: in the process only.",
+    distinct=True,
+    external=True,
+)
+
+EXTERNAL = (CALL_KERNEL, CALL_UNITED, CALL_NORMAL)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -32,10 +32,14 @@ class VectorLibrary:
         return f"{self.prefix}{'v' * arguments}_{function}"
 
 
+def scalar(value: float) -> str:
+    """A double, to the last bit."""
+    return f"0x{int.from_bytes(struct.pack('>d', value), 'big'):016X}"
+
+
 def number(value: float) -> str:
     """A vector of equal doubles."""
-    bits = int.from_bytes(struct.pack(">d", value), "big")
-    return f"<{', '.join([f'double 0x{bits:016X}'] * LANES)}>"
+    return f"<{', '.join([f'double {scalar(value)}'] * LANES)}>"
 
 
 ZERO, ONE, MINUS_ONE = number(0.0), number(1.0), number(-1.0)

@@ -19,21 +19,21 @@ class NoPrinterError(Exception):
     """An operation without a printer here; another backend has to evaluate the program. An internal fault."""
 
 
-_BINARY: Mapping[Operator, str] = {
+BINARY: Mapping[Operator, str] = {
     Operator.ADD: "fadd",
     Operator.SUB: "fsub",
     Operator.MUL: "fmul",
     Operator.DIV: "fdiv",
 }
-_COMPARISONS: Mapping[Operator, str] = {
+COMPARISONS: Mapping[Operator, str] = {
     Operator.LESS: "olt",
     Operator.LESS_EQUAL: "ole",
     Operator.EQUAL: "oeq",
     Operator.NOT_EQUAL: "une",
 }
-_ROUND = (Operator.SIN, Operator.COS)
-_LOGICAL: Mapping[Operator, str] = {Operator.AND: "and", Operator.OR: "or"}
-_INTRINSICS: Mapping[Operator, str] = {
+ROUND = (Operator.SIN, Operator.COS)
+LOGICAL: Mapping[Operator, str] = {Operator.AND: "and", Operator.OR: "or"}
+INTRINSICS: Mapping[Operator, str] = {
     Operator.SQRT: "sqrt",
     Operator.FLOOR: "floor",
     Operator.CEIL: "ceil",
@@ -66,7 +66,7 @@ VECTORISED: Mapping[Operator, int] = {
 }
 """What vector libraries may have, with the number of arguments; the C library has it under the same names."""
 
-_SCALAR = (Operator.FMOD, Operator.REMAINDER)
+SCALAR = (Operator.FMOD, Operator.REMAINDER)
 """What only the C library has: exact, by long division."""
 
 
@@ -97,7 +97,7 @@ class _Values:
         for name, value in zip(inputs, program.inputs, strict=True):
             if value >= 0:
                 self._reals[value] = name
-        self._angles = _angles(program) if text.library is not None and text.library.fused else frozenset()
+        self._angles = angles_of(program) if text.library is not None and text.library.fused else frozenset()
         self._pairs: dict[int, dict[Operator, str]] = {}
 
     def real(self, value: int) -> str:
@@ -127,15 +127,15 @@ class _Values:
             self._reals[instruction.target] = self._chosen(self.mask(test), self.real(value), ZERO)
             return
         arguments = [self.real(a) for a in instruction.arguments]
-        if operator in _ROUND and instruction.arguments[0] in self._angles:
+        if operator in ROUND and instruction.arguments[0] in self._angles:
             found = self._together(instruction.arguments[0])[operator]
-        elif operator in _BINARY:
-            found = text.new(f"{_BINARY[operator]} {VECTOR} {arguments[0]}, {arguments[1]}")
-        elif operator in _INTRINSICS:
-            found = text.intrinsic(_INTRINSICS[operator], arguments)
+        elif operator in BINARY:
+            found = text.new(f"{BINARY[operator]} {VECTOR} {arguments[0]}, {arguments[1]}")
+        elif operator in INTRINSICS:
+            found = text.intrinsic(INTRINSICS[operator], arguments)
         elif operator in VECTORISED:
             found = text.by_library(operator.value, arguments)
-        elif operator in _SCALAR:
+        elif operator in SCALAR:
             found = text.by_lane(operator.value, arguments)
         elif operator in _SHORT:
             found = _SHORT[operator](text, arguments[0])
@@ -147,26 +147,26 @@ class _Values:
         """Sine and cosine of a value."""
         if value not in self._pairs:
             found = sine_and_cosine.call(self._text, self.real(value))
-            self._pairs[value] = dict(zip(_ROUND, found, strict=True))
+            self._pairs[value] = dict(zip(ROUND, found, strict=True))
         return self._pairs[value]
 
     def _as_mask(self, instruction: Instruction) -> str | None:
         operator, text = instruction.operator, self._text
-        if operator in _COMPARISONS:
+        if operator in COMPARISONS:
             left, right = (self.real(a) for a in instruction.arguments)
-            return text.new(f"fcmp {_COMPARISONS[operator]} {VECTOR} {left}, {right}")
+            return text.new(f"fcmp {COMPARISONS[operator]} {VECTOR} {left}, {right}")
         if operator is Operator.NOT:
             true = f"<{', '.join(['i1 true'] * LANES)}>"
             return text.new(f"xor {MASK} {self.mask(instruction.arguments[0])}, {true}")
-        if operator in _LOGICAL:
+        if operator in LOGICAL:
             left, right = (self.mask(a) for a in instruction.arguments)
-            return text.new(f"{_LOGICAL[operator]} {MASK} {left}, {right}")
+            return text.new(f"{LOGICAL[operator]} {MASK} {left}, {right}")
         return None
 
 
-def _angles(program: Program) -> frozenset[int]:
+def angles_of(program: Program) -> frozenset[int]:
     """The values of which both sine and cosine are wanted."""
-    of = [{i.arguments[0] for i in program.instructions if i.operator is operator} for operator in _ROUND]
+    of = [{i.arguments[0] for i in program.instructions if i.operator is operator} for operator in ROUND]
     return frozenset(of[0] & of[1])
 
 

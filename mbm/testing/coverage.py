@@ -8,7 +8,7 @@ follow χ² (Kolmogorov-Smirnov). All with what chance allows for so many runs.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -18,12 +18,19 @@ from mbm.api.problem import Problem
 from mbm.compiler import Inputs, SolveSettings
 from mbm.problem.elaborated import Elaborated
 from mbm.report.options import SimulationSettings
-from mbm.report.simulated import Simulated
+from mbm.report.simulated import Simulated, Simulator
 from mbm.report.types import Floats, SolveReport
+from mbm.solution.simulation.types import Truth
 from mbm.testing.truth import CoordinateErrors, derived_errors, estimate_errors
 from mbm.values import dataclass
 
 LEVELS = (0.6827, 0.95)
+
+RUN = "run of a simulation"
+"""The column that tells runs apart where many stand in one table: no file's column, and no name in a problem."""
+
+ROWS_AT_ONCE = 500_000
+"""Rows of the largest table, of all runs that are solved together."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,15 +115,32 @@ def coverage(
     )
     found: list[_Run] = []
     failures = warned = 0
-    for run in range(runs):
-        made = simulator.measurements(replace(settings, seed=_run_seed(seed, run)))
-        solve = _solved(compiled, made, start_at_truth)
+    for solve, truth in _solves(compiled, simulator, settings, runs, start_at_truth):
         warned += any(d.code.name == "too-nonlinear" for d in solve.diagnostics)
         if not solve.status.trusted:
             failures += 1
             continue
-        found.append(_run(simulator.found, solve, made))
+        found.append(_run(simulator.found, solve, truth))
     return _summary(found, runs, failures, warned)
+
+
+def _solves(
+    compiled: CompiledProblem, simulator: Simulator, settings: SimulationSettings, runs: int, start_at_truth: bool
+) -> Iterator[tuple[SolveReport, Truth]]:
+    """The solves of all runs with the truth of each: many data sets in one table where the problem allows that."""
+    seeds = [_run_seed(settings.seed, run) for run in range(runs)]
+    size = max((len(table) for table in simulator.found.tables.values()), default=1)
+    at_once = max(ROWS_AT_ONCE // max(size, 1), 1)
+    for first in range(0, runs, at_once):
+        mine = seeds[first : first + at_once]
+        made = simulator.repeated(settings, mine, RUN)
+        if made is not None:
+            asked = SolveSettings(init=made.truth if start_at_truth else None, for_each=(RUN,))
+            yield from ((solve, made.truths[0]) for solve in compiled.result(asked, made.data).solves)
+            continue
+        for seed in mine:
+            alone = simulator.measurements(replace(settings, seed=seed))
+            yield _solved(compiled, alone, start_at_truth), alone.truths[0]
 
 
 def _run_seed(seed: int, run: int) -> int:
@@ -131,16 +155,15 @@ def _solved(compiled: CompiledProblem, made: Simulated, start_at_truth: bool) ->
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Run:
-    """Errors of one run; ``cost`` is None where the noise is not stated, ``quantiles`` are half widths in sigmas."""
+    """Errors of one run; ``cost`` is None where the noise is not stated, ``estimated`` says whether it is estimated."""
 
     errors: CoordinateErrors
     cost: float | None
     dof: int
-    quantiles: tuple[float, float]
+    estimated: bool
 
 
-def _run(found: Elaborated, solve: SolveReport, made: Simulated) -> _Run:
-    truth = made.truths[0]
+def _run(found: Elaborated, solve: SolveReport, truth: Truth) -> _Run:
     errors = estimate_errors(solve, truth)
     joined = errors.joined(derived_errors(found.problem, solve, truth, found.tables))
     stated = solve.chi2_p is not None
@@ -150,24 +173,26 @@ def _run(found: Elaborated, solve: SolveReport, made: Simulated) -> _Run:
         errors=joined,
         cost=solve.cost if stated else None,
         dof=dof,
-        quantiles=_quantiles(dof if estimated else None),
+        estimated=estimated,
     )
 
 
-def _quantiles(dof: int | None) -> tuple[float, float]:
-    """Half widths of the 68 % and 95 % intervals in standard deviations: of t where the noise was estimated."""
+def _quantiles(found: list[_Run]) -> Floats:
+    """Half widths (runs, 2) of the 68 % and 95 % intervals in deviations: of t where the noise was estimated."""
     from scipy.stats import norm, t
 
     shares = np.array([(1 + level) / 2 for level in LEVELS])
-    found = norm.ppf(shares) if dof is None or dof <= 0 else t.ppf(shares, dof)
-    return float(found[0]), float(found[1])
+    freedom = np.array([run.dof if run.estimated and run.dof > 0 else 0 for run in found], dtype=np.int64)
+    kinds, kind = np.unique(freedom, return_inverse=True)
+    widths = [t.ppf(shares, dof) if dof else norm.ppf(shares) for dof in kinds.tolist()]
+    return np.asarray(np.reshape(widths, (-1, 2))[kind])
 
 
 def _summary(found: list[_Run], runs: int, failures: int, warned: int) -> Coverage:
     names = found[0].errors.names if found else ()
     errors = np.array([run.errors.errors for run in found]).reshape(len(found), len(names))
     sigmas = np.array([run.errors.sigmas for run in found]).reshape(len(found), len(names))
-    widths = np.array([run.quantiles for run in found]).reshape(len(found), 2)
+    widths = _quantiles(found)
     numbers = tuple(_number(name, errors[:, i], sigmas[:, i], widths) for i, name in enumerate(names))
     pooled, pooled_error = _pooled(errors, sigmas)
     return Coverage(
@@ -221,5 +246,6 @@ def _cost_probability(found: list[_Run]) -> float | None:
     """The probability, if costs follow χ², of a distribution as far from it."""
     from scipy.stats import chi2, kstest
 
-    shares = [float(chi2.cdf(run.cost, run.dof)) for run in found if run.cost is not None and run.dof > 0]
+    tested = np.array([(run.cost, run.dof) for run in found if run.cost is not None and run.dof > 0]).reshape(-1, 2)
+    shares = chi2.cdf(tested[:, 0], tested[:, 1])
     return float(kstest(shares, "uniform").pvalue) if len(shares) > 1 else None

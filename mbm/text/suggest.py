@@ -5,15 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-_SIGNED = re.compile(r"([-+])([A-Za-z][\w.]*)")
-_BETWEEN = re.compile(r"([A-Za-z][\w.]*|\d[\w.]*)([-+*/^])([A-Za-z][\w.]*|\d+(?:\.\d+)?)")
+_SIGNED = r"([-+])([A-Za-z][\w.]*)"
+_BETWEEN = r"([A-Za-z][\w.]*|\d[\w.]*)([-+*/^])([A-Za-z][\w.]*|\d+(?:\.\d+)?)"
 
 
 def infix(name: str) -> tuple[str, tuple[str, ...]] | None:
     """The operator and operands of a name that is arithmetic as other languages write it: ``-x``, ``x/2``."""
-    if match := _SIGNED.fullmatch(name):
+    if match := re.fullmatch(_SIGNED, name):
         return match[1], (match[2],)
-    if match := _BETWEEN.fullmatch(name):
+    if match := re.fullmatch(_BETWEEN, name):
         return match[2], (match[1], match[3])
     return None
 

@@ -7,6 +7,7 @@ import pytest
 
 import mbm
 from mbm.kernels.native.engine import available
+from mbm.solution.native.stream import SHARE
 from tests.api.conftest import gauss_newton, measured
 from tests.api.test_solving import Ranges
 
@@ -69,6 +70,52 @@ def test_many_data_sets_are_those_of_one_by_one_to_the_last_bit(compiled: mbm.Co
         np.testing.assert_array_equal(getattr(many, name), np.array([getattr(one, name) for one in each]))
     nothing = estimator.many(np.empty((0, 5)))
     assert nothing.values.shape == (0, 3)
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_the_number_of_threads_changes_nothing(workers: int, compiled: mbm.CompiledProblem) -> None:
+    estimator = compiled.estimator()
+    given = np.stack([measured(x=1.0 + 0.001 * t, seed=t % 7)["range"] for t in range(5 * SHARE)])
+    given[317, 2] += 2.0  # goes the general way
+    usual, other = estimator.many(given), estimator.many(given, workers=workers)
+    assert usual.clean.sum() == (len(given) - 1 if estimator.fast else 0)
+    for name in ("values", "covariance", "cost", "status", "clean"):
+        np.testing.assert_array_equal(getattr(usual, name), getattr(other, name))
+
+
+def test_angles_beyond_half_a_turn_come_back_within_it() -> None:
+    """At 190°, and whole turns away from the start: between -180° and 180°, alike in one solve and in many."""
+    text = """
+    (problem p (data d external :columns ((a a :unit deg)))
+      (unknowns (h angle :init 900deg :unit deg) (b :init 1))
+      (observe d (= c (* b (cos (+ h a)))) :sigma 0.01) (observe d (= s (* b (sin (+ h a)))) :sigma 0.01))"""
+    a = np.array([0.0, 50.0, 120.0])
+
+    def data(angle: float) -> dict[str, np.ndarray]:
+        whole = np.radians(a + angle)
+        return {"a": a, "c": 2 * np.cos(whole), "s": 2 * np.sin(whole) + [0.01, -0.01, 0.0]}
+
+    compiled = mbm.loads(text).compile(data={"d": data(180.0)})
+    estimator = compiled.estimator("c", "s")
+    sets = [data(angle) for angle in (170.0, 180.0, 190.0)]
+    many = estimator.many(*(np.stack([each[name] for each in sets]) for name in "cs"))
+    one = np.array([float(estimator(each["c"], each["s"])["h"]) for each in sets])
+    np.testing.assert_array_equal(many["h"], one)
+    # An error of 0.01 in lengths of 2 turns by 0.3° at most.
+    np.testing.assert_allclose((one - [170.0, 180.0, 190.0] + 180.0) % 360.0, 180.0, atol=0.3)
+    assert (np.abs(one) <= 180.0).all()
+
+
+def test_rows_that_do_not_count_may_stand_anywhere() -> None:
+    text = """
+    (problem p (data d external) (unknowns (a :init 0) (b :init 1))
+      (observe d (= y (+ a (* b x))) :sigma 0.1 :when (< 0 w)))"""
+    x, w = np.arange(7.0), np.array([1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0])
+    compiled = mbm.loads(text).compile(data={"d": {"x": x, "w": w, "y": x}})
+    y = np.where(w > 0, 3 + 2 * x, 1e6)
+    found = compiled.estimator()(y.tolist())
+    # Affine and exact: one step, with the rounding of numbers up to 20.
+    np.testing.assert_allclose(found.values, [3.0, 2.0], rtol=0, atol=1e-13)
 
 
 def test_what_was_given_out_does_not_change_with_later_calls(compiled: mbm.CompiledProblem) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 import mbm.cli.main
-from mbm.cli.main import COMMANDS, LATER
+from mbm.cli.group import COMMANDS, LATER
 from mbm.version import __version__
 
 Run = Callable[..., Any]
@@ -182,3 +182,27 @@ def test_shell_completion_knows_the_commands() -> None:
         [sys.executable, "-m", "mbm"], capture_output=True, text=True, env=environment, timeout=60, check=False
     )
     assert finished.stdout == "plain,solve\nplain,simulate\n"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="outputs are closed by a shell")
+@pytest.mark.parametrize(("closed", "status"), [(">&-", 2), ("2>&-", 2), (">&- 2>&-", 2)])
+def test_closed_outputs_change_no_status(closed: str, status: int) -> None:
+    command = f'"{sys.executable}" -m mbm check no-such-file {closed}'
+    finished = subprocess.run(["sh", "-c", command], env={**os.environ, "PYTHONPATH": str(ROOT)}, check=False)
+    assert finished.returncode == status
+
+
+def test_the_process_ends_after_threads_and_what_is_registered_for_the_end() -> None:
+    code = (
+        "import atexit, sys, threading, time\n"
+        "import mbm.__main__ as program\n"
+        "def main():\n"
+        "    threading.Thread(target=lambda: (time.sleep(0.2), print('thread'))).start()\n"
+        "    atexit.register(print, 'registered')\n"
+        "    print('said')\n"
+        "    return 7\n"
+        "program.main = main\n"
+        "program.process()\n"
+    )
+    finished = process("-c", code)
+    assert (finished.stdout, finished.stderr, finished.returncode) == ("said\nthread\nregistered\n", "", 7)

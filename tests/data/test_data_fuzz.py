@@ -36,7 +36,7 @@ def reader(request):
     return READERS[name].part(part) if part else READERS[name]
 
 
-SHARED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=200, deadline=None)
+SHARED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=100, deadline=None)
 
 
 @SHARED
@@ -87,7 +87,7 @@ ARCHIVE = archive()
 
 
 @pytest.mark.filterwarnings("ignore")  # NumPy warns of headers as Python 2 wrote them
-@settings(max_examples=1000, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(changes=st.lists(st.tuples(st.integers(0, len(ARCHIVE) - 1), st.integers(0, 255)), min_size=1, max_size=4))
 def test_damaged_archives(tmp_path, changes):
     content = bytearray(ARCHIVE)

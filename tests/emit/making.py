@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import subprocess
 from pathlib import Path
 
@@ -20,8 +21,9 @@ def emitted(problem: Problem, target: str) -> tuple[OutputFile, ...]:
     return compiler.emitted(found, target, problem.registry)
 
 
+@functools.cache
 def of_text(text: str, target: str) -> tuple[OutputFile, ...]:
-    """The files for the only problem of a text."""
+    """The files for the only problem of a text; the same text always gives the same files."""
     return emitted(mbm.loads(text), target)
 
 

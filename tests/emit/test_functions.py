@@ -12,15 +12,16 @@ import numpy as np
 import pytest
 
 import mbm
+from tests.emit.agreeing import AGREEING
 from tests.emit.making import emitted, of_text, run, written
-from tests.emit.shapes import SHAPES
+from tests.emit.shapes import CORRECTED, SHAPES
 
-UNCOMPARED = ("loss", "losses", "loss-and-noise", "similarity", "for-each", "keys", "bounds")
+UNCOMPARED = ("loss", "losses", "loss-and-noise", "similarity", "for-each", "keys", "bounds", *AGREEING, *CORRECTED)
 STATED = [n for n in SHAPES if n not in UNCOMPARED]
-"""Shapes with a start and without losses, solves or bounds: there the compiled equations mean the same by a point."""
+"""Shapes with a start, without losses, consensus, solves, bounds, errors: there a point means the same to both."""
 
 QUICK = ("weights", "pose", "family")
-"""Shapes that are compiled in every test run: matrices of noise, tangent spaces, members."""
+"""Shapes of every test run: matrices of noise, tangent spaces, members."""
 
 CLOSE = 1e-10
 """Relative to the largest number: the same operations in another order, over at most ten rows."""
@@ -93,7 +94,7 @@ def module_of(name: str, tmp_path) -> tuple[ModuleType, dict]:
     return module, module.read_tables([str(folder / "data" / f"{table}.csv") for table in module.COLUMNS])
 
 
-@pytest.mark.parametrize("name", STATED)
+@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in STATED])
 def test_python_has_the_residuals_and_the_jacobian_of_the_compiled_problem(name, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     module, tables = module_of(name, tmp_path)
@@ -175,25 +176,49 @@ def test_keys_that_no_table_has_together_are_refused():
 
 
 REFUSED = {
-    ":sigma unknown :loss (huber 2)": "the loss of `d` with unknown noise",
-    ":sigma 1 :loss tukey": "`:loss tukey`",
-    ":sigma 1 :loss geman-mcclure": "`:loss geman-mcclure`",
-    ":sigma 1 :loss (barron -1 2)": "`:loss barron`",
+    "(observe d (= y (m t)) :sigma 1) (solve :robust lmeds)": ("(m :per d.t :init 0)", "consensus of several parts"),
+    "(observe d (= y m) :sigma 1 :errors ((y 1)) :loss huber)": ("(m :init 0)", "`:errors` beside consensus or a loss"),
+    "(observe d (= y m) :errors ((y 1)))": ("(m)", "`:errors` without starts"),
+    "(observe d (= y m)) (solve :starts (random 3))": ("(m :init 0)", "`:starts`"),
+    "(observe d (= y m)) (window t :length 1 :step 1)": ("(m :init 0)", "`window`"),
+    "(observe d (= y m)) (for-each t)": ("(m)", "`for-each` with `m`"),
 }
+"""Clauses that cannot be compiled: the unknown that they need, and how the message begins."""
 
 
-@pytest.mark.parametrize("noise", REFUSED)
-def test_losses_that_a_descent_from_one_start_does_not_minimise_are_refused_where_they_stand(noise):
-    text = f"""(problem lossy (data d (table (y) (1) (3))) (data e (table (z) (1) (2)))
-      (unknowns (m :init 0))
-      (observe e (= z m) :sigma unknown)
-      (observe d (= y m) {noise}))"""
+@pytest.mark.parametrize("clauses", REFUSED)
+def test_what_is_refused_is_refused_where_it_stands_with_what_to_do(clauses):
+    unknown, what = REFUSED[clauses]
+    text = f"(problem no (data d (table (t y) (0 1) (1 3) (2 2)))\n (unknowns {unknown})\n {clauses})"
     with pytest.raises(mbm.MbmError) as caught:
         of_text(text, "c")
     (found,) = caught.value.diagnostics
     assert found.code.name == "not-emitted"
-    assert REFUSED[noise] in found.message
-    assert found.place.line == 4
+    assert found.message.startswith(what)
+    assert found.hint
+    assert found.place is not None
+
+
+@pytest.mark.parametrize("name", CORRECTED)
+def test_true_values_as_unknowns_leave_the_other_estimates_as_the_elimination_has_them(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    module, tables = module_of(name, tmp_path)
+    found, solved = module.solve(tables)["estimates"], mbm.loads(SHAPES[name]).solve()
+    mine = [unknown for unknown in module.NAMES if "." not in unknown]
+    assert mine == list(module.NAMES[: len(mine)])
+    for unknown in mine:
+        value, sigma = found[unknown]["value"].ravel(), found[unknown]["sigma"].ravel()
+        wanted = np.ravel(solved[unknown].value)
+        # both iterations end 1e-10 standard deviations from the minimum (`:tolerance`)
+        assert np.all(np.abs(value - wanted) <= 1e-9 * np.maximum(np.abs(wanted), sigma))
+        assert np.allclose(sigma, np.ravel(solved[unknown].sigma), rtol=1e-9, atol=0.0)
+
+
+def test_functions_need_no_method_of_solution():
+    """What a solver would have to refuse is none of the business of serialised functions."""
+    text = """(problem no (data d (table (t y) (0 1) (1 3) (2 2))) (unknowns (m :init 0))
+      (observe d (= y m)) (solve :starts (random 3)))"""
+    assert "residuals.casadi" in {file.path for file in of_text(text, "casadi")}
 
 
 def test_what_a_constraint_determines_is_compared_by_the_largest_sigma():

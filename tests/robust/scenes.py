@@ -35,7 +35,7 @@ class Model:
         rows = np.where(subsets >= 0, subsets, 0)[:, :, None] == self.units.of_row[None, None, :]
         weights = (rows & (subsets >= 0)[:, :, None]).any(axis=1).astype(float)
         weights[:, always] = 1.0
-        return minimise_all(_Stack(self, weights), starts, iterations=20).points
+        return minimise_all(_Stack(self, weights), starts, iterations=20).points, np.arange(len(subsets))
 
 
 @dataclass(frozen=True)

@@ -101,3 +101,55 @@ def test_a_search_answers_with_the_best_of_what_it_reached(option, after):
     before = np.square(at_start.residuals(np.zeros(2))).sum()
     assert solve.cost <= before
     assert solve.status.label == "not-converged" or solve.starts.tried == (30 if "random" in option else 3)
+
+
+def test_a_consensus_of_many_ends_between_data_sets(monkeypatch):
+    """What was made by then is what a run to the end says of it."""
+    pytest.importorskip("llvmlite")
+    from mbm.solution.native import consensus
+
+    monkeypatch.setattr(consensus, "AT_A_TIME", 1.0)  # one data set at a time
+    generator = np.random.default_rng(5)
+    epochs, count = 30, 8
+    values = generator.normal(size=(epochs, count)) + np.where(np.arange(count) < 2, 50.0, 0.0)
+    rows = {"e": np.repeat(np.arange(epochs, dtype=float), count), "y": values.ravel()}
+    text = (
+        "(problem p (data d external) (unknowns (a :init 1)) (observe d (= y (log (exp a))) :sigma 1)"
+        " (for-each e) (solve :robust lmeds))"
+    )
+    compiled = mbm.loads(text).compile(data={"d": rows})
+    whole = compiled.result(SolveSettings(workers=1))
+    assert len(whole.solves) == epochs
+    cut = compiled.result(SolveSettings(workers=1, interruption=After(12)))
+    assert not cut.complete
+    assert len(cut.solves) < epochs
+    for mine, theirs in zip(cut.solves, whole.solves, strict=False):
+        assert np.array_equal(mine.estimates[0].value, theirs.estimates[0].value)
+
+
+def test_the_native_consensus_of_many_asks_before_each_part(monkeypatch):
+    """Data sets behind the request do not agree, and nothing of them is made up."""
+    pytest.importorskip("llvmlite")
+    from mbm.solution.native import consensus
+
+    monkeypatch.setattr(consensus, "AT_A_TIME", 1.0)
+    asked, ends, whole = [], [], consensus.consensus_many
+
+    def stop():
+        asked.append(1)
+        return len(asked) > 5
+
+    def cut_short(*given, stopped, **named):
+        found = whole(*given, stopped=stop, **named)
+        ends.append(found.agreed)
+        return found
+
+    monkeypatch.setattr(consensus, "consensus_many", cut_short)
+    rows = {"e": np.repeat(np.arange(20.0), 5), "y": np.random.default_rng(1).normal(size=100)}
+    text = (
+        "(problem p (data d external) (unknowns (a :init 1)) (observe d (= y (log (exp a))) :sigma 1)"
+        " (for-each e) (solve :robust lmeds))"
+    )
+    found = mbm.loads(text).compile(data={"d": rows}).result(SolveSettings(workers=1))
+    assert ends[0].tolist() == [True] * 5 + [False] * 15
+    assert len(found.solves) == 20  # nobody has asked for an end: the others are solved by themselves

@@ -11,7 +11,7 @@ import pytest
 
 from mbm.problem.types import Method
 from mbm.solution import minimise as module
-from mbm.solution.minimise import minimise, solver_for
+from mbm.solution.minimise import minimise, solver_for, solver_name
 from mbm.solution.settings import Settings
 from mbm.solution.solvers.linear import LINEAR
 from mbm.solution.types import Reason
@@ -41,10 +41,21 @@ def test_linear_problem_without_unique_answer_stays_near_the_start():
 
 
 @pytest.mark.parametrize(
-    ("method", "name"), [(Method.AUTO, "linear"), (Method.MARQUARDT, "lm"), (Method.DOGLEG, "dogleg")]
+    ("method", "name"),
+    [
+        (Method.AUTO, "linear"),
+        (Method.MARQUARDT, "lm"),
+        (Method.DOGLEG, "dogleg"),
+        (Method.GAUSS_NEWTON, "gauss-newton"),
+        (Method.CLOSED_FORM, "closed-form"),
+        (Method.DIRECT_SEARCH, "lm"),
+        (Method.IPOPT, "lm"),
+    ],
 )
 def test_choice_of_solver(method, name):
-    assert solver_for(linear(np.eye(2), np.zeros(2), (0, 0)), Settings(method=method)).name == name
+    problem = linear(np.eye(2), np.zeros(2), (0, 0))
+    assert solver_for(problem, Settings(method=method)).name == name
+    assert solver_name(problem, Settings(method=method)) == name
 
 
 def test_bounds_are_not_for_the_one_step_solver():

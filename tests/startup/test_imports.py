@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from mbm.cli.main import COMMANDS, run
+from mbm.cli.group import COMMANDS
+from mbm.cli.main import run
 
 HEAVY = {"numpy", "scipy", "sympy", "casadi", "matplotlib", "pandas", "polars", "lark", "rich", "pint", "IPython"}
 """Whatever costs more than a few hundredths of a second, or is not needed by every command."""

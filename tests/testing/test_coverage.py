@@ -33,6 +33,21 @@ def test_stated_uncertainties_are_true(name: str) -> None:
     assert_true(judged(KINDS[name], 150, seed=11))
 
 
+@pytest.mark.parametrize(
+    "name", ["nonlinear", "unknown noise", "two unknown noises", "pose", "consensus, 10 % outliers"]
+)
+def test_runs_in_one_table_say_what_they_say_one_by_one(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    together = judged(KINDS[name], 12, seed=3)
+    monkeypatch.setattr("mbm.report.simulated.Simulator.repeated", lambda *_: None)
+    alone = judged(KINDS[name], 12, seed=3)
+    assert (together.failures, together.warned) == (alone.failures, alone.warned)
+    assert [number.name for number in together.numbers] == [number.name for number in alone.numbers]
+    for one, other in zip(together.numbers, alone.numbers, strict=True):
+        assert one.covered == other.covered
+        # the same draws; both minima are exact to 1e-10 standard deviations
+        assert [one.ratio, one.bias] == pytest.approx([other.ratio, other.bias], rel=1e-8, abs=1e-8)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", list(KINDS))
 def test_stated_uncertainties_are_true_to_three_percent(name: str) -> None:

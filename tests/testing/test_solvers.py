@@ -8,18 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbm.solution.minimise import METHODS
-from mbm.solution.solvers.linear import LINEAR
 from mbm.solution.solvers.marquardt import MARQUARDT
+from mbm.solution.solvers.standard import SOLVERS
 from mbm.solution.types import Equations, Floats, Minimum, Reason, Solver
 from mbm.testing.requirement import NotConformingError
 from mbm.testing.solvers import check_solver, samples
 
-ITERATIVE = [m for m in METHODS.values() if m.name != "closed-form"]
+MOVING = [solver for solver in SOLVERS.values() if solver.name != "closed-form"]
 """All but the answers of closed forms, which stay where they are."""
 
 
-@pytest.mark.parametrize("solver", [LINEAR, *ITERATIVE], ids=lambda solver: solver.name)
+@pytest.mark.parametrize("solver", MOVING, ids=lambda solver: solver.name)
 def test_our_solvers_conform(solver: Solver) -> None:
     check_solver(solver)
 

@@ -97,7 +97,6 @@ def test_spans_read_back_to_their_forms(text):
         assert read(Source("t", form.span.text)) == (form,)
 
 
-@settings(max_examples=300)
 @given(texts)
 def test_formatting_keeps_meaning_and_comments_and_changes_nothing_the_second_time(text):
     source = Source("t", text)

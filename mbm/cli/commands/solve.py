@@ -39,7 +39,7 @@ OK, ATTENTION = 0, 1
 @click.option("--method", metavar="M", help="auto, lm, dogleg, gauss-newton, …")
 @click.option("--backend", type=click.Choice(BACKENDS), default="auto", help="What evaluates the equations.")
 @click.option(
-    "--workers", type=click.IntRange(min=1), metavar="N", help="Threads for many solves or starts; else all cores."
+    "--workers", type=click.IntRange(min=1), metavar="N", help="Threads for many or large solves; else all cores."
 )
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
 @click.option("--covariance", type=click.Choice(("full",)), help="Write covariance matrices however large.")
@@ -104,13 +104,15 @@ def _check_destinations(given: dict[str, Any]) -> None:
 
 
 def _write_outputs(result: Result, given: dict[str, Any]) -> None:
-    from mbm.report.exports import write_residuals, write_solves
-
     if given["json_path"] is not None:
         _write_document(result, given["json_path"])
     if given["csv_path"] is not None:
+        from mbm.report.exports import write_solves
+
         _writing(given["csv_path"], lambda: _write_text(given["csv_path"], lambda out: write_solves(result, out)))
     if given["residuals_path"] is not None:
+        from mbm.report.exports import write_residuals
+
         path = given["residuals_path"]
         _writing(path, lambda: _write_text(path, lambda out: write_residuals(result, out)))
     if given["plot_path"] is not None:
@@ -120,10 +122,10 @@ def _write_outputs(result: Result, given: dict[str, Any]) -> None:
 
 
 def _write_document(result: Result, path: str) -> None:
-    from mbm.report.document import document
+    from mbm.report.document import lazy_document
     from mbm.report.encode import encode, to_bytes
 
-    content = to_bytes(encode(document(result)))
+    content = to_bytes(encode(lazy_document(result)))
     if path == "-":
         write_bytes(content)
     else:

@@ -4,15 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mbm.emit.types import (
-    Blueprint,
-    CaseProgram,
-    Choice,
-    ColumnValue,
-    InputValue,
-    LiteralKey,
-    RowPrograms,
-)
+from mbm.emit.types import Blueprint, CaseProgram, Choice, ColumnValue, InputValue, LiteralKey, RowPrograms
 from mbm.problem.tables import CellKey
 from mbm.target.c import number
 from mbm.values import dataclass

@@ -20,7 +20,7 @@ def c_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:
         f"{name}.h": header(blueprint),
         f"{name}.c": source_file(blueprint, static),
         f"{name}_kernels.h": kernels_file(blueprint),
-        f"{name}_solver.h": solver_file(blueprint),
+        f"{name}_solver.h": solver_file(blueprint, static),
         f"{name}_tables.h": tables_file(blueprint),
         "csv.h": CSV,
         "main.c": main_file(blueprint),

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from mbm.emit.c.agreement import agreement_fields, agreement_room
 from mbm.emit.c.cells import Cells
 from mbm.emit.c.derived import capacity
 from mbm.emit.c.sizes import outputs_capacity, spare_size
 from mbm.emit.reading import every_value
-from mbm.emit.system import StaticSystem, weights_width
+from mbm.emit.system import StaticSystem, kinds_of_units, weights_width
 from mbm.emit.types import BlockShape, Blueprint, Choice, ColumnValue, InputValue
 from mbm.problem.types import BlockRole
 from mbm.target.solver import description as at
@@ -80,6 +81,9 @@ def _struct(blueprint: Blueprint) -> Iterator[str]:
     for derived in blueprint.derived:
         yield f"    double *derived_{derived.identifier}, *derived_{derived.identifier}_sigma;"
         yield f"    long derived_{derived.identifier}_count;"
+    if blueprint.agreement is not None:
+        yield from agreement_fields()
+    yield f"    double kappa[{max(kinds_of_units(blueprint), 1)}];    /* of each kind of unit: what limits leave */"
     yield "    double results[8];"
     yield "    long states[8];"
     yield "};"
@@ -137,6 +141,8 @@ def _layout(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield f"    header[{at.WEIGHTS}] = weights + 2 * multipliers;"
     yield f"    header[{at.CHUNK}] = {static.prefix[at.CHUNK]};"
     yield f"    header[{at.OUTPUTS}] = {outputs_capacity(blueprint, static)};"
+    if blueprint.agreement is not None:
+        yield from agreement_room(blueprint, blueprint.agreement, len(static.prefix))
     yield "    f->work = reals_of(a, work_reals(header));"
     yield f"    f->spare = reals_of(a, {spare_size(blueprint, static)});"
     for derived in blueprint.derived:

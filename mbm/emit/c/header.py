@@ -12,6 +12,7 @@ STATUSES: Mapping[str, str] = {
     "NOT_CONVERGED": "not converged: the estimates should not be trusted",
     "UNOBSERVABLE": "the data do not determine all unknowns",
     "INFEASIBLE": "no point meets all constraints",
+    "NO_AGREEMENT": "fewer than half of the measurements agree with any one solution",
     "NOT_FINITE": "an equation has no finite value at the start",
     "NO_ROWS": "a table that one row is wanted of has none",
     "UNKNOWN_KEY": "a key names no row or member",
@@ -19,9 +20,13 @@ STATUSES: Mapping[str, str] = {
     "BAD_NOISE": "a standard deviation is not above zero, or a matrix is not symmetric and positive definite",
     "BAD_BOUNDS": "a lower bound is not below the upper one",
     "BAD_START": "an unknown that stays above zero does not begin there",
+    "NO_START": "the data give no start: state one",
+    "NOT_CONNECTED": "no equation connects all unknowns, or they are more than 60: no case for consensus",
     "WORKSPACE_TOO_SMALL": "the workspace is smaller than the size that was asked for",
 }
-"""What a call answers, in order from 0; the first four are answers, the others wrong data."""
+"""What a call answers, in order from 0; the first `ANSWERS` are answers, the others wrong data."""
+
+ANSWERS = 5
 
 
 def header(blueprint: Blueprint) -> str:
@@ -38,7 +43,8 @@ def header(blueprint: Blueprint) -> str:
     for unknown in blueprint.unknowns:
         lines.append(f"    const double *start_{unknown.identifier};    /* {_start(unknown)} */")
     lines += [f"}} {name}_data;", "", "/* What is answered, in SI; `sigma` are standard deviations. */"]
-    lines += ["typedef struct {", *_result(), *(line for u in blueprint.unknowns for line in _estimate(u))]
+    lines += ["typedef struct {", *_result(), *_agreed(blueprint)]
+    lines += [line for unknown in blueprint.unknowns for line in _estimate(unknown)]
     lines += [line for derived in blueprint.derived for line in _derived(derived)]
     lines += [f"}} {name}_result;", "", *_workspace(name), *_calls(name), "#endif", ""]
     return "\n".join(lines)
@@ -78,6 +84,13 @@ def _result() -> Iterator[str]:
     yield "    const long *coordinates;     /* (n) their places among all coordinates */"
     yield "    const double *covariance;    /* (n, n) row by row */"
     yield "    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */"
+
+
+def _agreed(blueprint: Blueprint) -> Iterator[str]:
+    if blueprint.agreement is not None and blueprint.agreement.kept:
+        yield "    long units, inliers;   /* equations of rows that were looked at, and those that agree */"
+        yield "    int ambiguous;         /* 1: another solution explains the data as well */"
+        yield "    const long *inside;    /* (units) 1: it agrees; clause by clause, row by row, then by equation */"
 
 
 def _estimate(unknown: UnknownShape) -> Iterator[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mbm.emit.c.cells import quoted
+from mbm.emit.c.header import ANSWERS
 from mbm.emit.c.reading import key_cell, key_tables
 from mbm.emit.types import Blueprint, DerivedShape, UnknownShape
 from mbm.target.c import number
@@ -103,15 +104,18 @@ def _solve_one(blueprint: Blueprint) -> Iterator[str]:
     yield "    if (!reserve(data, &workspace))"
     yield "        return 2;"
     yield f"    status = {name}_solve(data, &result, &workspace);"
-    yield "    if (status < 4) {"
+    yield f"    if (status < {ANSWERS}) {{"
     yield "        print_result(data, key, &result);"
     yield '        fprintf(stderr, "%s: chi2 %.9g, %ld degrees of freedom, sigma0 %.6g, %ld iterations\\n",'
     yield f"            {name}_status_text(status), result.cost, result.freedom, result.sigma0, result.iterations);"
+    if blueprint.agreement is not None and blueprint.agreement.kept:
+        yield '        fprintf(stderr, "%ld of %ld measurements agree%s\\n", result.inliers, result.units,'
+        yield '            result.ambiguous ? ", but as many may agree elsewhere" : "");'
     yield "    } else {"
     yield f'        fprintf(stderr, "error: %s\\n", {name}_status_text(status));'
     yield "    }"
     yield "    release(&workspace);"
-    yield "    status = status == 0 ? 0 : status < 4 ? 1 : 2;"
+    yield f"    status = status == 0 ? 0 : status < {ANSWERS} ? 1 : 2;"
     yield "    return status > worst ? status : worst;"
     yield "}"
     yield ""
@@ -212,7 +216,7 @@ def test_file(blueprint: Blueprint) -> str:
         f"    case {i}:\n        return sigma ? result->{d.identifier}_sigma[j] : result->{d.identifier}[j];"
         for i, d in enumerate(blueprint.derived)
     )
-    lines += [_COMPARE.format(name=name, starts=starts, derived=derived), "int main(void)", "{"]
+    lines += [_COMPARE.format(name=name, answers=ANSWERS, starts=starts, derived=derived), "int main(void)", "{"]
     lines += [f"    char *const paths[] = {{{_writable(paths)}}};", f"    struct {name}_tables tables;"]
     lines += ["    struct csv reference;", "    long solve = 0, wrong = 0, compared = 0;"]
     lines += ["    long row;", ""] if blueprint.for_each else [""]
@@ -288,7 +292,7 @@ static long compare(const {name}_data *data, long solve, const struct csv *refer
     if (!reserve(data, &workspace))
         return 1;
     start = begin_elsewhere(&begun, solve, reference, &workspace);
-    if ({name}_solve(&begun, &result, &workspace) >= 4) {{
+    if ({name}_solve(&begun, &result, &workspace) >= {answers}) {{
         fprintf(stderr, "solve %ld: %s\\n", solve + 1, {name}_status_text(result.status));
         free(start);
         release(&workspace);

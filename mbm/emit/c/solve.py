@@ -4,14 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from mbm.emit.c.agreement import agreement_answer, agreement_beginning, agreement_function, called
 from mbm.emit.c.cells import Cells
 from mbm.emit.c.header import STATUSES
 from mbm.emit.c.sizes import lossy
-from mbm.emit.system import StaticSystem
+from mbm.emit.routines.noises import SCATTER, SQUARES
+from mbm.emit.system import StaticSystem, kinds_of_units
 from mbm.emit.types import Blueprint
 from mbm.target.solver import description as at
+from mbm.target.solver.consensus_description import AGREED, INLIERS
 
 _FRAME_ARGUMENTS = "f->parameters, f->weights, f->index, f->columns"
+
+
+def _spread(group: int, what: int) -> str:
+    """What the residuals of a group of noise say at the end."""
+    given = f"f->system, f->data_set, {_FRAME_ARGUMENTS}, f->point"
+    return f"spread_of_group({given},\n        f->covariance, f->kappa, {group}, {what}, f->spare)"
 
 
 def call_kernel(blueprint: Blueprint) -> str:
@@ -31,7 +40,7 @@ def call_kernel(blueprint: Blueprint) -> str:
     return "\n".join([*lines, "    default:", "        break;", "    }", "}", ""])
 
 
-def roots(blueprint: Blueprint) -> tuple[str, ...]:
+def roots(blueprint: Blueprint, static: StaticSystem) -> tuple[str, ...]:
     """The functions of the solver that the text calls."""
     matrices = {e.noise_kind.value for _, c in blueprint.cases if c.noise is not None for e in c.equations}
     names = ["place_unknowns", "mark_used", "free_coordinates", "renumber", "set_capacities", "set_coordinates"]
@@ -40,6 +49,8 @@ def roots(blueprint: Blueprint) -> tuple[str, ...]:
     names += ["weight_of_sigma"] if "sigma" in matrices else []
     names += [f"weights_of_{word}" for word in ("covariance", "information") if word in matrices]
     names += ["sandwich"] if lossy(blueprint) else []
+    names += ["spread_of_group"] if len(static.noises) == 1 or static.scaled else []
+    names += [] if blueprint.agreement is None else called(blueprint.agreement, lossy(blueprint))
     for unknown in blueprint.unknowns:
         names += starts_called(unknown.dimension, unknown.kind.value, unknown.start is not None)
         plain = not unknown.dimension
@@ -61,8 +72,10 @@ def starts_called(dimension: int, kind: str, stated: bool) -> list[str]:
 def solve_functions(blueprint: Blueprint, static: StaticSystem) -> str:
     """From the prepared arrays to the answer."""
     cells = Cells(blueprint)
+    agreement = blueprint.agreement
     parts = [
         *_prepare(blueprint, static, cells),
+        *(() if agreement is None else (agreement_function(blueprint, agreement, len(static.prefix)),)),
         *_answer(blueprint, static, cells),
         *_public(blueprint, static, cells),
     ]
@@ -114,6 +127,10 @@ def _prepare(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterat
     yield "    for (b = 0; b < count; b++)"
     yield "        if (f->column[b] >= 0)"
     yield "            f->coordinates[f->column[b]] = b;"
+    yield f"    for (b = 0; b < {max(kinds_of_units(blueprint), 1)}; b++)"
+    yield "        f->kappa[b] = 1.0;"
+    if blueprint.agreement is not None:
+        yield from agreement_beginning(blueprint, blueprint.agreement)
     yield "    return 0;"
     yield "}"
     yield ""
@@ -153,6 +170,8 @@ def _answer(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
         yield f"    result->{derived.identifier}_sigma = f->derived_{derived.identifier}_sigma;"
         if derived.table is not None:
             yield f"    result->{derived.identifier}_rows = f->derived_{derived.identifier}_count;"
+    if blueprint.agreement is not None:
+        yield from agreement_answer(blueprint.agreement)
     yield "}"
     yield ""
     yield "/* What the reason of the solver means to the caller. */"
@@ -164,6 +183,9 @@ def _answer(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield f"        return {cells.status('NOT_FINITE')};"
     yield f"    if (reason == {at.INFEASIBLE})"
     yield f"        return {cells.status('INFEASIBLE')};"
+    if blueprint.agreement is not None and blueprint.agreement.kept:
+        yield f"    if (f->agreement[{AGREED}] == 1 && 2 * f->agreement[{INLIERS}] < f->units)"
+        yield f"        return {cells.status('NO_AGREEMENT')};"
     yield f"    if (f->states[{at.DEFICIENT}] != 0)"
     yield f"        return {cells.status('UNOBSERVABLE')};"
     yield f"    if (reason < {at.SMALL_OFFSET} || reason > {at.ONE_STEP})"
@@ -185,48 +207,7 @@ def _public(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield "    workspace->integers_size = a.integers_used;"
     yield "}"
     yield ""
-    yield f"int {name}_solve(const {name}_data *data, {name}_result *result, {name}_workspace *workspace)"
-    yield "{"
-    yield "    struct frame frame, *f = &frame;"
-    yield f"    double factors[{max(len(static.noises), 1)}];"
-    yield "    long c, n;"
-    yield ""
-    yield "    result->status = prepare(f, data, workspace);"
-    yield "    if (result->status != 0)"
-    yield "        return result->status;"
-    yield f"    n = f->system[{at.COORDINATES}];"
-    yield f"    solve_noises(f->system, f->constants, {_FRAME_ARGUMENTS}, f->data_set,"
-    yield "        f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,"
-    yield "        f->multipliers, factors, f->spare);"
-    yield f"    result->cost = f->results[{at.PLAIN_COST}];"
-    if len(static.noises) == 1:
-        yield "    /* one unknown factor counts as 1 in the cost */"
-        yield "    result->cost += (factors[0] * factors[0] - 1.0) * f->spare[1];"
-    if lossy(blueprint):
-        yield f"    if (f->states[{at.DEFICIENT}] == 0"
-        yield "        && !sandwich(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index,"
-        yield "            f->columns, f->point, f->sides, f->spare, f->covariance))"
-        yield f"        f->states[{at.DEFICIENT}] = 1;"
-    yield "    result->status = status_of(f);"
-    yield f"    result->iterations = f->states[{at.STEPS}];"
-    yield f"    result->evaluations = f->states[{at.EVALUATIONS}];"
-    yield f"    result->robust_cost = f->results[{at.COST}];"
-    yield f"    result->freedom = f->states[{at.FREEDOM}];"
-    yield "    result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;"
-    if static.scaled:
-        yield "    /* all residuals share one unknown factor: the noise is as large as the residuals say */"
-        yield "    for (c = 0; c < n * n; c++)"
-        yield "        f->covariance[c] *= result->sigma0 * result->sigma0;"
-        yield "    if (result->freedom <= 0)"
-        yield "        for (c = 0; c < n; c++)"
-        yield "            f->covariance[c * n + c] = -1.0;"
-    else:
-        yield "    (void)c;"
-        yield "    (void)n;"
-    yield "    answer(f, result);"
-    yield "    return result->status;"
-    yield "}"
-    yield ""
+    yield from _solve(blueprint, static)
     yield from _begin(name, cells)
     yield from _functions(name)
     yield f"const char *{name}_status_text(int status)"
@@ -239,6 +220,65 @@ def _public(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield '        return "no status";'
     yield "    }"
     yield "}"
+
+
+def _solve(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
+    name = blueprint.identifier
+    yield f"int {name}_solve(const {name}_data *data, {name}_result *result, {name}_workspace *workspace)"
+    yield "{"
+    yield "    struct frame frame, *f = &frame;"
+    yield f"    double factors[{max(len(static.noises), 1)}];"
+    yield "    long c, n;"
+    yield from ("    double scatter;",) if static.scaled else ()
+    yield ""
+    yield "    result->status = prepare(f, data, workspace);"
+    yield "    if (result->status != 0)"
+    yield "        return result->status;"
+    yield f"    n = f->system[{at.COORDINATES}];"
+    yield f"    for (c = 0; c < {max(len(static.noises), 1)}; c++)"
+    yield "        factors[c] = 1.0;"
+    if blueprint.agreement is not None:
+        yield "    result->status = agree_on(f, factors);"
+        yield "    if (result->status != 0)"
+        yield "        return result->status;"
+    yield f"    solve_noises(f->system, f->constants, {_FRAME_ARGUMENTS}, f->data_set,"
+    yield "        f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,"
+    yield "        f->multipliers, f->kappa, factors, f->spare);"
+    yield f"    result->cost = f->results[{at.PLAIN_COST}];"
+    if len(static.noises) == 1:
+        yield "    /* one unknown factor counts as 1 in the cost */"
+        yield f"    result->cost += (factors[0] * factors[0] - 1.0) * {_spread(0, SQUARES)};"
+    if static.scaled:
+        yield "    /* all residuals share one unknown factor: the noise is as large as the residuals say */"
+        yield f"    scatter = {_spread(-1, SCATTER)};"
+    if lossy(blueprint):
+        yield f"    if (f->states[{at.DEFICIENT}] == 0"
+        yield "        && !sandwich(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index,"
+        yield "            f->columns, f->point, f->sides, f->spare, f->covariance))"
+        yield f"        f->states[{at.DEFICIENT}] = 1;"
+    elif blueprint.agreement is not None and blueprint.agreement.kept:
+        yield f"    if (f->states[{at.DEFICIENT}] == 0"
+        yield f"        && !inform(f->system, f->constants, f->data_set, {_FRAME_ARGUMENTS}, f->point,"
+        yield "            f->kappa, f->sides, f->work, f->flags, f->triangle, f->covariance))"
+        yield f"        f->states[{at.DEFICIENT}] = 1;"
+    yield "    result->status = status_of(f);"
+    yield f"    result->iterations = f->states[{at.STEPS}];"
+    yield f"    result->evaluations = f->states[{at.EVALUATIONS}];"
+    yield f"    result->robust_cost = f->results[{at.COST}];"
+    yield f"    result->freedom = f->states[{at.FREEDOM}];"
+    yield "    result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;"
+    if static.scaled:
+        yield "    for (c = 0; c < n * n; c++)"
+        yield "        f->covariance[c] *= result->freedom > 0 ? scatter / (double)result->freedom : 0.0;"
+        yield "    if (result->freedom <= 0)"
+        yield "        for (c = 0; c < n; c++)"
+        yield "            f->covariance[c * n + c] = -1.0;"
+    else:
+        yield "    (void)n;"
+    yield "    answer(f, result);"
+    yield "    return result->status;"
+    yield "}"
+    yield ""
 
 
 def _begin(name: str, cells: Cells) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbm.emit.c.agreement import agreement_constants
 from mbm.emit.c.cells import input_name, program_name
 from mbm.emit.c.clauses import clause_functions
 from mbm.emit.c.derived import derived_functions, derived_kernels
@@ -17,6 +18,12 @@ from mbm.emit.system import StaticSystem
 from mbm.emit.types import Blueprint
 from mbm.target.c import PRELUDE, number
 from mbm.target.c import text as module_text
+
+LONG_CHECK = """#include <limits.h>
+#if LONG_MAX < 0x1000000000000
+#error "consensus draws its subsets with numbers of 48 bits: `long` is too short here"
+#endif
+"""
 
 
 def kernels_file(blueprint: Blueprint) -> str:
@@ -49,14 +56,15 @@ def _constants(blueprint: Blueprint) -> str:
     return "\n".join(["/* Constants of the problem. */", *lines, ""]) if lines else ""
 
 
-def solver_file(blueprint: Blueprint) -> str:
+def solver_file(blueprint: Blueprint, static: StaticSystem) -> str:
     """The solver: the same for all problems, as far as this one calls it."""
     doc = [
         "Least squares with Marquardt's method in a trust region: losses, bounds, constraints, covariance.",
         "The same algorithm as mbm's own native solver; arrays are described where the solver is called.",
     ]
-    text = module_text(emitted_module(roots(blueprint)))
-    return "\n".join([comment(doc), "", PRELUDE, text])
+    text = module_text(emitted_module(roots(blueprint, static)))
+    checked = [LONG_CHECK] if blueprint.agreement is not None else []
+    return "\n".join([comment(doc), "", PRELUDE, *checked, text])
 
 
 def source_file(blueprint: Blueprint, static: StaticSystem) -> str:
@@ -76,6 +84,7 @@ def source_file(blueprint: Blueprint, static: StaticSystem) -> str:
         longs("SYSTEM", static.prefix, "How the solver's description of the equations begins: what no data change."),
         longs("UNKNOWNS", static.unknowns, "Of each unknown: numbers, coordinates, family, positive, pieces."),
         doubles("LOSSES", static.losses, "Parameter and shape of each loss."),
+        *(() if blueprint.agreement is None else (agreement_constants(blueprint.agreement),)),
         f"#define TOLERANCE {number(blueprint.settings.tolerance)}    /* of the next step, in standard deviations */",
         "",
         frame_text(blueprint, static),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 
-from mbm.emit.types import Blueprint, ColumnValue, InputValue, OutputFile
+from mbm.emit.types import BlockCase, Blueprint, ColumnValue, InputValue, OutputFile
 from mbm.emit.words import described
 from mbm.kernels.serialised import serialised_kernel, serialised_whole
 
@@ -13,25 +13,14 @@ from mbm.kernels.serialised import serialised_kernel, serialised_whole
 def casadi_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:
     """The functions of each kernel and of all rows together, ``functions.json``, README, a test."""
     made: dict[str, str] = {}
-    kernels = []
-    for block, case in blueprint.cases:
+    for case in (*(c for _, c in blueprint.cases), *(c for d in blueprint.derived for c in d.cases)):
         made[f"{case.identifier}.casadi"] = serialised_kernel(case.identifier, case.kernel)
-        kernels.append(
-            {
-                "file": f"{case.identifier}.casadi",
-                "clause": block.name,
-                "role": block.role.value,
-                "inputs": list(case.input_names),
-                "unknowns": len(case.variables),
-                "parameters": [_shown(value) for value in case.parameters],
-                "where": {str(value.column): key for value, key in case.static},
-                "outputs": case.kernel.outputs,
-                "coordinates": [[s.unknown, s.component + 1] for s in case.kernel.tangents],
-                "equations": list(case.text),
-            }
-        )
     whole = blueprint.whole
-    made["residuals.casadi"] = serialised_whole("residuals", len(whole.start), len(whole.names), whole.bound)
+    numbers, coordinates = len(whole.start), len(whole.names)
+    made["residuals.casadi"] = serialised_whole("residuals", numbers, coordinates, whole.bound)
+    if whole.derived:
+        rows = [each for derived in whole.derived for each in derived.bound]
+        made["derived.casadi"] = serialised_whole("derived", numbers, coordinates, rows)
     unknowns = [
         {"name": u.name, "kind": u.kind.value, "numbers": u.size, "coordinates": u.freedom, "unit": u.unit}
         for u in blueprint.unknowns
@@ -39,16 +28,17 @@ def casadi_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:
     document = {
         "problem": blueprint.name,
         "mbm": blueprint.version,
-        "kernels": kernels,
+        "kernels": [{"clause": b.name, "role": b.role.value, **_kernel(c)} for b, c in blueprint.cases],
         "residuals": {
             "file": "residuals.casadi",
             "inputs": ["point"],
             "outputs": ["residuals", "jacobian"],
-            "numbers": len(whole.start),
+            "numbers": numbers,
             "coordinates": list(whole.names),
             "rows": len(whole.residuals),
             "start": whole.start.tolist(),
         },
+        "derived": _derived(blueprint),
         "unknowns": unknowns,
         "constants": {c.name: c.value for c in blueprint.constants},
     }
@@ -59,6 +49,40 @@ def casadi_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:
     return tuple(OutputFile(path=path, content=text.encode()) for path, text in made.items())
 
 
+def _kernel(case: BlockCase) -> dict[str, object]:
+    """Inputs and outputs of the function of a kernel."""
+    return {
+        "file": f"{case.identifier}.casadi",
+        "inputs": list(case.input_names),
+        "unknowns": len(case.variables),
+        "parameters": [_shown(value) for value in case.parameters],
+        "where": {str(value.column): key for value, key in case.static},
+        "outputs": case.kernel.outputs,
+        "coordinates": [[s.unknown, s.component + 1] for s in case.kernel.tangents],
+        "equations": list(case.text),
+    }
+
+
+def _derived(blueprint: Blueprint) -> dict[str, object] | None:
+    """The function of all derived quantities and what its lines are: quantity by quantity, row by row."""
+    if not blueprint.derived:
+        return None
+    quantities = [
+        {
+            "name": shape.name,
+            "table": shape.table,
+            "rows": [row + 1 for row in rows.rows],
+            "size": shape.size,
+            "unit": shape.unit,
+            "factor": shape.factor,
+            "kernels": [_kernel(case) for case in shape.cases],
+        }
+        for shape, rows in zip(blueprint.derived, blueprint.whole.derived, strict=False)
+    ]
+    lines = {"file": "derived.casadi", "inputs": ["point"], "outputs": ["derived", "jacobian"]}
+    return {**lines, "quantities": quantities}
+
+
 def _shown(value: InputValue) -> str:
     """A parameter in words."""
     if not isinstance(value, ColumnValue):
@@ -67,11 +91,17 @@ def _shown(value: InputValue) -> str:
 
 
 def _reference(blueprint: Blueprint) -> str:
-    """Residuals and Jacobian at the start, as mbm itself has them."""
+    """Residuals and Jacobian at the start, derived quantities at the answer, as mbm itself has them."""
     whole = blueprint.whole
     rows, columns = whole.jacobian.nonzero()
     slopes = [[int(i), int(j), float(whole.jacobian[i, j])] for i, j in zip(rows, columns, strict=True)]
-    found = {"point": whole.start.tolist(), "residuals": whole.residuals.tolist(), "jacobian": slopes}
+    found: dict[str, object] = {"point": whole.start.tolist(), "residuals": whole.residuals.tolist()}
+    found["jacobian"] = slopes
+    if whole.derived:
+        found["answer"] = whole.answer.tolist()
+        found["covariance"] = whole.covariance.tolist()
+        found["derived"] = [value for each in whole.derived for value in each.values.tolist()]
+        found["sigma"] = [value for each in whole.derived for value in each.sigma.tolist()]
     return json.dumps(found) + "\n"
 
 
@@ -92,6 +122,9 @@ def _readme(blueprint: Blueprint) -> Iterator[str]:
     yield "(of the first data set, where there are several), without losses; the other files have one function for each"
     yield "group of rows, from the unknowns and the data of one row to its equations (not divided by their noise) and"
     yield "their derivatives. Derivatives are by steps in the tangent space: a rotation has three, `q Exp(ω)`."
+    if blueprint.derived:
+        yield "`derived.casadi` gives the derived quantities of all rows at a point and their derivatives J by the"
+        yield "coordinates: with the covariance C of these, `J C Jᵀ` is theirs."
     yield "`python test_functions.py` compares with the numbers of mbm."
     yield ""
 
@@ -126,9 +159,27 @@ def test_residuals_and_jacobian() -> None:
     assert np.allclose(np.array(jacobian.full()), slopes, rtol=1e-10, atol=1e-10 * np.abs(slopes).max(initial=0.0))
 
 
+def test_derived_quantities() -> None:
+    """As mbm has them at the answer, with their standard deviations where these are known."""
+    reference = json.loads((FOLDER / "reference.json").read_text(encoding="utf-8"))
+    if "derived" not in reference:
+        return
+    values, jacobian = load("derived.casadi")(reference["answer"])
+    wanted = np.array(reference["derived"])
+    assert np.allclose(np.array(values).ravel(), wanted, rtol=1e-10, atol=1e-10 * np.abs(wanted).max(initial=0.0))
+    slopes, sigma = np.array(jacobian.full()), np.array(reference["sigma"])
+    moving = (slopes != 0.0).any(axis=0)
+    covariance = np.array(reference["covariance"])[np.ix_(moving, moving)]
+    found = np.sqrt(np.einsum("ij,jk,ik->i", slopes[:, moving], covariance, slopes[:, moving]))
+    known = np.isfinite(sigma) & np.isfinite(found)
+    assert np.allclose(found[known], sigma[known], rtol=1e-10, atol=0.0)
+
+
 def test_kernels_are_named() -> None:
     """Every function has the inputs and outputs that `functions.json` says."""
-    for kernel in json.loads((FOLDER / "functions.json").read_text(encoding="utf-8"))["kernels"]:
+    functions = json.loads((FOLDER / "functions.json").read_text(encoding="utf-8"))
+    quantities = functions["derived"]["quantities"] if functions["derived"] else []
+    for kernel in (*functions["kernels"], *(k for quantity in quantities for k in quantity["kernels"])):
         function = load(kernel["file"])
         assert function.size1_in(0) == len(kernel["inputs"])
         assert function.size1_out(0) == kernel["outputs"]
@@ -137,6 +188,7 @@ def test_kernels_are_named() -> None:
 
 if __name__ == "__main__":
     test_residuals_and_jacobian()
+    test_derived_quantities()
     test_kernels_are_named()
     print("all functions agree")
 '''

@@ -7,6 +7,8 @@ from textwrap import wrap
 
 from mbm.emit.c.sizes import lossy, row_scratch
 from mbm.emit.c.tables import programs_used
+from mbm.emit.python.agreement import AGREE, NOTHING, ROOTS, agreement_constants
+from mbm.emit.python.agreement import description as agreement_description
 from mbm.emit.python.clauses import clause_functions
 from mbm.emit.python.kernels import (
     WIDTH,
@@ -20,8 +22,10 @@ from mbm.emit.python.kernels import (
 from mbm.emit.python.program import PROGRAM
 from mbm.emit.python.rows import finding, set_up
 from mbm.emit.python.runtime import HEAD, TAIL
+from mbm.emit.routines.forms import MOMENTS
 from mbm.emit.routines.modules import emitted_module
-from mbm.emit.system import StaticSystem
+from mbm.emit.routines.noises import SCATTER, SQUARES
+from mbm.emit.system import StaticSystem, kinds_of_units
 from mbm.emit.types import Blueprint
 from mbm.problem.types import NoiseKind
 from mbm.target.program import Operator
@@ -33,9 +37,10 @@ _ROOTS = (
     "place_unknowns", "mark_used", "free_coordinates", "renumber", "set_capacities", "set_coordinates", "set_constants",
     "solve_noises", "all_rows", "row_scratch", "work_reals", "work_integers", "begun", "within_turn", "unit_vector",
     "quaternion_of_matrix", "angle_of_matrix", "weights_of_covariance", "weights_of_information", "sandwich",
+    "spread_of_group",
 )  # fmt: skip
 _DESCRIPTION = (
-    "HEADER", "BLOCK", "PIECE", "BOUNDS_AT", "MULTIPLIERS", "NOISES", "DATA_HEAD", "DATA_BLOCK", "DATA_COUNT",
+    "HEADER", "BLOCK", "PIECE", "BOUNDS_AT", "MULTIPLIERS", "DATA_HEAD", "DATA_BLOCK", "DATA_COUNT",
     "DATA_COLUMNS", "DATA_ROWS", "RESULTS", "COST", "PLAIN_COST", "STATES", "REASON", "STEPS", "EVALUATIONS", "FREEDOM",
     "DEFICIENT", "SMALL_OFFSET", "ONE_STEP", "NOT_FINITE_AT_START", "INFEASIBLE",
 )  # fmt: skip
@@ -60,9 +65,11 @@ def module(blueprint: Blueprint, static: StaticSystem) -> str:
             )
     parts += [derived_function(each.name, case) for each in blueprint.derived for case in each.cases]
     parts += [rows_function(blueprint, each, words) for each, words in programs_used(blueprint)]
-    parts += [PRELUDE.rstrip(), module_text(emitted_module(_ROOTS)).rstrip()]
+    agreeing = blueprint.agreement is not None
+    parts += [PRELUDE.rstrip(), module_text(emitted_module((*_ROOTS, *(ROOTS if agreeing else ())))).rstrip()]
     parts += [finding(blueprint), *set_up(blueprint), *clause_functions(blueprint), *_lists(blueprint)]
-    return "\n\n\n".join(p.strip("\n") for p in (*parts, TAIL, PROGRAM)) + "\n"
+    parts += [TAIL, AGREE if agreeing else NOTHING, PROGRAM]
+    return "\n\n\n".join(p.strip("\n") for p in parts) + "\n"
 
 
 def _doc(blueprint: Blueprint) -> Iterator[str]:
@@ -124,8 +131,16 @@ def _constants(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     lines += ["LOSSES = np.array(_LOSSES, dtype=float)"]
     lines += [f"TOLERANCE = {blueprint.settings.tolerance!r}", f"LOSSY = {lossy(blueprint)}"]
     lines += [f"SCALED = {static.scaled}", f"SPARE = {row_scratch(blueprint)!r}"]
+    lines += [f"KINDS = {max(kinds_of_units(blueprint), 1)}", *_assigned("NOISY", static.noises, "Unknown noise.")]
     yield "\n".join(lines)
     values = [(name, getattr(description, name)) for name in _DESCRIPTION]
+    values += [("SCATTER", SCATTER), ("SQUARES", SQUARES)]
+    if blueprint.agreement is None:
+        yield "KEPT = False"
+    else:
+        values += [*agreement_description(), ("MOMENTS", MOMENTS)]
+        made = agreement_constants(blueprint, blueprint.agreement)
+        yield "\n".join(f'{name} = {value}\n"""{doc}"""' for name, value, doc in made)
     yield "\n".join(["# places in the arrays of the solver, and its reasons", *(f"{n} = {v}" for n, v in values)])
 
 

@@ -70,6 +70,10 @@ def main(paths: Sequence[str]) -> int:
                 f"sigma0 {result['sigma0']:.6g}, {result['iterations']} iterations",
                 file=sys.stderr,
             )
+            if result["agreement"] is not None:
+                agreed = result["agreement"]
+                doubt = ", but as many may agree elsewhere" if agreed["ambiguous"] else ""
+                print(f"{agreed['inliers']} of {agreed['units']} measurements agree{doubt}", file=sys.stderr)
             worst = max(worst, 0 if result["status"] == "converged" else 1)
     except DataError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -109,7 +109,7 @@ class Prepared:
     def __init__(self, tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | None) -> None:
         t = arrays_of(tables)
         f = find_rows(t)
-        self.tables, self.found = t, f
+        self.tables, self.found, self.given = t, f, frozenset(start or {})
         count = len(NAMES)
         self.members = integers(count)
         self.keys: list[list[Any]] = []
@@ -143,6 +143,7 @@ class Prepared:
         self.work = reals(work_reals(self.system))
         self.flags = integers(work_integers(self.system))
         self.spare = reals(4 * self.free * self.free + 64 + SPARE[0] + (SPARE[1] + 1) * self.free)
+        self.kappa = np.ones(KINDS)
 
     def _set_up(self, t: Tables, f: Found, start: Mapping[str, Any]) -> None:
         """Starts, bounds, and what stays."""
@@ -236,7 +237,8 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         ``robust_cost``, ``freedom``, ``sigma0``; ``estimates``: name → ``value`` (members, size), ``sigma`` (members,
         coordinates; 0: it stays, NaN: not determined), in SI, and ``keys`` (members,) of families; ``derived``: name →
         ``value`` and ``sigma`` (rows, size), in SI; ``covariance``
-        (n, n), and ``coordinates`` (n,): the place of each of its rows among all coordinates; ``point`` (N,).
+        (n, n), and ``coordinates`` (n,): the place of each of its rows among all coordinates; ``point`` (N,);
+        ``agreement``: which ``units`` agree (``inside``, clause by clause, row by row), None without consensus.
 
     Raises:
         DataError: the data are wrong.
@@ -246,24 +248,36 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
     n = p.free
     point, triangle, covariance = reals(p.offsets[len(NAMES)]), reals((n + 1) * (n + 1)), reals(n * n)
     results, states, sides = reals(RESULTS), integers(STATES), integers(n)
-    multipliers, factors = reals(p.system[MULTIPLIERS]), reals(p.system[NOISES])
+    multipliers, factors = reals(p.system[MULTIPLIERS]), np.ones(len(NOISY) + 1)
+    agreed = agree_on(p, factors)
     with np.errstate(all="ignore"):
         solve_noises(
             p.system, p.constants, *p.arrays, p.data, p.start, p.work, p.flags, point, results, states, sides, triangle,
-            covariance, multipliers, factors, p.spare,
+            covariance, multipliers, p.kappa, factors, p.spare,
         )
+
+        def spread_of(group: int, what: int) -> float:
+            return float(
+                spread_of_group(p.system, p.data, *p.arrays, point, covariance, p.kappa, group, what, p.spare)
+            )
+
         cost = float(results[PLAIN_COST])
-        if p.system[NOISES] == 1:
-            cost += (factors[0] * factors[0] - 1.0) * float(p.spare[1])  # one unknown factor counts as 1 in the cost
+        if len(NOISY) == 1:  # one unknown factor counts as 1 in the cost
+            cost += (factors[0] * factors[0] - 1.0) * spread_of(0, SQUARES)
+        scatter = spread_of(-1, SCATTER) if SCALED else 0.0
         if LOSSY and states[DEFICIENT] == 0:
             states[DEFICIENT] = 1 - sandwich(
                 p.system, p.constants, p.data, *p.arrays, point, sides, p.spare, covariance
+            )
+        elif KEPT and states[DEFICIENT] == 0:
+            states[DEFICIENT] = 1 - inform(
+                p.system, p.constants, p.data, *p.arrays, point, p.kappa, sides, p.work, p.flags, triangle, covariance
             )
     freedom = int(states[FREEDOM])
     sigma0 = math.sqrt(cost / freedom) if freedom > 0 else 0.0
     matrix = covariance[: n * n].reshape(n, n)
     if SCALED:
-        matrix = matrix * sigma0**2 if freedom > 0 else np.full((n, n), np.nan)
+        matrix = matrix * (scatter / freedom) if freedom > 0 else np.full((n, n), np.nan)
     coordinates = np.array([c for c in range(p.firsts[len(NAMES)]) if p.column[c] >= 0], dtype=np.int64)
     sigma = np.where(np.array(p.fixed[: p.firsts[len(NAMES)]]) != 0, 0.0, np.nan)
     with np.errstate(all="ignore"):
@@ -280,7 +294,7 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
             "keys": p.keys[u],
         }
     return {
-        "status": status_of(int(states[REASON]), int(states[DEFICIENT])),
+        "status": status_of(int(states[REASON]), int(states[DEFICIENT]), agreed if KEPT else None),
         "iterations": int(states[STEPS]),
         "evaluations": int(states[EVALUATIONS]),
         "cost": cost,
@@ -292,18 +306,21 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         "covariance": matrix,
         "coordinates": coordinates,
         "point": numbers,
+        "agreement": agreed if KEPT else None,
     }
 
 
-STATUSES = ("converged", "not-converged", "unobservable", "infeasible", "not-finite")
+STATUSES = ("converged", "not-converged", "unobservable", "infeasible", "no-agreement", "not-finite")
 
 
-def status_of(reason: int, deficient: int) -> str:
-    """What the reason of the solver means."""
+def status_of(reason: int, deficient: int, agreed: Mapping[str, Any] | None) -> str:
+    """What the reason of the solver means, and what consensus found."""
     if reason == NOT_FINITE_AT_START:
         return "not-finite"
     if reason == INFEASIBLE:
         return "infeasible"
+    if agreed is not None and 0 < 2 * agreed["inliers"] < agreed["units"]:
+        return "no-agreement"
     if deficient:
         return "unobservable"
     return "converged" if SMALL_OFFSET <= reason <= ONE_STEP else "not-converged"

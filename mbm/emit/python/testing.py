@@ -25,7 +25,7 @@ def differences() -> tuple[list[str], int]:
     for number, (_, chosen) in enumerate({name}.data_sets(tables), start=1):
         own = [r for r in rows if int(r["solve"]) == number]
         begun = {{int(r["row"]): float(r["value"]) for r in own if r["what"] == "start"}}
-        result = {name}.solve(chosen, {name}.started(chosen, begun))
+        result = {name}.solve(chosen, {name}.started(chosen, begun) if begun else None)
         for row in (r for r in own if r["what"] != "start"):
             i, j, value, spread = int(row["row"]), int(row["column"]), float(row["value"]), float(row["spread"])
             answers = {{

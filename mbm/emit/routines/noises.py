@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from math import fabs, sqrt
 
-from mbm.emit.routines.rows import evaluate_row, row_scratch
+from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
 from mbm.target.solver.batch import finish_solve, go_on, start_solve
 from mbm.target.solver.description import (
     BLOCK,
     BLOCK_NOISE,
     BLOCK_OUTPUTS,
+    BLOCK_UNITS,
+    BLOCK_UNITS_AT,
     BLOCK_WEIGHTS,
     BLOCKS,
     BLOCKS_AT,
@@ -23,6 +25,9 @@ from mbm.target.solver.description import (
     NOT_FINITE_AT_START,
     NUMBERS,
     REASON,
+    UNIT,
+    UNIT_FIRST,
+    UNIT_LAST,
 )
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
@@ -31,6 +36,12 @@ SETTLED = 1e-9
 """Relative change of every factor that ends the rounds."""
 LEAST_REDUNDANCY = 1e-9
 """A group with less redundancy than this is not checked by anything."""
+
+SCATTER = 0
+"""Sum of squares without the loss of tails that were cut off."""
+REDUNDANCY = 1
+SQUARES = 2
+FOUND = 3
 
 
 def rescale(system: ConstantIntegers, data: ConstantIntegers, group: Integer, ratio: Reals, weights: Reals) -> None:
@@ -44,6 +55,15 @@ def rescale(system: ConstantIntegers, data: ConstantIntegers, group: Integer, ra
                 weights[first + i] /= ratio[group]
 
 
+def quadratic_form(n: Integer, matrix: ConstantReals, vector: ConstantReals) -> Real:
+    """``vᵀ M v``."""
+    total = 0.0
+    for j in range(n):
+        for k in range(n):
+            total += vector[j] * matrix[j * n + k] * vector[k]
+    return total
+
+
 def share_of_group(
     system: ConstantIntegers,
     data: ConstantIntegers,
@@ -53,15 +73,21 @@ def share_of_group(
     columns: ConstantIntegers,
     point: ConstantReals,
     covariance: ConstantReals,
+    kappa: ConstantReals,
     group: Integer,
     scratch: Reals,
     line: Reals,
     found: Reals,
 ) -> None:
-    """The sum of squares of a group's whitened residuals, and its redundancy (Förstner 1979): ``found`` 0 and 1."""
+    """What the whitened residuals of a group say of its noise: ``found`` `SCATTER`, `REDUNDANCY` and `SQUARES`.
+
+    ``kappa`` is the share of its variance that a unit of each kind has left, where limits cut its tails off. The
+    redundancy is that of Förstner (1979).
+    """
     n = system[COORDINATES]
-    found[0] = 0.0
-    found[1] = 0.0
+    for i in range(FOUND):
+        found[i] = 0.0
+    kinds = 0
     for b in range(system[BLOCKS]):
         at = system[BLOCKS_AT] + b * BLOCK
         lines = system[at + BLOCK_OUTPUTS]
@@ -70,14 +96,15 @@ def share_of_group(
                 evaluate_row(
                     system, data, parameters, weights, index, columns, point, b, row, scratch, line, line[lines:]
                 )
-                for i in range(lines):
-                    slopes = line[lines + i * n :]
-                    leverage = 0.0
-                    for j in range(n):
-                        for k in range(n):
-                            leverage += slopes[j] * covariance[j * n + k] * slopes[k]
-                    found[0] += line[i] * line[i]
-                    found[1] += max(0.0, min(1.0, 1.0 - leverage))
+                for u in range(system[at + BLOCK_UNITS]):
+                    unit = system[system[at + BLOCK_UNITS_AT] + u * UNIT :]
+                    if takes_part(system, data, weights, b, row, unit) == 1:
+                        for i in range(unit[UNIT_FIRST], unit[UNIT_LAST]):
+                            leverage = quadratic_form(n, covariance, line[lines + i * n :])
+                            found[SCATTER] += line[i] * line[i] / kappa[kinds + u]
+                            found[REDUNDANCY] += max(0.0, min(1.0, 1.0 - leverage))
+                            found[SQUARES] += line[i] * line[i]
+        kinds += system[at + BLOCK_UNITS]
 
 
 def factors_left(
@@ -89,19 +116,22 @@ def factors_left(
     columns: ConstantIntegers,
     numbers: ConstantReals,
     covariance: ConstantReals,
+    kappa: ConstantReals,
     spare: Reals,
 ) -> Real:
     """The factors by which the residuals say that the noise is still wrong, into ``spare``; how far they are from 1."""
     groups = system[NOISES]
     found = spare[groups:]
-    scratch = spare[groups + 2 :]
+    scratch = spare[groups + FOUND :]
     line = scratch[row_scratch(system) :]
     change = 0.0
     for g in range(groups):
-        share_of_group(system, data, parameters, weights, index, columns, numbers, covariance, g, scratch, line, found)
+        share_of_group(
+            system, data, parameters, weights, index, columns, numbers, covariance, kappa, g, scratch, line, found
+        )
         spare[g] = 1.0
-        if found[1] > LEAST_REDUNDANCY and found[0] > 0.0:
-            spare[g] = sqrt(found[0] / found[1])
+        if found[REDUNDANCY] > LEAST_REDUNDANCY and found[SCATTER] > 0.0:
+            spare[g] = sqrt(found[SCATTER] / found[REDUNDANCY])
         change = max(change, fabs(spare[g] - 1.0))
     return change
 
@@ -124,12 +154,13 @@ def solve_noises(
     triangle: Reals,
     covariance: Reals,
     multipliers: Reals,
+    kappa: ConstantReals,
     factors: Reals,
     spare: Reals,
 ) -> None:
     """A solve, again and again with the factors of the noise that its residuals show until these settle.
 
-    ``factors`` (groups,) become the factors; ``spare``: (groups,) and what `evaluate_row` and a row of it want.
+    ``factors`` (groups,) become the factors; ``spare``: (groups,), `FOUND`, what `evaluate_row` and a row of it want.
     """
     groups = system[NOISES]
     for g in range(groups):
@@ -163,11 +194,34 @@ def solve_noises(
             if change > SETTLED and rounds < ROUNDS_AT_MOST:
                 going = 1  # also where the factors settle now: the last solve is one with the last of them
             rounds += 1
-            change = factors_left(system, data, parameters, weights, index, columns, numbers, covariance, spare)
+            change = factors_left(system, data, parameters, weights, index, columns, numbers, covariance, kappa, spare)
             if going == 1:
                 for g in range(groups):
                     factors[g] = factors[g] * spare[g]
                     rescale(system, data, g, spare, weights)
 
 
-ROUTINES = (rescale, share_of_group, factors_left, solve_noises)
+def spread_of_group(
+    system: ConstantIntegers,
+    data: ConstantIntegers,
+    parameters: ConstantReals,
+    weights: ConstantReals,
+    index: ConstantIntegers,
+    columns: ConstantIntegers,
+    numbers: ConstantReals,
+    covariance: ConstantReals,
+    kappa: ConstantReals,
+    group: Integer,
+    what: Integer,
+    spare: Reals,
+) -> Real:
+    """`SCATTER` or `SQUARES` of a group (-1: of all that has none), at the end of a solve."""
+    scratch = spare[FOUND:]
+    line = scratch[row_scratch(system) :]
+    share_of_group(
+        system, data, parameters, weights, index, columns, numbers, covariance, kappa, group, scratch, line, spare
+    )
+    return fabs(spare[what])  # it is not negative
+
+
+ROUTINES = (rescale, quadratic_form, share_of_group, factors_left, solve_noises, spread_of_group)

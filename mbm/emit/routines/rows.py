@@ -41,7 +41,7 @@ def whiten_row(
     system: ConstantIntegers, block: ConstantIntegers, weights: ConstantReals, stride: Integer, raw: ConstantReals,
     target: Reals,
 ) -> None:  # fmt: skip
-    """One value for each output, ``stride`` apart, times the weights of a row."""
+    """One value for each output, ``stride`` apart, times the weights of a row; 0 for units that take no part."""
     for u in range(block[BLOCK_UNITS]):
         unit = system[block[BLOCK_UNITS_AT] + u * UNIT :]
         first = unit[UNIT_FIRST]
@@ -49,13 +49,25 @@ def whiten_row(
         own = weights[unit[UNIT_WEIGHTS] :]
         for i in range(size):
             total = 0.0
-            if unit[UNIT_MATRIX] == 0:
+            if own[0] != 0.0 and unit[UNIT_MATRIX] == 0:
                 total = own[i] * raw[(first + i) * stride]
-            else:
+            elif own[0] != 0.0:
                 for j in range(size):
                     if own[i * size + j] != 0.0:
                         total += own[i * size + j] * raw[(first + j) * stride]
             target[(first + i) * stride] = total
+
+
+def takes_part(
+    system: ConstantIntegers, data: ConstantIntegers, weights: ConstantReals, b: Integer, row: Integer,
+    unit: ConstantIntegers,
+) -> Integer:  # fmt: skip
+    """Whether a unit counts: its first weight is not 0."""
+    step = system[system[BLOCKS_AT] + b * BLOCK + BLOCK_WEIGHTS]
+    found = 0
+    if weights[data[DATA_HEAD + b * DATA_BLOCK + DATA_WEIGHTS] + row * step + unit[UNIT_WEIGHTS]] != 0.0:
+        found = 1
+    return found
 
 
 def row_scratch(system: ConstantIntegers) -> Integer:
@@ -145,4 +157,4 @@ def all_rows(
             first += lines
 
 
-ROUTINES = (whiten_row, row_scratch, evaluate_row, all_rows)
+ROUTINES = (whiten_row, takes_part, row_scratch, evaluate_row, all_rows)

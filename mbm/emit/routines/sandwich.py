@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from math import fabs, sqrt
 
-from mbm.emit.routines.rows import evaluate_row, row_scratch
+from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
 from mbm.target.solver.description import (
     BLOCK,
     BLOCK_OUTPUTS,
@@ -63,6 +63,40 @@ def first_with_loss(system: ConstantIntegers, constants: ConstantReals, unit: In
     return 1
 
 
+def add_to_pool(
+    kind: Integer,
+    size: Integer,
+    n: Integer,
+    constants: ConstantReals,
+    loss_at: Integer,
+    residuals: ConstantReals,
+    slopes: ConstantReals,
+    sums: Reals,
+    information: Reals,
+) -> None:
+    """Add what a unit with ``residuals`` (size,) and ``slopes`` (size, n) gives to the sums."""
+    square = 0.0
+    for i in range(size):
+        square += residuals[i] * residuals[i]
+    weight = 1.0
+    trace = float(size)
+    if kind != NO_LOSS:
+        scale = constants[loss_at]
+        shape = constants[loss_at + 1]
+        weight = loss_weight(kind, square, scale, shape)
+        trace = float(size) * weight + 2.0 * loss_slope(kind, square, scale, shape) * square
+    sums[TOTAL] += float(size) * weight
+    sums[SLOPE] += trace
+    sums[SPREAD] += weight * weight * square
+    sums[COUNT] += float(size)
+    sums[TRACES] += trace
+    sums[SQUARED_TRACES] += trace * trace / float(size)
+    for i in range(size):
+        for j in range(n):
+            for k in range(n):
+                information[j * n + k] += weight * slopes[i * n + j] * slopes[i * n + k]
+
+
 def pool(
     system: ConstantIntegers,
     constants: ConstantReals,
@@ -81,6 +115,7 @@ def pool(
     n = system[COORDINATES]
     line = scratch[row_scratch(system) :]
     kind = system[loss + UNIT_LOSS]
+    loss_at = system[loss + UNIT_LOSS_AT]
     for i in range(SUMS):
         sums[i] = 0.0
     for i in range(n * n):
@@ -94,30 +129,13 @@ def pool(
                 first = system[unit + UNIT_FIRST]
                 size = system[unit + UNIT_LAST] - first
                 for row in range(data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]):
-                    evaluate_row(
-                        system, data, parameters, weights, index, columns, point, b, row, scratch, line, line[lines:]
-                    )
-                    square = 0.0
-                    for i in range(first, first + size):
-                        square += line[i] * line[i]
-                    weight = 1.0
-                    trace = float(size)
-                    if kind != NO_LOSS:
-                        scale = constants[system[loss + UNIT_LOSS_AT]]
-                        shape = constants[system[loss + UNIT_LOSS_AT] + 1]
-                        weight = loss_weight(kind, square, scale, shape)
-                        trace = float(size) * weight + 2.0 * loss_slope(kind, square, scale, shape) * square
-                    sums[TOTAL] += float(size) * weight
-                    sums[SLOPE] += trace
-                    sums[SPREAD] += weight * weight * square
-                    sums[COUNT] += float(size)
-                    sums[TRACES] += trace
-                    sums[SQUARED_TRACES] += trace * trace / float(size)
-                    for i in range(first, first + size):
-                        slopes = line[lines + i * n :]
-                        for j in range(n):
-                            for k in range(n):
-                                information[j * n + k] += weight * slopes[j] * slopes[k]
+                    if takes_part(system, data, weights, b, row, system[unit:]) == 1:
+                        evaluate_row(
+                            system, data, parameters, weights, index, columns, point, b, row, scratch, line,
+                            line[lines:],
+                        )  # fmt: skip
+                        add_to_pool(kind, size, n, constants, loss_at, line[first:], line[lines + first * n :], sums,
+                                    information)  # fmt: skip
 
 
 def inverted(n: Integer, matrix: Reals, scale: Reals, inverse: Reals) -> Integer:
@@ -266,4 +284,4 @@ def corrected(
     return fabs(found)  # it is not negative
 
 
-ROUTINES = (same_loss, first_with_loss, pool, inverted, freed_of, corrected, sandwich)
+ROUTINES = (same_loss, first_with_loss, add_to_pool, pool, inverted, freed_of, corrected, sandwich)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mbm.kernels.backends import native
-from mbm.kernels.types import Backend, Evaluation, Kernel, Stream
+from mbm.kernels.types import Backend, Evaluation, Kernel, Stream, WithoutMachineCode
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -16,11 +15,9 @@ MANY = 192
 instruction once per block of rows, CasADi once per row."""
 
 
-@dataclass(frozen=True, slots=True)
-class InterpretingBackend:
+@dataclass(frozen=True, slots=True, eq=False)
+class InterpretingBackend(WithoutMachineCode):
     """CasADi or NumPy, whichever is faster for the number of rows: what there is where no machine code can be made."""
-
-    name: str = "auto"
 
     def prepare(self, kernel: Kernel, rows: int) -> Evaluation:
         """Buffers for ``rows`` rows of the backend that suits them."""
@@ -38,6 +35,8 @@ class InterpretingBackend:
 
 def backend(store: Store | None) -> Backend:
     """The backend that suits this machine; ``store`` keeps what it compiles."""
-    from mbm.kernels.native.engine import available
+    from mbm.kernels.backends.native import NativeBackend
+    from mbm.kernels.native.engine import hindrance
 
-    return native.NativeBackend(store=store, name="auto") if available() else InterpretingBackend()
+    reason = hindrance(store)
+    return NativeBackend(store=store, name="auto") if reason is None else InterpretingBackend(reason)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbm.kernels.native.engine import Library, available, compiled
+from mbm.kernels.native.engine import Library, compiled, hindrance
 from mbm.kernels.native.kernels import MANY, PLAIN, level_for
 from mbm.kernels.native.processor import vector_library
-from mbm.kernels.types import BackendUnavailableError, Evaluation, Floats, Kernel, Stream
+from mbm.kernels.types import BackendUnavailableError, Evaluation, Floats, Kernel, MachineCode, Stream
 from mbm.target import plain_rows
 from mbm.target.vector_text import LANES
 from mbm.target.vectors import NoPrinterError
@@ -113,14 +113,12 @@ def _padded(inputs: Floats) -> Floats:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NativeBackend:
+class NativeBackend(MachineCode):
     """Kernels as machine code; object code is kept in ``store``. Kernels that it cannot print go to CasADi.
 
     Local to one compiled problem in one thread: what was compiled is kept for each kernel and level.
     """
 
-    store: Store | None = None
-    name: str = "native"
     _made: dict[tuple[int, int], tuple[Kernel, _Code]] = field(default_factory=dict, init=False, repr=False)
 
     def prepare(self, kernel: Kernel, rows: int) -> Evaluation:
@@ -156,6 +154,7 @@ def backend(store: Store | None) -> NativeBackend:
     Raises:
         BackendUnavailableError: no machine code can be made here.
     """
-    if not available():
-        raise BackendUnavailableError
+    reason = hindrance(store)
+    if reason is not None:
+        raise BackendUnavailableError(reason)
     return NativeBackend(store)

@@ -7,6 +7,7 @@ is loaded without llvmlite; elsewhere LLVM links it. What cannot be loaded is co
 
 from __future__ import annotations
 
+import os
 import re
 import weakref
 from collections.abc import Callable
@@ -21,7 +22,7 @@ from mbm.kernels.native.processor import described
 if TYPE_CHECKING:
     from mbm.kernels.store import Store
 
-ENGINE = 1
+ENGINE = 3
 """Counts up when the way from IR to what is kept changes."""
 
 SMALL = 20
@@ -45,22 +46,29 @@ class NotCompilingError(Exception):
     """IR that LLVM refuses or cannot link: an internal fault."""
 
 
-def available() -> bool:
-    """Whether machine code can be made and run here: llvmlite is there and new enough, and memory may be executed."""
+def hindrance(store: Store | None = None) -> str | None:
+    """Why no machine code can be made and run here, in words; None: it can.
+
+    An installed llvmlite may yet not load, or lack what is called here: it is made to compile something, once for each
+    ``store``, which remembers that for the library as it stands in its folder.
+    """
     if find_spec("llvmlite") is None:
-        return False
+        return "llvmlite is not installed"
     stated = re.search(r"version_version = '(\d+)\.(\d+)", _version())
     if stated is not None and (int(stated[1]), int(stated[2])) < LEAST:
-        return False
-    if image.supported():
-        return image.executable()
+        return f"llvmlite {stated[1]}.{stated[2]} is older than {LEAST[0]}.{LEAST[1]}"
+    if image.supported() and not image.executable():
+        return "memory may not be executed"
     try:
-        import llvmlite.binding as binding
+        kept(f"trial {_files()}", str, store, 1)
+    except (ImportError, OSError, AttributeError, TypeError, ValueError, RuntimeError, NotCompilingError) as error:
+        return f"llvmlite does not work ({' '.join(str(error).split()) or type(error).__name__})"
+    return None
 
-        binding.check_jit_execution()
-    except (ImportError, OSError):
-        return False
-    return True
+
+def available() -> bool:
+    """Whether machine code can be made and run here."""
+    return hindrance() is None
 
 
 class Library:
@@ -111,7 +119,7 @@ def kept(
     """As `compiled`, but the IR is made only where the store has nothing under ``name``, which must determine it.
 
     ``loops``: LLVM puts several rounds of a loop into a vector; else operations that stand side by side. ``compact``:
-    no loop is unrolled, and only small functions are put in place of their calls.
+    it is both, but no loop is unrolled, and only small functions are put in place of their calls.
     """
     found = fetched(name, store, level, loops=loops, compact=compact)
     if found is not None:
@@ -151,6 +159,19 @@ def _version() -> str:
         return ""
 
 
+def _files() -> str:
+    """Names, sizes and times of llvmlite's libraries, without loading them."""
+    spec = find_spec("llvmlite")
+    if spec is None or spec.origin is None:
+        return ""
+    try:
+        with os.scandir(Path(spec.origin).with_name("binding")) as entries:
+            found = [(e.name, e.stat().st_size, e.stat().st_mtime_ns) for e in entries if "llvmlite" in e.name]
+    except OSError:
+        return ""
+    return repr(sorted(found))
+
+
 def _object_code(text: str, level: int, *, loops: bool = True, compact: bool = False) -> bytes:
     """A module compiled."""
     import llvmlite.binding as binding
@@ -166,7 +187,7 @@ def _object_code(text: str, level: int, *, loops: bool = True, compact: bool = F
     if level:
         tuning = binding.create_pipeline_tuning_options(speed_level=level)
         tuning.loop_vectorization = loops
-        tuning.slp_vectorization = not loops
+        tuning.slp_vectorization = compact or not loops
         if compact:
             tuning.loop_unrolling = False
             tuning.inlining_threshold = SMALL

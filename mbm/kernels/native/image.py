@@ -8,16 +8,16 @@ some look-ups in the C library, and a change of the memory from writable to exec
 from __future__ import annotations
 
 import ctypes
-import json
 import mmap
 import os
 import struct
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
 
 from mbm.values import dataclass
 
-MAGIC = b"mbm-image 1\n"
+MAGIC = b"mbm-image 2\n"
 _LIBRARIES = ("libm.so.6", "libmvec.so.1", None)
 """Where names are looked up; None: what the process has loaded."""
 
@@ -56,8 +56,12 @@ class Image:
 
     def written(self) -> bytes:
         """As bytes."""
-        head = json.dumps([len(self.code), dict(self.exports), dict(self.imports)]).encode()
-        return MAGIC + head + b"\n" + self.code
+        entries = (
+            f"{kind} {offset} {name}\n"
+            for kind, names in (("exports", self.exports), ("imports", self.imports))
+            for name, offset in names.items()
+        )
+        return MAGIC + "".join((*entries, f"{len(self.code)}\n\n")).encode() + self.code
 
 
 def read(content: bytes) -> Image:
@@ -66,14 +70,19 @@ def read(content: bytes) -> Image:
     Raises:
         DamagedImageError: it is not whole.
     """
-    head, _, code = content[len(MAGIC) :].partition(b"\n")
+    head, _, code = content[len(MAGIC) :].partition(b"\n\n")
+    found: dict[str, dict[str, int]] = {"exports": {}, "imports": {}}
     try:
-        size, exports, imports = json.loads(head)
-    except (ValueError, TypeError):
+        *entries, size = head.decode().split("\n")
+        for entry in entries:
+            kind, offset, name = entry.split(" ", 2)
+            found[kind][name] = int(offset)
+        whole = int(size) == len(code)
+    except (ValueError, KeyError):
         raise DamagedImageError("head") from None
-    if not content.startswith(MAGIC) or size != len(code):
+    if not content.startswith(MAGIC) or not whole:
         raise DamagedImageError("size")
-    return Image(code=code, exports=exports, imports=imports)
+    return Image(code=code, **found)
 
 
 def supported() -> bool:
@@ -132,12 +141,16 @@ def present(names: Iterable[str]) -> frozenset[str]:
 
 
 def _opened() -> tuple[ctypes.CDLL, ...]:
-    return tuple(ctypes.CDLL(name) for name in _LIBRARIES if has_library(name))
+    found = []
+    for name in _LIBRARIES:
+        with suppress(OSError):
+            found.append(ctypes.CDLL(name))
+    return tuple(found)
 
 
-def _resolved(names: Iterable[str]) -> Mapping[str, int]:
+def _resolved(names: Collection[str]) -> Mapping[str, int]:
     """Addresses of functions elsewhere."""
-    libraries = _opened()
+    libraries = _opened() if names else ()
     found = {}
     for name in names:
         holder = next((library for library in libraries if hasattr(library, name)), None)

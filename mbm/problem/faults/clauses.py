@@ -74,7 +74,8 @@ UNKNOWN_BACKEND = Code(
 NATIVE_UNAVAILABLE = Code(
     "native-unavailable",
     "`--backend native` was asked for, and this installation can make no machine code.",
-    "Install llvmlite (`pip install llvmlite`), or use `auto`, which takes what there is.",
+    "The message says why: llvmlite is missing, too old or does not work, or memory may not be executed. Install it "
+    "(`pip install --force-reinstall llvmlite`), or use `auto`, which takes what there is.",
 )
 
 
@@ -85,12 +86,12 @@ def unknown_backend(name: str, known: tuple[str, ...]) -> Diagnostic:
     )
 
 
-def native_unavailable() -> Diagnostic:
+def native_unavailable(reason: str) -> Diagnostic:
     """Machine code was asked for where none can be made."""
     return Diagnostic(
         code=NATIVE_UNAVAILABLE,
-        message="no machine code can be made here: llvmlite is missing, too old, or memory may not be executed",
-        hint="install llvmlite (`pip install llvmlite`), or leave `--backend` at `auto`",
+        message=f"no machine code can be made here: {reason}",
+        hint="install llvmlite anew (`pip install --force-reinstall llvmlite`), or leave `--backend` at `auto`",
     )
 
 

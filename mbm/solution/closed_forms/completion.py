@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,10 +26,14 @@ ALIKE = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Completion:
-    """Numbers (N,), NaN where no closed form applied, and what was used, in words."""
+    """Numbers (N,), NaN where no closed form applied, and what was used, in words.
+
+    ``recognised``: a closed form is made for some of the numbers that are not known, but gave none.
+    """
 
     numbers: Floats
     used: tuple[str, ...]
+    recognised: bool = False
 
 
 def completions(situation: Situation, forms: Iterable[ClosedForm]) -> tuple[Completion, ...]:
@@ -38,10 +43,10 @@ def completions(situation: Situation, forms: Iterable[ClosedForm]) -> tuple[Comp
     finished: list[Completion] = []
     while open_ones:
         each = open_ones.pop(0)
-        steps = _steps(situation.with_numbers(each.numbers), every) if bool(np.isnan(each.numbers).any()) else []
+        steps, recognised = _steps(situation.with_numbers(each.numbers), every)
         room = MOST_BRANCHES - len(open_ones) - len(finished)
         if not steps:
-            finished.append(each)
+            finished.append(replace(each, recognised=recognised))
         for numbers, used in steps[: max(room, 1)]:
             note = () if used in each.used else (used,)
             open_ones.append(Completion(numbers=numbers, used=(*each.used, *note)))
@@ -59,18 +64,26 @@ def plans(situation: Situation, forms: Iterable[ClosedForm]) -> Iterator[Plan]:
                 yield plan
 
 
-def _steps(situation: Situation, forms: tuple[ClosedForm, ...]) -> list[tuple[Floats, str]]:
-    """The numbers after the first closed form that gives any: one vector for each of its solutions, best first."""
+def _steps(situation: Situation, forms: tuple[ClosedForm, ...]) -> tuple[list[tuple[Floats, str]], bool]:
+    """The numbers after the first closed form that gives any, and whether there is one that gives none before it.
+
+    One vector for each of its solutions, best first.
+    """
+    if not bool(np.isnan(situation.numbers).any()):
+        return [], False
+    recognised = False
     for plan in plans(situation, forms):
         if plan.form.joint:
             whole = plan.form.solve(plan, np.arange(len(plan.rows))[None])[0]
             answers = [w for w in whole if bool(np.isfinite(w).any())]
             if answers:
-                return [(_filled(situation, plan, answer), plan.description) for answer in answers]
+                return [(_filled(situation, plan, answer), plan.description) for answer in answers], recognised
+            recognised = True
             continue
         solved = solutions(plan)
         known = finite(solved, 2)
         if not bool(known.any()):
+            recognised = True
             continue
         found = []
         for rank in range(solved.shape[1] if plan.candidate.members == 1 else 1):
@@ -78,8 +91,8 @@ def _steps(situation: Situation, forms: tuple[ClosedForm, ...]) -> list[tuple[Fl
                 numbers = situation.numbers.copy()
                 numbers[plan.candidate.places[known[:, rank]]] = solved[known[:, rank], rank]
                 found.append((numbers, plan.description))
-        return found
-    return []
+        return found, recognised
+    return [], recognised
 
 
 def _filled(situation: Situation, plan: Plan, answer: Floats) -> Floats:

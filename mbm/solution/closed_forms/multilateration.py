@@ -187,11 +187,11 @@ def _distances(rows: Rows, point: tuple[int, ...], offset: int | None, probes: F
         extra=extra,
         length=length,
         slope=slope,
-        weight=_weights(rows.weight * square, length, offset),
+        weight=weights_of_squares(rows.weight * square, length, offset),
     )
 
 
-def _weights(precision: Floats, length: Floats, offset: int | None) -> Floats:
+def weights_of_squares(precision: Floats, length: Floats, offset: int | None) -> Floats:
     """Those of squared distances: their error is 2 D times that of the distance."""
     if offset is not None:
         return precision

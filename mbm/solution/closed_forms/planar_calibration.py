@@ -123,8 +123,8 @@ def _views(situation: Situation, candidate: Candidate, pose: Entry, intrinsic: t
     numbers = situation.numbers.copy()
     numbers[candidate.places[0, others]] = [1.0 if kind < 3 else 0.0 for kind in intrinsic]
     number = situation.layout.entries.index(pose)
-    members = [((int(p) - pose.offset) // pose.unknown.size,) for p in candidate.places[:, place.start]]
-    alone = situation.with_numbers(numbers).candidate((number,), members)
+    members = (candidate.places[:, place.start] - pose.offset) // pose.unknown.size
+    alone = situation.with_numbers(numbers).candidate((number,), members[:, None])
     moved = moved_points(alone, alone.rows(2)) if alone is not None else None
     if moved is None:
         return None

@@ -178,20 +178,41 @@ def _composed(plan: Plan, subset: Indices) -> Floats:
     if not len(known):
         known = member[:1]
         result[known] = origin(entry)
-    back = inverse(entry, edges.motion[subset])
-    neighbours: dict[int, list[tuple[int, Floats]]] = {}
-    for i, k in enumerate(subset):
-        a, b = int(edges.first[k]), int(edges.second[k])
-        neighbours.setdefault(a, []).append((b, edges.motion[k]))
-        neighbours.setdefault(b, []).append((a, back[i]))
+    along = np.vstack([edges.motion[subset], inverse(entry, edges.motion[subset])])
+    parent, edge = _tree(entry.members, edges.first[subset], edges.second[subset], known)
+    reached = np.flatnonzero(parent >= 0)
+    result[reached] = along[edge[reached]]
+    # Each member's motion becomes that from its parent's parent, until all begin at one that is known.
+    while reached.size:
+        above = parent[reached]
+        result[reached] = product(entry, result[above], result[reached])
+        parent[reached] = parent[above]
+        reached = reached[parent[reached] >= 0]
+    return result[member].ravel()
+
+
+def _tree(members: int, first: Indices, second: Indices, known: Indices) -> tuple[Indices, Indices]:
+    """Along edges, k from ``first`` to ``second`` and n + k back, to all members that are reached from those known.
+
+    For each member the one before it (-1: it is known, or not reached) and the edge from there, the shortest ways.
+    """
+    neighbours: list[list[tuple[int, int]]] = [[] for _ in range(members)]
+    for k, (a, b) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
+        neighbours[a].append((b, k))
+        neighbours[b].append((a, len(first) + k))
+    parent = [-1] * members
+    edge = [-1] * members
+    met = [False] * members
     waiting = deque(known.tolist())
+    for here in waiting:
+        met[here] = True
     while waiting:
         here = waiting.popleft()
-        for there, motion in neighbours.get(here, ()):
-            if np.isnan(result[there, 0]):
-                result[there] = product(entry, result[here : here + 1], motion[None])[0]
+        for there, k in neighbours[here]:
+            if not met[there]:
+                met[there], parent[there], edge[there] = True, here, k
                 waiting.append(there)
-    return result[member].ravel()
+    return np.array(parent, dtype=np.int64), np.array(edge, dtype=np.int64)
 
 
 RELATIVE_POSES = RelativePoses()

@@ -6,18 +6,23 @@ member, and all members are probed at once, since their rows do not meet.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import field, replace
+from typing import TypeVar
 
 import numpy as np
 
+from mbm.kernels.types import Evaluation
 from mbm.problem.types import BlockRole
 from mbm.solution.binding import Group
+from mbm.solution.closed_forms.thinning import ENOUGH, thinned
 from mbm.solution.layout import Entry, Layout
-from mbm.solution.scatter import Scatter
+from mbm.solution.scatter import scatter
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.symbolic.types import ColumnInput
 from mbm.values import dataclass
+
+Table = TypeVar("Table", Indices, Mask)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -25,7 +30,8 @@ class Piece:
     """One equation of a group in some of its rows: outputs ``first … last`` of rows ``lines``.
 
     ``inputs`` (r, variables) holds what is known of the rows' unknowns, ``roles`` (r, variables) for each variable that
-    the candidate gives its position among the candidate's numbers, -1 for the others.
+    the candidate gives its position among the candidate's numbers, -1 for the others. ``columns`` (M,) are those of all
+    coordinates among the candidate's.
     """
 
     group: Group = field(repr=False)
@@ -34,15 +40,41 @@ class Piece:
     last: int
     inputs: Floats = field(repr=False)
     roles: Indices = field(repr=False)
-    scatter: Scatter = field(repr=False)
+    columns: Indices = field(repr=False)
 
-    def fill(self, points: Floats) -> None:
-        """Put the candidate's numbers (r, s) of each row into the inputs of the kernel."""
-        evaluation, variables = self.group.evaluation, self.roles.shape[1]
+    def values(self, points: Floats) -> Floats:
+        """The outputs (r, last - first) with the candidate's numbers (r, s) of each row."""
+        evaluation, rows = self._filled(points)
+        return evaluation.values()[rows, self.first : self.last]
+
+    def linearised(self, points: Floats, width: int) -> tuple[Floats, Floats]:
+        """The same, and their derivatives (r, last - first, width)."""
+        evaluation, rows = self._filled(points)
+        group, kernel = self.group, self.group.kernel
+        found, nonzeros = evaluation.values_and_jacobian()
+        outputs, inputs, touched = kernel.jacobian_rows, kernel.jacobian_columns, group.columns[self.lines]
+        dense = np.zeros((len(self.lines), kernel.outputs, width))
+        scatter(outputs, inputs, touched, group.shared_columns, self.columns).add(nonzeros[rows], dense)
+        return found[rows, self.first : self.last], dense[:, self.first : self.last]
+
+    def some(self, mask: Mask) -> Piece:
+        """The piece with the rows that ``mask`` (r,) picks."""
+        return replace(self, lines=self.lines[mask], inputs=self.inputs[mask], roles=self.roles[mask])
+
+    def _filled(self, points: Floats) -> tuple[Evaluation, Indices | slice]:
+        """The kernel with its inputs, and which of its rows are the lines; few of many have one of their own."""
+        group, variables = self.group, self.roles.shape[1]
         given = np.where(self.roles >= 0, np.take_along_axis(points, np.maximum(self.roles, 0), axis=1), self.inputs)
+        if len(self.lines) + ENOUGH < group.rows:
+            evaluation = group.cache.evaluation(group.number, group.kernel, len(self.lines))
+            evaluation.inputs[:, :variables] = given
+            evaluation.inputs[:, variables:] = group.parameters[self.lines]
+            return evaluation, slice(None)
+        evaluation = group.evaluation
         evaluation.inputs[:, :variables] = np.nan
         evaluation.inputs[self.lines, :variables] = given
-        evaluation.inputs[:, variables:] = self.group.parameters
+        evaluation.inputs[:, variables:] = group.parameters
+        return evaluation, self.lines
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,8 +100,7 @@ class Rows:
         """The equations, not whitened, (n, width), each row with its own numbers (n, s), or all with the same (s,)."""
         found = np.empty((len(self), self.width))
         for piece, mine in self._parts():
-            piece.fill(self._points(points)[mine])
-            found[mine] = piece.group.evaluation.values()[piece.lines, piece.first : piece.last]
+            found[mine] = piece.values(self._points(points)[mine])
         return found
 
     def slopes(self, points: Floats) -> Floats:
@@ -82,13 +113,7 @@ class Rows:
         values = np.empty((len(self), self.width))
         slopes = np.empty((len(self), self.width, coordinates))
         for piece, mine in self._parts():
-            group = piece.group
-            piece.fill(self._points(points)[mine])
-            found, nonzeros = group.evaluation.values_and_jacobian()
-            dense = np.zeros((group.rows, group.kernel.outputs, coordinates))
-            piece.scatter.add(nonzeros, dense)
-            values[mine] = found[piece.lines, piece.first : piece.last]
-            slopes[mine] = dense[piece.lines, piece.first : piece.last]
+            values[mine], slopes[mine] = piece.linearised(self._points(points)[mine], coordinates)
         return values, slopes
 
     def _points(self, points: Floats) -> Floats:
@@ -122,13 +147,9 @@ class Rows:
 
     def picked(self, mask: Mask) -> Rows:
         """Some of the rows."""
-        pieces = []
-        for piece, mine in self._parts():
-            part = mask[mine]
-            pieces.append(replace(piece, lines=piece.lines[part], inputs=piece.inputs[part], roles=piece.roles[part]))
         return replace(
             self,
-            pieces=tuple(pieces),
+            pieces=tuple(piece.some(mask[mine]) for piece, mine in self._parts()),
             member=self.member[mask],
             unit=self.unit[mask],
             weight=self.weight[mask],
@@ -211,7 +232,7 @@ class Candidate:
                     last=last,
                     inputs=numbers[index],
                     roles=role[index],
-                    scatter=group.scatter(columns),
+                    columns=columns,
                 )
                 pieces.append(piece)
                 members.append(member)
@@ -235,11 +256,20 @@ def _precision(group: Group) -> Floats:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Situation:
-    """The observations of one solve and what is known so far: ``numbers`` (N,), NaN where a value is wanted."""
+    """The observations of one solve and what is known so far: ``numbers`` (N,), NaN where a value is wanted.
+
+    Closed forms are given at most so many rows of a group for each member; all of them if ``most`` is None.
+    """
 
     layout: Layout
     groups: tuple[Group, ...] = field(repr=False)
     numbers: Floats = field(repr=False)
+    most: int | None = None
+
+    @property
+    def thins(self) -> bool:
+        """Some group has more rows than closed forms are given."""
+        return self.most is not None and any(group.rows > self.most for group in self.groups)
 
     def with_numbers(self, numbers: Floats) -> Situation:
         """The same with other knowledge."""
@@ -248,33 +278,35 @@ class Situation:
     def candidates(self) -> Iterator[Candidate]:
         """What may be determined on its own: what single rows mention, the fewest numbers first; then all together."""
         missing = np.isnan(self.numbers)
-        found: dict[tuple[int, ...], set[tuple[int, ...]]] = {}
+        found: dict[tuple[int, ...], list[Indices]] = {}
         for group in self.observations():
             for entries, members in _supports(group, missing, self.layout):
-                found.setdefault(entries, set()).update(members)
+                found.setdefault(entries, []).append(members)
         size = {key: sum(self.layout.entries[e].unknown.size for e in key) for key in found}
         for key in sorted(found, key=lambda k: (size[k], k)):
-            candidate = self.candidate(key, sorted(found[key]))
+            candidate = self.candidate(key, _distinct(np.concatenate(found[key])))
             if candidate is not None:
                 yield candidate
         for number, entry in enumerate(self.layout.entries):
             absent = np.flatnonzero(missing[entry.range].reshape(entry.members, entry.unknown.size).all(axis=1))
             if entry.unknown.dimension and entry.members > 1 and len(absent):
-                candidate = self.candidate((number,), [(int(m),) for m in absent])
+                candidate = self.candidate((number,), absent[:, None])
                 if candidate is not None:
                     yield replace(candidate, lines=(), paired=True)
         whole = self._together(missing)
         if whole is not None and whole not in found:
-            candidate = self.candidate(whole, [(0,) * len(whole)])
+            candidate = self.candidate(whole, np.zeros((1, len(whole)), dtype=np.int64))
             if candidate is not None:
                 yield candidate
 
-    def candidate(self, entries: tuple[int, ...], members: Sequence[tuple[int, ...]]) -> Candidate | None:
-        """The candidate of ``entries`` (numbers of unknowns) for some members; None if these miss different numbers."""
+    def candidate(self, entries: tuple[int, ...], members: Indices) -> Candidate | None:
+        """The candidate of ``entries`` (numbers of unknowns) for the members (K, entries) of each.
+
+        None if these miss different numbers.
+        """
         owners = tuple(self.layout.entries[e] for e in entries)
-        chosen = np.array(members, dtype=np.int64).reshape(len(members), len(entries))
         places, coordinates = [], []
-        for column, entry in zip(chosen.T, owners, strict=True):
+        for column, entry in zip(members.T, owners, strict=True):
             unknown = entry.unknown
             first = entry.offset + int(column[0]) * unknown.size
             absent = np.flatnonzero(np.isnan(self.numbers[first : first + unknown.size]))
@@ -308,7 +340,8 @@ class Situation:
             same = ((owners == -2) | (owners == highest[:, None])).all(axis=1) & (highest >= 0)
             rows = np.flatnonzero(same)
             if len(rows):
-                yield group, rows, highest[rows]
+                kept = rows if self.most is None else rows[thinned(highest[rows], self.most)]
+                yield group, kept, highest[kept]
 
     def _together(self, missing: Mask) -> tuple[int, ...] | None:
         """All unknowns that have missing numbers, if none of them is a family."""
@@ -318,16 +351,15 @@ class Situation:
         return tuple(entries)
 
 
-def _supports(group: Group, missing: Mask, layout: Layout) -> Iterator[tuple[tuple[int, ...], set[tuple[int, ...]]]]:
-    """The unknowns (by number) that rows of a group miss values of, with the members that they do it for."""
+def _supports(group: Group, missing: Mask, layout: Layout) -> Iterator[tuple[tuple[int, ...], Indices]]:
+    """The unknowns (by number) that rows of a group miss values of, with the members (K, unknowns) they do it for."""
     absent = missing[group.index]
     number_of = {entry.unknown.name: i for i, entry in enumerate(layout.entries)}
     owners = [number_of[slot.unknown] for slot in group.kernel.variables]
-    patterns, of_row = np.unique(absent, axis=0, return_inverse=True)
-    for number, pattern in enumerate(patterns):
+    for pattern in _distinct(absent):
         if not bool(pattern.any()):
             continue
-        rows = np.flatnonzero(of_row.ravel() == number)
+        rows = np.flatnonzero((absent == pattern).all(axis=1))
         entries = tuple(sorted({owners[j] for j in np.flatnonzero(pattern)}))
         members = []
         for e in entries:
@@ -338,4 +370,13 @@ def _supports(group: Group, missing: Mask, layout: Layout) -> Iterator[tuple[tup
                 break
             members.append(each[:, 0])
         else:
-            yield entries, {tuple(int(m) for m in line) for line in np.unique(np.stack(members, axis=1), axis=0)}
+            yield entries, _distinct(np.stack(members, axis=1))
+
+
+def _distinct(lines: Table) -> Table:
+    """The lines (n, k) of a table that differ, in ascending order; n ≥ 1."""
+    if bool((lines == lines[0]).all()):
+        return lines[:1]
+    ordered: Table = lines[np.lexsort(lines.T[::-1])]
+    kept: Table = ordered[np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))]
+    return kept

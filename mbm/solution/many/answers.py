@@ -7,17 +7,18 @@ from time import perf_counter
 
 import numpy as np
 
-from mbm.problem.types import Problem
+from mbm.problem.types import BlockRole, Problem
 from mbm.solution.challenge import USUAL
 from mbm.solution.many.derived import derived_columns
 from mbm.solution.many.doubts import doubtful
-from mbm.solution.many.factor import factors
-from mbm.solution.many.losses import outlying, rooted_slopes, sandwiches
-from mbm.solution.many.stack import Portion, Stack
+from mbm.solution.many.factor import Factors, factors
+from mbm.solution.many.losses import counted, informed, outlying, rooted_slopes, sandwiches
+from mbm.solution.many.stack import Portion, Stack, stated
 from mbm.solution.many.tails import chi_square_tails
 from mbm.solution.many.types import REASONS, Columns, Descent, Ends, Outliers
 from mbm.solution.plausibility import IMPROBABLE
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.values import dataclass
 
 
 @np.errstate(all="ignore")
@@ -25,37 +26,40 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
     """The answers of some consecutive solves."""
     began = perf_counter()
     ends = descent(which)
-    portion = Portion(stack, which, ends.kept)
-    count, information = stack.residuals[which.start : which.stop], np.ones(len(which))
-    if ends.kept is not None:
-        count, information = ends.kept.count, ends.kept.information
+    portion = Portion(stack, which, ends.kept, ends.factors)
+    count = stack.residuals[which.start : which.stop] if ends.kept is None else ends.kept.count
     residuals, slopes = portion.linearised(ends.points)
     lossy = stack.equations.lossy
     found = factors(rooted_slopes(portion, residuals, slopes) if lossy else slopes)
     solved = _converged(ends) & found.good & np.isfinite(ends.cost) & ~ends.held
     freedom = count - stack.equations.dimension
     solved &= freedom >= 0
-    stated = not any(block.unknown_factor for block in problem.blocks)
+    # what is left of the variance of residuals whose tails were cut off
+    left = np.ones((1, 1)) if ends.kept is None else portion.by_slot(ends.kept.information)
+    scattered = ends.cost if ends.kept is None else (np.square(residuals) / left).sum(axis=1)
+    unknown = [i for i, block in enumerate(problem.blocks) if block.unknown_factor]
+    known, cost = not unknown, np.square(residuals).sum(axis=1) if lossy else ends.cost
     noise = np.ones(len(which))
-    if not stated:
+    if not known and ends.factors is None:
         solved &= (freedom > 0) & (ends.cost > 0.0)
-        noise = np.sqrt(ends.cost / np.maximum(freedom, 1))
-    spread = noise / np.sqrt(information)
-    factor, cost, looked_at = found.root * spread[:, None, None], ends.cost, np.ones(len(which), dtype=bool)
-    if lossy:
-        bread = sandwiches(portion, residuals, slopes, found.root)
-        factor, cost, looked_at = bread.factor, np.square(residuals).sum(axis=1), bread.plain
-        spread = bread.deviation
-        solved &= bread.sound & np.isfinite(cost)
+        noise = np.sqrt(scattered / np.maximum(freedom, 1))
+    if ends.factors is not None and len(unknown) == 1:
+        cost = _as_stated(portion, residuals, unknown[0], ends.factors)
+    spread = _spread(portion, residuals, slopes, found, noise, None if ends.kept is None else left)
+    factor = spread.factor
+    solved &= spread.sound & np.isfinite(cost)
     derived = tuple(
         derived_columns(quantity, owner, stack, ends.points, factor) for owner, quantity in enumerate(problem.derived)
     )
     solved &= _all_finite([one.sigma for one in derived], len(which))
     sigma0 = np.where(freedom > 0, np.sqrt(cost / np.maximum(freedom, 1)), np.nan)
-    tested = stated and not lossy
-    chi2_p = _tails(cost / information, freedom, solved) if tested else np.full(len(which), np.nan)
+    tested = known and not lossy
+    chi2_p = _tails(scattered, freedom, solved) if tested else np.full(len(which), np.nan)
     clean = solved & ~(chi2_p < IMPROBABLE)
-    clean &= ~doubtful(problem, portion, ends, found, spread, derived, residuals, looked_at)
+    clean &= ~doubtful(
+        problem, portion, ends, found, spread.deviation, derived, residuals, spread.looked_at, spread.basis
+    )
+    counting = counted(portion, residuals)
     return Columns(
         points=ends.points,
         cost=cost,
@@ -67,30 +71,54 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         dof=freedom,
         sigma0=sigma0,
         chi2_p=chi2_p,
-        noise=noise,
+        noise=np.where(_unknown(problem), noise[:, None], 1.0) if ends.factors is None else ends.factors,
         sigma=np.sqrt(np.square(factor).sum(axis=2)),
         factor=factor,
-        root=found.root,
-        scale=found.scale,
+        root=spread.root,
+        scale=spread.scale,
         derived=tuple((one.values, one.sigma, one.image) for one in derived),
-        rms=_mean_roots(problem, portion, residuals) / noise[:, None],
-        used=_used(problem, stack, which, ends),
-        outliers=_outliers(problem, stack, which, _bad_rows(portion, ends, residuals)),
+        rms=_mean_roots(problem, portion, residuals, counting) / noise[:, None],
+        used=_used(problem, portion, counting),
+        outliers=_outliers(problem, stack, which, portion, ends, residuals),
+        priors=_priors(stack, ends.points),
         clean=clean,
         solved=solved,
-        expected=_expected(ends, freedom, stated=stated, lossy=lossy),
+        expected=_expected(ends, freedom, known=known, lossy=lossy),
         seconds=np.full(len(which), (perf_counter() - began) / len(which)),
     )
 
 
-def _mean_roots(problem: Problem, portion: Portion, residuals: Floats) -> Floats:
-    """Root mean squares of the residuals of each block (K, blocks); NaN where it has none."""
+def _unknown(problem: Problem) -> Mask:
+    """Blocks (blocks,) whose noise is unknown."""
+    return np.array([block.unknown_factor for block in problem.blocks], dtype=bool)
+
+
+def _as_stated(portion: Portion, residuals: Floats, owner: int, factors: Floats) -> Floats:
+    """The cost (K,) with the residuals (K, m) of one block not divided by its factor."""
+    solve, slot = portion.block_slots(owner)
+    whole = residuals.copy()
+    whole[solve, slot] *= factors[solve, owner]
+    return np.asarray(np.square(whole).sum(axis=1))
+
+
+def _mean_roots(problem: Problem, portion: Portion, residuals: Floats, counting: Mask) -> Floats:
+    """Root mean squares of the residuals of each block that count (K, blocks); NaN where it has none."""
     found = np.empty((portion.count, len(problem.blocks)))
     for owner in range(len(problem.blocks)):
         solve, slot = portion.block_slots(owner)
-        squares = np.bincount(solve, weights=np.square(residuals[solve, slot]), minlength=portion.count)
-        found[:, owner] = np.sqrt(squares / np.bincount(solve, minlength=portion.count))
+        mine = counting[solve, slot]
+        squares = np.bincount(solve, weights=np.square(residuals[solve, slot]) * mine, minlength=portion.count)
+        found[:, owner] = np.sqrt(squares / np.bincount(solve, weights=mine, minlength=portion.count))
     return found
+
+
+def _used(problem: Problem, portion: Portion, counting: Mask) -> Indices:
+    """Rows (K, blocks) of which some equation counts."""
+    used = np.zeros((portion.count, len(problem.blocks)), dtype=np.int64)
+    for owner, solve, slots in portion.groups():
+        mine = counting[solve[:, None], slots].any(axis=1)
+        used[:, owner] += np.bincount(solve, weights=mine, minlength=portion.count).astype(np.int64)
+    return used
 
 
 def _converged(ends: Ends) -> Mask:
@@ -98,46 +126,88 @@ def _converged(ends: Ends) -> Mask:
     return np.asarray((ends.reason >= 0) & converged[ends.reason])
 
 
-def _expected(ends: Ends, freedom: Indices, *, stated: bool, lossy: bool) -> Mask:
-    """Solves (K,) that `challenge` leaves alone: outliers are no surprise, or they fit as stated noise lets expect."""
-    if ends.kept is not None or lossy or not stated:
-        return np.full(len(freedom), ends.kept is not None or lossy)
+def _expected(ends: Ends, freedom: Indices, *, known: bool, lossy: bool) -> Mask:
+    """Solves (K,) that `challenge` leaves alone: outliers are no surprise, they fit as stated noise lets expect, or
+    they did not begin at a stated start.
+    """
+    if ends.kept is not None or ends.factors is not None or lossy:
+        return np.ones(len(freedom), dtype=bool)
     usual = np.maximum(freedom, 1)
-    return np.asarray(ends.cost < usual + USUAL * np.sqrt(2.0 * usual))
+    found = known & (ends.cost < usual + USUAL * np.sqrt(2.0 * usual))
+    return np.asarray(found if ends.given is None else found | ~ends.given)
 
 
-def _used(problem: Problem, stack: Stack, which: range, ends: Ends) -> Indices:
-    """Rows (K, blocks) of which some equation counts."""
-    used = stack.used(len(problem.blocks))[which.start : which.stop]
-    if ends.kept is not None:
-        solve = np.repeat(np.arange(len(which)), stack.rows[0, which.start : which.stop])
-        counts = np.bincount(solve, weights=ends.kept.outputs.any(axis=1), minlength=len(which))
-        used[:, stack.equations.groups[0].kernel.owner] = counts.astype(np.int64)
-    return used
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Spread:
+    """Factors (K, n, n) of the covariances where ``sound`` (K,), and what they are made of.
+
+    ``root``, ``scale`` and ``basis`` as `Factors` has them, of the Jacobian with the information that there is;
+    ``deviation`` (K,) and ``looked_at`` (K,) as `doubtful` takes them.
+    """
+
+    factor: Floats
+    root: Floats
+    scale: Floats
+    basis: Floats
+    deviation: Floats
+    looked_at: Mask
+    sound: Mask
 
 
-def _bad_rows(portion: Portion, ends: Ends, residuals: Floats) -> Mask | None:
-    """The rows (R,) of which an equation was left out, or is far off under a loss; None if none are looked for."""
-    if ends.kept is not None:
-        return ~np.asarray(ends.kept.outputs.all(axis=1), dtype=bool)
-    return outlying(portion, residuals) if portion.equations.lossy else None
-
-
-def _outliers(problem: Problem, stack: Stack, which: range, wrong: Mask | None) -> Outliers | None:
-    """The rows that are ``wrong`` (R,), by solve."""
-    group = stack.equations.groups[0]
-    table = problem.blocks[group.kernel.owner].table
-    if wrong is None or table is None or group.positions is None:
-        return None
-    rows = stack.rows[0, which.start : which.stop]
-    solve = np.repeat(np.arange(len(which)), rows)
-    bad = np.flatnonzero(wrong)
-    ends = np.cumsum(np.bincount(solve[bad], minlength=len(which)))
-    return Outliers(
-        table=stack.tables[table],
-        positions=group.positions[int(stack.first[0, which.start]) + bad],
-        first=np.concatenate([np.zeros(1, dtype=np.int64), ends]),
+def _spread(
+    portion: Portion, residuals: Floats, slopes: Floats, found: Factors, noise: Floats, left: Floats | None
+) -> _Spread:
+    """How far estimates scatter, with the factor ``noise`` (K,); ``left`` (K, m) is κ of the residuals (None: 1)."""
+    root, scale, basis = found.root, found.scale, found.basis
+    every = np.ones(len(noise), dtype=bool)
+    if left is None and not portion.equations.lossy:
+        return _Spread(
+            factor=root * noise[:, None, None],
+            root=root,
+            scale=scale,
+            basis=basis,
+            deviation=noise,
+            looked_at=every,
+            sound=every,
+        )
+    bread = sandwiches(portion, residuals, slopes, root) if left is None else informed(left, basis)
+    along = np.matmul(root, bread.own)
+    if left is not None:
+        root, scale = along, np.sqrt((np.square(slopes) * left[:, :, None]).sum(axis=1))
+    return _Spread(
+        factor=along * noise[:, None, None],
+        root=root,
+        scale=scale,
+        basis=np.matmul(basis, bread.own),
+        deviation=bread.deviation * noise,
+        looked_at=bread.plain,
+        sound=bread.sound,
     )
+
+
+def _priors(stack: Stack, points: Floats) -> Floats:
+    """How far points (K, N) are from what is known beforehand (K, k), of equations without a table."""
+    groups = (g for g in stack.equations.groups if g.role is BlockRole.PRIOR and g.positions is None)
+    return np.hstack([np.zeros((len(points), 0)), *(stated(group, points) for group in groups)])
+
+
+def _outliers(
+    problem: Problem, stack: Stack, which: range, portion: Portion, ends: Ends, residuals: Floats
+) -> tuple[Outliers | None, ...]:
+    """The rows of each block of which an equation was left out, or is far off under a loss, by solve."""
+    found: list[Outliers | None] = [None] * len(problem.blocks)
+    for number, group in enumerate(stack.equations.groups):
+        owner = group.kernel.owner
+        table = problem.blocks[owner].table
+        outputs = None if ends.kept is None else ends.kept.outputs[number]
+        if table is None or group.positions is None or (outputs is None and not group.losses):
+            continue
+        solve, lines = stack.lines(number, which)
+        wrong = outlying(portion, residuals, number, len(solve)) if outputs is None else ~outputs.all(axis=1)
+        mine = Outliers.of_rows(stack.tables[table], group.positions[lines][wrong], solve[wrong], len(which))
+        before = found[owner]
+        found[owner] = mine if before is None else before.joined(mine)
+    return tuple(found)
 
 
 def _tails(cost: Floats, freedom: Indices, solved: Mask) -> Floats:

@@ -1,22 +1,24 @@
-"""Consensus of many data sets at once, then the fit to what agrees: `:robust` for the solves of ``for-each``."""
+"""Consensus of many data sets at once, then the fit: `:robust`, and losses whose minimum may hide behind others."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.problem.types import BlockRole, ConsensusKind, Problem
+from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Problem
 from mbm.solution.assembly import Assembled
-from mbm.solution.many.descent import native_sets, plain_ends
-from mbm.solution.many.stack import Stack
-from mbm.solution.many.types import Descent, Ends, Kept
+from mbm.solution.many.descent import native_sets, plain_ends, reweighted
+from mbm.solution.many.stack import Portion, Stack, places_of
+from mbm.solution.many.types import Ends, Kept, Solver, Which
 from mbm.solution.settings import Settings
-from mbm.solution.types import Floats, Mask
+from mbm.solution.types import Floats, Indices, Mask
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
+    from mbm.solution.native.code import SolverCode
     from mbm.solution.native.consensus import ConsensusEnds
     from mbm.solution.native.consensus_rules import Rules
     from mbm.solution.native.system import NativeSystem
@@ -24,70 +26,131 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Ruled:
-    """Consensus for the data sets of one group of equations.
+    """Consensus for the data sets of a stack.
 
-    ``native`` has all data sets; ``known`` (units, width) is what a closed form knows of the units (None: nothing),
-    ``startless`` that it gives the starts.
+    ``native`` has all data sets, ``acting`` says which groups have units that may be left out; ``known`` (units, width)
+    is what a closed form knows of the units of all groups (None: nothing), ``startless`` that it gives the starts.
     """
 
+    stack: Stack
     native: NativeSystem
+    code: SolverCode
     rules: Rules
+    acting: tuple[bool, ...]
     known: Floats | None
     startless: bool
+    settings: Settings
+
+    def agree(self, which: Which, points: Floats) -> tuple[ConsensusEnds, Indices, Indices]:
+        """What agrees in some solves, and solve and group of each unit (U,)."""
+        from mbm.solution.native.consensus import consensus_many
+
+        mine = replace(self.native, rows=replace(self.native.rows, data=self.native.rows.data[places_of(which)]))
+        solve, group, unit = self.stack.units(which, self.acting)
+        known = None if self.known is None else self.known[unit]
+        found = consensus_many(
+            mine,
+            self.code,
+            self.rules,
+            points[:, None],
+            known,
+            startless=self.startless,
+            stopped=self.settings.stopped,
+        )
+        return found, solve, group
 
 
-def consensus_descent(
+def consensus_solver(
     problem: Problem, stack: Stack, first: Assembled, points: Floats, settings: Settings
-) -> Descent | None:
+) -> Solver | None:
     """What finds the units that agree and fits them; None where native code does not.
 
     Args:
         problem: the problem, which asks for consensus.
-        stack: all solves; with one group of equations, whose noise is stated.
+        stack: all solves.
         first: the equations of one solve, from which closed forms are recognised.
-        points: where each solve starts (T, N), NaN where a closed form is to say.
+        points: where the solves are to start (T, N), NaN where a closed form is to say.
         settings: how to solve.
     """
-    ruled = _ruled(problem, stack, first, points, settings)
+    if settings.robust is None or any(group.losses for group in stack.equations.groups):
+        return None
+    ruled = _ruled(problem, stack, first, points, settings, settings.robust, _observed)
     if ruled is None:
         return None
-    from mbm.solution.native.consensus import consensus_many
-    from mbm.solution.native.system import native_code
 
-    cache = stack.equations.groups[0].cache
-    code = native_code(cache.native, getattr(cache.backend, "store", None)).consensus
-    unit_ends = np.concatenate([[0], np.cumsum(stack.rows[0] * len(stack.equations.groups[0].whiteners))])
-
-    def descent(which: range) -> Ends:
-        native, units = ruled.native, slice(unit_ends[which.start], unit_ends[which.stop])
-        mine = replace(native, rows=replace(native.rows, data=native.rows.data[which.start : which.stop]))
-        found = consensus_many(
-            mine,
-            code,
-            ruled.rules,
-            points[which.start : which.stop, None],
-            None if ruled.known is None else ruled.known[units],
-            startless=ruled.startless,
-        )
-        kept, good = _kept(stack, which, found)
-        ends = plain_ends(_of_kept(stack, which, mine, kept).solve(found.points, np.arange(len(which))))
+    def solve(which: Which, begun: Floats) -> Ends:
+        found, owner, group = ruled.agree(which, begun)
+        kept, good = _kept(ruled, which, found, owner, group)
+        every = np.arange(len(which))
+        ends = plain_ends(_of_kept(ruled, which, kept).solve(found.points, every, stopped=settings.stopped))
         return replace(ends, reason=np.where(good, ends.reason, -1), kept=kept)
 
-    return descent
+    return solve
 
 
-def _ruled(problem: Problem, stack: Stack, first: Assembled, points: Floats, settings: Settings) -> _Ruled | None:
+def loss_solver(problem: Problem, stack: Stack, first: Assembled, points: Floats, settings: Settings) -> Solver | None:
+    """What fits with losses that are not convex, or of unknown noise, from the least median of squares; None as above.
+
+    The arguments are those of `consensus_solver`, all points being known. The factor of unknown noise is estimated from
+    what agrees, once and for all, as `robust.consensus.scaled` does.
+    """
+    from mbm.solution.robust.binding import without_losses
+
+    plain = replace(stack, equations=without_losses(stack.equations))
+    consensus = Consensus(kind=ConsensusKind.LMEDS)
+    ruled = _ruled(problem, plain, without_losses(first), points, settings, consensus, _has_loss)
+    lossy = native_sets(stack, settings)
+    if ruled is None or lossy is None:
+        return None
+
+    unknown = any(block.unknown_factor for block in problem.blocks)
+
+    def solve(which: Which, begun: Floats) -> Ends:
+        found, owner, _ = ruled.agree(which, begun)
+        if not unknown:
+            ends = plain_ends(lossy.solve(found.points, np.asarray(which)))
+            return replace(ends, reason=np.where(found.agreed, ends.reason, -1))
+        factor, told = _factors(ruled, which, found, owner)
+        every = stack.equations.groups
+        scales = [1.0 / factor[stack.lines(number, which)[0]][:, None] for number in range(len(every))]
+        ends = plain_ends(reweighted(stack, lossy, which, scales).solve(found.points, np.arange(len(which))))
+        good = found.agreed & told
+        return replace(ends, reason=np.where(good, ends.reason, -1), factors=factor[:, None])
+
+    return solve
+
+
+def _observed(block: Block) -> bool:
+    return block.role is BlockRole.OBSERVATION
+
+
+def _has_loss(block: Block) -> bool:
+    return block.role is BlockRole.OBSERVATION and block.loss is not None
+
+
+def _ruled(
+    problem: Problem,
+    stack: Stack,
+    first: Assembled,
+    points: Floats,
+    settings: Settings,
+    consensus: Consensus,
+    rules: Callable[[Block], bool],
+) -> _Ruled | None:
+    if stack.equations.machine_code is None:
+        return None
     from mbm.solution.native.agreeing import left_out
     from mbm.solution.native.consensus_forms import known_form
     from mbm.solution.native.consensus_rules import NO_FORM, rules_of
+    from mbm.solution.native.system import native_code
     from mbm.solution.robust.consensus import SAMPLE
     from mbm.solution.robust.parts import parts_of
 
-    if settings.robust is None or len(stack.equations.groups) != 1:
+    groups = stack.equations.groups
+    acting = tuple(rules(problem.blocks[group.kernel.owner]) for group in groups)
+    if int(stack.residuals.max(initial=0)) > SAMPLE or not any(acting):
         return None
-    if any(block.role is not BlockRole.OBSERVATION or block.unknown_factor for block in problem.blocks):
-        return None
-    if int(stack.residuals.max(initial=0)) > SAMPLE or left_out(stack.equations.groups[0]):
+    if any(left_out(group) or group.positions is None for group, mine in zip(groups, acting, strict=True) if mine):
         return None
     if first.dimension > 1 and len(parts_of(first)) > 1:
         return None
@@ -98,64 +161,99 @@ def _ruled(problem: Problem, stack: Stack, first: Assembled, points: Floats, set
     known = None
     if form is not None:
         # forms whose data do not follow from the rows alone are left to the general path
-        known = form.of_rows(stack.equations, (True,), settings.closed_forms) if form.maps is not None else None
+        every = (True,) * len(groups)
+        known = form.of_rows(stack.equations, every, settings.closed_forms) if form.maps is not None else None
         if known is None:
             return None
     startless = not bool(np.isfinite(points).all()) or bool(stack.equations.layout.guessed.any())
-    if startless and (form is None or settings.robust.kind is ConsensusKind.GNC):  # whose starts decide more
+    if startless and (form is None or consensus.kind is ConsensusKind.GNC):  # whose starts decide more
         return None
-    rules = rules_of(
-        problem,
-        first,
-        settings.robust,
-        (True,),
-        seed=settings.seed,
-        starts=1,
-        form=NO_FORM if form is None else form.form,
+    cache = groups[0].cache
+    return _Ruled(
+        stack=stack,
+        settings=settings,
+        native=native,
+        code=native_code(cache.native, getattr(cache.backend, "store", None)).consensus,
+        rules=rules_of(
+            problem,
+            first,
+            consensus,
+            acting,
+            seed=settings.seed,
+            starts=1,
+            form=NO_FORM if form is None else form.form,
+        ),
+        acting=acting,
+        known=known,
+        startless=startless,
     )
-    return _Ruled(native=native, rules=rules, known=known, startless=startless)
 
 
-def _kept(stack: Stack, which: range, found: ConsensusEnds) -> tuple[Kept, Mask]:
+@np.errstate(all="ignore")
+def _factors(ruled: _Ruled, which: Which, found: ConsensusEnds, owner: Indices) -> tuple[Floats, Mask]:
+    """The noise factors (K,) of the one block there is, and where the units that agree tell them for sure."""
+    from mbm.solution.robust.binding import ROUNDING
+
+    count, equations = len(which), ruled.stack.equations
+    each = np.bincount(owner, minlength=count)
+    variance = np.bincount(owner, weights=found.variances, minlength=count) / each
+    agreeing = np.bincount(owner, weights=found.inside, minlength=count)
+    residuals, slopes = Portion(ruled.stack, which).linearised(found.points)
+    places = equations.layout.number[equations.free]
+    numbers = np.abs(np.where(places >= 0, found.points[:, places], 0.0))
+    terms = np.abs(residuals) + np.einsum("kmn,kn->km", np.abs(slopes), numbers)
+    told = (agreeing > 0) & (variance > np.square(ROUNDING * terms.max(axis=1, initial=0.0)))
+    return np.where(told, np.sqrt(variance), 1.0), told
+
+
+def _kept(ruled: _Ruled, which: Which, found: ConsensusEnds, solve: Indices, group: Indices) -> tuple[Kept, Mask]:
     """What agrees in each solve, and the solves (K,) in which that is plainly so."""
     from mbm.solution.robust.consensus import LEAST_SHARE
     from mbm.solution.robust.units import consistency
     from mbm.target.solver import consensus_description as c
 
-    whiteners = stack.equations.groups[0].whiteners
-    sizes = np.array([each.last - each.first for each in whiteners])
-    rows = stack.rows[0, which.start : which.stop]
-    units = np.diff(found.units_at)
-    solve = np.repeat(np.arange(len(which)), units)
-    ratio = found.limits / found.variances
-    kappa = consistency(np.tile(sizes, int(rows.sum())), np.where(np.isfinite(ratio), ratio, 0.0))
-    there = units > 0
-    least, most = np.ones(len(which)), np.ones(len(which))
-    least[there] = np.minimum.reduceat(kappa, found.units_at[:-1][there])
-    most[there] = np.maximum.reduceat(kappa, found.units_at[:-1][there])
-    agreeing = np.bincount(solve, weights=found.inside, minlength=len(which))
-    good = found.agreed & (found.states[:, c.AMBIGUOUS] == 0) & (least == most) & there
-    good &= agreeing >= np.maximum(LEAST_SHARE * units, 1)
-    count = np.bincount(solve, weights=found.inside * np.tile(sizes, int(rows.sum())), minlength=len(which))
-    # a solve that no more scalars than unknowns could contradict is not asked for agreement by the general path
-    good &= rows * int(sizes.sum()) > stack.equations.dimension
-    inside = found.inside.reshape(-1, len(whiteners))
-    return Kept(outputs=np.repeat(inside, sizes, axis=1), information=least, count=count.astype(np.int64)), good
+    stack, count = ruled.stack, len(which)
+    outputs: list[Mask | None] = []
+    left: list[Floats | None] = []
+    kept, scalars = np.zeros(count), np.zeros(count)
+    for number, (each, mine) in enumerate(zip(stack.equations.groups, ruled.acting, strict=True)):
+        rows = stack.rows[number, places_of(which)]
+        if not mine:
+            outputs.append(None)
+            left.append(None)
+            kept += rows * each.kernel.outputs
+            continue
+        sizes = np.array([w.last - w.first for w in each.whiteners])
+        units = np.flatnonzero(group == number)
+        ratio = found.limits[units] / found.variances[units]
+        lines = (-1, len(sizes))
+        components = np.tile(sizes, len(units) // len(sizes))
+        kappa = consistency(components, np.where(np.isfinite(ratio), ratio, 0.0))
+        outputs.append(np.repeat(found.inside[units].reshape(lines), sizes, axis=1))
+        left.append(np.repeat(kappa.reshape(lines), sizes, axis=1))
+        kept += np.bincount(solve[units], weights=found.inside[units] * components, minlength=count)
+        scalars += rows * int(sizes.sum())
+    every = np.bincount(solve, minlength=count)
+    agreeing = np.bincount(solve, weights=found.inside, minlength=count)
+    good = found.agreed & (found.states[:, c.AMBIGUOUS] == 0) & (every > 0)
+    good &= agreeing >= np.maximum(LEAST_SHARE * every, 1)
+    if not ruled.startless:
+        # a solve that no more scalars than unknowns could contradict is not asked for agreement by the general path
+        good &= scalars > stack.equations.dimension
+    return Kept(outputs=tuple(outputs), information=tuple(left), count=kept.astype(np.int64)), good
 
 
-def _of_kept(stack: Stack, which: range, native: NativeSystem, kept: Kept) -> NativeSystem:
+def _of_kept(ruled: _Ruled, which: Which, kept: Kept) -> NativeSystem:
     """The data sets of these solves without what does not agree."""
     from mbm.target.solver import description as of
 
-    whiteners = stack.equations.groups[0].whiteners
-    first = int(stack.first[0, which.start])
-    width = int(native.system[int(native.system[of.BLOCKS_AT]) + of.BLOCK_WEIGHTS])
-    spread = [np.repeat(kept.outputs[:, each.first], each.weights[0].size) for each in whiteners]
-    mask = np.hstack([part.reshape(len(kept.outputs), -1) for part in spread])
-    begin = first * width
-    weights = native.rows.weights[begin : begin + mask.size] * mask.ravel()
-    data = native.rows.data.copy()
-    data[:, of.DATA_COUNT] = kept.count
-    data[:, of.DATA_HEAD + of.DATA_WEIGHTS] -= begin
-    rows = replace(native.rows, weights=np.append(weights, 0.0), data=data)
-    return replace(native, rows=rows)
+    scales: list[Floats | None] = []
+    for group, outputs in zip(ruled.stack.equations.groups, kept.outputs, strict=True):
+        if outputs is None:
+            scales.append(None)
+            continue
+        spread = [np.repeat(outputs[:, w.first], w.weights[0].size).reshape(len(outputs), -1) for w in group.whiteners]
+        scales.append(np.hstack(spread).astype(np.float64))
+    found = reweighted(ruled.stack, ruled.native, which, scales)
+    found.rows.data[:, of.DATA_COUNT] = kept.count
+    return found

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.solution.many.stack import Stack
-from mbm.solution.many.types import REASONS, Descent, Ends
+from mbm.solution.many.stack import Stack, places_of
+from mbm.solution.many.types import REASONS, Ends, Solver, Which
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices
 
@@ -16,26 +17,54 @@ if TYPE_CHECKING:
     from mbm.solution.native.system import NativeEnds, NativeSystem
 
 
-def descent_of(stack: Stack, points: Floats, settings: Settings) -> Descent | None:
-    """What solves the data sets of a stack from ``points`` (T, N); None where native code does not handle them."""
+def solver_of(stack: Stack, settings: Settings) -> Solver | None:
+    """What solves the data sets of a stack; None where native code does not handle them."""
     native = native_sets(stack, settings)
     if native is None:
         return None
 
-    def descent(which: range) -> Ends:
-        return plain_ends(native.solve(points[which.start : which.stop], np.arange(which.start, which.stop)))
+    def solve(which: Which, points: Floats) -> Ends:
+        return plain_ends(native.solve(points, np.asarray(which), stopped=settings.stopped))
 
-    return descent
+    return solve
 
 
 def native_sets(stack: Stack, settings: Settings) -> NativeSystem | None:
     """The equations as a native system with a data set for each solve; None where native code does not handle them."""
+    if stack.equations.machine_code is None:
+        return None
     # Loaded where native code may run only, so that everything works without it.
     from mbm.solution.native.system import system_of
 
     most = [int(rows.max(initial=0)) for rows in stack.rows]
     made = system_of(stack.equations, settings, most_rows=most)
     return None if made is None else replace(made, rows=replace(made.rows, data=_sets(stack, made)))
+
+
+def reweighted(stack: Stack, native: NativeSystem, which: Which, scales: Sequence[Floats | None]) -> NativeSystem:
+    """A data set for each of some solves (K,), whitened by other weights.
+
+    ``scales`` multiply those of the rows of each group, (R, weights of a row) or (R, 1); None: they stay.
+    """
+    from mbm.target.solver import description as of
+
+    blocks_at = int(native.system[of.BLOCKS_AT])
+    data = native.rows.data[places_of(which)].copy()
+    weights = [native.rows.weights]
+    taken = len(native.rows.weights)
+    begin = 0
+    for number, (group, scale) in enumerate(zip(stack.equations.groups, scales, strict=True)):
+        width = int(native.system[blocks_at + number * of.BLOCK + of.BLOCK_WEIGHTS])
+        whole = native.rows.weights[begin : begin + group.rows * width].reshape(group.rows, width)
+        begin += whole.size
+        if scale is None:
+            continue
+        part = whole[stack.lines(number, which)[1]] * scale
+        rows = stack.rows[number, places_of(which)]
+        data[:, of.DATA_HEAD + number * of.DATA_BLOCK + of.DATA_WEIGHTS] = taken + width * (np.cumsum(rows) - rows)
+        weights.append(part.ravel())
+        taken += part.size
+    return replace(native, rows=replace(native.rows, weights=np.append(np.concatenate(weights), 0.0), data=data))
 
 
 def plain_ends(found: NativeEnds) -> Ends:

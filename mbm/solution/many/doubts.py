@@ -34,15 +34,16 @@ def doubtful(
     derived: tuple[DerivedColumns, ...],
     residuals: Floats,
     looked_at: Mask,
+    basis: Floats,
 ) -> Mask:
     """Solves (K,) whose intervals may miss their ends, whose priors may be strained, or with a column near zero.
 
     ``noise`` (K,) is the estimated factor in the covariance (1 where noise is stated), ``residuals`` (K, m) are plain.
     ``looked_at`` (K,): the covariance is that factor squared times the inverse normal equations, so that intervals are
-    looked at.
+    looked at. ``basis`` (K, m, n) is the Jacobian times a factor of the covariance, but for the estimated noise.
     """
     wrong = _stationary(portion, ends, found)
-    wrong |= _strained(problem, portion, found, residuals)
+    wrong |= _strained(problem, portion, basis, residuals)
     around = _Intervals(portion, ends, found, noise)
     if around.too_much or not bool(looked_at.any()):
         return wrong
@@ -126,13 +127,13 @@ def _off(ends: Floats, limit: float) -> Mask:
     return np.asarray(~(np.abs(ends - 1.0) <= limit - MARGIN).all(axis=0))
 
 
-def _strained(problem: Problem, portion: Portion, found: Factors, residuals: Floats) -> Mask:
+def _strained(problem: Problem, portion: Portion, basis: Floats, residuals: Floats) -> Mask:
     """Solves (K,) with a prior that may be farther from the data than `plausibility` leaves unsaid."""
     wrong = np.zeros(portion.count, dtype=bool)
     for owner, block in enumerate(problem.blocks):
         if block.role is BlockRole.PRIOR:
             solve, slot = portion.block_slots(owner)
-            leverage = np.square(found.basis[solve, slot]).sum(axis=1)
+            leverage = np.square(basis[solve, slot]).sum(axis=1)
             free = np.maximum(1.0 - leverage, 0.0)
             innovation = np.abs(residuals[solve, slot]) / np.sqrt(np.maximum(free, 1e-13))
             np.logical_or.at(wrong, solve, ~(innovation <= STRAINED * (1 - MARGIN)))

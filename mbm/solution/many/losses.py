@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sandwiches:
-    """Covariances of K solves: ``factor`` (K, n, n) where ``sound`` (K,).
+    """Covariances of K solves: their factors are ``own`` (K, n, n) in the coordinates at hand, where ``sound`` (K,).
 
     ``plain`` (K,): next to nothing is weighed down, so that they may be ``deviation`` (K,) squared times the inverse
     normal equations, for which alone `nonlinearity.surroundings` is made.
     """
 
-    factor: Floats
+    own: Floats
     sound: Mask
     plain: Mask
     deviation: Floats
@@ -52,10 +52,19 @@ def rooted_slopes(portion: Portion, residuals: Floats, slopes: Floats) -> Floats
     return result
 
 
-def outlying(portion: Portion, residuals: Floats) -> Mask:
-    """The rows (R,) of the one group that some equation takes for an outlier, as `preparation.outliers` does."""
-    found = np.zeros(portion.rows, dtype=bool)
-    for _, solve, slots in portion.losses():
+def counted(portion: Portion, residuals: Floats) -> Mask:
+    """Which of the residuals (K, m) count at all: those that consensus keeps, with a weight above zero."""
+    found = portion.kept()
+    for loss, solve, slots in portion.losses():
+        place = solve[:, None]
+        found[place, slots] &= (loss.weight(np.square(residuals[place, slots]).sum(axis=1)) > 0.0)[:, None]
+    return found
+
+
+def outlying(portion: Portion, residuals: Floats, number: int, rows: int) -> Mask:
+    """The ``rows`` (R,) of a group that some equation takes for an outlier, as `preparation.outliers` does."""
+    found = np.zeros(rows, dtype=bool)
+    for _, solve, slots in portion.losses(number):
         squares = np.square(residuals[solve[:, None], slots]).sum(axis=1)
         found |= ~(squares <= limits(np.full(1, slots.shape[1]), STATED_CUT)[0])
     return found
@@ -77,16 +86,20 @@ def sandwiches(portion: Portion, residuals: Floats, slopes: Floats, root: Floats
     spread = fixed + sum(_corrected(pool, inverse)[:, None, None] * pool.information for pool in pools)
     upper, definite = inverse_root(spread)
     # S = L Lᵀ, and X with Xᵀ S X = 1 is L⁻ᵀ
-    own = np.matmul(inverse, np.matmul(spread, upper))
+    return _judged(np.matmul(inverse, np.matmul(spread, upper)), sound & definite)
+
+
+@np.errstate(all="ignore")
+def informed(weights: Floats, basis: Floats) -> Sandwiches:
+    """The covariances ``(Jᵀ W J)⁻¹``, W the ``weights`` (K, m) of what is known, J the ``basis`` (K, m, n)."""
+    return _judged(*inverse_root(_information(weights, basis)))
+
+
+def _judged(own: Floats, sound: Mask) -> Sandwiches:
     gram = np.matmul(own.transpose(0, 2, 1), own)
     variance = np.trace(gram, axis1=1, axis2=2) / gram.shape[1]
     off = np.abs(gram / variance[:, None, None] - np.eye(gram.shape[1])).max(axis=(1, 2))
-    return Sandwiches(
-        factor=np.matmul(root, own),
-        sound=sound & definite,
-        plain=~(off > 2 * ORTHONORMAL),
-        deviation=np.sqrt(variance),
-    )
+    return Sandwiches(own=own, sound=sound, plain=~(off > 2 * ORTHONORMAL), deviation=np.sqrt(variance))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

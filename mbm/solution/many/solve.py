@@ -1,4 +1,4 @@
-"""The solves of ``for-each`` in slices: each slice one native batch and one look at its answers, by several threads.
+"""Many solves in slices: each slice one native batch and one look at its answers, by several threads.
 
 Which solves a slice holds does not depend on the number of threads, nor do the answers.
 """
@@ -10,58 +10,60 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import islice
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.kernels.types import KernelSet
-from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import EvaluationCache
 from mbm.solution.challenge import challenged
 from mbm.solution.estimate import Run, answered, assemble
 from mbm.solution.many.answers import answers
-from mbm.solution.many.consensus import consensus_descent
-from mbm.solution.many.descent import descent_of
-from mbm.solution.many.stack import Stack, stack
-from mbm.solution.many.suits import asks_for_one_search, suits
-from mbm.solution.many.types import REASONS, Begun, Block, Columns, Descent
+from mbm.solution.many.chain import NOT_SOLVED, SAME
+from mbm.solution.many.components import estimated_on_the_way
+from mbm.solution.many.sets import Sets
+from mbm.solution.many.stack import Stack
+from mbm.solution.many.types import REASONS, Block, Columns, Descent
 from mbm.solution.robust.types import Prepared
 from mbm.solution.search import Found
-from mbm.solution.selected import SelectedTables
-from mbm.solution.selection import Divided, Selection, divided
+from mbm.solution.selection import Selection
 from mbm.solution.settings import Settings
 from mbm.solution.solution import Failure, Skipped, Solution
 from mbm.solution.starting import GIVEN
 from mbm.solution.types import Floats, Indices, Minimum, Noise
 from mbm.solution.variance import common_factor
 from mbm.solution.weighing import Reached
-from mbm.text.types import MbmError
 from mbm.values import dataclass
 
+if TYPE_CHECKING:
+    from mbm.solution.many.forms import Formed
+
 FEW = 8
-"""Solves up to which binding them together does not pay."""
+"""Solves whose challenge by a closed form is not worth recognising it in all of them."""
 
-ROWS_AT_ONCE = 30_000
-"""Rows of a slice: what is worked on stays in the processor's cache, and there are enough slices for all threads."""
-
-Apart = Callable[[Selection], Solution | Failure | Skipped]
-"""Solves one data set by itself, from the beginning."""
+Apart = Callable[[Selection, Solution | None], Solution | Failure | Skipped]
+"""Solves one data set by itself, from the beginning, or from where the window before it ended."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Together:
-    """Many solves of one problem whose equations are bound together."""
+    """Many solves of one problem whose equations are bound together.
+
+    ``before`` (T,) is the number of the window before each, as `Chain` has it (None: these are no windows). ``form``
+    gives the closed form for all solves, None where there is none; called by one thread, it is made once.
+    """
 
     problem: Problem
     kernels: KernelSet
-    tables: Mapping[str, Table]
-    divided: Divided
+    sets: Sets
     stack: Stack
-    starts: Floats
     settings: Settings
     cache: EvaluationCache
     descent: Descent
+    before: Indices | None
+    form: Callable[[], Formed | None]
 
     @property
     def equations(self) -> Assembled:
@@ -78,7 +80,8 @@ class Together:
 
         ``workers`` threads (None: one for each processor) are at work while a block is looked at.
         """
-        slices = self._slices()
+        slices = self.stack.ranges()
+        past = _Past(last=lambda: None, spoilt=-1)
 
         def work(which: range) -> Columns:
             return answers(self.problem, self.stack, which, self.descent)
@@ -88,7 +91,8 @@ class Together:
             for which in slices:
                 if self.settings.stopped():
                     return
-                yield self._block(which, work(which), apart)
+                block, past = self._block(which, work(which), apart, past)
+                yield block
             return
         with ThreadPoolExecutor(max_workers=threads) as pool:
             ahead = iter([(which, pool.submit(work, which)) for which in slices])
@@ -97,52 +101,94 @@ class Together:
                     if self.settings.stopped():
                         answer.cancel()
                         return
-                    yield self._block(which, answer.result(), apart)
+                    block, past = self._block(which, answer.result(), apart, past)
+                    yield block
             finally:
                 for _, answer in islice(ahead, None):
                     answer.cancel()
 
-    def _slices(self) -> list[range]:
-        """Consecutive solves with about as many rows each."""
-        rows = np.cumsum(self.stack.rows.sum(axis=0)) // ROWS_AT_ONCE
-        ends = [*(np.flatnonzero(np.diff(rows)) + 1).tolist(), self.stack.solves]
-        return [range(begin, end) for begin, end in zip([0, *ends[:-1]], ends, strict=True)]
+    def _block(self, which: range, columns: Columns, apart: Apart, past: _Past) -> tuple[Block, _Past]:
+        """The block with those solved apart that need it: from their ends where these are good, else from the start.
 
-    def _block(self, which: range, columns: Columns, apart: Apart) -> Block:
-        """The block with those solved apart that need it: from their ends where these are good, else from the start."""
+        ``past`` is what is to be known of the blocks before; the answer has it for those behind.
+        """
         found: dict[int, Solution | Failure | Skipped] = {}
-        clean = columns.clean.copy()
-        for place in np.flatnonzero(~(columns.clean & columns.expected)).tolist():
+        clean, columns = columns.clean.copy(), self._unchallenged(which, columns)
+        spoilt = past.spoilt
+        plain = self.settings.robust is None and not estimated_on_the_way(self.problem)
+        for place in range(len(which)):
             number = which.start + place
+            if clean[place] and columns.expected[place] and number != spoilt:
+                continue
             if self.settings.stopped():
                 which, columns, clean = range(which.start, number), columns.first(place), clean[:place]
                 break
-            if columns.solved[place] and self.settings.robust is None and self._stands(number, columns, place):
+            good = columns.solved[place] and plain and number != spoilt
+            if good and self._stands(number, columns, place):
                 if not columns.clean[place]:
                     found[number] = self.solution(number, columns, place)
-            else:
-                found[number] = apart(self.selection(number))
-                clean[place] = False
-        return Block(
+                continue
+            found[number] = apart(self.sets.selection(number), self._last(number, columns, which, found, past))
+            clean[place] = False
+            if self.before is not None and not _alike(found[number], columns.points[place]):
+                spoilt = _behind(self.before, number)
+        columns = replace(columns, clean=clean)
+        block = Block(
             which=which,
             rows=self._rows(which),
-            names=self.problem.request.for_each,
-            keys=self.divided.combinations,
-            columns=replace(columns, clean=clean),
+            names=self.sets.names,
+            keys=self.sets.keys,
+            columns=columns,
             apart=found,
             make=self._maker(apart),
             layout=self.equations.layout,
             free=self.equations.free,
         )
+        end = which.stop
+        return block, _Past(last=lambda: self._last(end, columns, which, found, past), spoilt=spoilt)
+
+    def _last(
+        self,
+        number: int,
+        columns: Columns,
+        which: range,
+        found: Mapping[int, Solution | Failure | Skipped],
+        past: _Past,
+    ) -> Solution | None:
+        """The solution of the window before one in or just behind a block that has such a thing; None without one."""
+        if self.before is None:
+            return None
+        for earlier in range(number - 1, which.start - 1, -1):
+            if self.before[earlier] == NOT_SOLVED:
+                continue
+            known = found.get(earlier)
+            if known is None:
+                return self.solution(earlier, columns, earlier - which.start)
+            if isinstance(known, Solution) and np.isfinite(known.minimum.cost):
+                return known
+        return past.last()
+
+    def _unchallenged(self, which: range, columns: Columns) -> Columns:
+        """The columns, those fits being expected too that no closed form's answer is better than."""
+        doubted = np.flatnonzero(columns.solved & ~columns.expected)
+        if len(doubted) <= FEW or self.equations.linear or self.settings.robust is not None:
+            return columns
+        form = self.form()
+        if form is None:
+            return columns
+        lowest = form.lowest(which.start + doubted)
+        expected = columns.expected.copy()
+        expected[doubted] = ~(lowest < columns.cost[doubted])
+        return replace(columns, expected=expected)
 
     def _maker(self, apart: Apart) -> Callable[[int, Columns, int], Solution]:
-        """What makes a solution of columns; with consensus, which rows agree is found again."""
-        if self.settings.robust is None:
+        """What makes a solution of columns; what agrees in consensus, and several noises, are found again."""
+        if self.settings.robust is None and not estimated_on_the_way(self.problem):
             return self.solution
 
         def again(number: int, columns: Columns, place: int) -> Solution:
             del columns, place
-            found = apart(self.selection(number))
+            found = apart(self.sets.selection(number), None)
             if not isinstance(found, Solution):
                 message = f"solve {number} was solved, and now is not"
                 raise TypeError(message)
@@ -155,7 +201,7 @@ class Together:
         found = np.ones((len(which), len(self.problem.blocks)), dtype=np.int64)
         for number, block in enumerate(self.problem.blocks):
             if block.table is not None:
-                found[:, number] = self.divided.parts[block.table].sizes[which.start : which.stop]
+                found[:, number] = self.sets.spans[block.table].sizes[which.start : which.stop]
         return found
 
     def _stands(self, number: int, columns: Columns, place: int) -> bool:
@@ -166,7 +212,7 @@ class Together:
         known = (names, tuple(self.stack.rows[:, number].tolist())) in self.cache.without_closed_form
         if known and any(block.unknown_factor for block in self.problem.blocks):
             return True  # where noise is stated the fit is worse than that, and what was learnt is not relied on
-        equations, _ = assemble(self.problem, self.kernels, self.selection(number).tables, {}, self.cache)
+        equations, _ = assemble(self.problem, self.kernels, self.sets.selection(number).tables, {}, self.cache)
         found = Found(
             minimum=_minimum(equations, columns, place),
             alternatives=(),
@@ -177,13 +223,9 @@ class Together:
         )
         return challenged(equations, self.settings, found, self.problem, self.cache, many=True) is found
 
-    def selection(self, number: int) -> Selection:
-        """The key and the tables of one solve."""
-        return _selection(self.problem, self.tables, self.divided, number)
-
     def solution(self, number: int, columns: Columns, place: int) -> Solution:
         """All that is to be said of a solve that was solved, from the ``place`` of its end in the columns."""
-        selection = self.selection(number)
+        selection = self.sets.selection(number)
         tables = selection.tables
         equations, binder = assemble(self.problem, self.kernels, tables, {}, self.cache)
         minimum = _minimum(equations, columns, place)
@@ -221,6 +263,33 @@ class Together:
         )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Past:
+    """What windows have to know of the blocks before.
+
+    ``last`` gives the solution of the last window that has one; ``spoilt`` is the number of a window that began where
+    the one before it turned out not to end (-1: none).
+    """
+
+    last: Callable[[], Solution | None]
+    spoilt: int
+
+
+def _alike(found: Solution | Failure | Skipped, point: Floats) -> bool:
+    """Whether a window ended at a point (N,), as far as what it hands on matters."""
+    if not isinstance(found, Solution):
+        return isinstance(found, Skipped)
+    there = found.minimum.point
+    size = np.maximum(np.abs(there), np.abs(point))
+    return bool((np.abs(there - point) <= SAME * (size + SAME * size.max(initial=0.0))).all())
+
+
+def _behind(before: Indices, number: int) -> int:
+    """The window that begins where window ``number`` ends; -1 if none does."""
+    found = np.flatnonzero(before[number + 1 :] == number)
+    return number + 1 + int(found[0]) if len(found) else -1
+
+
 def _minimum(equations: Assembled, columns: Columns, place: int) -> Minimum:
     """The end of one solve."""
     point = columns.points[place]
@@ -235,87 +304,3 @@ def _minimum(equations: Assembled, columns: Columns, place: int) -> Minimum:
         offset=float(columns.offset[place]),
         at_bound=np.zeros(equations.dimension, dtype=np.int8),
     )
-
-
-def together(
-    problem: Problem,
-    kernels: KernelSet,
-    tables: Mapping[str, Table],
-    settings: Settings,
-    cache: EvaluationCache,
-    starts: Begun,
-) -> Together | None:
-    """The solves of a problem to be made together; None where they are to be made one by one.
-
-    Raises:
-        MbmError: more solves than can be meant.
-
-    """
-    columns = problem.request.for_each
-    if not columns or problem.request.window is not None or not asks_for_one_search(settings):
-        return None
-    split = frozenset(name for name, table in tables.items() if any(c in table.columns for c in columns))
-    if not suits(problem, kernels, split):
-        return None
-    found = divided(columns, tables)
-    if len(found.combinations) <= FEW:
-        return None
-    try:
-        layout = cache.layouts.of(problem, tables, {})
-        points = _starts(problem, tables, cache, found, starts)
-        if settings.robust is None and (bool(layout.guessed.any()) or not bool(np.isfinite(points).all())):
-            return None
-        bound = stack(problem, kernels, tables, found, layout, cache)
-    except MbmError:
-        return None  # which solve is at fault, the general path says
-    if any(len(groups) != 1 for groups in bound.derived) or not _losses_suit(bound.equations, settings):
-        return None
-    if settings.robust is None:
-        descent = descent_of(bound, points, settings)
-    else:
-        one = _selection(problem, tables, found, 0)
-        first, _ = assemble(problem, kernels, one.tables, {}, cache)
-        descent = consensus_descent(problem, bound, first, points, settings)
-    if descent is None:
-        return None
-    return Together(
-        problem=problem,
-        kernels=kernels,
-        tables=tables,
-        divided=found,
-        stack=bound,
-        starts=points,
-        settings=settings,
-        cache=cache,
-        descent=descent,
-    )
-
-
-def _losses_suit(equations: Assembled, settings: Settings) -> bool:
-    """Whether losses, if there are any, need no consensus to start from, and are those of one group."""
-    losses = [loss for group in equations.groups for loss in group.losses]
-    if not losses:
-        return True
-    return settings.robust is None and len(equations.groups) == 1 and all(loss.convex for loss in losses)
-
-
-def _selection(problem: Problem, tables: Mapping[str, Table], found: Divided, number: int) -> Selection:
-    """The key and the tables of one solve."""
-    positions = {name: part.positions(number) for name, part in found.parts.items()}
-    key = dict(zip(problem.request.for_each, found.combinations[number], strict=True))
-    return Selection(key=key, tables=SelectedTables(tables, positions, {}))
-
-
-def _starts(
-    problem: Problem,
-    tables: Mapping[str, Table],
-    cache: EvaluationCache,
-    found: Divided,
-    starts: Begun,
-) -> Floats:
-    """The point (T, N) where each solve starts; NaN where a number has none."""
-    if not callable(starts):
-        return np.tile(cache.layouts.of(problem, tables, starts).start, (len(found.combinations), 1))
-    columns = problem.request.for_each
-    each = (starts(dict(zip(columns, cells, strict=True))) for cells in found.combinations)
-    return np.stack([cache.layouts.of(problem, tables, given).start for given in each])

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.kernels.types import KernelSet
-from mbm.problem.rows import Positions
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 from mbm.solution.assembly import Assembled, blank
 from mbm.solution.binding import Binder, EvaluationCache, Group
 from mbm.solution.layout import Layout
-from mbm.solution.many.types import Kept
-from mbm.solution.selection import Divided, Part
+from mbm.solution.many.sets import Sets
+from mbm.solution.many.types import Kept, Which
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.solution.whitening import Whitener
 from mbm.values import dataclass
@@ -26,13 +25,17 @@ if TYPE_CHECKING:
     from mbm.solution.robust.losses.function import LossFunction
 
 
+ROWS_AT_ONCE = 30_000
+"""Rows of a slice: what is worked on stays in the processor's cache, and there are enough slices for all threads."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stack:
     """The equations of T solves.
 
     ``equations`` hold the rows of all of them; ``first`` and ``rows`` (groups, T) say where the rows of each solve
-    begin in a group, and how many there are. A group without a table has one row, which all solves share.
-    ``derived`` are the groups of the derived quantities. ``tables`` have their rows solve by solve.
+    begin in a group, and how many there are; windows share rows. A group without a table has one row, which all solves
+    share. ``derived`` are the groups of the derived quantities. ``tables`` have their rows in the order of the solves.
     """
 
     equations: Assembled
@@ -46,12 +49,40 @@ class Stack:
         """T."""
         return int(self.rows.shape[1])
 
-    def used(self, blocks: int) -> Indices:
-        """Rows in use of each solve and block (T, blocks)."""
-        found = np.zeros((self.solves, blocks), dtype=np.int64)
-        for group, rows in zip(self.equations.groups, self.rows, strict=True):
-            found[:, group.kernel.owner] += rows
-        return found
+    def lines(self, group: int, which: Which) -> tuple[Indices, Indices | slice]:
+        """Solve (R,), from 0, and row (R,) in a group of each row of some solves, a slice where that is one."""
+        first, rows = self.first[group, places_of(which)], self.rows[group, places_of(which)]
+        solve = np.repeat(np.arange(len(rows)), rows)
+        if len(rows) and bool((first[1:] == first[:-1] + rows[:-1]).all()):
+            return solve, slice(int(first[0]), int(first[-1] + rows[-1]))
+        return solve, first[solve] + np.arange(len(solve)) - (np.cumsum(rows) - rows)[solve]
+
+    def units(self, which: Which, acting: Sequence[bool]) -> tuple[Indices, Indices, Indices]:
+        """Solve (U,), ascending, group (U,) and number (U,) of the units of some solves, of the ``acting`` groups."""
+        solves, groups, units = [], [], []
+        for number, group in enumerate(self.equations.groups):
+            if acting[number]:
+                solve, lines = self.lines(number, which)
+                rows = np.arange(lines.start, lines.stop) if isinstance(lines, slice) else lines
+                each = len(group.whiteners)
+                solves.append(np.repeat(solve, each))
+                groups.append(np.full(len(rows) * each, number))
+                units.append((group.first_unit + rows[:, None] * each + np.arange(each)).ravel())
+        if len(solves) == 1:
+            return solves[0], groups[0], units[0]
+        solve = np.concatenate(solves)
+        order = np.argsort(solve, kind="stable")
+        return solve[order], np.concatenate(groups)[order], np.concatenate(units)[order]
+
+    def slices(self, which: Which) -> list[slice]:
+        """Stretches of some solves with about as many rows each."""
+        number = np.cumsum(self.rows[:, places_of(which)].sum(axis=0)) // ROWS_AT_ONCE
+        cuts = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(which)]
+        return [slice(begin, end) for begin, end in pairwise(cuts) if end > begin]
+
+    def ranges(self) -> list[range]:
+        """All solves in slices."""
+        return [range(part.start, part.stop) for part in self.slices(range(self.solves))]
 
     @property
     def residuals(self) -> Indices:
@@ -60,51 +91,32 @@ class Stack:
         return np.asarray(outputs @ self.rows)
 
 
-def stack(
-    problem: Problem,
-    kernels: KernelSet,
-    tables: Mapping[str, Table],
-    divided: Divided,
-    layout: Layout,
-    cache: EvaluationCache,
-) -> Stack:
+def stack(problem: Problem, kernels: KernelSet, sets: Sets, layout: Layout, cache: EvaluationCache) -> Stack:
     """The equations of all solves, with one layout for all.
 
     Raises:
         MbmError: weights that are none, in some row.
 
     """
-    sorted_tables = dict(tables)
-    ends: dict[str, Indices] = {}
-    for name, part in divided.parts.items():
-        order, ends[name] = _by_solve(part)
-        in_place = len(order) == len(tables[name]) and bool((order == np.arange(len(order))).all())
-        sorted_tables[name] = tables[name] if in_place else tables[name].take(order)
+    sorted_tables = dict(sets.tables)
+    for name, span in sets.spans.items():
+        table, order = sets.tables[name], span.order
+        in_place = len(order) == len(table) and bool((order == np.arange(len(order))).all())
+        sorted_tables[name] = table if in_place else table.take(order)
     binder = Binder(problem=problem, layout=layout, tables=sorted_tables, cache=cache)
     equations = blank(binder, kernels)
-    solves = len(divided.combinations)
-    first = np.zeros((len(equations.groups), solves), dtype=np.int64)
-    rows = np.ones((len(equations.groups), solves), dtype=np.int64)
+    first = np.zeros((len(equations.groups), sets.count), dtype=np.int64)
+    rows = np.ones((len(equations.groups), sets.count), dtype=np.int64)
     for number, group in enumerate(equations.groups):
-        table = problem.blocks[group.kernel.owner].table
-        if table is not None and group.positions is not None:
-            places = np.searchsorted(group.positions, ends[table])
-            first[number], rows[number] = places[:-1], np.diff(places)
+        table_name = problem.blocks[group.kernel.owner].table
+        if table_name is not None and group.positions is not None:
+            span = sets.spans[table_name]
+            first[number] = np.searchsorted(group.positions, span.first)
+            rows[number] = np.searchsorted(group.positions, span.last) - first[number]
     derived = tuple(binder.derived(kernels, owner) for owner in range(len(problem.derived)))
     for group in (*equations.groups, *chain.from_iterable(derived)):
         cache.stream(group.number, group.kernel)  # made here, so that threads find it there
     return Stack(equations=equations, first=first, rows=rows, derived=derived, tables=sorted_tables)
-
-
-def _by_solve(part: Part) -> tuple[Positions, Indices]:
-    """The positions of the rows, solve by solve, and where those of each end: T + 1 numbers from 0."""
-    groups, wanted = part.groups, part.group
-    sizes = part.sizes
-    ends = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(sizes)])
-    if np.array_equal(wanted, np.arange(len(groups.cells))):
-        return groups.order, ends
-    starts = np.repeat(groups.first[wanted] - ends[:-1], sizes)
-    return groups.order[np.arange(ends[-1]) + starts], ends
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -126,23 +138,26 @@ class _Lines:
 
 
 class Portion:
-    """The equations of some consecutive solves, at one point for each: arrays (K, …) over the solves.
+    """The equations of some solves, at one point for each: arrays (K, …) over the solves.
 
-    ``most`` m is the largest number of residuals of a solve; what a solve has less is 0.
+    ``most`` m is the largest number of residuals of a solve; what a solve has less is 0. ``kept`` and ``factors`` as
+    `Ends` has them: the latter divide residuals.
     """
 
-    def __init__(self, stack: Stack, which: range, kept: Kept | None = None) -> None:
+    def __init__(self, stack: Stack, which: Which, kept: Kept | None = None, factors: Floats | None = None) -> None:
         self.count = len(which)
-        self.most = int(stack.residuals[which.start : which.stop].max(initial=0))
+        self.most = int(stack.residuals[places_of(which)].max(initial=0))
         self.equations = stack.equations
         self._columns = _columns(stack.equations)
         self._lines = []
         taken = np.zeros(self.count, dtype=np.int64)
         for number, group in enumerate(stack.equations.groups):
-            first = stack.first[number, which.start : which.stop]
-            rows = stack.rows[number, which.start : which.stop]
-            self._lines.append(_lines(group, first, rows, taken, None if kept is None else kept.outputs))
-            taken += rows * group.kernel.outputs
+            counts = stack.rows[number, places_of(which)]
+            lines = stack.lines(number, which)
+            outputs = None if kept is None else kept.outputs[number]
+            weight = None if factors is None else 1.0 / factors[:, group.kernel.owner][lines[0]]
+            self._lines.append(_lines(group, counts, lines, taken, outputs, weight))
+            taken += counts * group.kernel.outputs
 
     def block_slots(self, owner: int) -> tuple[Indices, Indices]:
         """Solve (P,) and place (P,) of the residuals of a block that count."""
@@ -152,14 +167,28 @@ class Portion:
         none = np.zeros(0, dtype=np.int64)
         return np.concatenate([none, *solves]), np.concatenate([none, *slots])
 
-    @property
-    def rows(self) -> int:
-        """Rows of all groups together."""
-        return sum(len(each.solve) for each in self._lines)
+    def groups(self) -> Iterator[tuple[int, Indices, Indices]]:
+        """Block, solve (R,) and places (R, outputs) of the rows of each group."""
+        return ((each.group.kernel.owner, each.solve, each.slots) for each in self._lines)
 
-    def losses(self) -> Iterator[tuple[LossFunction, Indices, Indices]]:
-        """Each loss, with the solves (U,) of its units and the places (U, k) of their residuals."""
+    def kept(self) -> Mask:
+        """Which residuals (K, m) are there, and were not left out."""
+        result = np.zeros((self.count, self.most), dtype=bool)
         for each in self._lines:
+            result[each.solve[:, None], each.slots] = each.kept
+        return result
+
+    def by_slot(self, values: Sequence[Floats | None]) -> Floats:
+        """Numbers (K, m) of the residuals, from those (R, outputs) of the rows of each group (None: all 1)."""
+        result = np.ones((self.count, self.most))
+        for each, own in zip(self._lines, values, strict=True):
+            if own is not None:
+                result[each.solve[:, None], each.slots] = own
+        return result
+
+    def losses(self, number: int | None = None) -> Iterator[tuple[LossFunction, Indices, Indices]]:
+        """Each loss (of one group, or all), with solve (U,) and places (U, k) of the residuals of its units."""
+        for each in self._lines if number is None else self._lines[number : number + 1]:
             for whitener, loss in zip(each.whiteners, each.group.losses, strict=False):
                 yield loss, each.solve, each.slots[:, whitener.first : whitener.last]
 
@@ -193,36 +222,47 @@ class Portion:
         return result, slopes
 
 
-def _lines(group: Group, first: Indices, rows: Indices, taken: Indices, kept: Mask | None) -> _Lines:
-    """The rows of consecutive solves; ``taken`` (K,) residuals of each stand before those of this group.
+def places_of(which: Which) -> Indices | slice:
+    """What picks some solves from arrays over all."""
+    return slice(which.start, which.stop) if isinstance(which, range) else which
 
-    ``kept`` (R, outputs) says which outputs count (None: all).
+
+def _lines(
+    group: Group,
+    counts: Indices,
+    lines: tuple[Indices, Indices | slice],
+    taken: Indices,
+    kept: Mask | None,
+    weight: Floats | None,
+) -> _Lines:
+    """The rows of some solves, ``counts`` (K,) of each; ``taken`` (K,) residuals stand before those of this group.
+
+    ``lines`` as `Stack.lines` has them; ``kept`` (R, outputs) says which outputs count (None: all), ``weight`` (R,)
+    multiplies the rows (None: 1).
     """
-    solve = np.repeat(np.arange(len(rows)), rows)
-    before = np.cumsum(rows) - rows
-    own = np.arange(len(solve)) - before[solve]
+    solve, places = lines
+    own = np.arange(len(solve)) - (np.cumsum(counts) - counts)[solve]
     outputs = group.kernel.outputs
     slots = (taken[solve] + own * outputs)[:, None] + np.arange(outputs)
-    begin, end = (int(first[0]), int(first[-1] + rows[-1])) if len(rows) else (0, 0)
-    together = end - begin == len(solve)
-    places = slice(begin, end) if together else first[solve] + own
     return _Lines(
         group=group,
-        counts=rows,
+        counts=counts,
         solve=solve,
         slots=slots,
         kept=np.ones(slots.shape, dtype=bool) if kept is None else kept,
-        whiteners=tuple(_taken(each, places, kept) for each in group.whiteners),
+        whiteners=tuple(_taken(each, places, kept, weight) for each in group.whiteners),
         inputs=_blank(group, group.parameters[places]),
     )
 
 
-def _taken(whitener: Whitener, places: Indices | slice, kept: Mask | None) -> Whitener:
+def _taken(whitener: Whitener, places: Indices | slice, kept: Mask | None, weight: Floats | None) -> Whitener:
     """The whitener of some rows; what does not count weighs nothing."""
     weights = whitener.weights[places]
     if kept is not None:
         counted = kept[:, whitener.first : whitener.last]
         weights = weights * (counted if weights.ndim == 2 else counted[:, :, None])
+    if weight is not None:
+        weights = weights * weight.reshape(-1, *([1] * (weights.ndim - 1)))
     return replace(whitener, weights=weights, exact=None)
 
 

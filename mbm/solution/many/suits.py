@@ -18,20 +18,18 @@ def suits(problem: Problem, kernels: KernelSet, split: frozenset[str]) -> bool:
 
     Then each row of a divided table gives equations that are the same in the whole table as in its own solve, and what
     is the same for all solves looks at no divided table. Problems with constraints or errors in measured columns, and
-    with losses beside other equations or unknown noise, are left to the general path.
+    with losses of unknown noise beside other equations, are left to the general path.
     """
     if any(reads_tables(unknown) for unknown in problem.unknowns):
         return False
     for block in problem.blocks:
         if block.role is BlockRole.CONSTRAINT or block.errors or block.distinct:
             return False
-        if block.loss is not None and (block.unknown_factor or len(problem.blocks) > 1):
+        if block.loss is not None and block.unknown_factor and len(problem.blocks) > 1:
             return False
     if any(block.table is not None and block.table not in split for block in problem.blocks):
         return False
     if any(derived.table is not None for derived in problem.derived):
-        return False
-    if any(block.unknown_factor for block in problem.blocks) and len(problem.blocks) > 1:
         return False
     if any(samplings(kernel) for kernel in kernels.kernels):
         return False

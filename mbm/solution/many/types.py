@@ -19,6 +19,9 @@ REASONS = tuple(Reason)
 """Reasons by number: ``Columns.reason`` counts in this order."""
 
 
+Which: TypeAlias = range | Indices
+"""Some solves by number: consecutive ones, or any."""
+
 Begun: TypeAlias = Callable[[Mapping[str, CellKey]], Mapping[str, Floats]] | Mapping[str, Floats]
 """The starts (SI, by name) for the solve with a key, or those of all solves."""
 
@@ -29,7 +32,9 @@ class Ends:
 
     ``points`` (K, N); ``cost`` (K,) ``Σ r²``, ``Σ ρ`` with losses; ``reason`` (K,) numbers of ``REASONS``, -1 where
     another method is to take over; ``held`` (K,): some coordinate is at a bound; ``offset`` as `Minimum` has it.
-    ``kept``: what consensus left in (None: everything).
+    ``kept``: what consensus left in (None: everything). ``given`` (K,): the descent began at a stated start, which a
+    closed form may challenge (None: all did). ``factors`` (K, blocks) are those of unknown noises that are several
+    (None: there is one at most).
     """
 
     points: Floats
@@ -40,18 +45,25 @@ class Ends:
     evaluations: Indices
     held: Mask
     kept: Kept | None = None
+    given: Mask | None = None
+    factors: Floats | None = None
+
+    def part(self, which: range) -> Ends:
+        """Those of some consecutive solves."""
+        every = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "kept"}
+        return replace(self, **{n: each[which.start : which.stop] for n, each in every.items() if each is not None})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Kept:
-    """What consensus keeps of the one group of equations that K solves have.
+    """What consensus keeps of the equations that K solves have.
 
-    ``outputs`` (rows, outputs) of all K; ``information`` (K,) is κ of what is kept (`robust.scale.information_left`),
-    ``count`` (K,) how many scalars are kept.
+    ``outputs`` (rows, outputs) of the K solves in each group say what is kept (None: everything), ``information`` (the
+    same) is κ of it (`robust.scale.information_left`, None: 1); ``count`` (K,) how many scalars are kept.
     """
 
-    outputs: Mask
-    information: Floats
+    outputs: tuple[Mask | None, ...]
+    information: tuple[Floats | None, ...]
     count: Indices
 
 
@@ -62,6 +74,20 @@ class Outliers:
     table: Table
     positions: Indices
     first: Indices
+
+    @classmethod
+    def of_rows(cls, table: Table, positions: Indices, solve: Indices, solves: int) -> Outliers:
+        """The ``positions`` (R,) of the rows of so many solves, each of which belongs to ``solve`` (R,), ascending."""
+        ends = np.cumsum(np.bincount(solve, minlength=solves))
+        return cls(table=table, positions=positions, first=np.concatenate([np.zeros(1, dtype=np.int64), ends]))
+
+    def joined(self, other: Outliers) -> Outliers:
+        """These and others of the same table."""
+        solves = len(self.first) - 1
+        parts = [np.repeat(np.arange(solves), np.diff(each.first)) for each in (self, other)]
+        positions, solve = np.concatenate([self.positions, other.positions]), np.concatenate(parts)
+        order = np.lexsort((positions, solve))
+        return Outliers.of_rows(self.table, positions[order], solve[order], solves)
 
     def of(self, place: int) -> list[int]:
         """The positions of one solve, ascending."""
@@ -75,14 +101,15 @@ class Columns:
 
     ``points`` (T, N), ``sigma`` (T, n), ``factor`` (T, n, n) with ``factor @ factorᵀ`` the covariance; ``cost``,
     ``offset``, ``reason``, ``iterations``, ``evaluations`` as `Ends` has them; ``dof``, ``sigma0`` and ``chi2_p``
-    (NaN: there is none), ``noise`` the common unknown factor (1 where noise is stated); ``robust_cost`` is `Ends.cost`,
-    ``Σ ρ`` where there are losses and ``cost`` else; ``root`` (T, n, n) and ``scale`` (T, n) are those of `Factors` of
-    the Jacobian; ``derived`` has for each derived quantity its values (T, numbers), its sigmas (T, size), and
-    its gradient times ``factor`` (T, size, n); ``rms`` and ``used`` (T, blocks) are the normalised root mean
-    square of the residuals of each block of equations (NaN: there is none), and its rows in use. ``solved`` (T,): the
-    end is a minimum that determines everything; ``clean`` (T,): and there is nothing else to be said of it. Where it is
-    not, columns hold anything. ``expected`` (T,): the fit is as good as stated noise lets expect. ``outliers`` are the
-    rows left out, or far off under a loss (None: none are looked for). ``seconds`` (T,).
+    (NaN: there is none), ``noise`` (T, blocks) the factors of unknown noise (1 where it is stated); ``robust_cost`` is
+    `Ends.cost`, ``Σ ρ`` where there are losses and ``cost`` else; ``root`` (T, n, n) and ``scale`` (T, n) are those of
+    `Factors` of the Jacobian; ``derived`` has for each derived quantity its values (T, numbers), its sigmas (T, size),
+    and its gradient times ``factor`` (T, size, n); ``rms`` and ``used`` (T, blocks) are the normalised root mean square
+    of the residuals of each block of equations (NaN: there is none), and its rows in use. ``solved`` (T,): the end is a
+    minimum that determines everything; ``clean`` (T,): and there is nothing else to be said of it. Where it is not,
+    columns hold anything. ``expected`` (T,): the fit is as good as stated noise lets expect. ``outliers`` are the rows
+    of each block that were left out, or are far off under a loss (None: none are looked for). ``priors`` (T, k): how
+    far estimates are from the k means that are known beforehand, not whitened, equation by equation. ``seconds`` (T,).
     """
 
     points: Floats
@@ -106,7 +133,8 @@ class Columns:
     clean: Mask
     solved: Mask
     expected: Mask
-    outliers: Outliers | None
+    outliers: tuple[Outliers | None, ...]
+    priors: Floats
     seconds: Floats
 
     def first(self, count: int) -> Columns:
@@ -118,6 +146,9 @@ class Columns:
 
 Descent: TypeAlias = Callable[[range], Ends]
 """Solves some consecutive solves from their starts; may be called by several threads at once."""
+
+Solver: TypeAlias = Callable[[Which, Floats], Ends]
+"""Solves some solves from points (K, N); may be called by several threads at once."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

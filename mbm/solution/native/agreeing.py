@@ -11,7 +11,7 @@ from mbm.problem.types import Block, Consensus, Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import Group
 from mbm.solution.native.code import NativeCode
-from mbm.solution.native.consensus import consensus_many
+from mbm.solution.native.consensus import Rooms, consensus_many
 from mbm.solution.native.consensus_forms import KnownForm, known_form
 from mbm.solution.native.consensus_rules import NO_FORM, Rules, rules_of
 from mbm.solution.native.system import native_code, system_of
@@ -33,6 +33,7 @@ class Learnt:
 
     forms: dict[object, KnownForm | None] = field(default_factory=dict)
     rules: dict[object, Rules] = field(default_factory=dict)
+    rooms: Rooms = field(default_factory=Rooms)
 
 
 def agreed_natively(
@@ -73,7 +74,9 @@ def agreed_natively(
     code = _code(plain)
     if code is None:
         return None
-    ends = consensus_many(system, code.consensus, rules, begun[None], forms, startless=starts is None)
+    ends = consensus_many(
+        system, code.consensus, rules, begun[None], forms, startless=starts is None, rooms=learnt.rooms
+    )
     if not ends.agreed[0]:
         return None
     return Agreed(
@@ -88,12 +91,8 @@ def agreed_natively(
 
 def _code(equations: Assembled) -> NativeCode | None:
     """What native solves of the problem share; None where kernels are no machine code."""
-    from mbm.kernels.backends.native import NativeBackend
-
-    cache = equations.groups[0].cache if equations.groups else None
-    if cache is None or not isinstance(cache.backend, NativeBackend):
-        return None
-    return native_code(cache.native, cache.backend.store)
+    backend = equations.machine_code
+    return None if backend is None else native_code(equations.groups[0].cache.native, backend.store)
 
 
 def left_out(group: Group) -> bool:

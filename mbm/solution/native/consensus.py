@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 
 import numpy as np
 
 from mbm.solution.native.code import LANES, SolverCode
 from mbm.solution.native.consensus_rules import Rules
-from mbm.solution.native.system import NativeSystem
+from mbm.solution.native.system import AT_A_TIME, NativeSystem, never
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.target.solver import consensus_description as c
 from mbm.target.solver import description as of
@@ -17,6 +17,9 @@ from mbm.values import dataclass
 
 TRIALS = 10
 """The work of a consensus in units of solves with all rows, as a guess."""
+
+SHAPES = 100
+"""Rooms that are remembered."""
 
 FLAT = 1e-7
 """Extent of stations across their plane beside that along it, below which mirrored places fit them equally well."""
@@ -43,15 +46,77 @@ class ConsensusEnds:
         return np.asarray(self.states[:, c.AGREED] == 1)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Room:
+    """A system's header and the table of rules with room for some numbers of rows, and what scratch they ask for.
+
+    ``work`` and ``bench`` are numbers of reals, ``places`` of integers. ``held`` is what all that follows from.
+    """
+
+    header: Indices
+    table: Indices
+    work: int
+    bench: int
+    places: int
+    held: tuple[object, ...]
+
+
+class Rooms:
+    """Rooms that were made, for data sets of the same shape: to make one takes longer than a small consensus."""
+
+    def __init__(self) -> None:
+        self._known: dict[object, Room] = {}
+
+    def of(self, system: NativeSystem, rules: Rules) -> Room:
+        """The room for the largest data set of a system."""
+        most = rows_of_blocks(system).max(axis=0).tolist()
+        key = (id(system.system), id(rules), *most)
+        found = self._known.get(key)
+        if found is None:
+            if len(self._known) >= SHAPES:
+                self._known.clear()
+            found = self._known[key] = _room(system, rules, most)
+        return found
+
+
+def rows_of_blocks(system: NativeSystem) -> Indices:
+    """How many rows each data set has in each block of residuals (D, blocks)."""
+    first = of.DATA_HEAD + of.DATA_ROWS
+    return np.asarray(
+        system.rows.data[:, first : first + of.DATA_BLOCK * int(system.system[of.BLOCKS]) : of.DATA_BLOCK]
+    )
+
+
+def units_of_rows(system: NativeSystem, rules: Rules) -> Indices:
+    """The units of a row of each block (blocks,), 0 where no rule acts."""
+    first, size = int(system.system[of.BLOCKS_AT]), of.BLOCK
+    units = system.system[first + of.BLOCK_UNITS : first + size * len(rules.ruled) : size]
+    return np.asarray(units * np.array(rules.ruled))
+
+
 def units_at_of(system: NativeSystem, rules: Rules) -> Indices:
     """Where the units of each data set begin, and the end of the last ones (D + 1,)."""
-    counts = np.zeros(len(system.rows.data), dtype=np.int64)
-    for b, ruled in enumerate(rules.ruled):
-        block = int(system.system[of.BLOCKS_AT]) + b * of.BLOCK
-        if ruled:
-            rows = system.rows.data[:, of.DATA_HEAD + b * of.DATA_BLOCK + of.DATA_ROWS]
-            counts += rows * int(system.system[block + of.BLOCK_UNITS])
+    counts = (rows_of_blocks(system) * units_of_rows(system, rules)).sum(axis=1)
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+
+def _room(system: NativeSystem, rules: Rules, most: list[int]) -> Room:
+    header, table = side_by_side(system.system), rules.rules.copy()
+    table[c.MOST_UNITS] = max(int((units_of_rows(system, rules) * most).sum()), 1)
+    room = 0
+    for b, (ruled, rows) in enumerate(zip(rules.ruled, most, strict=True)):
+        block = header[int(header[of.BLOCKS_AT]) + b * of.BLOCK :]
+        widths = (of.BLOCK_PARAMETERS, of.BLOCK_WEIGHTS, of.BLOCK_VARIABLES, of.BLOCK_TANGENTS)
+        room += ((int(header[of.COORDINATES]) if ruled else rows) + 1) * max(int(block[width]) for width in widths)
+    table[c.MOST_ROWS] = room + 1
+    return Room(
+        header=header,
+        table=table,
+        work=int(work_reals(header)),
+        bench=int(c.bench_reals(header, table)),
+        places=int(c.places_integers(header, table)),
+        held=(system.system, rules),
+    )
 
 
 def side_by_side(system: Indices) -> Indices:
@@ -65,22 +130,6 @@ def side_by_side(system: Indices) -> Indices:
     return found
 
 
-def with_room(system: NativeSystem, rules: Rules, units_at: Indices) -> Indices:
-    """The ``rules`` array with room for the largest data set."""
-    found = rules.rules.copy()
-    header = system.system
-    found[c.MOST_UNITS] = int(np.diff(units_at).max(initial=1))
-    room = 0
-    for b, ruled in enumerate(rules.ruled):
-        block = header[int(header[of.BLOCKS_AT]) + b * of.BLOCK :]
-        rows = system.rows.data[:, of.DATA_HEAD + b * of.DATA_BLOCK + of.DATA_ROWS]
-        most = int(header[of.COORDINATES]) if ruled else int(rows.max(initial=0))
-        widths = (of.BLOCK_PARAMETERS, of.BLOCK_WEIGHTS, of.BLOCK_VARIABLES, of.BLOCK_TANGENTS)
-        room += (most + 1) * max(int(block[width]) for width in widths)
-    found[c.MOST_ROWS] = room + 1
-    return found
-
-
 def consensus_many(
     system: NativeSystem,
     code: SolverCode,
@@ -90,6 +139,8 @@ def consensus_many(
     *,
     startless: bool = False,
     workers: int = 1,
+    rooms: Rooms | None = None,
+    stopped: Callable[[], bool] = never,
 ) -> ConsensusEnds:
     """The units that agree in each data set of a system.
 
@@ -101,6 +152,8 @@ def consensus_many(
         forms: what the closed form knows of each unit (units of all data sets, width).
         startless: the closed form gives the starts; those given hold the other numbers.
         workers: threads; the answers do not depend on it.
+        rooms: those made for such data sets before.
+        stopped: asked now and then; data sets that were not looked at by then do not agree.
     """
     count = len(system.rows.data)
     units_at = units_at_of(system, rules)
@@ -108,29 +161,33 @@ def consensus_many(
     numbers = int(system.system[of.NUMBERS])
     known = np.zeros(1) if forms is None else np.ascontiguousarray(forms, dtype=np.float64)
     begun = np.ascontiguousarray(starts, dtype=np.float64)
-    header = side_by_side(system.system)
-    table = with_room(system, rules, units_at)
-    table[c.STARTLESS] = startless
-    table[c.ONE_SIDE] = forms is not None and _flat(rules, forms)
+    room = (rooms or Rooms()).of(system, rules)
+    table = _table(room, rules, forms, startless=startless)
     points, states = np.zeros((count, numbers)), np.zeros((count, c.ANSWERS), dtype=np.int64)
     inside, limits, variances = np.zeros(total, dtype=np.int64), np.zeros(total), np.zeros(total)
     code.expect(count * TRIALS * system.expected)
     routine = code.routine("agree_many", int, int, *[object] * 3, int, *[object] * 18)
 
     def part(first: int, last: int) -> None:
-        work, desk = np.zeros(int(work_reals(header))), np.zeros(int(work_reals(header)))
-        bench = np.zeros(int(c.bench_reals(header, table)))
-        places = np.zeros(int(c.places_integers(header, table)), dtype=np.int64)
-        routine(
-            first, last, header, system.constants, system.rows.data, int(system.rows.data.shape[1]),
-            system.rows.parameters, system.rows.weights, system.rows.index, system.rows.columns,
-            table, rules.levels, units_at, known, begun, work, desk, bench, places,
-            points, states, inside, limits, variances,
-        )  # fmt: skip
+        work, desk, bench = np.zeros(room.work), np.zeros(room.work), np.zeros(room.bench)
+        places = np.zeros(room.places, dtype=np.int64)
+        step = int(max(AT_A_TIME / (TRIALS * system.expected), 1))
+        for begin in range(first, last, step):
+            if stopped():
+                return
+            end = min(begin + step, last)
+            routine(
+                begin, end, room.header, system.constants, system.rows.data, int(system.rows.data.shape[1]),
+                system.rows.parameters, system.rows.weights, system.rows.index, system.rows.columns,
+                table, rules.levels, units_at, known, begun, work, desk, bench, places,
+                points, states, inside, limits, variances,
+            )  # fmt: skip
 
     if workers <= 1 or count < 2:
         part(0, count)
     else:
+        from concurrent.futures import ThreadPoolExecutor  # loads what logs; one data set needs no threads
+
         cuts = np.linspace(0, count, min(workers, count) + 1).astype(int).tolist()
         with ThreadPoolExecutor(len(cuts) - 1) as pool:
             list(pool.map(part, cuts[:-1], cuts[1:]))
@@ -142,6 +199,14 @@ def consensus_many(
         limits=limits,
         variances=variances,
     )
+
+
+def _table(room: Room, rules: Rules, forms: Floats | None, *, startless: bool) -> Indices:
+    """The table of rules with what depends on the data sets."""
+    found = room.table.copy()
+    found[c.STARTLESS] = startless
+    found[c.ONE_SIDE] = forms is not None and _flat(rules, forms)
+    return found
 
 
 def _flat(rules: Rules, forms: Floats) -> bool:

@@ -30,8 +30,8 @@ DRAWS = 6
 SPREAD = 0.3
 """Random data lie about the given ones by so much of their extent."""
 
-EXACT = 1e-8
-"""What an affine dependence may leave, beside the size of what it gives."""
+EXACT = 1e-6
+"""What an affine dependence may leave, beside the size of what it gives: probes are no more exact than that."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,21 +60,34 @@ class KnownForm:
         if self.maps is None:
             solver = minimal_solver(equations, equations.numbers, forms)
             return None if solver is None else _expanded(equations, ruled, solver, _told(solver), self.form.width)
-        found = []
+        mine = [number for number, acts in enumerate(ruled) if acts]
+        return np.concatenate([self._of_group(equations, k, equations.groups[k].parameters) for k in mine])
+
+    def of_parameters(self, equations: Assembled, parameters: Floats) -> Floats:
+        """The same for T data sets of such equations, all groups ruled, from their parameters (T, P): (T units, width).
+
+        The P numbers are those of the groups one after the other, each row by row. There must be ``maps``.
+        """
+        found, first = [], 0
         for number, group in enumerate(equations.groups):
-            if not ruled[number]:
-                continue
-            units = np.full((group.rows, len(group.whiteners), self.form.width), np.nan)
-            for each in self.maps:
-                if each.group == number:
-                    # not as a product of matrices: for very many rows BLAS would start threads of its own
-                    told = np.einsum("rp,pw->rw", group.parameters, each.matrix[:-1])
-                    units[:, each.whitener] = told + each.matrix[-1]
-            found.append(units.reshape(-1, self.form.width))
-        every = np.concatenate(found)
+            size = group.parameters.size
+            rows = parameters[:, first : first + size].reshape(-1, group.parameters.shape[1])
+            found.append(self._of_group(equations, number, rows).reshape(len(parameters), -1, self.form.width))
+            first += size
+        return np.concatenate(found, axis=1).reshape(-1, self.form.width)
+
+    def _of_group(self, equations: Assembled, number: int, parameters: Floats) -> Floats:
+        """What it knows of the units (units, width) of rows of a group that have the parameters (rows, p)."""
+        units = np.full((len(parameters), len(equations.groups[number].whiteners), self.form.width), np.nan)
+        for each in self.maps or ():
+            if each.group == number:
+                # not as a product of matrices: for very many rows BLAS would start threads of its own
+                told = np.einsum("rp,pw->rw", parameters, each.matrix[:-1])
+                units[:, each.whitener] = told + each.matrix[-1]
+        found = units.reshape(-1, self.form.width)
         if self.form.kind == c.SIGHTS:
-            every[:, 3:] *= self.sign / np.linalg.norm(every[:, 3:], axis=1)[:, None]
-        return every
+            found[:, 3:] *= self.sign / np.linalg.norm(found[:, 3:], axis=1)[:, None]
+        return found
 
 
 def known_form(equations: Assembled, forms: Iterable[ClosedForm]) -> KnownForm | None:

@@ -56,6 +56,7 @@ def rules_of(
     seed: int,
     starts: int,
     form: Form = NO_FORM,
+    dimension: int | None = None,
 ) -> Rules:
     """The arrays for data sets whose blocks are the groups of ``equations``.
 
@@ -67,8 +68,9 @@ def rules_of(
         seed: that of the trials.
         starts: points that each data set is begun at.
         form: the closed form that fits subsets.
+        dimension: unknowns at most; None: those of ``equations``.
     """
-    n = equations.dimension
+    n = equations.dimension if dimension is None else dimension
     trials = [needed_trials(size, consensus.trials) for size in range(n + 1)]
     groups: dict[int, int] = {}
     table: list[int] = []
@@ -98,6 +100,7 @@ def rules_of(
     head[c.BLOCKS_AT] = c.HEADER + len(trials)
     head[c.FORM_AT] = c.HEADER + len(trials) + len(table)
     head[c.THRESHOLDED] = consensus.threshold is not None
+    head[c.UNTIL_SURE] = consensus.trials is None and not groups
     return Rules(
         rules=np.concatenate([head, np.array([*trials, *table, *form.about], dtype=np.int64)]),
         levels=np.array(levels).ravel(),

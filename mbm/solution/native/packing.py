@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,19 @@ ROWS_AT_A_TIME = 128
 
 TRIANGULAR = 1e-14
 """A share of a whitening matrix beside its triangle that is the rounding of its inversion."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class United:
+    """A function for the rows of some groups.
+
+    ``table`` is what `description.UNITED_AT` points to, ``reals`` counts the parameters and weights of the rows. The
+    code lives as long as this does.
+    """
+
+    table: Indices
+    reals: int
+    library: object = field(repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -157,11 +171,14 @@ def system_arrays(
     tolerance: float,
     direct: bool,
     strict: bool = True,
+    summed_from: int = 0,
+    united: United | None = None,
 ) -> tuple[Indices, Floats]:
     """``system`` and ``constants`` for the groups of ``equations`` with up to ``most_rows`` rows each.
 
     ``addresses`` are those of values, Jacobian and sums (0: none) of each group's kernel, in the order of the groups,
-    then constraints.
+    then constraints; ``summed_from`` is the number of rows from which
+    the sums are taken, ``united`` the function for the rows of some groups.
     """
     layout, n = equations.layout, equations.dimension
     groups = (*equations.groups, *equations.constraints)
@@ -202,8 +219,13 @@ def system_arrays(
         (of.CURVED_AT, curved_at),
         (of.BLOCKS_AT, blocks_at),
         (of.DIRECT, direct),
+        (of.SUMMED_FROM, summed_from),
     ):
         header[at] = value
+    if united is not None:
+        header[of.UNITED_AT] = blocks_at + blocks.size + sum(table.size for table in tail)
+        header[of.UNITED_REALS] = united.reals
+        tail.append(united.table)
     system = np.concatenate([header, numbers, equations.positive, pieces.ravel(), blocks.ravel(), *tail])
     return system.astype(np.int64), np.ascontiguousarray(np.concatenate([*constants, *losses]), dtype=np.float64)
 

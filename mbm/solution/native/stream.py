@@ -2,77 +2,44 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import field
 from math import sqrt
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.problem.types import Method, Problem, UnknownKind
 from mbm.solution.assembly import Assembled
 from mbm.solution.challenge import USUAL
+from mbm.solution.native.code import FROM_ARRAY
+from mbm.solution.native.stream_ends import Rules, StreamEnds
 from mbm.solution.native.system import NativeEnds, NativeSystem, system_of
 from mbm.solution.settings import Settings
 from mbm.solution.sparsity import sparse_suits
-from mbm.solution.types import Floats, Indices, Mask
+from mbm.solution.types import Floats, Indices
 from mbm.target.solver import description as of
-from mbm.target.solver.workspace import work_integers, work_reals
 from mbm.values import dataclass
 
-SOLVE = "solve_many"
-KINDS = (*[object] * 9, int, int, *[object] * 9)
+if TYPE_CHECKING:
+    from mbm.solution.native.robust_stream import RobustStream
 
+FIRST, LAST, SCRATCH = 9, 10, (11, 12)
+"""Places of those arguments of the solver that differ from thread to thread."""
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StreamEnds:
-    """Where T solves ended: ``numbers`` (T, N) in SI, angles in (-π, π]; ``covariance`` (T, n, n); ``cost`` (T,).
-
-    ``clean`` (T,): a minimum of full rank, away from all bounds, that fits as stated noise lets expect. Of one solve
-    the same without the leading axis.
-    """
-
-    numbers: Floats
-    covariance: Floats
-    cost: Floats | float
-    clean: Mask | bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Rules:
-    """What an end is judged and finished by.
-
-    ``most`` is the largest cost that stated noise lets expect (infinite: nothing is expected), ``estimated`` whether
-    one factor of the noise follows from the residuals, ``angles`` the numbers that are angles.
-    """
-
-    most: float
-    estimated: bool
-    angles: Indices
-
-    def clean(self, cost: Any, reason: Any, deficient: Any, held: Any, freedom: Any) -> Any:
-        """Whether nothing speaks against an end: numbers of one solve, or arrays of all."""
-        good = (reason >= of.SMALL_OFFSET) & (reason <= of.ONE_STEP) & (deficient == 0) & (held == 0)
-        good &= cost < self.most
-        return good & (freedom > 0) & (cost > 0.0) if self.estimated else good
-
-    def shown(self, numbers: Floats) -> Floats:
-        """A copy of numbers (…, N) with angles in (-π, π]."""
-        found = numbers.copy()
-        if self.angles.size:
-            turned = found[..., self.angles]
-            found[..., self.angles] = turned - 2 * np.pi * np.ceil(turned / (2 * np.pi) - 0.5)
-        return found
+SHARE = 100
+"""Solves of a thread at least: to start one takes as long as some twenty."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Room:
-    """Arrays for so many data sets, and their addresses in the order of the arguments."""
+    """Arrays for so many data sets; ``arguments`` are the addresses and numbers that the solver takes."""
 
     parameters: Floats
     ends: NativeEnds
-    before: tuple[int, ...]
-    behind: tuple[int, ...]
+    arguments: Indices
     held: tuple[np.ndarray, ...] = field(repr=False)
 
 
@@ -83,8 +50,16 @@ class Stream:
         self._system = system
         self._start = start
         self._rules = rules
-        self._function: Callable[..., int] | None = None
-        self._room = self._made(1)
+        self._function: Callable[[int], int] | None = None
+        self._room = self._single = self._made(1)
+        self._first = self._single.arguments.ctypes.data
+        self.single: Floats = self._single.parameters[0]
+        """The parameters (P,) that `solved_one` takes, to be changed in place."""
+        self._covariance = self._single.ends.covariances[0]
+        self._numbers = self._single.ends.numbers[0]
+        self._states = self._single.ends.states[0]
+        self._sides = self._single.ends.sides[0]
+        self._nowhere = bytes(self._sides.nbytes)
 
     def parameters(self, count: int) -> Floats:
         """The parameters (count, P) of so many data sets, to be changed in place before ``solved``.
@@ -95,10 +70,22 @@ class Stream:
             self._room = self._made(count)
         return self._room.parameters[:count]
 
-    def solved(self, count: int) -> StreamEnds:
-        """The solves of the first ``count`` data sets."""
+    def solved(self, count: int, workers: int = 1) -> StreamEnds:
+        """The solves of the first ``count`` data sets, by so many threads; their number changes nothing."""
         room, rules = self._room, self._rules
-        (self._function or self._code(count))(*room.before, 0, count, *room.behind)
+        function = self._function or self._code(count)
+
+        def part(first: int, last: int) -> None:
+            arguments, scratch = room.arguments.copy(), self._system.scratch()
+            arguments[[FIRST, LAST, *SCRATCH]] = (first, last, *(array.ctypes.data for array in scratch))
+            function(arguments.ctypes.data)
+
+        if workers <= 1:
+            part(0, count)
+        else:
+            cuts = np.linspace(0, count, workers + 1).astype(int).tolist()
+            with ThreadPoolExecutor(workers) as pool:
+                list(pool.map(part, cuts[:-1], cuts[1:]))
         states = room.ends.states[:count]
         cost = room.ends.results[:count, of.COST].copy()
         freedom = states[:, of.FREEDOM]
@@ -107,50 +94,41 @@ class Stream:
         covariance = room.ends.covariances[:count].copy()
         if rules.estimated:
             covariance *= (cost / np.maximum(freedom, 1))[:, None, None]
-        return StreamEnds(
-            numbers=rules.shown(room.ends.numbers[:count]), covariance=covariance, cost=cost, clean=np.asarray(clean)
-        )
+        numbers = rules.shown(room.ends.numbers[:count])
+        return StreamEnds(numbers=numbers, covariance=covariance, cost=cost, clean=np.asarray(clean))
 
-    def solved_one(self) -> StreamEnds:
-        """The solve of the first data set: what ``solved(1)`` says, with a tenth of its overhead."""
-        room, rules = self._room, self._rules
-        (self._function or self._code(1))(*room.before, 0, 1, *room.behind)
-        states = room.ends.states[0].tolist()
-        cost = room.ends.results.item(0, of.COST)
+    def solved_one(self) -> tuple[Floats, Floats, float] | None:
+        """Numbers, covariance and cost of the data set whose parameters are `single`; None where it is not clean."""
+        rules = self._rules
+        (self._function or self._code(1))(self._first)
+        states = self._states.tolist()
+        cost = self._single.ends.results.item(of.COST)
         freedom = states[of.FREEDOM]
-        held = any(room.ends.sides[0].tolist())
-        clean = rules.clean(cost, states[of.REASON], states[of.DEFICIENT], held, freedom)
-        covariance = room.ends.covariances[0].copy()
+        held = self._sides.tobytes() != self._nowhere
+        if not rules.clean(cost, states[of.REASON], states[of.DEFICIENT], held, freedom):
+            return None
+        covariance = self._covariance.copy()
         if rules.estimated:
             covariance *= cost / max(freedom, 1)
-        return StreamEnds(numbers=rules.shown(room.ends.numbers[0]), covariance=covariance, cost=cost, clean=clean)
+        return rules.shown_one(self._numbers), covariance, cost
 
-    def _code(self, count: int) -> Callable[..., int]:
+    def _code(self, count: int) -> Callable[[int], int]:
         """The solver for so many data sets; it stays when there is none that is faster."""
         code = self._system.code
         code.expect(count * self._system.expected)
-        found: Callable[..., int] = code.routine(SOLVE, *KINDS).function
+        found: Callable[[int], int] = code.routine(FROM_ARRAY, object).function
         if code.fast:
             self._function = found
         return found
 
     def _made(self, count: int) -> _Room:
         system, rows = self._system, self._system.rows
-        n = system.dimension
         parameters = np.tile(rows.parameters, (count, 1))
         data = np.tile(rows.data, (count, 1))
         firsts = slice(of.DATA_HEAD + of.DATA_PARAMETERS, None, of.DATA_BLOCK)
         data[:, firsts] += len(rows.parameters) * np.arange(count)[:, None]
-        ends = NativeEnds(
-            numbers=np.zeros((count, int(system.system[of.NUMBERS]))),
-            results=np.zeros((count, of.RESULTS)),
-            states=np.zeros((count, of.STATES), dtype=np.int64),
-            sides=np.zeros((count, n), dtype=np.int64),
-            triangles=np.zeros((count, n + 1, n + 1)),
-            covariances=np.zeros((count, n, n)),
-            multipliers=np.zeros((count, int(system.system[of.MULTIPLIERS]))),
-        )
-        before = (
+        ends = system.blank(count)
+        arrays = (
             system.system,
             system.constants,
             parameters,
@@ -160,43 +138,42 @@ class Stream:
             data,
             np.arange(count),
             np.tile(self._start, (count, 1)),
+            *system.scratch(),
+            *ends.arrays(),
         )
-        behind = (
-            np.zeros(int(work_reals(system.system))),
-            np.zeros(int(work_integers(system.system)), dtype=np.int64),
-            ends.numbers,
-            ends.results,
-            ends.states,
-            ends.sides,
-            ends.triangles,
-            ends.covariances,
-            ends.multipliers,
-        )
-        return _Room(
-            parameters=parameters,
-            ends=ends,
-            before=tuple(array.ctypes.data for array in before),
-            behind=tuple(array.ctypes.data for array in behind),
-            held=(*before, *behind),
-        )
+        places = [array.ctypes.data for array in arrays]
+        arguments = np.array([*places[:FIRST], 0, 1, *places[FIRST:]], dtype=np.int64)
+        return _Room(parameters=parameters, ends=ends, arguments=arguments, held=arrays)
 
 
-def stream_of(problem: Problem, equations: Assembled, settings: Settings, estimates: Floats) -> Stream | None:
+def threads(workers: int | None, count: int) -> int:
+    """Threads for so many solves; ``workers`` None: one a processor."""
+    return max(1, min(workers or os.cpu_count() or 1, count // SHARE))
+
+
+def stream_of(
+    problem: Problem, equations: Assembled, settings: Settings, estimates: Floats
+) -> Stream | RobustStream | None:
     """The equations of one data set as a stream; None where the general path takes others than native code.
 
     Solves begin at the stated start, or at the ``estimates`` (N,) for this data set where none is stated.
     """
-    if settings.robust is not None or settings.routine is not None or sparse_suits(equations):
+    if settings.routine is not None or sparse_suits(equations):
         return None
     if settings.method not in (Method.AUTO, Method.MARQUARDT) or equations.lossy:
         return None
-    if _estimated(problem) and len(problem.blocks) > 1:
-        return None
-    system = system_of(equations, settings)
-    if system is None:
-        return None
     layout = equations.layout
     given = not bool((np.isnan(layout.start) | layout.guessed).any())
+    if settings.robust is not None:
+        from mbm.solution.native.robust_stream import robust_stream_of
+
+        rules = Rules(most=np.inf, estimated=False, angles=_angles(equations))
+        return robust_stream_of(problem, equations, settings, rules, given=given)
+    if _estimated(problem) and len(problem.blocks) > 1:
+        return None
+    system = system_of(equations, settings, often=True)
+    if system is None:
+        return None
     names = tuple(entry.unknown.name for entry in layout.entries)
     kind = (names, tuple(group.rows for group in equations.groups))
     known = equations.groups[0].cache.without_closed_form
@@ -206,13 +183,18 @@ def stream_of(problem: Problem, equations: Assembled, settings: Settings, estima
     if not alone and _estimated(problem):
         return None
     freedom = max(equations.count - equations.dimension, 1)
-    angles = [np.arange(e.offset, e.offset + e.count) for e in layout.entries if e.unknown.kind is UnknownKind.ANGLE]
     rules = Rules(
         most=np.inf if alone else freedom + USUAL * sqrt(2.0 * freedom),
         estimated=_estimated(problem),
-        angles=np.concatenate([np.zeros(0, dtype=np.int64), *angles]),
+        angles=_angles(equations),
     )
     return Stream(system, layout.start if given else estimates, rules)
+
+
+def _angles(equations: Assembled) -> tuple[int, ...]:
+    """The numbers that are angles."""
+    turning = (entry for entry in equations.layout.entries if entry.unknown.kind is UnknownKind.ANGLE)
+    return tuple(number for entry in turning for number in range(entry.offset, entry.offset + entry.count))
 
 
 def _estimated(problem: Problem) -> bool:

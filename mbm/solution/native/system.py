@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import field
 from typing import Any
 
@@ -18,7 +17,6 @@ from mbm.solution.native.summing import sum_addresses, summable
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices
 from mbm.target.solver import description as of
-from mbm.target.solver.normal_equations import MANY_ROWS
 from mbm.target.solver.workspace import work_integers, work_reals
 from mbm.values import dataclass
 
@@ -27,6 +25,10 @@ MOST_COORDINATES = 80
 
 AT_A_TIME = 2e8
 """Products in one call, about a tenth of a second: between calls the user may interrupt."""
+
+MANY_ROWS, MANY_ROWS_OFTEN = 500, 32
+"""Rows of a group from which its normal equations are summed: the function for that takes its time to compile, so in
+streams there are fewer of them."""
 
 ITERATIONS_OF_MANY = 20.0
 """Iterations that a solve of many takes, as a guess."""
@@ -101,15 +103,14 @@ class NativeSystem:
         were not made then, or not to their end, have the reason `RUNNING`.
         """
         count = len(points)
-        ends = self._blank(count)
+        ends = self.blank(count)
         chosen = np.zeros(count, dtype=np.int64) if which is None else np.ascontiguousarray(which, dtype=np.int64)
         starts = np.ascontiguousarray(points, dtype=np.float64)
-        work_size, flags_size = int(work_reals(self.system)), int(work_integers(self.system))
         at_a_time = AT_A_TIME / self._products
         self.code.expect(count * self.expected)
 
         def part(first: int, last: int) -> None:
-            work, flags = np.empty(work_size), np.empty(flags_size, dtype=np.int64)
+            work, flags = self.scratch()
             if at_a_time < ITERATIONS_OF_MANY:
                 most = int(max(at_a_time, 1))
                 for k in range(first, last):
@@ -131,6 +132,8 @@ class NativeSystem:
             part(0, count)
             return ends
         cuts = np.linspace(0, count, min(workers, count) + 1).astype(int).tolist()
+        from concurrent.futures import ThreadPoolExecutor  # loads what logs; one solve needs no threads
+
         with ThreadPoolExecutor(len(cuts) - 1) as pool:
             list(pool.map(part, cuts[:-1], cuts[1:]))
         return ends
@@ -145,7 +148,7 @@ class NativeSystem:
         """Products in one iteration, about."""
         return float(self.system[of.RESIDUALS]) * (self.dimension + 4) ** 2
 
-    def _blank(self, count: int) -> NativeEnds:
+    def blank(self, count: int) -> NativeEnds:
         """Room for the answers of so many solves."""
         n = self.dimension
         return NativeEnds(
@@ -158,11 +161,16 @@ class NativeSystem:
             multipliers=np.zeros((count, int(self.system[of.MULTIPLIERS]))),
         )
 
+    def scratch(self) -> tuple[Floats, Indices]:
+        """What one thread needs beside."""
+        reals, integers = int(work_reals(self.system)), int(work_integers(self.system))
+        return np.empty(reals), np.empty(integers, dtype=np.int64)
+
     def one(self, start: Floats, *, which: int = 0, stopped: Callable[[], bool] | None = None) -> NativeEnds:
         """Solve from one start (N,); ``stopped`` is asked before each iteration: what is reached comes back."""
-        ends = self._blank(1)
+        ends = self.blank(1)
         begun = np.ascontiguousarray(start, dtype=np.float64)
-        work, flags = np.empty(int(work_reals(self.system))), np.empty(int(work_integers(self.system)), dtype=np.int64)
+        work, flags = self.scratch()
         most = 1 if stopped is not None else int(max(AT_A_TIME / self._products, 1))
         self.code.expect(self.expected)
         self._alone(begun, which, ends.arrays(), (work, flags), most, stopped or never)
@@ -221,18 +229,19 @@ def system_of(
     direct: bool | None = None,
     strict: bool = True,
     most_rows: Sequence[int] | None = None,
+    often: bool = False,
 ) -> NativeSystem | None:
     """The equations of one data set for the native solver; None: they are not for it.
 
     ``direct``: the one step of affine equations (None: where they are affine and nothing else is asked for).
     ``strict``: solves end at once where their Jacobian is not of full rank; else they go on, for the best they can get.
     ``most_rows`` of each group, where data sets of some of the rows are to be solved (None: all of them are one).
+    ``often``: so many solves are to come that it is worth compiling a function for the rows of small groups together,
+    and to sum the normal equations of others from fewer rows on.
     """
-    from mbm.kernels.backends.native import NativeBackend
-
     groups = (*equations.groups, *equations.constraints) if handled(equations) else ()
-    backend = groups[0].cache.backend if groups else None
-    if not isinstance(backend, NativeBackend):
+    backend = equations.machine_code if groups else None
+    if backend is None:
         return None
     code = native_code(groups[0].cache.native, backend.store)
     numbers = [g.number for g in groups]
@@ -243,14 +252,24 @@ def system_of(
         boxed = np.isfinite(equations.lower).any() or np.isfinite(equations.upper).any() or equations.positive.any()
         direct = equations.linear and not (equations.constraints or boxed) and settings.method is Method.AUTO
     rows = [g.rows for g in groups] if most_rows is None else list(most_rows)
-    key = (structure_of(equations), settings.max_iterations, settings.tolerance, direct, strict)
+    together: tuple[int, ...] = ()
+    own: tuple[object, ...] = ()
+    if often:
+        # Loaded by streams only, so that one solve begins at once.
+        from mbm.solution.native.uniting import places_of, unitable, united_rows
+
+        together = unitable(groups, rows)
+        own = (together, places_of(groups, together))
+    key = (structure_of(equations), settings.max_iterations, settings.tolerance, direct, strict, own)
     known = code.systems.get(key)
     if known is None or any(a > b for a, b in zip(rows, known.rows, strict=True)):
         room = rows if known is None else [max(a, b) for a, b in zip(rows, known.rows, strict=True)]
+        least = MANY_ROWS_OFTEN if often else MANY_ROWS
         sums = sum_addresses(
-            code, [g if r >= MANY_ROWS and summable(g) else None for g, r in zip(groups, room, strict=True)]
+            code, [g if r >= least and summable(g) else None for g, r in zip(groups, room, strict=True)]
         )
         addresses = [(kernels.values_address(k), kernels.jacobian_address(k), sums[k]) for k in range(len(groups))]
+        united = united_rows(equations, together, code.store) if any(together) else None
         system, constants = system_arrays(
             equations,
             addresses,
@@ -259,14 +278,16 @@ def system_of(
             tolerance=settings.tolerance,
             direct=direct,
             strict=strict,
+            summed_from=least,
+            united=united,
         )
-        known = code.systems[key] = Described(rows=tuple(room), system=system, constants=constants)
+        known = code.systems[key] = Described(rows=tuple(room), system=system, constants=constants, united=united)
     return NativeSystem(
         system=known.system,
         constants=known.constants,
         rows=rows_of(equations),
         code=code.solver,
-        held=(kernels, code),
+        held=(kernels, known, code),
     )
 
 

@@ -8,12 +8,13 @@ until those stay the same. Nothing here knows what is measured.
 from __future__ import annotations
 
 from dataclasses import replace
-from math import sqrt
+from math import comb, sqrt
 
 import numpy as np
 
 from mbm.problem.types import Consensus
 from mbm.solution.robust.estimators.lmeds import LMEDS
+from mbm.solution.robust.estimators.msac import MSAC
 from mbm.solution.robust.estimators.standard import BY_KIND
 from mbm.solution.robust.estimators.types import ConsensusEstimator
 from mbm.solution.robust.gnc import graduated
@@ -25,10 +26,14 @@ from mbm.solution.robust.trials import Trials
 from mbm.solution.robust.units import STATED, Units, consistency, robust_variance
 from mbm.solution.robust.units import limits as deviation_limits
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.target.solver.consensus_draw import FEWEST_TRIALS, trials_for_share
 from mbm.values import dataclass
 
 CANDIDATES = 10
 """Trials that are improved."""
+
+WIDE = 16.0
+"""Squared, so four times the limits: a fit to as few units as there are unknowns is that far off for the others."""
 
 LARGE_SUBSET = 7
 """From so many units in a subset on, trials free of outliers are rare: graduated non-convexity gives one more."""
@@ -91,7 +96,10 @@ def agree(trials: Trials, units: Units, starts: Floats, consensus: Consensus, se
             fits = max(count, min(count * len(starts), MOST_FITS))
             of = np.arange(fits) % count
             begun = starts[(np.arange(fits) // count + of) % len(starts)]
-            points = np.concatenate((trials.fitted(begun, subsets[of]), starts))
+            fitted, which = trials.fitted(begun, subsets[of])
+            if consensus.trials is None and count < comb(units.count, size) and bool((units.group == STATED).all()):
+                count = _until_sure(trials, units, fitted, of[which], count, size, cut)
+            points = np.concatenate((fitted[of[which] < count], starts))
     if not estimator.samples or size >= LARGE_SUBSET:
         unknown = units.group != STATED
         more = np.concatenate([graduated(trials, units, start, cut, unknown) for start in starts[:FEW_STARTS]])
@@ -127,27 +135,46 @@ def _finished(trials: Trials, units: Units, point: Floats, consensus: Consensus,
     )
 
 
+def _until_sure(trials: Trials, units: Units, points: Floats, of: Indices, count: int, size: int, cut: Floats) -> int:
+    """How many of the trials are enough: one of them has met only units of a solution as good as the best, or better.
+
+    ``points`` (P, N) are fits to subsets of ``size`` units, ``of`` (P,) the trial that each belongs to.
+    """
+    inside = np.zeros(count, dtype=np.int64)
+    for chunk in _chunks(len(points), units):
+        squares = units.squares(trials.residuals(points[chunk]))
+        np.maximum.at(inside, of[chunk], (squares <= cut).sum(axis=1))
+    for done, most in enumerate(np.maximum.accumulate(inside).tolist(), start=1):
+        if done >= FEWEST_TRIALS and done >= trials_for_share(most, units.count, size):
+            return done
+    return count
+
+
+def _chunks(count: int, units: Units) -> list[slice]:
+    """Points whose residuals are looked at together."""
+    step = max(TOGETHER // max(len(units.of_row), 1), 1)
+    return [slice(first, first + step) for first in range(0, count, step)]
+
+
 def _best_few(
     trials: Trials, units: Units, points: Floats, estimator: ConsensusEstimator, size: int, cut: Floats
 ) -> Floats:
-    """The points with the lowest scores, best first."""
-    step = max(TOGETHER // max(len(units.of_row), 1), 1)
-    chunks = [points[first : first + step] for first in range(0, len(points), step)]
+    """The points with the lowest scores: by the limits, and by limits as wide as fits to a few units need."""
+    chunks = _chunks(len(points), units)
 
-    def ranked(rule: ConsensusEstimator, limits: Floats) -> Indices:
-        parts = [rule.scores(units.squares(trials.residuals(c)), units, size, limits) for c in chunks]
-        return np.argsort(np.concatenate(parts), kind="stable")[:CANDIDATES]
+    def ranked(rule: ConsensusEstimator, limits: Floats, few: int) -> Indices:
+        parts = [rule.scores(units.squares(trials.residuals(points[c])), units, size, limits) for c in chunks]
+        return np.argsort(np.concatenate(parts), kind="stable")[:few]
 
-    by_median = ranked(LMEDS, cut)
+    by_median = ranked(LMEDS, cut, CANDIDATES)
     if not estimator.knows_limits:
         return np.asarray(points[by_median])
-    variances = variances_at(units.squares(trials.residuals(points[by_median[:1]]))[0], units, 0)
-    by_rule = ranked(estimator, cut * variances)
-    if bool((units.group == STATED).all()):
-        return np.asarray(points[by_rule])
-    # The rule needs the noise; where that is unknown, trials with the least median may be the ones that know it.
-    both = np.stack((by_rule, by_median), axis=1).ravel()
-    return np.asarray(points[np.unique(both)])
+    limits = cut * variances_at(units.squares(trials.residuals(points[by_median[:1]]))[0], units, 0)
+    found = [ranked(estimator, limits, CANDIDATES // 2), ranked(MSAC, WIDE * limits, CANDIDATES // 2)]
+    if bool((units.group != STATED).any()):
+        # The rule needs the noise; where that is unknown, trials with the least median may be the ones that know it.
+        found.append(by_median)
+    return np.asarray(points[np.unique(np.concatenate(found))])
 
 
 def _improved(

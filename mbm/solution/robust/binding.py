@@ -108,17 +108,17 @@ class _Together:
         """Points after steps (T, n)."""
         return self.whole.moved(points, steps)
 
-    def fitted(self, starts: Floats, subsets: Indices) -> Floats:
+    def fitted(self, starts: Floats, subsets: Indices) -> tuple[Floats, Indices]:
         """Fits to the units of each subset, with what no rule touches."""
-        if self.direct is not None:
-            subsets, first = np.unique(subsets, axis=0, return_index=True)
-            numbers = np.where(subsets >= 0, self.units.number[subsets], -1)
-            points, solved = self.direct.points(numbers)
-            left = np.setdiff1d(np.arange(len(subsets)), solved)
-            return (
-                np.concatenate((points, self._approached(starts[first[left]], subsets[left]))) if len(left) else points
-            )
-        return self._approached(starts, subsets)
+        if self.direct is None:
+            return self._approached(starts, subsets), np.arange(len(subsets))
+        different, first = np.unique(subsets, axis=0, return_index=True)
+        points, solved = self.direct.points(np.where(different >= 0, self.units.number[different], -1))
+        left = np.setdiff1d(np.arange(len(different)), solved)
+        if not len(left):
+            return points, first[solved]
+        more = self._approached(starts[first[left]], different[left])
+        return np.concatenate((points, more)), first[np.concatenate((solved, left))]
 
     def _approached(self, starts: Floats, subsets: Indices) -> Floats:
         """The same by iteration."""
@@ -162,7 +162,7 @@ class _OneByOne:
             found.append(self.equations.placed(there, inside))
         return np.stack(found)
 
-    def fitted(self, starts: Floats, subsets: Indices) -> Floats:
+    def fitted(self, starts: Floats, subsets: Indices) -> tuple[Floats, Indices]:
         """Fits to the units of each subset, with what no rule touches: Gauss-Newton steps of minimum norm."""
         found = starts.copy()
         for trial, subset in enumerate(subsets):
@@ -176,7 +176,7 @@ class _OneByOne:
                 found[trial] = self.moved(found[trial : trial + 1], step[None])[0]
                 if float(np.abs(jacobian @ step).max(initial=0.0)) < 1e-9:
                     break
-        return found
+        return found, np.arange(len(subsets))
 
     def _rows(self, subset: Indices) -> Mask:
         return np.asarray((self.units.of_row < 0) | np.isin(self.units.of_row, subset), dtype=bool)

@@ -16,7 +16,6 @@ import numpy as np
 
 from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Problem, RandomStarts
 from mbm.solution.assembly import Assembled, loss_lines
-from mbm.solution.native.agreeing import agreed_natively
 from mbm.solution.robust import faults
 from mbm.solution.robust.agree import Agreed, agree, agree_near
 from mbm.solution.robust.binding import trials_of, trials_of_part, units_of
@@ -117,7 +116,7 @@ def _agreed(
         if units.count > SAMPLE:
             return _agreed_from_sample(equations, settings, consensus, units, points)
     if equations.implicit is None and units.count <= SAMPLE:
-        native = agreed_natively(problem, equations, settings, consensus, ruled, points)
+        native = _natively(problem, equations, settings, consensus, ruled, points)
         if native is not None:
             return native
     return agree(trials_of(equations, units, settings.closed_forms), units, points, consensus, settings.seed)
@@ -130,7 +129,23 @@ def _startless(problem: Problem, equations: Assembled, settings: Settings, conse
         return None
     if equations.whole > SAMPLE or (equations.dimension > 1 and len(parts_of(equations)) > 1):
         return None
-    return agreed_natively(problem, equations, settings, consensus, _observed, None)
+    return _natively(problem, equations, settings, consensus, _observed, None)
+
+
+def _natively(
+    problem: Problem,
+    equations: Assembled,
+    settings: Settings,
+    consensus: Consensus,
+    ruled: Callable[[Block], bool],
+    points: Floats | None,
+) -> Agreed | None:
+    """What native code says; None: it says nothing, or there is none."""
+    if equations.machine_code is None:
+        return None
+    from mbm.solution.native.agreeing import agreed_natively
+
+    return agreed_natively(problem, equations, settings, consensus, ruled, points)
 
 
 def _agreed_from_sample(

@@ -35,6 +35,9 @@ class Trials(Protocol):
         """The points after steps (T, n), inside the bounds."""
         ...
 
-    def fitted(self, starts: Floats, subsets: Indices) -> Floats:
-        """Points (T, N) that fit the units of each subset (T, k), -1 for none, and the priors; not finite if none."""
+    def fitted(self, starts: Floats, subsets: Indices) -> tuple[Floats, Indices]:
+        """Points (P, N) that fit the units of subsets (T, k), -1 for none, and the priors; not finite if none does.
+
+        And which subset (P,) each is for; a subset may have several, and of equal subsets one stands for all.
+        """
         ...

@@ -34,7 +34,8 @@ def simulate(found: Elaborated, values: ValuesFinder, factors: FactorsFinder, as
     """The measurements that the model predicts at ``values``, with noise.
 
     Rows that no observation uses keep their cells. What a draw is depends on the seed, the observation's name and the
-    row's number only. Windows share rows, so all of them are simulated together, with one set of values.
+    row's number only. Windows share rows, so all of them are simulated together, with one set of values. Several seeds
+    are for problems of one solve that draw nothing from priors, and measure no column with errors of its own.
 
     Raises:
         MbmError: an unknown without a value, an equation that cannot be solved for what it measures, a column that is
@@ -97,7 +98,9 @@ class _Run:
             raise MbmError(*(faults.no_true_value(u.span, u.name) for u in lacking))
         if self.asked.kernels is not None:
             tables = self.selection.tables
-            drawn = drawn_from_priors(problem, self.asked.kernels, tables, places, self.selection.key, self.asked.seed)
+            drawn = drawn_from_priors(
+                problem, self.asked.kernels, tables, places, self.selection.key, self.asked.seeds[0]
+            )
             places = replace(places, start=drawn)
         notes: list[Diagnostic] = []
         assumed = [e.unknown.name for e in places.entries if e.unknown.name not in values]
@@ -107,8 +110,9 @@ class _Run:
         notes.extend(faults.values_against_constraint(block.span, block.name) for block in demands)
         cells: list[Cells] = []
         hits: dict[str, set[int]] = {}
-        tables = dict(self.selection.tables)
-        masks = {i: used_rows(block, self.selection.tables) for i, block in enumerate(problem.blocks)}
+        whole = self._again_and_again()
+        tables = dict(whole)
+        masks = {i: used_rows(block, whole) for i, block in enumerate(problem.blocks)}
         for measured in self.equations:
             block = problem.blocks[measured.block]
             if block.unknown_factor and block.name not in factors:
@@ -118,15 +122,16 @@ class _Run:
             positions = None
             if table is not None:
                 mask = masks[measured.block]
-                positions = rows_of(case.static, self.selection.tables[table.name])
+                positions = rows_of(case.static, whole[table.name])
                 positions = positions[mask[positions]] if mask is not None else positions
             rows = Rows(table=table, positions=positions, tables=tables, layout=places, numbers=places.start)
             if table is None or positions is None or len(positions) == 0:
                 continue
             numbers, hit = self._equation(measured, rows, factors.get(block.name, 1.0))
-            hits.setdefault(block.name, set()).update(int(r) for r in table.rows[positions[hit]])
+            hits.setdefault(block.name, set()).update(self._rows(table, positions[hit]).tolist())
             for j, column in enumerate(measured.columns):
-                cells.append(Cells(table=table.name, column=column, rows=table.rows[positions], numbers=numbers[:, j]))
+                own = self._rows(table, positions)
+                cells.append(Cells(table=table.name, column=column, rows=own, numbers=numbers[:, j]))
                 table = _with_column(table, column, positions, numbers[:, j])
             tables[table.name] = table
         cells.extend(self._errors(tables, masks))
@@ -163,22 +168,35 @@ class _Run:
         predicted, solved = solved_rows(components, start, zero, scale, metric)
         self._check(solved, measured, rows)
         spread = factor * root(equation, rows, {n: predicted[:, j] for j, n in enumerate(measured.columns)})
-        number = rows.table.rows[rows.positions] - 1
-        total = rows.table.provenance.rows
-        rng = stream(self.asked.seed, block.name, measured.case, measured.equation)
-        normal = rng.standard_normal((total, size))
-        gross, hit = outliers(
-            stream(self.asked.seed, block.name, measured.case, measured.equation, 1),
-            total,
-            size,
-            None if measured.projected else self.asked.outliers,
-        )
+        number = self._rows(rows.table, rows.positions) - 1
+        normal, gross, hit = self._drawn(measured, rows.table.provenance.rows, size)
         drawn = np.einsum("rij,rj->ri", spread, (normal + gross)[number])
         if not bool(spread.any()):
             return predicted, hit[number]
         noisy, solved = solved_rows(components, predicted, -drawn, _scale(spread, natural), metric)
         self._check(solved, measured, rows)
         return noisy, hit[number]
+
+    def _drawn(self, measured: Measured, total: int, size: int) -> tuple[Floats, Floats, Mask]:
+        """Normal numbers, what gross errors add to them, and rows with one: all data sets' one below the other."""
+        names = (self.found.problem.blocks[measured.block].name, measured.case, measured.equation)
+        wanted = None if measured.projected else self.asked.outliers
+        normal = [stream(seed, *names).standard_normal((total, size)) for seed in self.asked.seeds]
+        gross = [outliers(stream(seed, *names, 1), total, size, wanted) for seed in self.asked.seeds]
+        return np.vstack(normal), np.vstack([added for added, _ in gross]), np.concatenate([hit for _, hit in gross])
+
+    def _again_and_again(self) -> Mapping[str, Table]:
+        """The tables of this solve, those with something measured once for each data set."""
+        tables, count = self.selection.tables, len(self.asked.seeds)
+        if count == 1:
+            return tables
+        measured = {self.found.problem.blocks[each.block].table for each in self.equations}
+        return {n: t.take(np.tile(np.arange(len(t)), count)) if n in measured else t for n, t in tables.items()}
+
+    def _rows(self, table: Table, positions: Indices) -> Indices:
+        """The numbers of rows, as `Cells` has them."""
+        size = max(len(table) // len(self.asked.seeds), 1)
+        return np.asarray(table.rows[positions] + positions // size * table.provenance.rows)
 
     def _metric(self, measured: Measured, errors: tuple[UncertainColumn, ...], rows: Rows, start: Floats) -> Floats:
         """A natural change of each measured column (rows, p): its own error, else 1."""
@@ -215,7 +233,7 @@ class _Run:
                 done.add((error.table, error.column))
                 used, sigma = self._own_rows(number, error, error.sigma, masks)
                 own = tables[error.table]
-                rng = stream(self.asked.seed, "errors", error.table, error.column)
+                rng = stream(self.asked.seeds[0], "errors", error.table, error.column)
                 normal = rng.standard_normal(own.provenance.rows)
                 numbers = own.numbers(error.column)[used] + sigma * normal[own.rows[used] - 1]
                 found.append(Cells(table=error.table, column=error.column, rows=own.rows[used], numbers=numbers))

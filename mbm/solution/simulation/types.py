@@ -35,13 +35,13 @@ class Outliers:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulating:
-    """How to simulate.
+    """How to simulate: a data set for each of the ``seeds``, one below the other.
 
     ``measured`` names the columns of observations whose equations leave open what they measure. With ``kernels`` (and
     their cache), what has a prior is drawn from it.
     """
 
-    seed: int
+    seeds: tuple[int, ...]
     outliers: Outliers | None = None
     measured: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
     kernels: tuple[KernelSet, EvaluationCache] | None = None
@@ -49,7 +49,10 @@ class Simulating:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Cells:
-    """New numbers (SI) for cells of a column; ``rows`` are numbers from 1 in the unfiltered table, each once."""
+    """New numbers (SI) for cells of a column; ``rows`` are numbers from 1 in the unfiltered table, each once.
+
+    They go on from one data set to the next, as if the table stood there again and again.
+    """
 
     table: str
     column: str

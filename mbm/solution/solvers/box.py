@@ -105,6 +105,11 @@ def box_of(equations: Equations) -> Box:
     return Box(lower=lower, upper=upper, positive=positive, present=present)
 
 
+def one_step_suits(equations: Equations) -> bool:
+    """Whether one linear step is the answer: affine residuals, no bound and no `positive` unknown."""
+    return equations.linear and equations.count > 0 and equations.dimension > 0 and not box_of(equations).present
+
+
 def boxed_step(
     jacobian: Floats,
     residuals: Floats,

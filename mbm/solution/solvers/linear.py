@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.solution.solvers.box import box_of
+from mbm.solution.solvers.box import one_step_suits
 from mbm.solution.solvers.state import State, answer, begin, place_at
 from mbm.solution.types import Equations, Floats, Minimum, Reason, TraceEntry
 from mbm.values import dataclass
@@ -23,7 +23,7 @@ class Linear:
 
     def supports(self, equations: Equations) -> bool:
         """Affine residuals, no bound and no `positive` unknown."""
-        return equations.linear and equations.count > 0 and equations.dimension > 0 and not box_of(equations).present
+        return one_step_suits(equations)
 
     @np.errstate(all="ignore")
     def init(self, equations: Equations, start: Floats, tolerance: float) -> State:

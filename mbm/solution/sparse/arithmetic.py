@@ -77,6 +77,10 @@ class Arithmetic(Protocol):
         """``Y rest`` (members · size, k) for (width, k)."""
         ...
 
+    def inverse_diagonal(self, y: Floats, roots: Floats, rest: Any) -> Floats:
+        """The blocks of the inverse at the family alone; ``rest`` as below."""
+        ...
+
     def inverse_blocks(self, y: Floats, roots: Floats, rest: Any) -> tuple[Floats, Floats]:
         """The inverse at the family: panels ``-L⁻ᵀ Y Z`` as ``y``, blocks ``L⁻ᵀ (I + Y Z Yᵀ) L⁻¹``.
 

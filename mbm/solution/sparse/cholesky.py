@@ -3,12 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
 from mbm.solution.sparse.fronts import Fronts
 from mbm.solution.types import Floats
 from mbm.values import dataclass
+
+
+class SparseFactor(Protocol):
+    """The factor of a sparse matrix: that of this file, or of a library, or of compiled routines."""
+
+    def solve(self, right: Floats) -> Floats:
+        """``A⁻¹ right`` for a right side (n, k)."""
+        ...
+
+    def inverse(self, entries: int) -> Floats:
+        """The elements of the inverse at the ``entries`` entries of the matrix."""
+        ...
+
+
+class SparseSolver(Protocol):
+    """What makes such factors, for one pattern."""
+
+    def factorise(self, entries: Floats) -> SparseFactor | None:
+        """The factor of the matrix with these entries; None: not positive."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -13,7 +13,7 @@ from mbm.solution.sparse.arithmetic import Places
 from mbm.solution.sparse.elimination import Elimination
 from mbm.solution.sparse.interpreted import triangular
 from mbm.solution.sparse.normal import Contribution, Normal, NormalPattern
-from mbm.solution.sparse.routines import HEAVY, Argument, Routines, routines
+from mbm.solution.sparse.routines import HEAVY, Argument, Routines, processors, routines
 from mbm.solution.sparse.structure import Structure, Values
 from mbm.solution.types import Floats, Indices
 from mbm.target.blocks.names import product_name
@@ -21,6 +21,10 @@ from mbm.values import dataclass
 
 NARROW = 512
 """Columns up to which the reduced matrix stays in the cache (2 MB), and is best added to member by member."""
+
+
+SMALL = 600
+"""Columns up to which NumPy solves with a triangle before SciPy is loaded: it takes them for full."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -135,9 +139,11 @@ class Compiled:
         self.routines.run("reduce_sparse", len(gone.links.heads), *_by_block(gone), y, *given, scratch=_line(gone))
 
     def solved(self, lower: Floats, right: Floats) -> Floats:
-        """One right side at once; many by BLAS, which takes a while to load."""
+        """One right side at once; many by BLAS, which takes a while to load: small triangles do without."""
         if right.shape[1] > 1:
-            return triangular(lower, right)
+            if len(lower) > SMALL:
+                return triangular(lower, right)
+            return np.asarray(np.linalg.solve(lower.T, np.linalg.solve(lower, right)))
         result = right.copy(order="C")
         self.routines.call("solve_triangular", len(lower), np.ascontiguousarray(lower), result)
         return result
@@ -153,16 +159,26 @@ class Compiled:
     def carried(self, y: Floats, inner: Floats) -> Floats:
         """``Yᵀ inner``."""
         gone = self._elimination()
-        given = (*_by_member(gone), y, inner.shape[1], np.ascontiguousarray(inner))
-        return self.routines.total("add_carried", _members(gone), (gone.width, inner.shape[1]), *given)
+        given = (1, *_by_member(gone), y, inner.shape[1], np.ascontiguousarray(inner))
+        return self.routines.total("add_coupled", _members(gone), (gone.width, inner.shape[1]), *given)
 
     def returned(self, y: Floats, rest: Floats) -> Floats:
         """``Y rest``."""
         gone = self._elimination()
         result = np.zeros((_members(gone) * gone.size, rest.shape[1]))
-        given = (*_by_member(gone), y, rest.shape[1], np.ascontiguousarray(rest), result)
-        self.routines.run("add_returned", _members(gone), *given)
+        given = (0, *_by_member(gone), y, rest.shape[1], np.ascontiguousarray(rest), result)
+        self.routines.run("add_coupled", _members(gone), *given)
         return result
+
+    def inverse_diagonal(self, y: Floats, roots: Floats, rest: Any) -> Floats:
+        """Member by member where all of the rest is known; else as below."""
+        if not isinstance(rest, np.ndarray):
+            return self.inverse_blocks(y, roots, rest)[1]
+        gone = self._elimination()
+        inner, diagonal = np.empty_like(roots), np.empty_like(roots)
+        given = (y, gone.width, np.ascontiguousarray(rest), roots, inner, diagonal)
+        self.routines.run("put_diagonals", len(roots), *_by_member(gone), *given)
+        return diagonal
 
     def inverse_blocks(self, y: Floats, roots: Floats, rest: Any) -> tuple[Floats, Floats]:
         """Images of ``Y`` at its own pattern, then small products, member by member."""
@@ -190,8 +206,10 @@ class Compiled:
         return self.gone
 
 
-def compiled(pattern: NormalPattern, gone: Elimination | None, store: Store | None) -> Compiled:
-    """The work for a pattern and an elimination."""
+def compiled(
+    pattern: NormalPattern, gone: Elimination | None, store: Store | None, workers: int | None = None
+) -> Compiled:
+    """The work for a pattern and an elimination; ``workers`` threads share it if it is heavy (None: all processors)."""
     layout = pattern.structure
     sizes = {
         (layout.pieces[part.piece].outputs, pair.shape[1])
@@ -210,7 +228,8 @@ def compiled(pattern: NormalPattern, gone: Elimination | None, store: Store | No
             )
         )
     heavy = sum(p.rows * p.outputs * p.width for p in layout.pieces) >= HEAVY
-    made = routines(sizes, None if gone is None else gone.size, store, heavy=heavy)
+    threads = (processors() if workers is None else workers) if heavy else 1
+    made = routines(sizes, None if gone is None else gone.size, store, threads)
     return Compiled(routines=made, gone=gone, pieces=tuple(pieces))
 
 

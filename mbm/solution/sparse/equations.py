@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 
-from mbm.kernels.types import Backend
+from mbm.kernels.types import MachineCode
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import Group
 from mbm.solution.forwarding import Forwarding
@@ -17,6 +20,9 @@ from mbm.values import dataclass
 
 WIDEST = 12
 """Coordinates of an unknown that stay together in one block; those of longer vectors and arrays are blocks of one."""
+
+TOGETHER = 16384
+"""Rows whose derivatives are computed together."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,9 +71,9 @@ class Blocked(Forwarding):
         return self.equations.linear
 
     @property
-    def backend(self) -> Backend | None:
-        """What evaluates the kernels."""
-        return self.equations.groups[0].cache.backend if self.equations.groups else None
+    def machine_code(self) -> MachineCode | None:
+        """What evaluates the kernels, if it makes machine code."""
+        return self.equations.machine_code
 
     def residuals(self, x: Floats) -> Floats:
         """Whitened residuals with losses (all,), zero where left out."""
@@ -91,12 +97,14 @@ class Blocked(Forwarding):
         return [self._piece(place, x, arithmetic, plain=True) for place in self.places]
 
     def _piece(self, place: GroupPlace, x: Floats, arithmetic: Arithmetic, *, plain: bool) -> Floats:
-        group = place.group
-        arithmetic.put_inputs(x, group)
-        values, nonzeros = group.evaluation.values_and_jacobian()
-        outputs = group.kernel.outputs
+        group, outputs = place.group, place.group.kernel.outputs
+        places = (place.chosen, place.target, place.lines)
         result = np.zeros((group.rows, outputs, place.piece.width))
-        arithmetic.put_nonzeros(nonzeros, place.weights, (place.chosen, place.target, place.lines), result)
+        values = np.empty((group.rows, outputs))
+        for rows, part in _parts(group):
+            arithmetic.put_inputs(x, part)
+            values[rows], nonzeros = part.evaluation.values_and_jacobian()
+            arithmetic.put_nonzeros(nonzeros, place.weights[rows], places, result[rows])
         if place.kept is not None:
             result *= place.kept[:, None, :]
         for own, matrices in place.matrices:
@@ -109,6 +117,17 @@ class Blocked(Forwarding):
                 own = slice(whitener.first, whitener.last)
                 result[:, own] = rooted_jacobian(loss, residuals[:, own], result[:, own])
         return result
+
+
+def _parts(group: Group) -> Iterator[tuple[slice, Group]]:
+    """The rows a part at a time, so that what the kernel gives is not held for all of them."""
+    if group.rows <= TOGETHER or group.sampled:
+        yield slice(0, group.rows), group
+        return
+    for first in range(0, group.rows, TOGETHER):
+        rows = slice(first, min(first + TOGETHER, group.rows))
+        made = group.cache.evaluation(group.number, group.kernel, rows.stop - first)
+        yield rows, replace(group, evaluation=made, index=group.index[rows], parameters=group.parameters[rows])
 
 
 def blocked(equations: Assembled) -> Blocked:

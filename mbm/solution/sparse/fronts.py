@@ -7,6 +7,9 @@ columns wide.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeAlias
+
 import numpy as np
 
 from mbm.solution.types import Indices
@@ -35,23 +38,29 @@ class Front:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fronts:
-    """``order`` (n,): the column that stands at each place of the permuted matrix; children come before parents."""
+    """``order`` (n,): the column that stands at each place of the permuted matrix; ``fronts`` are in postorder."""
 
     size: int
     order: Indices
     fronts: tuple[Front, ...]
 
 
-def fronts(rows: Indices, columns: Indices, sizes: Indices) -> Fronts:
+Ordering: TypeAlias = Callable[[Indices, Indices, Indices], Indices]
+"""From the entries of a graph, each pair of nodes once, and the sizes of its nodes to an elimination order."""
+
+
+def fronts(rows: Indices, columns: Indices, sizes: Indices, ordering: Ordering | None = None) -> Fronts:
     """The fronts of a symmetric matrix with entries at ``(rows, columns)``, each pair once (in either triangle).
 
     ``sizes`` (blocks,) are the numbers of columns in each block; every diagonal element must be among the entries.
+    ``ordering`` None: that of SciPy.
     """
     first = np.concatenate([[0], np.cumsum(sizes)])
     block_of = np.repeat(np.arange(len(sizes)), sizes)
-    order = _ordered(block_of[rows], block_of[columns], len(sizes))
+    order = (ordering or _ordered)(block_of[rows], block_of[columns], sizes)
     below, parents = _eliminated(block_of[rows], block_of[columns], order)
     tops, owner = _joined(below, parents, sizes[order])
+    tops = _postordered(tops, [owner[parents[top]] if parents[top] >= 0 else -1 for top in tops])
     owned: list[list[int]] = [[] for _ in sizes]
     for place, top in enumerate(owner):
         owned[top].append(place)
@@ -74,12 +83,12 @@ def fronts(rows: Indices, columns: Indices, sizes: Indices) -> Fronts:
     return Fronts(size=len(scalar), order=scalar, fronts=_placed(spans, above, place_of[rows], place_of[columns]))
 
 
-def _ordered(left: Indices, right: Indices, count: int) -> Indices:
+def _ordered(left: Indices, right: Indices, sizes: Indices) -> Indices:
     """Multiple minimum degree of the graph of blocks (Liu 1985): the block at each place."""
     from scipy.sparse import coo_array
     from scipy.sparse.linalg import splu
 
-    ones = np.ones(len(left))
+    count, ones = len(sizes), np.ones(len(left))
     graph = coo_array((ones, (left, right)), shape=(count, count)).tocsc()
     graph.data[:] = -1.0
     graph = graph + graph.T
@@ -140,6 +149,19 @@ def _joined(below: list[set[int]], parents: list[int], sizes: Indices) -> tuple[
     for j in range(count - 1, -1, -1):
         owner[j] = j if into[j] == j else owner[into[j]]
     return [j for j in range(count) if into[j] == j], owner
+
+
+def _postordered(tops: list[int], above: list[int]) -> list[int]:
+    """The tops so that each stands behind all below it in the tree, and these stand together; ``above`` them: -1."""
+    children: dict[int, list[int]] = {top: [] for top in (-1, *tops)}
+    for top, parent in zip(tops, above, strict=True):
+        children[parent].append(top)
+    found: list[int] = []
+    open_ones = list(children[-1])
+    while open_ones:
+        found.append(open_ones.pop())
+        open_ones.extend(children[found[-1]])
+    return found[::-1]
 
 
 def _placed(spans: list[tuple[int, Indices]], above: list[int], rows: Indices, columns: Indices) -> tuple[Front, ...]:

@@ -133,6 +133,10 @@ class Interpreted:
         """``Y rest``."""
         return np.asarray(self._matrix(y) @ rest)
 
+    def inverse_diagonal(self, y: Floats, roots: Floats, rest: Any) -> Floats:
+        """As below."""
+        return self.inverse_blocks(y, roots, rest)[1]
+
     def inverse_blocks(self, y: Floats, roots: Floats, rest: Any) -> tuple[Floats, Floats]:
         """Images of the rows of ``Y`` a part at a time, then batches of small products."""
         gone = self._elimination()

@@ -101,7 +101,7 @@ class SparseInverse:
     def variances(self) -> Floats:
         """The diagonal of the covariance (n,)."""
         layout = self.factors.plan.structure
-        blocks = self.factors.inverse()
+        blocks = self.factors.inverse(across=False)
         found = np.zeros(layout.columns)
         for number, (family, where) in enumerate(zip(layout.families, self.factors.plan.pattern.diagonal, strict=True)):
             found[family.columns] = np.einsum("bii->bi", blocks[number, number][where]).reshape(-1)

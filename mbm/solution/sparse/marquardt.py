@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import inf, isfinite
+from typing import Any
 
 import numpy as np
 
-from mbm.kernels.backends.native import NativeBackend
-from mbm.kernels.types import Backend
+from mbm.kernels.types import MachineCode
 from mbm.solution.assembly import Assembled
+from mbm.solution.pushing import pushed
 from mbm.solution.solvers.state import first_bad, relative_offset
+from mbm.solution.sparse.deferred import DeferredMatrix
 from mbm.solution.sparse.equations import blocked
 from mbm.solution.sparse.normal import Normal
 from mbm.solution.sparse.place import BlockEquations, Place, inside, moved, normal_at, place_at
@@ -24,7 +26,7 @@ from mbm.solution.sparse.system import Factorised, Plan, factorised, plan
 from mbm.solution.types import Equations, Floats, Minimum, Reason, TraceEntry
 from mbm.values import dataclass
 
-COMPILED = 50_000
+COMPILED = 20_000
 """Numbers in the Jacobian from which compiled routines are worth compiling for."""
 
 FIRST = 1e-4
@@ -95,9 +97,13 @@ class State:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SparseMarquardt:
-    """For assembled equations, which are taken apart into blocks, and for equations that know their blocks."""
+    """For assembled equations, which are taken apart into blocks, and for equations that know their blocks.
+
+    ``workers`` threads share heavy work (None: one for each processor); the answers do not depend on their number.
+    """
 
     name: str = "lm-sparse"
+    workers: int | None = None
 
     def supports(self, equations: Equations) -> bool:
         """Any system of at least one equation and one unknown whose blocks can be told."""
@@ -110,7 +116,7 @@ class SparseMarquardt:
         if own is None:
             message = "equations without blocks"
             raise TypeError(message)
-        return _begun(own, start, tolerance)
+        return _begun(own, start, tolerance, self.workers)
 
     @np.errstate(all="ignore")
     def step(self, equations: Equations, state: State) -> State:
@@ -127,11 +133,8 @@ class SparseMarquardt:
         return state.reason
 
     def minimum(self, state: State, reason: Reason) -> Minimum:
-        """The state as an answer; its Jacobian (m, n) is a SciPy CSR array."""
+        """The state as an answer; its Jacobian (m, n) becomes a SciPy CSR array when it is looked at."""
         return _answer(state, reason)
-
-
-SPARSE_MARQUARDT = SparseMarquardt()
 
 
 def _blocks(equations: Equations) -> BlockEquations | None:
@@ -140,9 +143,9 @@ def _blocks(equations: Equations) -> BlockEquations | None:
     return blocked(equations) if isinstance(equations, Assembled) and not equations.profiled else None
 
 
-def _begun(equations: BlockEquations, start: Floats, tolerance: float) -> State:
+def _begun(equations: BlockEquations, start: Floats, tolerance: float, workers: int | None) -> State:
     layout = equations.structure()
-    found = _planned(layout, equations.backend)
+    found = _planned(layout, equations.machine_code, workers)
     point = inside(equations, start)
     residuals = equations.residuals(point)
     row, reason, place = first_bad(residuals), Reason.NOT_FINITE_AT_START, None
@@ -171,12 +174,12 @@ def _begun(equations: BlockEquations, start: Floats, tolerance: float) -> State:
     )
 
 
-def _planned(layout: Structure, backend: Backend | None) -> Plan:
+def _planned(layout: Structure, backend: MachineCode | None, workers: int | None) -> Plan:
     """The plan, with compiled routines where kernels are compiled too and there is enough to do."""
-    if not isinstance(backend, NativeBackend):
+    if backend is None:
         return plan(layout)
     compiling = sum(p.rows * p.outputs * p.width for p in layout.pieces) >= COMPILED
-    return plan(layout, compiling=compiling, store=backend.store)
+    return plan(layout, compiling=compiling, store=backend.store, workers=workers)
 
 
 def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
@@ -195,6 +198,8 @@ def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
             state = replace(state, damping=LEAST, known=replace(state.known, factors=None, step=None))
             continue
         state = replace(state, offset=offset)
+        if offset > CLOSE:  # these factors are of no use elsewhere, and make room for the next Jacobian
+            state = replace(state, known=replace(state.known, factors=None))
         if offset <= state.tolerance:
             return _ended(state, here, trials, Reason.SMALL_OFFSET)
         undecided = promise <= UNDECIDED * here.rounding
@@ -222,25 +227,23 @@ def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
 
 
 def _answer(state: State, reason: Reason) -> Minimum:
-    from scipy.sparse import csr_array
-
     layout, place, residuals = state.plan.structure, state.place, state.residuals
     free = layout.free
     sides = np.zeros(len(free), dtype=np.int8)
-    matrix = csr_array((len(residuals), len(free)))
-    if place is not None:
-        whole = layout.matrix(place.values)
-        matrix = whole if np.array_equal(free, np.arange(layout.columns)) else csr_array(whole[:, free])
-        pushed = place.held[free]
-        slope = np.asarray(matrix.T @ place.residuals).reshape(-1)
-        sides[pushed] = np.where(slope[pushed] > 0.0, -1, 1)
+    if place is not None and place.held.any():
+        slopes = state.plan.gradient(place.values, place.residuals)[free]
+        sides[place.held[free]] = np.where(slopes[place.held[free]] > 0.0, -1, 1)
+        lengths = np.sqrt(place.squares[free])
+        sides = pushed(sides, slopes, lengths, state.equations.coordinates(place.point), place.cost)
     if layout.rows is not None:
-        residuals, matrix = residuals[layout.rows], csr_array(matrix[layout.rows])
+        residuals = residuals[layout.rows]
+    values = layout.zeros() if place is None else place.values
+    jacobian: Any = DeferredMatrix((len(residuals), len(free)), lambda: layout.estimated(values))
     return Minimum(
         point=state.point,
         residuals=residuals,
-        jacobian=matrix,
-        blocks=BlockJacobian(plan=state.plan, values=layout.zeros() if place is None else place.values),
+        jacobian=jacobian,
+        blocks=BlockJacobian(plan=state.plan, values=values),
         cost=float(residuals @ residuals),
         reason=reason,
         iterations=state.iterations,

@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from mbm.kernels.types import Backend
+from mbm.kernels.types import MachineCode
 from mbm.solution.solvers.scaled import magnitudes
 from mbm.solution.sparse.arithmetic import Arithmetic
 from mbm.solution.sparse.normal import Normal
@@ -31,8 +31,8 @@ class BlockEquations(Equations, Protocol):
     """Equations whose Jacobian comes in blocks."""
 
     @property
-    def backend(self) -> Backend | None:
-        """What evaluates the kernels, if it is known."""
+    def machine_code(self) -> MachineCode | None:
+        """What evaluates the kernels, if it makes machine code."""
         ...
 
     def structure(self) -> Structure:

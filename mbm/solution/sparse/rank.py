@@ -8,7 +8,6 @@ inverse iteration (block of trial vectors, Rayleigh-Ritz). Whether a direction i
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from mbm.solution.sparse.inverse import LocalNull, SparseInverse
 from mbm.solution.sparse.normal import Normal
 from mbm.solution.sparse.structure import Values
 from mbm.solution.sparse.system import Factorised, Plan, factorised
-from mbm.solution.types import Floats, Mask
+from mbm.solution.types import Floats, Indices, Mask
 from mbm.values import dataclass
 
 TRIALS = 12
@@ -33,6 +32,10 @@ CERTAIN = 1e-11
 SUSPECT = 1e-8
 GAP = 1e3
 """Singular values, relative to the largest, that are zero: the first surely, the second if a gap follows them."""
+
+
+PART = 8192
+"""Rows that are triangularised together."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,16 +57,15 @@ def decided(found: Plan, values: Values, held: Mask) -> Decision:
     """The rank decision for the Jacobian ``values``; columns in ``held`` (columns,) do not move."""
     layout = found.structure
     still = layout.dead | held
-    values = layout.weighted(values, np.where(still, 0.0, 1.0))
-    squares = found.accumulate(values).diagonal()
+    squares = np.where(still, 0.0, found.squares(values))
     zero = squares <= 0.0
     scale = np.where(zero, 1.0, np.sqrt(np.where(zero, 1.0, squares)))
-    scaled = layout.weighted(values, 1.0 / scale)
-    matrix = layout.matrix(scaled)
+    scaled = layout.weighted(values, np.where(zero, 0.0, 1.0 / scale))
     normal = found.accumulate(scaled)
-    local = _local(found, normal, matrix, zero)
+    largest = _largest(found, scaled)
+    local = _local(found, normal, scaled, zero)
     normal = _pinned(found, normal, local)
-    null, smallest, complete = _common(found, normal, matrix, zero)
+    null, smallest, complete = _common(found, normal, scaled, zero, largest)
     added = np.where(zero, 1.0, 0.0)
     added[_pivots(null)] += 1.0
     factors = factorised(found, normal, added)
@@ -74,12 +76,10 @@ def decided(found: Plan, values: Values, held: Mask) -> Decision:
         message = "the scaled normal equations are not finite"
         raise ArithmeticError(message)
     inverse = SparseInverse(factors=factors, scale=scale, null=null, local=local, zero=zero)
-    return Decision(
-        inverse=inverse, unused=zero & ~still, smallest=smallest, largest=_largest(matrix), complete=complete
-    )
+    return Decision(inverse=inverse, unused=zero & ~still, smallest=smallest, largest=largest, complete=complete)
 
 
-def _local(found: Plan, normal: Normal, matrix: Any, zero: Mask) -> LocalNull:
+def _local(found: Plan, normal: Normal, values: Values, zero: Mask) -> LocalNull:
     """Free directions of single members of the eliminated family: their diagonal block does not see them."""
     layout = found.structure
     if found.elimination is None:
@@ -89,15 +89,15 @@ def _local(found: Plan, normal: Normal, matrix: Any, zero: Mask) -> LocalNull:
     blocks = normal.blocks[number, number].copy()
     each = np.arange(family.size)
     blocks[:, each, each] += zero[family.columns].reshape(family.members, family.size)
-    values, vectors = np.linalg.eigh(blocks)
+    curvatures, vectors = np.linalg.eigh(blocks)
     members, chosen = [], []
     for k in range(family.size):
-        suspects = np.flatnonzero(values[:, k] < SUSPECT)
+        suspects = np.flatnonzero(curvatures[:, k] < SUSPECT)
         if not suspects.size:
             break
         trial = np.zeros(layout.columns)
         trial[family.columns].reshape(family.members, family.size)[suspects] = vectors[suspects, :, k]
-        image = np.square(matrix @ trial)
+        image = np.square(found.image(values, trial))
         felt = np.zeros(family.members)
         for piece in layout.pieces:
             for local, of in enumerate(piece.families):
@@ -123,11 +123,10 @@ def _pinned(found: Plan, normal: Normal, local: LocalNull) -> Normal:
     return replace(normal, blocks={**normal.blocks, key: blocks})
 
 
-def _common(found: Plan, normal: Normal, matrix: Any, zero: Mask) -> tuple[Floats, float, bool]:
+def _common(found: Plan, normal: Normal, values: Values, zero: Mask, largest: float) -> tuple[Floats, float, bool]:
     """Free directions (columns, g), the smallest singular value of the others, whether all were found."""
     live = int((~zero).sum())
     trials = min(TRIALS, live)
-    largest = _largest(matrix)
     factors = _shifted(found, normal, zero)
     if not trials or factors is None or largest == 0.0:
         return np.zeros((len(zero), 0)), largest, True
@@ -138,13 +137,23 @@ def _common(found: Plan, normal: Normal, matrix: Any, zero: Mask) -> tuple[Float
             directions = factors.solve(np.linalg.qr(directions)[0])
             directions[zero] = 0.0
         basis = np.linalg.qr(directions)[0]
-        _, singular, right = np.linalg.svd(matrix @ basis, full_matrices=False)
+        images = [found.image(values, direction) for direction in basis.T]
+        _, singular, right = np.linalg.svd(_triangle(images))
         shares = singular[::-1] / largest
         free = free_count(shares)
         if free < trials or trials >= min(MOST, live):
             null = basis @ right[::-1][:free].T
             return null, float(singular[::-1][min(free, trials - 1)]), free < trials
         trials = min(2 * trials, MOST, live)
+
+
+def _triangle(columns: list[Floats]) -> Floats:
+    """The upper triangle of a QR decomposition of a matrix given by columns, a part of the rows at a time."""
+    found = np.zeros((0, len(columns)))
+    for first in range(0, len(columns[0]), PART):
+        part = np.stack([column[first : first + PART] for column in columns], axis=1)
+        found = np.asarray(np.linalg.qr(np.concatenate([found, part]), mode="r"), dtype=np.float64)
+    return found
 
 
 def free_count(shares: Floats) -> int:
@@ -167,12 +176,13 @@ def _shifted(found: Plan, normal: Normal, zero: Mask) -> Factorised | None:
     return None
 
 
-def _largest(matrix: Any) -> float:
+def _largest(found: Plan, values: Values) -> float:
     """The largest singular value, to the few digits that a comparison needs: power iteration."""
-    direction = np.full(matrix.shape[1], 1.0 / np.sqrt(max(matrix.shape[1], 1)))
+    columns = found.structure.columns
+    direction = np.full(columns, 1.0 / np.sqrt(max(columns, 1)))
     size = 0.0
     for _ in range(12):
-        direction = matrix.T @ (matrix @ direction)
+        direction = found.gradient(values, found.image(values, direction))
         size = float(np.linalg.norm(direction))
         if size == 0.0:
             return 0.0
@@ -180,11 +190,13 @@ def _largest(matrix: Any) -> float:
     return float(np.sqrt(size))
 
 
-def _pivots(null: Floats) -> Any:
-    """The columns that hold the free directions best: pivots of a QR decomposition."""
-    from scipy.linalg import qr
-
-    count = null.shape[1]
-    if not count:
-        return np.empty(0, dtype=np.int64)
-    return qr(null.T, mode="r", pivoting=True)[1][:count]
+def _pivots(null: Floats) -> Indices:
+    """The columns that hold the free directions best: pivots of a QR decomposition of the directions (columns, g)."""
+    rest = null.T.copy()
+    found = np.empty(len(rest), dtype=np.int64)
+    for k in range(len(rest)):
+        lengths = np.square(rest).sum(axis=0)
+        found[k] = np.argmax(lengths)
+        across = rest[:, found[k]] / np.sqrt(lengths[found[k]])
+        rest -= np.outer(across, across @ rest)
+    return found

@@ -35,10 +35,11 @@ HEAVY = 500_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Routines:
-    """The functions of a library, by name; ``threads`` share the work, if there are some."""
+    """The functions of a library, by name; the ``threads`` of a ``pool`` share the work, if there is one."""
 
     library: Library
-    threads: ThreadPoolExecutor | None = None
+    threads: int = 1
+    pool: ThreadPoolExecutor | None = None
 
     def call(self, name: str, *arguments: Argument) -> int:
         """Call a routine; what it returns, if it returns something. The last axis of arrays must be contiguous."""
@@ -67,20 +68,20 @@ class Routines:
             own = (np.zeros(scratch),) if scratch else ()
             return self.call(name, first, last, *arguments, *own)
 
-        if self.threads is None:
+        if self.pool is None:
             return part(0, count) == 0
-        ends = _ends(count, 8 * _processors())
-        return sum(abs(f.result()) for f in [self.threads.submit(part, *end) for end in ends]) == 0
+        ends = _ends(count, 8 * self.threads)
+        return sum(abs(f.result()) for f in [self.pool.submit(part, *end) for end in ends]) == 0
 
     def total(self, name: str, count: int, shape: tuple[int, ...], *arguments: Argument) -> Floats:
         """What a routine adds up over all of ``count`` in its last argument, an array of that shape."""
         sums = np.zeros((PIECES, *shape))
         parts = [(first, last, *arguments, sums[k]) for k, (first, last) in enumerate(_ends(count, PIECES))]
-        if self.threads is None:
+        if self.pool is None:
             for given in parts:
                 self.call(name, *given)
         else:
-            for future in [self.threads.submit(self.call, name, *given) for given in parts]:
+            for future in [self.pool.submit(self.call, name, *given) for given in parts]:
                 future.result()
         return np.asarray(sums.sum(axis=0))
 
@@ -90,15 +91,15 @@ def _ends(count: int, pieces: int) -> list[tuple[int, int]]:
     return list(pairwise(count * k // pieces for k in range(pieces + 1)))
 
 
-def _processors() -> int:
+def processors() -> int:
     """Processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def routines(products: Iterable[tuple[int, int]], size: int | None, store: Store | None, *, heavy: bool) -> Routines:
+def routines(products: Iterable[tuple[int, int]], size: int | None, store: Store | None, threads: int) -> Routines:
     """The routines for products with right blocks (outputs, columns), and for members of ``size`` columns that go.
 
-    From the store, or compiled and put there. ``size`` None: none goes. ``heavy`` work is shared by all processors.
+    From the store, or compiled and put there. ``size`` None: none goes. So many ``threads`` share the work.
     """
     from mbm.kernels.native.engine import kept
 
@@ -106,8 +107,25 @@ def routines(products: Iterable[tuple[int, int]], size: int | None, store: Store
     name = f"blocks {source_digest('blocks', __file__)} {sizes} {size}"
     # The inner loops are unrolled and side by side; vectors across the outer ones would gather and scatter.
     library = kept(name, lambda: _lowered(sizes, size), store, LEVEL, loops=False)
-    count = _processors() if heavy else 1
-    return Routines(library, ThreadPoolExecutor(count) if count > 1 else None)
+    return Routines(library, threads, ThreadPoolExecutor(threads) if threads > 1 else None)
+
+
+def front_routines(store: Store | None) -> Routines:
+    """The routines for fronts and their order, which are the same for all problems, likewise; for one thread."""
+    from mbm.kernels.native.engine import kept
+
+    return Routines(kept(f"fronts {source_digest('blocks', __file__)}", _lowered_fronts, store, LEVEL))
+
+
+def _lowered_fronts() -> str:
+    from llvmlite import ir
+
+    from mbm.target.blocks.modules import fronts_module
+    from mbm.target.llvm import lower_into
+
+    target = ir.Module("fronts")
+    lower_into(target, fronts_module(), FLAGS)
+    return str(target)
 
 
 def _lowered(sizes: tuple[tuple[int, int], ...], size: int | None) -> str:

@@ -111,6 +111,15 @@ class Structure:
             parts.append(csr_array((self.count - reached, self.columns)))
         return parts[0] if len(parts) == 1 else vstack(parts, format="csr")
 
+    def estimated(self, values: Values) -> Any:
+        """The Jacobian of the residuals that count by the estimated coordinates (m, n), as a SciPy CSR array."""
+        from scipy.sparse import csr_array
+
+        found = self.matrix(values)
+        if not np.array_equal(self.free, np.arange(self.columns)):
+            found = csr_array(found[:, self.free])
+        return found if self.rows is None else csr_array(found[self.rows])
+
     def zeros(self) -> list[Floats]:
         """The values of a Jacobian that is zero everywhere."""
         return [np.zeros((p.rows, p.outputs, p.width)) for p in self.pieces]

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbm.solution.sparse.arithmetic import Arithmetic
-from mbm.solution.sparse.cholesky import FrontFactor, factorise
-from mbm.solution.sparse.cholmod import CholmodFactor, Symbolic, symbolic
+from mbm.solution.sparse.cholesky import SparseFactor, SparseSolver, factorise
+from mbm.solution.sparse.cholmod import symbolic
 from mbm.solution.sparse.elimination import Elimination, eliminable, elimination
 from mbm.solution.sparse.fronts import Fronts, fronts
 from mbm.solution.sparse.interpreted import interpreted
@@ -37,7 +37,7 @@ class Plan:
 
     The ``width`` columns that stay after the elimination (all without one) obey a matrix with entries at ``keys``
     (row · width + column, ascending, upper triangle); the blocks of the pairs that stay, flattened one after the other,
-    go to ``places``. ``tree`` None: the matrix is dense; ``library``: CHOLMOD takes the place of the fronts.
+    go to ``places``. ``tree`` None: the matrix is dense; ``library``: compiled routines, or CHOLMOD, do the work.
     """
 
     pattern: NormalPattern
@@ -49,7 +49,7 @@ class Plan:
     places: Indices
     diagonal: Indices
     tree: Fronts | None
-    library: Symbolic | None
+    library: SparseSolver | None
     arithmetic: Arithmetic
 
     @property
@@ -74,10 +74,11 @@ class Plan:
         return self.arithmetic.image(self.structure, values, step)
 
 
-def plan(found: Structure, *, compiling: bool = False, store: Store | None = None) -> Plan:
+def plan(found: Structure, *, compiling: bool = False, store: Store | None = None, workers: int | None = None) -> Plan:
     """Choose the elimination and the representation of what is left.
 
-    ``compiling``: the work is done by compiled routines, which are kept in ``store``.
+    ``compiling``: the work is done by compiled routines, which are kept in ``store``, and shared by ``workers`` threads
+    where it is heavy (None: one for each processor).
     """
     pattern = normal_pattern(found)
     family = eliminable(pattern)
@@ -102,10 +103,16 @@ def plan(found: Structure, *, compiling: bool = False, store: Store | None = Non
     if gone is not None and not dense:
         keys = np.union1d(keys, _coupled(gone))
         dense = width <= WIDE and len(keys) > FULL * width * width / 2
-    tree = None
+    tree: Fronts | None = None
+    library: SparseSolver | None = None
     if not dense:
         sizes = [np.full(f.members, f.size) for n, f in enumerate(found.families) if n != family]
-        tree = fronts(keys // width, keys % width, np.concatenate(sizes))
+        entries = (keys // width, keys % width, np.concatenate(sizes))
+        if compiling:
+            tree, library = _compiled_fronts(entries, store)
+        else:
+            tree = fronts(*entries)
+            library = symbolic(keys, width, tree)
     return Plan(
         pattern=pattern,
         elimination=gone,
@@ -116,16 +123,27 @@ def plan(found: Structure, *, compiling: bool = False, store: Store | None = Non
         places=np.searchsorted(keys, codes),
         diagonal=np.searchsorted(keys, np.arange(width) * (width + 1)),
         tree=tree,
-        library=None if tree is None else symbolic(keys, width, tree),
-        arithmetic=_arithmetic(pattern, gone, store) if compiling else interpreted(gone),
+        library=library,
+        arithmetic=_arithmetic(pattern, gone, store, workers) if compiling else interpreted(gone),
     )
 
 
-def _arithmetic(pattern: NormalPattern, gone: Elimination | None, store: Store | None) -> Arithmetic:
+def _arithmetic(
+    pattern: NormalPattern, gone: Elimination | None, store: Store | None, workers: int | None
+) -> Arithmetic:
     # Loaded where something is compiled, which it needs not be.
     from mbm.solution.sparse.compiled import compiled
 
-    return compiled(pattern, gone, store)
+    return compiled(pattern, gone, store, workers)
+
+
+def _compiled_fronts(entries: tuple[Indices, Indices, Indices], store: Store | None) -> tuple[Fronts, SparseSolver]:
+    from mbm.solution.sparse.frontal import compiled_fronts, minimum_degree
+    from mbm.solution.sparse.routines import front_routines
+
+    made = front_routines(store)
+    tree = fronts(*entries, lambda left, right, sizes: minimum_degree(made, left, right, sizes))
+    return tree, compiled_fronts(tree, made)
 
 
 def _coupled(gone: Elimination) -> Indices:
@@ -154,7 +172,7 @@ class Factorised:
     plan: Plan
     roots: Floats | None
     y: Floats | None
-    rest: FrontFactor | CholmodFactor | Floats | None
+    rest: SparseFactor | Floats | None
 
     def solve(self, right: Floats) -> Floats:
         """The solution (columns, k) for a right side (columns, k)."""
@@ -174,12 +192,15 @@ class Factorised:
         return x
 
     def _rest(self, right: Floats) -> Floats:
-        if isinstance(self.rest, FrontFactor | CholmodFactor):
-            return self.rest.solve(right)
-        return right if self.rest is None else self.plan.arithmetic.solved(self.rest, right)
+        if isinstance(self.rest, np.ndarray):
+            return self.plan.arithmetic.solved(self.rest, right)
+        return right if self.rest is None else self.rest.solve(right)
 
-    def inverse(self) -> Mapping[tuple[int, int], Floats]:
-        """The blocks of the inverse at the blocks of ``JᵀJ``, for each pair of families."""
+    def inverse(self, *, across: bool = True) -> Mapping[tuple[int, int], Floats]:
+        """The blocks of the inverse at the blocks of ``JᵀJ``, for each pair of families.
+
+        Without those between the eliminated family and the others if not ``across``.
+        """
         entries, whole = self._rest_inverse()
         found: dict[tuple[int, int], Floats] = {}
         taken = entries[self.plan.places]
@@ -190,24 +211,29 @@ class Factorised:
             found[key] = taken[reached : reached + size].reshape(len(pair.i), *pair.shape)
             reached += size
         gone = self.plan.elimination
-        if gone is not None and self.roots is not None and self.y is not None:
-            across, found[gone.family, gone.family] = self.plan.arithmetic.inverse_blocks(self.y, self.roots, whole)
-            for cross in gone.crosses:
-                lengths = gone.links.lengths[cross.i][:, None, None]
-                places = cross.places[:, None, None] + np.arange(gone.size)[:, None] * lengths
-                block = across[places + np.arange(cross.shape[1])]
-                found[cross.pair] = block.transpose(0, 2, 1) if cross.flipped else block
+        if gone is None or self.roots is None or self.y is None:
+            return found
+        own = (gone.family, gone.family)
+        if not across:
+            found[own] = self.plan.arithmetic.inverse_diagonal(self.y, self.roots, whole)
+            return found
+        panels, found[own] = self.plan.arithmetic.inverse_blocks(self.y, self.roots, whole)
+        for cross in gone.crosses:
+            lengths = gone.links.lengths[cross.i][:, None, None]
+            places = cross.places[:, None, None] + np.arange(gone.size)[:, None] * lengths
+            block = panels[places + np.arange(cross.shape[1])]
+            found[cross.pair] = block.transpose(0, 2, 1) if cross.flipped else block
         return found
 
     def _rest_inverse(self) -> tuple[Floats, Any]:
         """The inverse of what is left at the plan's keys, and as a matrix: dense, or sparse with these elements."""
-        from scipy.sparse import coo_array, triu
-
         width, keys = self.plan.width, self.plan.keys
-        if isinstance(self.rest, FrontFactor | CholmodFactor):
+        if self.rest is not None and not isinstance(self.rest, np.ndarray):
             entries = self.rest.inverse(len(keys))
             if self.plan.elimination is None:
                 return entries, None
+            from scipy.sparse import coo_array, triu
+
             upper = coo_array((entries, (keys // width, keys % width)), shape=(width, width)).tocsr()
             return entries, (upper + triu(upper, 1).T).tocsr()
         whole = self._rest(np.eye(width))
@@ -233,7 +259,7 @@ def factorised(found: Plan, normal: Normal, added: Floats) -> Factorised | None:
     return None if rest is None else Factorised(plan=found, roots=roots, y=y, rest=rest)
 
 
-def _rest_factor(found: Plan, data: Floats, y: Floats | None) -> FrontFactor | CholmodFactor | Floats | None:
+def _rest_factor(found: Plan, data: Floats, y: Floats | None) -> SparseFactor | Floats | None:
     width = found.width
     if found.tree is not None:
         if y is not None:

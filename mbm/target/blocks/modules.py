@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from mbm.target.blocks import elimination, products, substitution
+from mbm.target.blocks import elimination, frontal, ordering, products, substitution
 from mbm.target.blocks.names import product_name
 from mbm.target.from_python import module_of
 from mbm.target.tree import Function, Module
@@ -26,6 +26,7 @@ INNER: tuple[Callable[..., object], ...] = (
     elimination.subtract_links,
     elimination.subtract_line,
     substitution.put_images,
+    substitution.put_between,
 )
 """What other routines call."""
 
@@ -37,13 +38,41 @@ ELIMINATION: tuple[Callable[..., object], ...] = (
     elimination.reduce_sparse,
     substitution.solve_triangular,
     substitution.put_rooted,
-    substitution.add_carried,
-    substitution.add_returned,
+    substitution.add_coupled,
     substitution.images_dense,
     substitution.images_sparse,
     substitution.put_inverse_blocks,
+    substitution.put_diagonals,
 )
 """Routines for the elimination of a family with members of one size."""
+
+FRONTS: tuple[Callable[..., object], ...] = (
+    ordering.order_nodes,
+    frontal.factorise_fronts,
+    frontal.solve_fronts,
+    frontal.inverse_fronts,
+)
+"""The elimination order, and routines for fronts of any size."""
+
+INSIDE_FRONTS: tuple[Callable[..., object], ...] = (
+    ordering.unlisted,
+    ordering.listed,
+    ordering.put_clique,
+    ordering.measure_elements,
+    ordering.updated_degree,
+    frontal.subtract_pair,
+    frontal.subtract_multiple,
+    frontal.product,
+    frontal.factorise_front,
+    frontal.add_update,
+    frontal.inverse_front,
+)
+"""What they call."""
+
+
+def fronts_module() -> Module:
+    """The routines for fronts."""
+    return module_of("fronts", (*INSIDE_FRONTS, *FRONTS), [f.__name__ for f in FRONTS])
 
 
 def blocks_module(sizes: Iterable[tuple[int, int]], size: int | None) -> Module:

@@ -54,9 +54,10 @@ def put_rooted(
 
 
 @distinct_arrays
-def add_carried(
+def add_coupled(
     first: Integer,
     last: Integer,
+    transposed: Integer,
     begins: ConstantIntegers,
     columns: ConstantIntegers,
     places: ConstantIntegers,
@@ -64,48 +65,41 @@ def add_carried(
     lengths: ConstantIntegers,
     y: ConstantReals,
     sides: Integer,
-    inner: ConstantReals,
-    rest: Reals,
+    given: ConstantReals,
+    result: Reals,
 ) -> None:
-    """``rest += Yᵀ inner`` for the members ``first … last``: (width, sides) and (members · SIZE, sides)."""
+    """``result += Y given``, or ``Yᵀ given``, for the members ``first … last``.
+
+    The rest has (width, sides) numbers, the members have (members · SIZE, sides).
+    """
     for m in range(first, last):
-        source = m * SIZE * sides
+        own = m * SIZE * sides
         for link in range(begins[m], begins[m + 1]):
             for c in range(wides[link]):
-                target = (columns[link] + c) * sides
+                across = (columns[link] + c) * sides
                 place = places[link] + c
                 for q in range(sides):
-                    total = 0.0
-                    for k in range(SIZE):
-                        total += y[place + k * lengths[m]] * inner[source + k * sides + q]
-                    rest[target + q] += total
+                    if transposed:
+                        total = 0.0
+                        for k in range(SIZE):
+                            total += y[place + k * lengths[m]] * given[own + k * sides + q]
+                        result[across + q] += total
+                    else:
+                        value = given[across + q]
+                        for k in range(SIZE):
+                            result[own + k * sides + q] += y[place + k * lengths[m]] * value
 
 
 @distinct_arrays
-def add_returned(
-    first: Integer,
-    last: Integer,
-    begins: ConstantIntegers,
-    columns: ConstantIntegers,
-    places: ConstantIntegers,
-    wides: ConstantIntegers,
-    lengths: ConstantIntegers,
-    y: ConstantReals,
-    sides: Integer,
-    rest: ConstantReals,
-    inner: Reals,
-) -> None:
-    """``inner += Y rest`` for the members ``first … last``."""
-    for m in range(first, last):
-        target = m * SIZE * sides
-        for link in range(begins[m], begins[m + 1]):
-            for c in range(wides[link]):
-                source = (columns[link] + c) * sides
-                place = places[link] + c
-                for q in range(sides):
-                    value = rest[source + q]
-                    for k in range(SIZE):
-                        inner[target + k * sides + q] += y[place + k * lengths[m]] * value
+def put_between(root: ConstantReals, inner: ConstantReals, diagonal: Reals) -> None:
+    """``Rᵀ inner R`` of one member, with the lower triangle R."""
+    for k in range(SIZE):
+        for e in range(SIZE):
+            total = 0.0
+            for a in range(k, SIZE):
+                for b in range(e, SIZE):
+                    total += root[a * SIZE + k] * inner[a * SIZE + b] * root[b * SIZE + e]
+            diagonal[k * SIZE + e] = total
 
 
 @distinct_arrays
@@ -205,6 +199,43 @@ def images_sparse(
 
 
 @distinct_arrays
+def put_diagonals(
+    first: Integer,
+    last: Integer,
+    begins: ConstantIntegers,
+    columns: ConstantIntegers,
+    places: ConstantIntegers,
+    wides: ConstantIntegers,
+    lengths: ConstantIntegers,
+    y: ConstantReals,
+    width: Integer,
+    inverse: ConstantReals,
+    roots: ConstantReals,
+    inner: Reals,
+    diagonal: Reals,
+) -> None:
+    """``diagonal`` as `put_inverse_blocks` has it, where ``inverse`` is all of ``Z`` (width, width): without panels."""
+    for m in range(first, last):
+        own = inner[m * (SIZE * SIZE) :]
+        length = lengths[m]
+        for k in range(SIZE):
+            for e in range(SIZE):
+                own[k * SIZE + e] = 0.0
+            own[k * SIZE + k] = 1.0
+        for link in range(begins[m], begins[m + 1]):
+            for c in range(wides[link]):
+                line = inverse[(columns[link] + c) * width :]
+                for e in range(SIZE):
+                    total = 0.0
+                    for j in range(begins[m], begins[m + 1]):
+                        for b in range(wides[j]):
+                            total += y[places[j] + e * length + b] * line[columns[j] + b]
+                    for k in range(SIZE):
+                        own[k * SIZE + e] += y[places[link] + k * length + c] * total
+        put_between(roots[m * (SIZE * SIZE) :], own, diagonal[m * (SIZE * SIZE) :])
+
+
+@distinct_arrays
 def put_inverse_blocks(
     first: Integer,
     last: Integer,
@@ -241,10 +272,4 @@ def put_inverse_blocks(
                     for e in range(k, SIZE):
                         total -= roots[own + e * SIZE + k] * images[place + e * length + c]
                     across[place + k * length + c] = total
-        for k in range(SIZE):
-            for e in range(SIZE):
-                total = 0.0
-                for a in range(k, SIZE):
-                    for b in range(e, SIZE):
-                        total += roots[own + a * SIZE + k] * inner[own + a * SIZE + b] * roots[own + b * SIZE + e]
-                diagonal[own + k * SIZE + e] = total
+        put_between(roots[own:], inner[own:], diagonal[own:])

@@ -44,6 +44,7 @@ from mbm.target.solver.consensus_description import (
 from mbm.target.solver.consensus_forms import points_in_closed_form
 from mbm.target.solver.consensus_graduate import graduated
 from mbm.target.solver.consensus_improve import best_candidate, improve, scored_candidates
+from mbm.target.solver.consensus_judge import empty_lists
 from mbm.target.solver.consensus_order import variances_at
 from mbm.target.solver.consensus_rows import linearised
 from mbm.target.solver.consensus_scores import GNC
@@ -68,10 +69,11 @@ def put_trial(
 
 def put_trials(
     system: ConstantIntegers, rules: ConstantIntegers, number: Integer, points: ConstantReals, bench: Reals
-) -> None:
-    """All the starts likewise."""
+) -> Integer:
+    """All the starts likewise, behind ``number`` points: how many there are then."""
     for k in range(rules[STARTS]):
         put_trial(system, rules, number + k, points[k * system[NUMBERS] :], bench)
+    return number + rules[STARTS]
 
 
 def begin_anywhere(
@@ -214,29 +216,32 @@ def agree(
         return units
     linearised(system, data, index, columns, begun, work, bench[slot_at(system, rules, 0) :])
     judge_rounding(system, rules, units, begun, bench, places)
+    empty_lists(system, rules, places)
     size = system[COORDINATES]
     count = 0
+    judged = 0
+    # fmt: off
     if rules[KIND] != GNC:
         norm_directions(system, rules, units, bench, places)
         size = size_of_subsets(system, rules, units, bench, places)
         if size == 0:
             return units
-        # fmt: off
-        count = fit_trials(
-            system, constants, data, parameters, weights, index, columns, rules, forms, begun, units, size, desk, bench,
-            places, states[TRIALS:],
+        judged = fit_trials(
+            system, constants, data, parameters, weights, index, columns, rules, forms, begun, units, size, work, desk,
+            bench, places, states[TRIALS:],
         )
-        # fmt: on
-        put_trials(system, rules, count, begun, bench)
-        count += rules[STARTS]
+        count = put_trials(system, rules, judged, begun, bench)
     if rules[KIND] == GNC or size >= LARGE_SUBSET:
         count = graduate_trials(
             count, units, scalars, system, constants, data, index, columns, rules, work, bench, places, answer
         )
-    count = scored_candidates(units, scalars, size, count, system, constants, data, index, rules, work, bench, places)
+    count = scored_candidates(
+        units, scalars, size, judged, count, system, constants, data, index, rules, work, bench, places
+    )
     count = improve(
         units, scalars, size, count, system, constants, data, index, columns, rules, work, bench, places, answer
     )
+    # fmt: on
     if count == 0:
         return units
     best = best_candidate(count, system, data, index, columns, rules, begun, work, bench)

@@ -15,7 +15,7 @@ whose first weight is 0 must not be among them.
 
 from __future__ import annotations
 
-from mbm.target.solver.description import BLOCKS, CHUNK, COORDINATES, NUMBERS
+from mbm.target.solver.description import BLOCKS, CHUNK, CONSTRAINTS, COORDINATES, NUMBERS
 from mbm.target.words import ConstantIntegers, Integer
 
 # --- header of ``rules`` ----------------------------------------------------------------------------------------
@@ -49,7 +49,9 @@ STARTLESS = 14
 ONE_SIDE = 15
 """1: all stations of the spheres lie in one plane, so that solutions mirror one another: the one nearer to the start
 stands for both."""
-HEADER = 16
+UNTIL_SURE = 16
+"""1: trials end as soon as they are enough for what the best of them explains."""
+HEADER = 17
 
 RULED_TYPE = 0
 """The first type of unit of the block in ``levels``; -1: no rule acts on it."""
@@ -83,8 +85,13 @@ ANSWERS = 4
 # --- bench ------------------------------------------------------------------------------------------------------
 CANDIDATES = 10
 """Trials that are improved."""
+BY_RULE = 0
+BY_WIDE_LIMITS = 1
+BY_MEDIAN = 2
+LISTS = 3
+"""Lists of the best trials, `CANDIDATES` at most in each."""
 MOST_CANDIDATES = 40
-"""Two lists of those, with wide limits and without."""
+"""Those that are improved, in two ways."""
 
 FEW_STARTS = 8
 """Starts of graduated non-convexity, twice each."""
@@ -227,8 +234,13 @@ def small_places_at(system: ConstantIntegers, rules: ConstantIntegers, number: I
 
 
 def best_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
-    """Numbers of the best trials (2, CANDIDATES)."""
+    """Numbers of the best trials (LISTS, CANDIDATES), then how many there are in each list."""
     return small_places_at(system, rules, 4)
+
+
+def best_scores_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+    """Their scores (LISTS, CANDIDATES), in the bench, where candidates come to stand later."""
+    return candidate_at(system, rules, 0)
 
 
 def simple_at(rules: ConstantIntegers) -> Integer:
@@ -238,12 +250,12 @@ def simple_at(rules: ConstantIntegers) -> Integer:
 
 def subset_data_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
     """The data set of a subset, then its ``index`` and its ``columns``."""
-    return best_at(system, rules) + 2 * CANDIDATES
+    return best_at(system, rules) + LISTS * (CANDIDATES + 1)
 
 
 def subset_index_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
     """The ``index`` of a subset's rows, then their ``columns``."""
-    return subset_data_at(system, rules) + 1 + 5 * system[BLOCKS]
+    return subset_data_at(system, rules) + 1 + 5 * (system[BLOCKS] + system[CONSTRAINTS])
 
 
 def places_integers(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
@@ -271,6 +283,7 @@ ROUTINES = (
     chosen_at,
     small_places_at,
     best_at,
+    best_scores_at,
     simple_at,
     subset_data_at,
     subset_index_at,

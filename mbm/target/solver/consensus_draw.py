@@ -7,9 +7,9 @@ the seed and its own number alone.
 
 from __future__ import annotations
 
-from math import sqrt
+from math import inf, log, sqrt
 
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 FIRST_FACTOR = 40014
 FIRST_MODULUS = 2147483563
@@ -22,6 +22,12 @@ SECOND_JUMP = pow(SECOND_FACTOR, 2**16, SECOND_MODULUS)
 
 INDEPENDENT = 1e-5
 """A row whose part outside the rows before it is below this share of it says nothing new."""
+
+FEWEST_TRIALS = 20
+"""So many trials are made before what they explain may end them: what explains all rows may have a rival that does."""
+
+LOG_MISSED = log(1e-6)
+"""Probability, as a logarithm, that a solution is missed for no trial was free of its outliers."""
 
 WHOLE_ORDER = 1000
 """Up to so many units they are shuffled; more are drawn with replacement (one drawn again says nothing new)."""
@@ -45,6 +51,8 @@ def extended(rank: Integer, n: Integer, row: ConstantReals, basis: Reals) -> Int
     left = basis[rank * n :]
     for i in range(n):
         left[i] = row[i]
+    before = 1.0
+    square = 0.0
     for _ in range(2):  # the second pass takes out what rounding left of the first
         for k in range(rank):
             along = 0.0
@@ -52,9 +60,12 @@ def extended(rank: Integer, n: Integer, row: ConstantReals, basis: Reals) -> Int
                 along += basis[k * n + i] * left[i]
             for i in range(n):
                 left[i] -= along * basis[k * n + i]
-    square = 0.0
-    for i in range(n):
-        square += left[i] * left[i]
+        square = 0.0
+        for i in range(n):
+            square += left[i] * left[i]
+        if square >= 0.25 * before:  # little was taken out, and little rounding with it
+            break
+        before = square
     length = sqrt(square)
     if not length > INDEPENDENT:
         return rank
@@ -171,6 +182,21 @@ def combinations_of(units: Integer, size: Integer, most: Integer) -> Integer:
     return found
 
 
+def trials_for_share(inside: Integer, units: Integer, size: Integer) -> Real:
+    """Trials of ``size`` units until one is inside of a solution that explains ``inside`` of all units.
+
+    But for `LOG_MISSED`; infinite where that is hopeless (Fischler and Bolles 1981, II.B, without replacement).
+    """
+    hit = 1.0
+    for i in range(size):
+        hit *= max(float(inside - i), 0.0) / float(units - i)
+    if hit >= 1.0:
+        return 0.0
+    if hit < 1e-12:
+        return inf
+    return LOG_MISSED / log(1.0 - hit)
+
+
 def rank_of_all(units: Integer, n: Integer, first: ConstantIntegers, rows: ConstantReals, basis: Reals) -> Integer:
     """The rank of all units' rows."""
     rank = 0
@@ -190,5 +216,6 @@ ROUTINES = (
     subset_taken,
     next_combination,
     combinations_of,
+    trials_for_share,
     rank_of_all,
 )

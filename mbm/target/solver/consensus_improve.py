@@ -5,12 +5,16 @@ from __future__ import annotations
 from math import fabs, isfinite, sqrt
 
 from mbm.target.solver.consensus_description import (
+    BY_MEDIAN,
+    BY_RULE,
+    BY_WIDE_LIMITS,
     CANDIDATES,
     CUTS,
     GROUP_OF,
     GROUPS,
     KIND,
     LIMITS,
+    LISTS,
     MEDIANS,
     NO_CANDIDATE,
     SCALES,
@@ -26,13 +30,13 @@ from mbm.target.solver.consensus_description import (
     trials_at,
     unit_vector_at,
 )
+from mbm.target.solver.consensus_judge import judge_trials, limit_by_noise, listed
 from mbm.target.solver.consensus_order import STATED, robust_variance
 from mbm.target.solver.consensus_refine import NEARLY_STILL, STILL, refined
 from mbm.target.solver.consensus_rows import linearised, unit_squares
 from mbm.target.solver.consensus_rules import TRIMMED, TRUNCATED
 from mbm.target.solver.consensus_scores import LMEDS
 from mbm.target.solver.consensus_settle import STEPS
-from mbm.target.solver.consensus_trials import best_trials, limit_by_noise
 from mbm.target.solver.description import CHUNK, COORDINATES, NUMBERS, PLACES_AT
 from mbm.target.solver.equations import residuals_at_point
 from mbm.target.solver.linear_algebra import copied
@@ -56,10 +60,32 @@ def put_candidate(
     copied(units, bench[unit_vector_at(rules, SQUARES) :], target[1 + system[NUMBERS] :])
 
 
+def merged_lists(
+    system: ConstantIntegers, rules: ConstantIntegers, target: Integer, other: Integer, places: Integers
+) -> None:
+    """What one list of the best has more than another, put behind that one's, up to `CANDIDATES` of each."""
+    best = places[best_at(system, rules) :]
+    counts = best[LISTS * CANDIDATES :]
+    mine = best[target * CANDIDATES :]
+    theirs = best[other * CANDIDATES :]
+    found = counts[target]
+    kept = found
+    for k in range(counts[other]):
+        new = 1
+        for i in range(found):
+            if mine[i] == theirs[k]:
+                new = 0
+        if new == 1:
+            mine[kept] = theirs[k]
+            kept += 1
+    counts[target] = kept
+
+
 def scored_candidates(
     units: Integer,
     scalars: Integer,
     size: Integer,
+    judged_before: Integer,
     count: Integer,
     system: ConstantIntegers,
     constants: ConstantReals,
@@ -70,46 +96,39 @@ def scored_candidates(
     bench: Reals,
     places: Integers,
 ) -> Integer:
-    """The best of the trials by the rule's score (and by the least median, if the noise is unknown): how many.
+    """The best of the trials by the rule's score, and with wide limits, and by the least median if noise is unknown.
 
-    Their numbers stand at `best_at`.
+    How many: their numbers stand at `best_at`. So many trials have been judged before.
     """
     best = places[best_at(system, rules) :]
-    scores = bench[candidate_at(system, rules, 0) :]
     if count <= CANDIDATES:
         for k in range(count):
             best[k] = k
         return count
-    if rules[KIND] == LMEDS:
-        return best_trials(
-            LMEDS, size, units, count, system, constants, data, index, rules, work, bench, places, best, scores
-        )
-    by_median = 0
-    other = places[best_at(system, rules) + CANDIDATES :]
-    for u in range(units):
-        bench[unit_vector_at(rules, LIMITS) + u] = bench[unit_vector_at(rules, CUTS) + u]
-    if rules[GROUPS] > 0:
-        by_median = best_trials(
-            LMEDS, size, units, count, system, constants, data, index, rules, work, bench, places, other, scores
-        )
-        if by_median > 0:
-            point = bench[trials_at(system, rules) + other[0] * system[NUMBERS] :]
-            limit_by_noise(system, data, constants, index, rules, units, scalars, point, work, bench, places)
+    copied(units, bench[unit_vector_at(rules, CUTS) :], bench[unit_vector_at(rules, LIMITS) :])
     kind = rules[KIND]
-    found = best_trials(
-        kind, size, units, count, system, constants, data, index, rules, work, bench, places, best, scores
-    )
-    # The rule needs the noise; where that is unknown, trials with the least median may be the ones that know it.
-    kept = found
-    for k in range(by_median):
-        new = 1
-        for i in range(found):
-            if best[i] == other[k]:
-                new = 0
-        if new == 1:
-            best[kept] = other[k]
-            kept += 1
-    return kept
+    if rules[GROUPS] > 0:
+        judge_trials(LMEDS, 0, count, size, units, system, constants, data, index, rules, work, bench, places)
+        if kind != LMEDS and listed(system, rules, BY_MEDIAN, places) > 0:
+            point = bench[trials_at(system, rules) + best[BY_MEDIAN * CANDIDATES] * system[NUMBERS] :]
+            limit_by_noise(system, data, constants, index, rules, units, scalars, point, work, bench, places)
+        judged_before = 0
+    if kind == LMEDS:
+        if rules[GROUPS] == 0:
+            # fmt: off
+            judge_trials(
+                kind, judged_before, count, size, units, system, constants, data, index, rules, work, bench, places
+            )
+            # fmt: on
+        merged_lists(system, rules, BY_RULE, BY_MEDIAN, places)
+    else:
+        judge_trials(
+            kind, judged_before, count, size, units, system, constants, data, index, rules, work, bench, places
+        )
+        merged_lists(system, rules, BY_RULE, BY_WIDE_LIMITS, places)
+        # The rule needs the noise; where that is unknown, trials with the least median may be the ones that know it.
+        merged_lists(system, rules, BY_RULE, BY_MEDIAN, places)
+    return listed(system, rules, BY_RULE, places)
 
 
 def widen_for_point(
@@ -123,8 +142,8 @@ def widen_for_point(
     work: Reals,
     bench: Reals,
     places: Integers,
-) -> None:
-    """Limits as wide as the units scatter about point 0 of the bench."""
+) -> Integer:
+    """Limits as wide as the units scatter about point 0 of the bench; 0 where they are no wider than they were."""
     limits = bench[unit_vector_at(rules, LIMITS) :]
     cuts = bench[unit_vector_at(rules, CUTS) :]
     squares = bench[unit_vector_at(rules, SQUARES) :]
@@ -143,6 +162,7 @@ def widen_for_point(
     )
     for u in range(units):
         limits[u] = cuts[u] * max(own, 1.0)
+    return own > 1.0
 
 
 def improve_one(
@@ -165,7 +185,8 @@ def improve_one(
     """How many candidates there are with what point 0 leads to, ``found`` of them before; ``wide`` 1: in two stages."""
     rule = TRIMMED if rules[GROUPS] > 0 else TRUNCATED
     if wide == 1:
-        widen_for_point(system, constants, data, index, rules, units, scalars, work, bench, places)
+        if widen_for_point(system, constants, data, index, rules, units, scalars, work, bench, places) == 0:
+            return found  # this way has been gone
         # fmt: off
         refined(
             rule, WIDE_STEPS, NEARLY_STILL, size, units, 0, 0, system, constants, data, index, columns, rules, work,
@@ -279,4 +300,4 @@ def best_candidate(
     return best
 
 
-ROUTINES = (put_candidate, scored_candidates, widen_for_point, improve_one, improve, best_candidate)
+ROUTINES = (put_candidate, merged_lists, scored_candidates, widen_for_point, improve_one, improve, best_candidate)

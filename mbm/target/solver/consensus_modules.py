@@ -10,6 +10,7 @@ from mbm.target.solver import (
     consensus_forms,
     consensus_graduate,
     consensus_improve,
+    consensus_judge,
     consensus_laws,
     consensus_order,
     consensus_refine,
@@ -28,6 +29,7 @@ from mbm.target.solver import (
     minimal_quartic,
     minimal_spheres,
     slopes,
+    united,
     workspace,
 )
 from mbm.target.tree import Module
@@ -37,6 +39,7 @@ PARTS = (
     losses,
     manifolds,
     workspace,
+    united,
     equations,
     slopes,
     consensus_description,
@@ -49,6 +52,7 @@ PARTS = (
     minimal_pose,
     consensus_rows,
     consensus_units,
+    consensus_judge,
     consensus_rules,
     consensus_refine,
     consensus_forms,

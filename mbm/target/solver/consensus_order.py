@@ -8,31 +8,44 @@ STATED = -1
 """The noise group of units whose noise is stated."""
 
 
+def below_first(first: Integer, last: Integer, pivot: Real, values: Reals) -> Integer:
+    """Bring the values from ``first`` to ``last`` that are below the pivot to the front: where these end.
+
+    Nothing branches on the values: no processor would foresee the way.
+    """
+    end = first
+    for i in range(first, last + 1):
+        value = values[i]
+        values[i] = values[end]
+        values[end] = value
+        end += value < pivot
+    return end
+
+
+def equal_first(first: Integer, last: Integer, pivot: Real, values: Reals) -> Integer:
+    """The same for values that are equal to the pivot."""
+    end = first
+    for i in range(first, last + 1):
+        value = values[i]
+        values[i] = values[end]
+        values[end] = value
+        end += value == pivot
+    return end
+
+
 def selected(count: Integer, place: Integer, values: Reals) -> Real:
     """The value of rank ``place`` (from 0) of so many; ``values`` are put in another order (Hoare 1961)."""
     low = 0
     high = count - 1
     while low < high:
         pivot = values[(low + high) // 2]
-        i = low
-        j = high
-        while i <= j:
-            while values[i] < pivot:
-                i += 1
-            while pivot < values[j]:
-                j = j - 1
-            if i <= j:
-                kept = values[i]
-                values[i] = values[j]
-                values[j] = kept
-                i += 1
-                j = j - 1
-        if place <= j:
-            high = j
-        elif place >= i:
-            low = i
+        end = below_first(low, high, pivot, values)
+        if place < end:
+            high = end - 1
         else:
-            break
+            low = equal_first(end, high, pivot, values)
+            if place < low:
+                return pivot
     return values[place]
 
 
@@ -103,6 +116,8 @@ def variances_at(
 
 
 ROUTINES = (
+    below_first,
+    equal_first,
     selected,
     median,
     robust_variance,

@@ -6,6 +6,7 @@ from math import fabs, isfinite, sqrt
 
 from mbm.target.solver.consensus_description import (
     GRADIENT,
+    LIMITS,
     NO_CANDIDATE,
     SCALES,
     SQUARES,
@@ -27,7 +28,7 @@ from mbm.target.solver.consensus_rows import (
     unruled_square,
     weigh_columns,
 )
-from mbm.target.solver.consensus_rules import GIVEN, judged
+from mbm.target.solver.consensus_rules import GIVEN, TRUNCATED, judged
 from mbm.target.solver.description import CHUNK, COORDINATES, NUMBERS, PLACES_AT
 from mbm.target.solver.linear_algebra import cholesky, copied, dot
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
@@ -46,6 +47,9 @@ ROUNDED = 1e-13
 
 ALIKE = 1e-6
 """Squared distance of two points, in standard deviations of the residuals, below which they lead to one end."""
+
+NEAR = 0.1
+"""The same where they have the same units inside: the next fit, to these, leads from both to one point."""
 
 
 def weighted_step(
@@ -103,7 +107,16 @@ def weighted_step(
     return lowered if isfinite(lowered) else 0.0
 
 
+def same_inside(units: Integer, weights: ConstantReals, squares: ConstantReals, limits: ConstantReals) -> Integer:
+    """Whether units count (U,) just where their squared norms are within their limits."""
+    different = 0
+    for u in range(units):
+        different += (weights[u] > 0.0) != (squares[u] <= limits[u])
+    return different == 0
+
+
 def candidate_alike(
+    rule: Integer,
     system: ConstantIntegers,
     rules: ConstantIntegers,
     units: Integer,
@@ -114,24 +127,32 @@ def candidate_alike(
     squares: ConstantReals,
     bench: Reals,
 ) -> Integer:
-    """Which of the candidates ``first … last`` the point leads to for sure, `NO_CANDIDATE` if none."""
+    """Which of the candidates ``first … last`` the point leads to for sure, `NO_CANDIDATE` if none.
+
+    Candidates are ends by the limits in the bench.
+    """
     weights = bench[unit_vector_at(rules, WEIGHTS_OF) :]
     scale = bench[small_at(system, rules, SCALES) :]
     for k in range(first, last):
         other = bench[candidate_at(system, rules, k) :]
-        if fabs(other[0] - objective) < 1e-3:
+        theirs = other[1 + system[NUMBERS] :]
+        if fabs(other[0] - objective) < NEAR:
+            near = ALIKE
+            along = 1e-3
+            if rule == TRUNCATED and same_inside(units, weights, theirs, bench[unit_vector_at(rules, LIMITS) :]) == 1:
+                near = NEAR
+                along = 0.1
             away = 0.0
             for j in range(system[COORDINATES]):
                 place = system[system[PLACES_AT] + j]
                 if place >= 0:
                     difference = scale[j] * (other[1 + place] - point[place])
-                    away += 1e-3 * difference * difference
-            theirs = other[1 + system[NUMBERS] :]
+                    away += along * difference * difference
             for u in range(units):
                 if weights[u] > 0.0:
                     difference = squares[u] - theirs[u]
                     away += weights[u] * (difference * difference / (squares[u] + theirs[u] + 1e-300))
-            if away < ALIKE:
+            if away < near:
                 return k
     return NO_CANDIDATE
 
@@ -187,7 +208,7 @@ def refined(
     damping = DAMPING
     alike = NO_CANDIDATE
     if isfinite(objective):
-        alike = candidate_alike(system, rules, units, first, last, objective, point, squares, bench)
+        alike = candidate_alike(rule, system, rules, units, first, last, objective, point, squares, bench)
     done = 0
     while isfinite(objective) and damping < 1e6 and done < iterations and alike == NO_CANDIDATE:
         done += 1
@@ -212,7 +233,7 @@ def refined(
             chunk = bench[slot_at(system, rules, here) :]
             squares = bench[unit_vector_at(rules, SQUARES + here) :]
             damping = max(damping * 0.1, 1e-12)
-            alike = candidate_alike(system, rules, units, first, last, objective, point, squares, bench)
+            alike = candidate_alike(rule, system, rules, units, first, last, objective, point, squares, bench)
         else:
             judged(rule, units, size, system, rules, squares, rest, bench, places)
             damping = max(damping * 30.0, 1e-4)
@@ -223,4 +244,4 @@ def refined(
     return alike
 
 
-ROUTINES = (weighted_step, candidate_alike, measure, refined)
+ROUTINES = (weighted_step, same_inside, candidate_alike, measure, refined)

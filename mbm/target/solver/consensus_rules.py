@@ -23,7 +23,7 @@ from mbm.target.solver.consensus_description import (
 )
 from mbm.target.solver.consensus_order import STATED, selected
 from mbm.target.solver.consensus_scores import rank_of_half
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, distinct_arrays
 
 TRUNCATED = 0
 """Units inside their limits count with the inverse of their variances."""
@@ -72,6 +72,29 @@ def trimmed_mean(
     return max(total / float(half), 1e-300)
 
 
+@distinct_arrays
+def truncated_weights(
+    units: Integer, squares: ConstantReals, limits: ConstantReals, variances: ConstantReals, weights: Reals
+) -> Real:
+    """``Σ min(s, L)/variance``, and the weights (U,): one over the variance inside the limits (U,), 0 outside."""
+    for u in range(units):
+        weights[u] = 1.0 / variances[u]
+    s0 = 0.0
+    s1 = 0.0
+    s2 = 0.0
+    s3 = 0.0
+    for i in range(units // 4):
+        s0 += min(squares[4 * i], limits[4 * i]) * weights[4 * i]
+        s1 += min(squares[4 * i + 1], limits[4 * i + 1]) * weights[4 * i + 1]
+        s2 += min(squares[4 * i + 2], limits[4 * i + 2]) * weights[4 * i + 2]
+        s3 += min(squares[4 * i + 3], limits[4 * i + 3]) * weights[4 * i + 3]
+    for i in range(4 * (units // 4), units):
+        s0 += min(squares[i], limits[i]) * weights[i]
+    for u in range(units):
+        weights[u] = weights[u] if squares[u] <= limits[u] else 0.0
+    return (s0 + s1) + (s2 + s3)
+
+
 def judged(
     rule: Integer,
     units: Integer,
@@ -94,11 +117,7 @@ def judged(
                 total += weights[u] * squares[u]
         return total if isfinite(total) else inf
     if rule == TRUNCATED:
-        variances = bench[unit_vector_at(rules, VARIANCES) :]
-        for u in range(units):
-            weight = 1.0 / variances[u]
-            total += min(squares[u], limits[u]) * weight
-            weights[u] = weight if squares[u] <= limits[u] else 0.0
+        total += truncated_weights(units, squares, limits, bench[unit_vector_at(rules, VARIANCES) :], weights)
         return total if isfinite(total) else inf
     for u in range(units):
         if groups[u] == STATED:
@@ -122,4 +141,4 @@ def judged(
     return total if isfinite(total) else inf
 
 
-ROUTINES = (trimmed_mean, judged)
+ROUTINES = (trimmed_mean, truncated_weights, judged)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import exp, inf, isfinite, log
 
 from mbm.target.solver.consensus_order import STATED, selected
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, distinct_arrays
 
 LMEDS = 0
 RANSAC = 1
@@ -19,6 +19,23 @@ def rank_of_half(count: Integer, size: Integer) -> Integer:
     found = count // 2 + (size + 1) // 2
     if found > count:
         return count
+    return found
+
+
+@distinct_arrays
+def divided(count: Integer, values: ConstantReals, by: ConstantReals, target: Reals) -> None:
+    """``target = values / by``."""
+    for i in range(count):
+        target[i] = values[i] / by[i]
+
+
+@distinct_arrays
+def within(count: Integer, reach: Real, values: ConstantReals) -> Integer:
+    """How many values are no larger than ``reach``."""
+    found = 0
+    for i in range(count):
+        if values[i] <= reach:
+            found += 1
     return found
 
 
@@ -38,20 +55,20 @@ def least_median(
     """
     total = 0.0
     for group in range(STATED, groups_count):
-        count = 0
-        for u in range(units):
-            if groups[u] == group:
-                scratch[count] = squares[u] / medians[u]
-                count += 1
+        count = units
+        if groups_count == 0:
+            divided(units, squares, medians, scratch)
+        else:
+            count = 0
+            for u in range(units):
+                if groups[u] == group:
+                    scratch[count] = squares[u] / medians[u]
+                    count += 1
         if count > 0:
             place = rank_of_half(count, size)
             if count == units:
                 reach = exp(bound / float(count)) * (1.0 + 1e-9)
-                below = 0
-                for i in range(count):
-                    if scratch[i] <= reach:
-                        below += 1
-                if below < place:
+                if within(count, reach, scratch) < place:
                     return inf
             total += float(count) * log(max(selected(count, place - 1, scratch), 1e-30))
     if not isfinite(total):
@@ -59,32 +76,44 @@ def least_median(
     return total
 
 
-def truncated(units: Integer, squares: ConstantReals, limits: ConstantReals, bound: Real) -> Real:
-    """The sum of the squared norms over their ``limits`` (U,), none counting more than 1; infinite above ``bound``."""
-    total = 0.0
-    for u in range(units):
-        total += min(squares[u] / limits[u], 1.0)
-        if total > bound:
-            return inf
-    return total
+@distinct_arrays
+def truncated(units: Integer, width: Real, squares: ConstantReals, limits: ConstantReals) -> Real:
+    """The sum of the squared norms over ``width`` times their ``limits`` (U,), none counting more than 1."""
+    s0 = 0.0
+    s1 = 0.0
+    s2 = 0.0
+    s3 = 0.0
+    for i in range(units // 4):
+        s0 += min(squares[4 * i] / (width * limits[4 * i]), 1.0)
+        s1 += min(squares[4 * i + 1] / (width * limits[4 * i + 1]), 1.0)
+        s2 += min(squares[4 * i + 2] / (width * limits[4 * i + 2]), 1.0)
+        s3 += min(squares[4 * i + 3] / (width * limits[4 * i + 3]), 1.0)
+    for i in range(4 * (units // 4), units):
+        s0 += min(squares[i] / (width * limits[i]), 1.0)
+    return (s0 + s1) + (s2 + s3)
 
 
-def outlier_count(units: Integer, squares: ConstantReals, limits: ConstantReals, bound: Real) -> Real:
-    """The number of outliers, and a share below 1 for how far the others are off; infinite above ``bound``."""
-    total = 0.0
-    share = 1.0 / (float(units) + 1.0)
+@distinct_arrays
+def inside_count(units: Integer, squares: ConstantReals, limits: ConstantReals) -> Integer:
+    """The units whose squared norms are within their ``limits`` (U,)."""
+    count = 0
     for u in range(units):
-        if squares[u] > limits[u]:
-            total += 1.0
-        total += share * min(squares[u] / limits[u], 1.0)
-        if total > bound:
-            return inf
-    return total
+        if squares[u] <= limits[u]:
+            count += 1
+    return count
+
+
+def outlier_count(units: Integer, squares: ConstantReals, limits: ConstantReals, sum_of_squares: Real) -> Real:
+    """The number of outliers, and a share below 1 for how far the others are off: their truncated sum of squares."""
+    return float(units - inside_count(units, squares, limits)) + sum_of_squares / (float(units) + 1.0)
 
 
 ROUTINES = (
     rank_of_half,
+    divided,
+    within,
     least_median,
     truncated,
+    inside_count,
     outlier_count,
 )

@@ -43,6 +43,7 @@ from mbm.target.solver.description import (
     BLOCKS,
     BOUNDS_AT,
     CHUNK,
+    CONSTRAINTS,
     COORDINATES,
     DATA_BLOCK,
     DATA_COLUMNS,
@@ -180,6 +181,9 @@ def gather_subset(
         heavy += rows * block[BLOCK_WEIGHTS]
         variables += block[BLOCK_VARIABLES] + rows * block[BLOCK_INDEX]
         tangents += block[BLOCK_TANGENTS] + rows * block[BLOCK_COLUMNS]
+    for b in range(system[BLOCKS], system[BLOCKS] + system[CONSTRAINTS]):
+        for i in range(DATA_BLOCK):
+            subset[DATA_HEAD + b * DATA_BLOCK + i] = 0
     own = bench[subset_rows_at(system, rules) :]
     load_rows(system, subset, own, own[rules[MOST_ROWS] :], desk)
 

@@ -1,29 +1,24 @@
-"""Trials: subsets of units, each fitted; then the points that explain the units best."""
+"""Trials: subsets of units, each fitted, until one is free of the outliers of what the best of them explains."""
 
 from __future__ import annotations
 
-from math import inf, isfinite
+from math import inf
 
 from mbm.target.solver.consensus_description import (
-    CANDIDATES,
     COMPONENTS,
     CUTS,
     FIRST,
     FIRST_STATE,
     FORM,
-    GROUP_OF,
     GROUPS,
+    KIND,
     LIMITS,
-    MEDIANS,
     MOST_POINTS,
     ORDER,
-    ROUNDINGS,
     SECOND_STATE,
-    SORTED,
-    SQUARES,
     STARTS,
     TRIALS_AT,
-    VARIANCES,
+    UNTIL_SURE,
     basis_at,
     directions_at,
     place_vector_at,
@@ -32,21 +27,20 @@ from mbm.target.solver.consensus_description import (
     unit_vector_at,
 )
 from mbm.target.solver.consensus_draw import (
+    FEWEST_TRIALS,
     combinations_of,
     jump_to_next_trial,
     next_combination,
     subset_drawn,
     subset_taken,
+    trials_for_share,
 )
 from mbm.target.solver.consensus_forms import points_in_closed_form
-from mbm.target.solver.consensus_order import variances_at
-from mbm.target.solver.consensus_rows import unit_squares
-from mbm.target.solver.consensus_scores import LMEDS, RANSAC, least_median, outlier_count, truncated
+from mbm.target.solver.consensus_judge import judge_trials
 from mbm.target.solver.consensus_subset import fitted_to_subset, gather_subset
 from mbm.target.solver.description import COORDINATES, NUMBERS
-from mbm.target.solver.equations import residuals_at_point
-from mbm.target.solver.workspace import residuals_at
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.solver.linear_algebra import copied
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 
 MOST_FITS = 4000
 """Several starts are tried with each subset, up to so many fits; beyond, subsets and starts are paired off."""
@@ -107,6 +101,51 @@ def all_alike(rules: ConstantIntegers, units: Integer, places: ConstantIntegers)
     return 1
 
 
+def fit_subset(
+    trial: Integer,
+    trials: Integer,
+    count: Integer,
+    done: Integer,
+    system: ConstantIntegers,
+    constants: ConstantReals,
+    data: ConstantIntegers,
+    parameters: ConstantReals,
+    weights: ConstantReals,
+    index: ConstantIntegers,
+    columns: ConstantIntegers,
+    rules: ConstantIntegers,
+    forms: ConstantReals,
+    starts: ConstantReals,
+    desk: Reals,
+    bench: Reals,
+    places: Integers,
+) -> Integer:
+    """Points that fit the ``count`` chosen units, put behind ``done`` others: how many there are then."""
+    numbers = system[NUMBERS]
+    target = bench[trials_at(system, rules) :]
+    chosen = places[small_places_at(system, rules, 0) :]
+    if rules[FORM] != 0:
+        here = target[done * numbers :]
+        found = points_in_closed_form(system, rules, forms, count, chosen, starts, bench, places, here)
+        if found > 0:
+            return done + found
+    fits = trials * rules[STARTS]
+    if fits > MOST_FITS:
+        fits = MOST_FITS
+    if fits < trials:
+        fits = trials
+    gather_subset(system, data, parameters, weights, index, columns, rules, count, chosen, desk, bench, places)
+    turn = 0
+    while turn * trials + trial < fits and done < rules[MOST_POINTS] - 4:
+        start = starts[(turn + trial) % rules[STARTS] * numbers :]
+        fitted_to_subset(system, constants, rules, start, desk, bench, places, target[done * numbers :])
+        done += 1
+        turn += 1
+        if rules[FORM] != 0:
+            break
+    return done
+
+
 def fit_trials(
     system: ConstantIntegers,
     constants: ConstantReals,
@@ -120,6 +159,7 @@ def fit_trials(
     starts: ConstantReals,
     units: Integer,
     size: Integer,
+    work: Reals,
     desk: Reals,
     bench: Reals,
     places: Integers,
@@ -127,169 +167,49 @@ def fit_trials(
 ) -> Integer:
     """Points that fit subsets, from the ``starts`` (STARTS, N) where no closed form does: how many.
 
-    ``answer`` (1,) is the number of subsets.
+    Where the noise is stated they are judged as they are made, and end when they are enough. ``answer`` (1,) is the
+    number of subsets.
     """
-    numbers = system[NUMBERS]
-    target = bench[trials_at(system, rules) :]
-    room = rules[MOST_POINTS] - 4
     trials = rules[rules[TRIALS_AT] + size]
     most = combinations_of(units, size, trials)
     every = 0
+    until_sure = rules[UNTIL_SURE]
     if most <= trials:
         trials = most
         every = all_alike(rules, units, places)
+        until_sure = 0
     state = places[small_places_at(system, rules, 2) :]
     state[0] = rules[FIRST_STATE]
     state[1] = rules[SECOND_STATE]
     for i in range(size):
         places[small_places_at(system, rules, 1) + i] = i
-    chosen = places[small_places_at(system, rules, 0) :]
-    fits = trials * rules[STARTS]
-    if fits > MOST_FITS:
-        fits = MOST_FITS
-    if fits < trials:
-        fits = trials
+    copied(units, bench[unit_vector_at(rules, CUTS) :], bench[unit_vector_at(rules, LIMITS) :])
     done = 0
     subsets = 0
+    inside = 0
+    enough = inf
     for trial in range(trials):
         count = next_subset(every, size, system, rules, units, bench, places)
-        if count > 0 and done < room:
+        before = done
+        if count > 0 and done < rules[MOST_POINTS] - 4:
             subsets += 1
-            found = 0
-            if rules[FORM] != 0:
-                here = target[done * numbers :]
-                found = points_in_closed_form(system, rules, forms, count, chosen, starts, bench, places, here)
-                done += found
-            if found == 0:
-                gather_subset(
-                    system, data, parameters, weights, index, columns, rules, count, chosen, desk, bench, places
-                )
-                turn = 0
-                while turn * trials + trial < fits and done < room:
-                    start = starts[(turn + trial) % rules[STARTS] * numbers :]
-                    here = target[done * numbers :]
-                    fitted_to_subset(system, constants, rules, start, desk, bench, places, here)
-                    done += 1
-                    turn += 1
-                    if rules[FORM] != 0:
-                        break
+            # fmt: off
+            done = fit_subset(
+                trial, trials, count, done, system, constants, data, parameters, weights, index, columns, rules, forms,
+                starts, desk, bench, places,
+            )
+            # fmt: on
+        if rules[GROUPS] == 0:
+            here = judge_trials(
+                rules[KIND], before, done, size, units, system, constants, data, index, rules, work, bench, places
+            )
+            if here > inside:
+                inside = here
+                enough = trials_for_share(inside, units, size)
+        if until_sure == 1 and trial + 1 >= FEWEST_TRIALS and float(trial + 1) >= enough:
+            break
     answer[0] = subsets
     return done
 
 
-def insert_best(count: Integer, trial: Integer, score: Real, numbers: Integers, scores: Reals) -> Integer:
-    """Put a trial into the list of the best, lowest score first; how many it has then."""
-    place = count
-    while place > 0 and scores[place - 1] > score:
-        place = place - 1
-    if place >= CANDIDATES:
-        return count
-    last = count
-    if last >= CANDIDATES:
-        last = CANDIDATES - 1
-    for back in range(last - place):
-        numbers[last - back] = numbers[last - back - 1]
-        scores[last - back] = scores[last - back - 1]
-    numbers[place] = trial
-    scores[place] = score
-    return last + 1
-
-
-def points_equal(system: ConstantIntegers, a: ConstantReals, b: ConstantReals) -> Integer:
-    """Whether two points are equal."""
-    for i in range(system[NUMBERS]):
-        if a[i] != b[i]:
-            return 0
-    return 1
-
-
-def best_trials(
-    kind: Integer,
-    size: Integer,
-    units: Integer,
-    count: Integer,
-    system: ConstantIntegers,
-    constants: ConstantReals,
-    data: ConstantIntegers,
-    index: ConstantIntegers,
-    rules: ConstantIntegers,
-    work: Reals,
-    bench: Reals,
-    places: ConstantIntegers,
-    best: Integers,
-    scores: Reals,
-) -> Integer:
-    """The trials with the lowest scores, best first, no point twice: how many; limits are those in the bench."""
-    points = bench[trials_at(system, rules) :]
-    groups = places[place_vector_at(rules, GROUP_OF) :]
-    squares = bench[unit_vector_at(rules, SQUARES) :]
-    limits = bench[unit_vector_at(rules, LIMITS) :]
-    medians = bench[unit_vector_at(rules, MEDIANS) :]
-    scratch = bench[unit_vector_at(rules, SORTED) :]
-    residuals = work[residuals_at(system, 0) :]
-    found = 0
-    for trial in range(count):
-        point = points[trial * system[NUMBERS] :]
-        bound = scores[CANDIDATES - 1] if found == CANDIDATES else inf
-        residuals_at_point(system, constants, data, index, point, 0, 0, work, residuals)
-        unit_squares(rules, places, units, residuals, squares)
-        if kind == LMEDS:
-            score = least_median(units, rules[GROUPS], size, squares, medians, groups, bound, scratch)
-        elif kind == RANSAC:
-            score = outlier_count(units, squares, limits, bound)
-        else:
-            score = truncated(units, squares, limits, bound)
-        new = isfinite(score)
-        for k in range(found):
-            if new and scores[k] == score:
-                new = not points_equal(system, points[best[k] * system[NUMBERS] :], point)
-        if new:
-            found = insert_best(found, trial, score, best, scores)
-    return found
-
-
-def limit_by_noise(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
-    constants: ConstantReals,
-    index: ConstantIntegers,
-    rules: ConstantIntegers,
-    units: Integer,
-    scalars: Integer,
-    point: ConstantReals,
-    work: Reals,
-    bench: Reals,
-    places: ConstantIntegers,
-) -> None:
-    """Limits and variances (U,) in the bench from the noise at a point."""
-    residuals = work[residuals_at(system, 0) :]
-    squares = bench[unit_vector_at(rules, SQUARES) :]
-    variances = bench[unit_vector_at(rules, VARIANCES) :]
-    residuals_at_point(system, constants, data, index, point, 0, 0, work, residuals)
-    unit_squares(rules, places, units, residuals, squares)
-    variances_at(
-        units,
-        scalars,
-        0,
-        rules[GROUPS],
-        squares,
-        bench[unit_vector_at(rules, MEDIANS) :],
-        places[place_vector_at(rules, GROUP_OF) :],
-        bench[unit_vector_at(rules, ROUNDINGS) :],
-        bench[unit_vector_at(rules, SORTED) :],
-        variances,
-    )
-    for u in range(units):
-        bench[unit_vector_at(rules, LIMITS) + u] = bench[unit_vector_at(rules, CUTS) + u] * variances[u]
-
-
-ROUTINES = (
-    size_of_subsets,
-    next_subset,
-    all_alike,
-    fit_trials,
-    insert_best,
-    points_equal,
-    best_trials,
-    limit_by_noise,
-)
+ROUTINES = (size_of_subsets, next_subset, all_alike, fit_subset, fit_trials)

@@ -42,6 +42,7 @@ from mbm.target.solver.description import (
 )
 from mbm.target.solver.equations import gather, groups_of, portion, weights_width
 from mbm.target.solver.linear_algebra import copied, filled
+from mbm.target.solver.united import rows_apart
 from mbm.target.solver.workspace import (
     AT_POINT,
     EVALUATIONS_DONE,
@@ -157,7 +158,7 @@ def linearise(
     for b in range(system[BLOCKS] + system[CONSTRAINTS]):
         block = system[system[BLOCKS_AT] + b * BLOCK :]
         at = DATA_HEAD + b * DATA_BLOCK
-        rows = data[at + DATA_ROWS]
+        rows = rows_apart(system, data, b, work) if LANES > 1 else data[at + DATA_ROWS]
         width = (block[BLOCK_VARIABLES] + block[BLOCK_PARAMETERS]) * LANES
         if b >= system[BLOCKS]:
             gather(block, rows, index[data[at + DATA_INDEX] :], point, work[inputs:])
@@ -213,7 +214,7 @@ def set_penalties(system: ConstantIntegers, data: ConstantIntegers, work: Reals)
     done = 0
     for b in range(system[BLOCKS] + system[CONSTRAINTS]):
         block = system[system[BLOCKS_AT] + b * BLOCK :]
-        rows = data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]
+        rows = rows_apart(system, data, b, work) if LANES > 1 else data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]
         if b >= system[BLOCKS]:
             lines = block[BLOCK_OUTPUTS]
             own = work[whitening:]

@@ -17,7 +17,7 @@ from mbm.target.solver.workspace import (
     small_triangle_at,
     step_at,
 )
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals, distinct_arrays
 
 HEAVY = 1e8
 """Weight of a constraint that holds, in units of the scaled columns: movements across it keep a variance of 1e-16."""
@@ -56,6 +56,7 @@ def set_covariance(
     filled(n * n, 0.0, covariance)
     filled((count + 1) * (count + 1), 0.0, small)
     slopes = work[slopes_at(system) :]
+    triangular = 1 if count == n else 0
     for k in range(count):
         square = 0.0
         for i in range(n):
@@ -70,15 +71,17 @@ def set_covariance(
             scale[k] = 1.0
     for c in range(holding):
         if held[c] != 0.0:
+            triangular = 0
             filled((count + 1) * n, 0.0, rows)
             for k in range(count):
                 rows[k * n] = HEAVY * slopes[c * n + chosen[k]] / (held[c] * scale[k])
             append_rows(count + 1, 1, n, rows, small)
-    for k in range(count):
+    if triangular == 1:
         for i in range(n):
-            rows[k * n + i] = triangle[i * (n + 1) + chosen[k]] / scale[k] if i <= chosen[k] else 0.0
-    filled(n, 0.0, rows[count * n :])
-    append_rows(count + 1, n, n, rows, small)
+            for k in range(i, n):
+                small[i * (n + 1) + k] = triangle[i * (n + 1) + k] / scale[k]
+    else:
+        append_chosen(n, count, chosen, triangle, scale, rows, small)
     for i in range(count):
         if not small[i * (count + 1) + i] * small[i * (count + 1) + i] > DEPENDENT * DEPENDENT:
             return undetermined(n, sides, covariance)
@@ -93,6 +96,24 @@ def set_covariance(
     return sqrt(float(count) * dot(count * count, inverse, inverse))
 
 
+@distinct_arrays
+def append_chosen(
+    n: Integer,
+    count: Integer,
+    chosen: ConstantIntegers,
+    triangle: ConstantReals,
+    scale: ConstantReals,
+    rows: Reals,
+    small: Reals,
+) -> None:
+    """The chosen columns of ``triangle`` (n + 1, n + 1), each over its scale, as further rows of ``small``."""
+    for k in range(count):
+        for i in range(n):
+            rows[k * n + i] = triangle[i * (n + 1) + chosen[k]] / scale[k] if i <= chosen[k] else 0.0
+    filled(n, 0.0, rows[count * n :])
+    append_rows(count + 1, n, n, rows, small)
+
+
 def undetermined(n: Integer, sides: ConstantIntegers, covariance: Reals) -> Real:
     """No covariance: NaN for all that no bound holds."""
     for i in range(n):
@@ -102,4 +123,4 @@ def undetermined(n: Integer, sides: ConstantIntegers, covariance: Reals) -> Real
     return inf
 
 
-ROUTINES = (undetermined, set_covariance)
+ROUTINES = (append_chosen, undetermined, set_covariance)

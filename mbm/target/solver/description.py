@@ -100,6 +100,12 @@ DIRECT = 19
 NOISES = 20
 """Groups of blocks whose noise has an unknown factor, for callers that estimate it: a solve itself takes the weights as
 they are. 0 where one factor is common to all residuals: the estimates do not depend on it."""
+UNITED_AT = 21
+"""Offset of the table of blocks whose rows are united in one function, see below; 0: none are, as in printed text."""
+UNITED_REALS = 22
+"""Their parameters and weights, in all."""
+SUMMED_FROM = 23
+"""Rows of a block from which its normal equations are summed, where it has `BLOCK_NORMAL`."""
 HEADER = 24
 
 # --- pieces -----------------------------------------------------------------------------------------------------
@@ -168,6 +174,18 @@ CAUCHY = 3
 TUKEY = 4
 GEMAN_MCCLURE = 5
 BARRON = 6
+
+# --- united blocks: one function for all their rows, of data sets that have just these rows and none of weight 0 ------
+UNITED_VALUES = 0
+"""Address of the function that gives the m whitened residuals."""
+UNITED_JACOBIAN = 1
+"""Address of the one that gives the columns of their derivatives, then the residuals, m numbers each. Both are reached
+by ``call_united(address, point, data, target, stride)``: ``data`` are for each united block the parameters of its rows,
+row by row, then their weights; columns begin ``stride`` apart."""
+UNITED_RESIDUALS = 2
+"""m; they come before those of all other blocks."""
+UNITED_ROWS = 3
+"""Here begins for each block of residuals how many rows are united; 0: the block is not."""
 
 # --- data sets --------------------------------------------------------------------------------------------------
 DATA_COUNT = 0

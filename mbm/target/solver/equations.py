@@ -39,6 +39,7 @@ from mbm.target.solver.description import (
     UNIT_WEIGHTS,
 )
 from mbm.target.solver.losses import root_factor
+from mbm.target.solver.united import first_apart, rows_apart, unite, united_rows
 from mbm.target.solver.workspace import inputs_at, outputs_at, weights_at
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, call_kernel, distinct_arrays
 
@@ -92,12 +93,14 @@ def load_rows(
     system: ConstantIntegers, data: ConstantIntegers, parameters: ConstantReals, weights: ConstantReals, work: Reals
 ) -> None:
     """Everything of a data set that does not depend on the point, as the kernels and the whitening take it."""
+    if LANES > 1:
+        unite(system, data, parameters, weights, work)
     inputs = inputs_at(system)
     whitening = weights_at(system)
-    for b in range(system[BLOCKS] + system[CONSTRAINTS]):
+    for b in range(first_apart(system, work) if LANES > 1 else 0, system[BLOCKS] + system[CONSTRAINTS]):
         block = system[system[BLOCKS_AT] + b * BLOCK :]
         at = DATA_HEAD + b * DATA_BLOCK
-        rows = data[at + DATA_ROWS]
+        rows = rows_apart(system, data, b, work) if LANES > 1 else data[at + DATA_ROWS]
         load_block(
             block,
             rows,
@@ -240,11 +243,11 @@ def residuals_at_point(
     inputs = inputs_at(system)
     whitening = weights_at(system)
     outputs = work[outputs_at(system) :]
-    done = 0
-    for b in range(system[BLOCKS] + penalised * system[CONSTRAINTS]):
+    done = united_rows(system, 0, point, 0, work, target) if LANES > 1 else 0
+    for b in range(first_apart(system, work) if LANES > 1 else 0, system[BLOCKS] + penalised * system[CONSTRAINTS]):
         block = system[system[BLOCKS_AT] + b * BLOCK :]
         at = DATA_HEAD + b * DATA_BLOCK
-        rows = data[at + DATA_ROWS]
+        rows = rows_apart(system, data, b, work) if LANES > 1 else data[at + DATA_ROWS]
         width = (block[BLOCK_VARIABLES] + block[BLOCK_PARAMETERS]) * LANES
         heavy = weights_width(block) * LANES
         gather(block, rows, index[data[at + DATA_INDEX] :], point, work[inputs:])

@@ -24,7 +24,7 @@ def dot(n: Integer, a: ConstantReals, b: ConstantReals) -> Real:
         s3 += a[4 * i + 3] * b[4 * i + 3]
     for i in range(4 * (n // 4), n):
         s0 += a[i] * b[i]
-    return (s0 + s1) + (s2 + s3)
+    return (s0 + s2) + (s1 + s3)
 
 
 @distinct_arrays

@@ -20,6 +20,7 @@ from mbm.target.solver import (
     sweeps,
     trials,
     trust_region,
+    united,
     workspace,
 )
 from mbm.target.tree import Module
@@ -29,6 +30,7 @@ PARTS = (
     losses,
     manifolds,
     workspace,
+    united,
     equations,
     slopes,
     normal_equations,
@@ -44,11 +46,6 @@ PARTS = (
     batch,
 )
 """The files of the solver, those that are called before those that call them."""
-
-INNER = frozenset(
-    function.__name__ for part in (linear_algebra, equations, slopes, sweeps) for function in part.ROUTINES
-)
-"""The functions in which a solve spends its time: those worth compiling for speed at any size."""
 
 
 def solver_module(lanes: int) -> Module:

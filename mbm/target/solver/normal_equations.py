@@ -11,9 +11,6 @@ from mbm.target.solver.description import BLOCK_NORMAL, BLOCK_TANGENTS, BLOCK_UN
 from mbm.target.solver.linear_algebra import cholesky, dot, filled, inverted_upper, solve_transposed
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, call_normal, distinct_arrays
 
-MANY_ROWS = 500
-"""Rows of a block from which its normal equations are summed."""
-
 
 def add_sums(
     n: Integer,

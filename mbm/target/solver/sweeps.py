@@ -21,6 +21,7 @@ from mbm.target.solver.description import (
     DATA_INDEX,
     DATA_ROWS,
     LANES,
+    SUMMED_FROM,
 )
 from mbm.target.solver.equations import (
     gather,
@@ -32,8 +33,9 @@ from mbm.target.solver.equations import (
     whiten_values,
 )
 from mbm.target.solver.linear_algebra import append_rows, dot, filled
-from mbm.target.solver.normal_equations import MANY_ROWS, add_products, add_sums, rooted
+from mbm.target.solver.normal_equations import add_products, add_sums, rooted
 from mbm.target.solver.slopes import penalise_slopes, root_slopes, scatter, whiten_matrices
+from mbm.target.solver.united import first_apart, rows_apart, united_rows
 from mbm.target.solver.workspace import (
     AT_COST,
     AT_POINT,
@@ -122,19 +124,19 @@ def sweep(
         filled((n + 1) * (n + 1), 0.0, target)
     else:
         filled(n, 0.0, target)
-    there = 0
+    there = united_rows(system, 1, point, stride, work, chunk) if LANES > 1 else 0
     settled = 0
-    for b in range(system[BLOCKS] + penalised * system[CONSTRAINTS]):
+    for b in range(first_apart(system, work) if LANES > 1 else 0, system[BLOCKS] + penalised * system[CONSTRAINTS]):
         block = system[system[BLOCKS_AT] + b * BLOCK :]
         at = DATA_HEAD + b * DATA_BLOCK
-        rows = data[at + DATA_ROWS]
+        rows = rows_apart(system, data, b, work) if LANES > 1 else data[at + DATA_ROWS]
         lines = block[BLOCK_OUTPUTS] * LANES
         width = (block[BLOCK_VARIABLES] + block[BLOCK_PARAMETERS]) * LANES
         heavy = weights_width(block) * LANES
         own = columns[data[at + DATA_COLUMNS] :]
         gather(block, rows, index[data[at + DATA_INDEX] :], point, work[inputs:])
         first = 0
-        if LANES > 1 and mode == 2 and block[BLOCK_NORMAL] != 0 and rows >= MANY_ROWS:
+        if LANES > 1 and mode == 2 and block[BLOCK_NORMAL] != 0 and rows >= system[SUMMED_FROM]:
             first = groups_of(rows)
             add_sums(n, constants, system, block, own, first, work[inputs:], work[whitening:], outputs, target)
         while first < groups_of(rows):
@@ -169,7 +171,7 @@ def summed(system: ConstantIntegers, data: ConstantIntegers) -> Integer:
     """1 where some block has rows enough for sums of products to be worth while."""
     for b in range(system[BLOCKS]):
         block = system[system[BLOCKS_AT] + b * BLOCK :]
-        if block[BLOCK_NORMAL] != 0 and data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS] >= MANY_ROWS:
+        if block[BLOCK_NORMAL] != 0 and data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS] >= system[SUMMED_FROM]:
             return 1
     return 0
 

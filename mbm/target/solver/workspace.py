@@ -10,10 +10,12 @@ from mbm.target.solver.description import (
     CHUNK,
     COORDINATES,
     INPUTS,
+    LANES,
     MULTIPLIERS,
     NUMBERS,
     OUTPUTS,
     RESIDUALS,
+    UNITED_REALS,
     WEIGHTS,
 )
 from mbm.target.words import ConstantIntegers, Integer
@@ -97,6 +99,8 @@ WEIGHT = 5
 """What a violation by one unit costs is half the square of this."""
 WORST = 6
 """The largest violation of the rounds before, in units."""
+UNITED_NOW = 7
+"""1: the united rows of the data set are loaded, 0: its blocks are taken one by one."""
 SCALARS = 16
 
 STEP_VECTORS = 16
@@ -198,8 +202,15 @@ def weights_at(system: ConstantIntegers) -> Integer:
     return inputs_at(system) + system[INPUTS]
 
 
+def united_at(system: ConstantIntegers) -> Integer:
+    """The data of united blocks."""
+    return weights_at(system) + system[WEIGHTS]
+
+
 def work_reals(system: ConstantIntegers) -> Integer:
     """Reals of scratch that a thread needs."""
+    if LANES > 1:
+        return united_at(system) + system[UNITED_REALS]
     return weights_at(system) + system[WEIGHTS]
 
 
@@ -227,6 +238,7 @@ ROUTINES = (
     outputs_at,
     inputs_at,
     weights_at,
+    united_at,
     work_reals,
     work_integers,
 )

@@ -70,6 +70,7 @@ struct frame {
     long derived_top_count;
     double *derived_both, *derived_both_sigma;
     long derived_both_count;
+    double kappa[1];    /* of each kind of unit: what limits leave */
     double results[8];
     long states[8];
 };
@@ -129,7 +130,7 @@ static void lay_out(struct frame *f, const derived_data *data, struct arena *a)
     header[13] = 32;
     header[14] = 96;
     f->work = reals_of(a, work_reals(header));
-    f->spare = reals_of(a, 9 + 2 * n);
+    f->spare = reals_of(a, 10 + 2 * n);
     f->derived_climb = reals_of(a, 1 * data->steps_rows + 1);
     f->derived_climb_sigma = reals_of(a, 1 * data->steps_rows + 1);
     f->derived_top = reals_of(a, 1 + 1);
@@ -480,6 +481,8 @@ static int prepare(struct frame *f, const derived_data *data,
     for (b = 0; b < count; b++)
         if (f->column[b] >= 0)
             f->coordinates[f->column[b]] = b;
+    for (b = 0; b < 1; b++)
+        f->kappa[b] = 1.0;
     return 0;
 }
 
@@ -556,9 +559,11 @@ int derived_solve(const derived_data *data, derived_result *result, derived_work
     if (result->status != 0)
         return result->status;
     n = f->system[1];
+    for (c = 0; c < 1; c++)
+        factors[c] = 1.0;
     solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
         f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
-        f->multipliers, factors, f->spare);
+        f->multipliers, f->kappa, factors, f->spare);
     result->cost = f->results[2];
     result->status = status_of(f);
     result->iterations = f->states[1];
@@ -566,7 +571,6 @@ int derived_solve(const derived_data *data, derived_result *result, derived_work
     result->robust_cost = f->results[0];
     result->freedom = f->states[3];
     result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;
-    (void)c;
     (void)n;
     answer(f, result);
     return result->status;
@@ -648,6 +652,8 @@ const char *derived_status_text(int status)
         return "the data do not determine all unknowns";
     case DERIVED_INFEASIBLE:
         return "no point meets all constraints";
+    case DERIVED_NO_AGREEMENT:
+        return "fewer than half of the measurements agree with any one solution";
     case DERIVED_NOT_FINITE:
         return "an equation has no finite value at the start";
     case DERIVED_NO_ROWS:
@@ -662,6 +668,10 @@ const char *derived_status_text(int status)
         return "a lower bound is not below the upper one";
     case DERIVED_BAD_START:
         return "an unknown that stays above zero does not begin there";
+    case DERIVED_NO_START:
+        return "the data give no start: state one";
+    case DERIVED_NOT_CONNECTED:
+        return "no equation connects all unknowns, or they are more than 60: no case for consensus";
     case DERIVED_WORKSPACE_TOO_SMALL:
         return "the workspace is smaller than the size that was asked for";
     default:

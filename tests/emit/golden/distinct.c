@@ -63,6 +63,7 @@ struct frame {
     long parameters_used, weights_used, index_used, columns_used;
     double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;
     double *triangle, *covariance, *multipliers, *work, *spare;
+    double kappa[1];    /* of each kind of unit: what limits leave */
     double results[8];
     long states[8];
 };
@@ -121,7 +122,7 @@ static void lay_out(struct frame *f, const distinct_data *data, struct arena *a)
     header[13] = 32;
     header[14] = 96;
     f->work = reals_of(a, work_reals(header));
-    f->spare = reals_of(a, 10 + 2 * n);
+    f->spare = reals_of(a, 11 + 2 * n);
     f->flags = integers_of(a, work_integers(header));
     f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;
     for (i = 0; i < 6; i++)
@@ -385,6 +386,8 @@ static int prepare(struct frame *f, const distinct_data *data,
     for (b = 0; b < count; b++)
         if (f->column[b] >= 0)
             f->coordinates[f->column[b]] = b;
+    for (b = 0; b < 1; b++)
+        f->kappa[b] = 1.0;
     return 0;
 }
 
@@ -450,9 +453,11 @@ int distinct_solve(const distinct_data *data, distinct_result *result, distinct_
     if (result->status != 0)
         return result->status;
     n = f->system[1];
+    for (c = 0; c < 1; c++)
+        factors[c] = 1.0;
     solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
         f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
-        f->multipliers, factors, f->spare);
+        f->multipliers, f->kappa, factors, f->spare);
     result->cost = f->results[2];
     result->status = status_of(f);
     result->iterations = f->states[1];
@@ -460,7 +465,6 @@ int distinct_solve(const distinct_data *data, distinct_result *result, distinct_
     result->robust_cost = f->results[0];
     result->freedom = f->states[3];
     result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;
-    (void)c;
     (void)n;
     answer(f, result);
     return result->status;
@@ -542,6 +546,8 @@ const char *distinct_status_text(int status)
         return "the data do not determine all unknowns";
     case DISTINCT_INFEASIBLE:
         return "no point meets all constraints";
+    case DISTINCT_NO_AGREEMENT:
+        return "fewer than half of the measurements agree with any one solution";
     case DISTINCT_NOT_FINITE:
         return "an equation has no finite value at the start";
     case DISTINCT_NO_ROWS:
@@ -556,6 +562,10 @@ const char *distinct_status_text(int status)
         return "a lower bound is not below the upper one";
     case DISTINCT_BAD_START:
         return "an unknown that stays above zero does not begin there";
+    case DISTINCT_NO_START:
+        return "the data give no start: state one";
+    case DISTINCT_NOT_CONNECTED:
+        return "no equation connects all unknowns, or they are more than 60: no case for consensus";
     case DISTINCT_WORKSPACE_TOO_SMALL:
         return "the workspace is smaller than the size that was asked for";
     default:

@@ -14,14 +14,17 @@ enum keys_status {
     KEYS_NOT_CONVERGED = 1,
     KEYS_UNOBSERVABLE = 2,
     KEYS_INFEASIBLE = 3,
-    KEYS_NOT_FINITE = 4,
-    KEYS_NO_ROWS = 5,
-    KEYS_UNKNOWN_KEY = 6,
-    KEYS_UNKNOWN_CASE = 7,
-    KEYS_BAD_NOISE = 8,
-    KEYS_BAD_BOUNDS = 9,
-    KEYS_BAD_START = 10,
-    KEYS_WORKSPACE_TOO_SMALL = 11
+    KEYS_NO_AGREEMENT = 4,
+    KEYS_NOT_FINITE = 5,
+    KEYS_NO_ROWS = 6,
+    KEYS_UNKNOWN_KEY = 7,
+    KEYS_UNKNOWN_CASE = 8,
+    KEYS_BAD_NOISE = 9,
+    KEYS_BAD_BOUNDS = 10,
+    KEYS_BAD_START = 11,
+    KEYS_NO_START = 12,
+    KEYS_NOT_CONNECTED = 13,
+    KEYS_WORKSPACE_TOO_SMALL = 14
 };
 
 /* What is given: columns of tables, one element per row, in SI. */

@@ -14,14 +14,17 @@ enum loss_status {
     LOSS_NOT_CONVERGED = 1,
     LOSS_UNOBSERVABLE = 2,
     LOSS_INFEASIBLE = 3,
-    LOSS_NOT_FINITE = 4,
-    LOSS_NO_ROWS = 5,
-    LOSS_UNKNOWN_KEY = 6,
-    LOSS_UNKNOWN_CASE = 7,
-    LOSS_BAD_NOISE = 8,
-    LOSS_BAD_BOUNDS = 9,
-    LOSS_BAD_START = 10,
-    LOSS_WORKSPACE_TOO_SMALL = 11
+    LOSS_NO_AGREEMENT = 4,
+    LOSS_NOT_FINITE = 5,
+    LOSS_NO_ROWS = 6,
+    LOSS_UNKNOWN_KEY = 7,
+    LOSS_UNKNOWN_CASE = 8,
+    LOSS_BAD_NOISE = 9,
+    LOSS_BAD_BOUNDS = 10,
+    LOSS_BAD_START = 11,
+    LOSS_NO_START = 12,
+    LOSS_NOT_CONNECTED = 13,
+    LOSS_WORKSPACE_TOO_SMALL = 14
 };
 
 /* What is given: columns of tables, one element per row, in SI. */

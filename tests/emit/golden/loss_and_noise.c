@@ -59,6 +59,7 @@ struct frame {
     long parameters_used, weights_used, index_used, columns_used;
     double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;
     double *triangle, *covariance, *multipliers, *work, *spare;
+    double kappa[2];    /* of each kind of unit: what limits leave */
     double results[8];
     long states[8];
 };
@@ -122,7 +123,7 @@ static void lay_out(struct frame *f, const loss_and_noise_data *data, struct are
     header[13] = 32;
     header[14] = 96;
     f->work = reals_of(a, work_reals(header));
-    f->spare = reals_of(a, 4 * n * n + 6 + n + 11 + 2 * n);
+    f->spare = reals_of(a, 4 * n * n + 6 + n + 12 + 2 * n);
     f->flags = integers_of(a, work_integers(header));
     f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;
     for (i = 0; i < 11; i++)
@@ -395,6 +396,8 @@ static int prepare(struct frame *f, const loss_and_noise_data *data,
     for (b = 0; b < count; b++)
         if (f->column[b] >= 0)
             f->coordinates[f->column[b]] = b;
+    for (b = 0; b < 2; b++)
+        f->kappa[b] = 1.0;
     return 0;
 }
 
@@ -458,12 +461,15 @@ int loss_and_noise_solve(const loss_and_noise_data *data, loss_and_noise_result 
     if (result->status != 0)
         return result->status;
     n = f->system[1];
+    for (c = 0; c < 1; c++)
+        factors[c] = 1.0;
     solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
         f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
-        f->multipliers, factors, f->spare);
+        f->multipliers, f->kappa, factors, f->spare);
     result->cost = f->results[2];
     /* one unknown factor counts as 1 in the cost */
-    result->cost += (factors[0] * factors[0] - 1.0) * f->spare[1];
+    result->cost += (factors[0] * factors[0] - 1.0) * spread_of_group(f->system, f->data_set, f->parameters, f->weights, f->index, f->columns, f->point,
+        f->covariance, f->kappa, 0, 2, f->spare);
     if (f->states[4] == 0
         && !sandwich(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index,
             f->columns, f->point, f->sides, f->spare, f->covariance))
@@ -474,7 +480,6 @@ int loss_and_noise_solve(const loss_and_noise_data *data, loss_and_noise_result 
     result->robust_cost = f->results[0];
     result->freedom = f->states[3];
     result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;
-    (void)c;
     (void)n;
     answer(f, result);
     return result->status;
@@ -556,6 +561,8 @@ const char *loss_and_noise_status_text(int status)
         return "the data do not determine all unknowns";
     case LOSS_AND_NOISE_INFEASIBLE:
         return "no point meets all constraints";
+    case LOSS_AND_NOISE_NO_AGREEMENT:
+        return "fewer than half of the measurements agree with any one solution";
     case LOSS_AND_NOISE_NOT_FINITE:
         return "an equation has no finite value at the start";
     case LOSS_AND_NOISE_NO_ROWS:
@@ -570,6 +577,10 @@ const char *loss_and_noise_status_text(int status)
         return "a lower bound is not below the upper one";
     case LOSS_AND_NOISE_BAD_START:
         return "an unknown that stays above zero does not begin there";
+    case LOSS_AND_NOISE_NO_START:
+        return "the data give no start: state one";
+    case LOSS_AND_NOISE_NOT_CONNECTED:
+        return "no equation connects all unknowns, or they are more than 60: no case for consensus";
     case LOSS_AND_NOISE_WORKSPACE_TOO_SMALL:
         return "the workspace is smaller than the size that was asked for";
     default:

@@ -25,6 +25,16 @@ static const double LOSSES[4] = {
     2.38494711936238, 0.0, 2.0, 0.5
 };
 
+/* What consensus (lmeds) is asked for, without room for rows. */
+static const long RULES[24] = {
+    0, 0, 1361133826, 697191286, 0, 24, 0, 1, 0, 121, 17, 20, 0, 0, 0, 0, 1, 100, 100, 100, 0, -1, 1, -1
+};
+
+/* Of each kind of unit: median, limit and reach of its squared norm. */
+static const double LEVELS[8] = {
+    0.454936423119572, 9.0, 9.0, 0.0, 1.386294361119891, 11.829158081901369, 11.829158081901369, 0.0
+};
+
 #define TOLERANCE 1e-10    /* of the next step, in standard deviations */
 
 /* Arrays of one data set, taken from the caller's workspace one after the other; nothing is allocated. */
@@ -59,6 +69,11 @@ struct frame {
     long parameters_used, weights_used, index_used, columns_used;
     double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;
     double *triangle, *covariance, *multipliers, *work, *spare;
+    long *rules, *wide, *places;    /* of consensus: what is asked for, the equations, scratch */
+    double *desk, *bench, *known;    /* scratch, and what the closed form knows of the units */
+    long agreement[4], units;
+    int startless;
+    double kappa[2];    /* of each kind of unit: what limits leave */
     double results[8];
     long states[8];
 };
@@ -121,8 +136,32 @@ static void lay_out(struct frame *f, const losses_data *data, struct arena *a)
     header[12] = weights + 2 * multipliers;
     header[13] = 32;
     header[14] = 96;
+    {    /* consensus: all rows side by side */
+        long room[17] = {0, 0, 1361133826, 697191286, 0, 24, 0, 1, 0, 121, 17, 20, 0, 0, 0, 0, 1};
+        long units = 1, rows = 1;
+        header[3] = 2;
+        header[4] = 0;
+        if (header[13] < residuals)
+            header[13] = (residuals + 3) / 4 * 4;
+        if (header[14] < 3 * (header[13] / 1 + 1))
+            header[14] = 3 * (header[13] / 1 + 1);
+        if (header[14] < 4 * (header[13] / 2 + 1))
+            header[14] = 4 * (header[13] / 2 + 1);
+        units += data->d_rows * 1;
+        rows += (n + 1) * 2;
+        units += data->e_rows * 1;
+        rows += (n + 1) * 2;
+        room[8] = units;
+        room[13] = rows;
+        f->rules = integers_of(a, 24);
+        f->wide = integers_of(a, 80 + (2 + 8) * n);
+        f->places = integers_of(a, places_integers(header, room));
+        f->bench = reals_of(a, bench_reals(header, room));
+        f->desk = reals_of(a, work_reals(header));
+        f->known = reals_of(a, units * 1);
+    }
     f->work = reals_of(a, work_reals(header));
-    f->spare = reals_of(a, 4 * n * n + 6 + n + 12 + 4 * n);
+    f->spare = reals_of(a, 4 * n * n + 6 + n + 13 + 4 * n);
     f->flags = integers_of(a, work_integers(header));
     f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;
     for (i = 0; i < 11; i++)
@@ -400,6 +439,33 @@ static int prepare(struct frame *f, const losses_data *data,
     for (b = 0; b < count; b++)
         if (f->column[b] >= 0)
             f->coordinates[f->column[b]] = b;
+    for (b = 0; b < 2; b++)
+        f->kappa[b] = 1.0;
+    for (b = 0; b < 24; b++)
+        f->rules[b] = RULES[b];
+    for (b = 0; b < 4; b++)
+        f->agreement[b] = 0;
+    f->units = 0;
+    f->startless = 0;
+    return 0;
+}
+
+/* Consensus: where the solve begins, and which rows count. */
+static int agree_on(struct frame *f, double *factors)
+{
+    long scalars;
+
+    if (f->system[1] > 1
+        && !connected(f->system, f->data_set, f->columns, f->places))
+        return LOSSES_NOT_CONNECTED;
+    scalars = set_room(f->system, f->data_set, f->rules);
+    side_by_side(f->system, 80 + (2 + 8) * f->system[1], f->wide);
+    f->rules[14] = f->startless;
+    f->units = come_to_agreement(0, scalars, f->system, f->wide, f->constants,
+        f->data_set, f->parameters, f->weights, f->index, f->columns, f->rules, LEVELS, f->known,
+        f->start, f->work, f->desk, f->bench, f->places, f->agreement, f->kappa, factors);
+    if (f->startless && f->agreement[0] == 0)
+        return LOSSES_NO_START;
     return 0;
 }
 
@@ -463,9 +529,14 @@ int losses_solve(const losses_data *data, losses_result *result, losses_workspac
     if (result->status != 0)
         return result->status;
     n = f->system[1];
+    for (c = 0; c < 1; c++)
+        factors[c] = 1.0;
+    result->status = agree_on(f, factors);
+    if (result->status != 0)
+        return result->status;
     solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
         f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
-        f->multipliers, factors, f->spare);
+        f->multipliers, f->kappa, factors, f->spare);
     result->cost = f->results[2];
     if (f->states[4] == 0
         && !sandwich(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index,
@@ -477,7 +548,6 @@ int losses_solve(const losses_data *data, losses_result *result, losses_workspac
     result->robust_cost = f->results[0];
     result->freedom = f->states[3];
     result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;
-    (void)c;
     (void)n;
     answer(f, result);
     return result->status;
@@ -559,6 +629,8 @@ const char *losses_status_text(int status)
         return "the data do not determine all unknowns";
     case LOSSES_INFEASIBLE:
         return "no point meets all constraints";
+    case LOSSES_NO_AGREEMENT:
+        return "fewer than half of the measurements agree with any one solution";
     case LOSSES_NOT_FINITE:
         return "an equation has no finite value at the start";
     case LOSSES_NO_ROWS:
@@ -573,6 +645,10 @@ const char *losses_status_text(int status)
         return "a lower bound is not below the upper one";
     case LOSSES_BAD_START:
         return "an unknown that stays above zero does not begin there";
+    case LOSSES_NO_START:
+        return "the data give no start: state one";
+    case LOSSES_NOT_CONNECTED:
+        return "no equation connects all unknowns, or they are more than 60: no case for consensus";
     case LOSSES_WORKSPACE_TOO_SMALL:
         return "the workspace is smaller than the size that was asked for";
     default:

@@ -60,6 +60,7 @@ struct frame {
     long parameters_used, weights_used, index_used, columns_used;
     double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;
     double *triangle, *covariance, *multipliers, *work, *spare;
+    double kappa[3];    /* of each kind of unit: what limits leave */
     double results[8];
     long states[8];
 };
@@ -130,7 +131,7 @@ static void lay_out(struct frame *f, const noises_data *data, struct arena *a)
     header[13] = 32;
     header[14] = 96;
     f->work = reals_of(a, work_reals(header));
-    f->spare = reals_of(a, 12 + 2 * n);
+    f->spare = reals_of(a, 13 + 2 * n);
     f->flags = integers_of(a, work_integers(header));
     f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;
     for (i = 0; i < 16; i++)
@@ -442,6 +443,8 @@ static int prepare(struct frame *f, const noises_data *data,
     for (b = 0; b < count; b++)
         if (f->column[b] >= 0)
             f->coordinates[f->column[b]] = b;
+    for (b = 0; b < 3; b++)
+        f->kappa[b] = 1.0;
     return 0;
 }
 
@@ -505,9 +508,11 @@ int noises_solve(const noises_data *data, noises_result *result, noises_workspac
     if (result->status != 0)
         return result->status;
     n = f->system[1];
+    for (c = 0; c < 2; c++)
+        factors[c] = 1.0;
     solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
         f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
-        f->multipliers, factors, f->spare);
+        f->multipliers, f->kappa, factors, f->spare);
     result->cost = f->results[2];
     result->status = status_of(f);
     result->iterations = f->states[1];
@@ -515,7 +520,6 @@ int noises_solve(const noises_data *data, noises_result *result, noises_workspac
     result->robust_cost = f->results[0];
     result->freedom = f->states[3];
     result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;
-    (void)c;
     (void)n;
     answer(f, result);
     return result->status;
@@ -597,6 +601,8 @@ const char *noises_status_text(int status)
         return "the data do not determine all unknowns";
     case NOISES_INFEASIBLE:
         return "no point meets all constraints";
+    case NOISES_NO_AGREEMENT:
+        return "fewer than half of the measurements agree with any one solution";
     case NOISES_NOT_FINITE:
         return "an equation has no finite value at the start";
     case NOISES_NO_ROWS:
@@ -611,6 +617,10 @@ const char *noises_status_text(int status)
         return "a lower bound is not below the upper one";
     case NOISES_BAD_START:
         return "an unknown that stays above zero does not begin there";
+    case NOISES_NO_START:
+        return "the data give no start: state one";
+    case NOISES_NOT_CONNECTED:
+        return "no equation connects all unknowns, or they are more than 60: no case for consensus";
     case NOISES_WORKSPACE_TOO_SMALL:
         return "the workspace is smaller than the size that was asked for";
     default:

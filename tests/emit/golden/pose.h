@@ -14,14 +14,17 @@ enum pose_status {
     POSE_NOT_CONVERGED = 1,
     POSE_UNOBSERVABLE = 2,
     POSE_INFEASIBLE = 3,
-    POSE_NOT_FINITE = 4,
-    POSE_NO_ROWS = 5,
-    POSE_UNKNOWN_KEY = 6,
-    POSE_UNKNOWN_CASE = 7,
-    POSE_BAD_NOISE = 8,
-    POSE_BAD_BOUNDS = 9,
-    POSE_BAD_START = 10,
-    POSE_WORKSPACE_TOO_SMALL = 11
+    POSE_NO_AGREEMENT = 4,
+    POSE_NOT_FINITE = 5,
+    POSE_NO_ROWS = 6,
+    POSE_UNKNOWN_KEY = 7,
+    POSE_UNKNOWN_CASE = 8,
+    POSE_BAD_NOISE = 9,
+    POSE_BAD_BOUNDS = 10,
+    POSE_BAD_START = 11,
+    POSE_NO_START = 12,
+    POSE_NOT_CONNECTED = 13,
+    POSE_WORKSPACE_TOO_SMALL = 14
 };
 
 /* What is given: columns of tables, one element per row, in SI. */

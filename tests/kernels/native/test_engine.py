@@ -141,6 +141,26 @@ def test_an_llvmlite_that_is_too_old_is_none(version, there, monkeypatch):
     assert engine.available() is there
 
 
+def test_an_llvmlite_that_does_not_load_is_none(monkeypatch, tmp_path):
+    """Its Python files are there, its library is not: what it says is passed on, and nothing is kept of the trial."""
+    monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
+    store = Store(directory=tmp_path / "store")
+    assert "llvmlite does not work" in engine.hindrance(store)
+    assert not store.entries()
+
+
+def test_the_trial_is_made_once_for_each_library(monkeypatch, tmp_path):
+    """What was tried is not loaded again; another library in its place is tried anew."""
+    if not image.supported():
+        pytest.skip("images run on Linux on x86-64")
+    store = Store(directory=tmp_path / "store")
+    assert engine.hindrance(store) is None
+    monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
+    assert engine.hindrance(store) is None
+    monkeypatch.setattr(engine, "_files", lambda: "of another build")
+    assert "llvmlite does not work" in engine.hindrance(store)
+
+
 def test_where_memory_may_not_be_executed_none_is_available(monkeypatch):
     monkeypatch.setattr(image, "executable", lambda: False)
     monkeypatch.setattr(image, "supported", lambda: True)
@@ -153,15 +173,17 @@ def test_what_is_kept_is_loaded_without_llvmlite(tmp_path):
         pytest.skip("images run on Linux on x86-64")
     store = Store(directory=tmp_path / "store")
     compiled(IR, store, 1)
+    assert engine.hindrance(store) is None
     code = f"""
 import ctypes, sys
 from pathlib import Path
-from mbm.kernels.native.engine import available, compiled
+from mbm.kernels.native.engine import compiled, hindrance
 from mbm.kernels.native.processor import vector_library
 from mbm.kernels.store import Store
-assert available()
+store = Store(directory=Path({str(store.directory)!r}))
+assert hindrance(store) is None
 vector_library()
-library = compiled({IR!r}, Store(directory=Path({str(store.directory)!r})), 1)
+library = compiled({IR!r}, store, 1)
 assert ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)(library.address("twice"))(4.0) == 8.0
 assert not any(name.split(".")[0] == "llvmlite" for name in sys.modules)
 """

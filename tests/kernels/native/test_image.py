@@ -76,7 +76,15 @@ def test_an_image_comes_back_as_it_was_written():
 
 
 @pytest.mark.parametrize(
-    "spoil", [lambda c: c[:-1], lambda c: c[:20], lambda c: b"x" + c[1:], lambda c: c.replace(b"[", b"{", 1)]
+    "spoil",
+    [
+        lambda c: c[:-1],
+        lambda c: c[:20],
+        lambda c: b"x" + c[1:],
+        lambda c: c.replace(b"exports", b"exparts", 1),
+        lambda c: c.replace(b"exports ", b"exports x", 1),
+        lambda c: c.replace(b"exports ", b"exports", 1),
+    ],
 )
 def test_what_is_not_whole_is_refused(spoil):
     with pytest.raises(DamagedImageError):

@@ -12,11 +12,11 @@ import pytest
 
 pytest.importorskip("llvmlite")
 
-from mbm.kernels.native.engine import compiled
+from mbm.kernels.native.engine import compiled, kept
 from mbm.kernels.native.processor import vector_library
-from mbm.target import blocks_of_rows
+from mbm.target import blocks_of_rows, straight_line
 from mbm.target.program import Instruction, Operator, Program
-from mbm.target.vector_text import LANES
+from mbm.target.vector_text import LANES, Text
 from mbm.target.vectors import NoPrinterError
 
 ULPS = 4
@@ -98,7 +98,9 @@ SPECIAL = np.array(
      -5e-324, 2.2e-308, 709.0, 710.0, -745.0, -746.0, np.inf, -np.inf, np.nan]
 )  # fmt: skip
 PAIRS = np.array([(a, b) for a in SPECIAL for b in SPECIAL])
-LIBRARIES = ("vectors", "half vectors", "C library")
+LIBRARIES = ("vectors", "half vectors", "C library", "straight line", "straight line, C library")
+TOGETHER = 5
+"""Calls of one function in a straight line: a vector of four, and one that is left."""
 
 
 ONE_ARGUMENT = {*UNARY, Operator.TWICE, Operator.RECIPROCAL, Operator.NOT, Operator.SIGN}
@@ -108,15 +110,17 @@ def arity(operator):
     return 1 if operator in ONE_ARGUMENT or getattr(EXACT.get(operator), "nin", 2) == 1 else 2
 
 
-def single(operator):
-    """A program of one instruction."""
+def single(operator, times=1):
+    """A program of one instruction, or of the same one for several sets of inputs."""
     count = arity(operator)
+    inputs = range(count * times)
+    each = [tuple(inputs[k * count : (k + 1) * count]) for k in range(times)]
     return Program(
-        values=count + 1,
-        inputs=tuple(range(count)),
+        values=(count + 1) * times,
+        inputs=tuple(inputs),
         constants=(),
-        instructions=(Instruction(count, operator, tuple(range(count))),),
-        outputs=(count,),
+        instructions=tuple(Instruction(len(inputs) + k, operator, own) for k, own in enumerate(each)),
+        outputs=tuple(range(len(inputs), len(inputs) + times)),
     )
 
 
@@ -124,17 +128,42 @@ def single(operator):
 def library(request):
     """All operators, by what there is for elementary functions: whole vectors, vectors of two, or one by one."""
     found = vector_library()
-    if request.param != "C library" and not found.functions:
+    if "C library" not in request.param and not found.functions:
         pytest.skip("there is no vector library here")
     if request.param == "half vectors":
         found = replace(found, prefix="_ZGVbN2", width=2)
+    if request.param.startswith("straight line"):
+        text = Text(found if request.param == "straight line" else None)
+        for operator in Operator:
+            straight_line.function(f"op_{operator.value}", single(operator, TOGETHER), arity(operator), TOGETHER, text)
+        return in_lines, kept(text.module(), text.module, None, 2, loops=False)
     programs = {f"op_{operator.value}": single(operator) for operator in Operator}
     given = None if request.param == "C library" else found
-    return compiled(blocks_of_rows.module_of(programs, given), None, 1)
+    return in_blocks, compiled(blocks_of_rows.module_of(programs, given), None, 1)
 
 
 def evaluated(library, operator, *columns):
-    """The operator for columns of numbers, padded to whole blocks."""
+    """The operator for columns of numbers."""
+    way, code = library
+    return way(code.address(f"op_{operator.value}"), columns)
+
+
+def in_lines(address, columns):
+    """Some at a time: those of the first are the point, the others the data."""
+    rows = len(columns[0])
+    table = np.zeros((rows + -rows % TOGETHER, len(columns)))
+    table[:rows] = np.column_stack(columns)
+    outputs = np.empty(len(table))
+    call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)(address)
+    for first in range(0, len(table), TOGETHER):
+        point = table[first : first + TOGETHER].ravel()
+        data = point[len(columns) :]
+        call(point.ctypes.data, data.ctypes.data, outputs[first:].ctypes.data, TOGETHER)
+    return outputs[:rows]
+
+
+def in_blocks(address, columns):
+    """Blocks of rows, of which the last is padded."""
     rows = len(columns[0])
     blocks = -(-rows // LANES)
     table = np.zeros((blocks * LANES, len(columns)))
@@ -142,7 +171,7 @@ def evaluated(library, operator, *columns):
     inputs = np.ascontiguousarray(table.reshape(blocks, LANES, -1).transpose(0, 2, 1))
     outputs = np.empty((blocks, 1, LANES))
     call = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
-    call(library.address(f"op_{operator.value}"))(inputs.ctypes.data, outputs.ctypes.data, blocks)
+    call(address)(inputs.ctypes.data, outputs.ctypes.data, blocks)
     return outputs.reshape(-1)[:rows]
 
 
@@ -242,10 +271,21 @@ def test_truths_add_up_and_masks_combine():
     outputs = np.empty((5, 4))
     call = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
     call(library.address("f"))(inputs.ctypes.data, outputs.ctypes.data, 1)
-    np.testing.assert_array_equal(outputs, [[2, 1, 0, 0], [0, 0, 0, 3], [0] * 4, [10] * 4, [0, 0, 0, 1]])
+    wanted = np.array([[2, 1, 0, 0], [0, 0, 0, 3], [0] * 4, [10] * 4, [0, 0, 0, 1]])
+    np.testing.assert_array_equal(outputs, wanted)
+    text = Text(None)
+    straight_line.function("f", program, 3, 5, text)
+    library = compiled(text.module(), None, 0)
+    call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)(library.address("f"))
+    for row, line in zip(np.ascontiguousarray(inputs.T), wanted.T, strict=True):
+        target = np.empty(5)
+        call(row.ctypes.data, row.ctypes.data, target.ctypes.data, 5)
+        np.testing.assert_array_equal(target, line)
 
 
 def test_what_has_no_printer_is_named():
     program = replace(single(Operator.ADD), instructions=(Instruction(2, "cube", (0, 1)),))
     with pytest.raises(NoPrinterError, match="cube"):
         blocks_of_rows.module_of({"f": program}, None)
+    with pytest.raises(NoPrinterError, match="cube"):
+        straight_line.function("f", program, 2, 1, Text(None))

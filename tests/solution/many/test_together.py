@@ -14,108 +14,34 @@ from mbm.kernels.native.engine import available
 from mbm.report.blocks import ManyReports
 from mbm.report.exports import write_solves
 from mbm.report.solve_columns import solve_columns
+from mbm.report.solve_document import solve_document
 from mbm.solution.interruption import Interruption
+from tests.solution.many.problems import PROBLEMS, RANGES
 
 pytestmark = pytest.mark.skipif(not available(), reason="without machine code solves are made one by one")
 
-RANGES = """
-(problem tags
-  (data receivers external :key receiver)
-  (data ranges external :with (receivers receiver))
-  (unknowns (p (vector 3) :init [1.75m 1.75m 1m]) {more})
-  (observe ranges {when} (= range (distance p [receivers.x receivers.y receivers.z])) :sigma {sigma})
-  (derive (height (- {top} (p 3)) :unit cm) (far (distance p [0m 0m 0m])))
-  (for-each epoch))
-"""
-CURVE = """
-(problem curves
-  (data d external)
-  (unknowns (a {a}) (turn (rotation 3) :init [0.2 0.1 -0.3]) (t angle :init 0.3))
-  (observe d (= [u v w] (+ (rotate turn [x y 1]) [a a 0])) :sigma 0.01)
-  (observe d (= c (cos (+ t x))) :sigma 0.02)
-  (for-each g k))
-"""
-
-
-def epochs(count=40, outliers=False, seed=5):
-    """Ranges to eight receivers from places in a room; some epochs have fewer."""
-    generator = np.random.default_rng(seed)
-    at = np.column_stack([generator.uniform(0, 4, 8), generator.uniform(0, 4, 8), generator.uniform(2, 3, 8)])
-    rows = [(e, r) for e in range(count) for r in range(8) if not (e % 7 == 3 and r > 4)]
-    places = generator.uniform([0.5, 0.5, 0.3], [3, 3, 1.5], (count, 3))
-    epoch, receiver = (np.array(column) for column in zip(*rows, strict=True))
-    ranges = np.linalg.norm(places[epoch] - at[receiver], axis=1) + 0.01 * generator.standard_normal(len(rows))
-    if outliers:
-        ranges[::37] += 0.5
-    mixed = generator.permutation(len(rows))
-    return {
-        "receivers": {"receiver": np.arange(8), "x": at[:, 0], "y": at[:, 1], "z": at[:, 2]},
-        "ranges": {"epoch": epoch[mixed], "receiver": receiver[mixed], "range": ranges[mixed]},
-    }
-
-
-def turned_points(seed=2):
-    """Points that are turned and shifted, in twelve groups under two keys, one of them a text."""
-    from scipy.spatial.transform import Rotation
-
-    generator = np.random.default_rng(seed)
-    parts = []
-    for g in range(6):
-        for k in ("left", "right"):
-            turn = Rotation.from_rotvec([0.25, 0.05 + 0.02 * g, -0.3]).as_matrix()
-            xy = generator.uniform(-1, 1, (9, 2))
-            uvw = np.column_stack([xy, np.ones(9)]) @ turn.T + [0.3, 0.3, 0.0]
-            uvw += 0.01 * generator.standard_normal(uvw.shape)
-            c = np.cos(0.4 + xy[:, 0]) + 0.02 * generator.standard_normal(9)
-            parts += [(float(g), k, *xy[i], *uvw[i], c[i]) for i in range(9)]
-    names = ("g", "k", "x", "y", "u", "v", "w", "c")
-    return {"d": {name: [part[i] for part in parts] for i, name in enumerate(names)}}
-
-
-CONSENSUS = RANGES.format(more="", when="", sigma="10mm", top="2.7m").replace(
-    "(for-each epoch)", "(for-each epoch) (solve :robust lmeds)"
-)
-LOSS = RANGES.format(more="", when="", sigma="10mm :loss huber", top="2.7m")
-PROBLEMS = {
-    "ranges": (RANGES.format(more="", when="", sigma="10mm", top="2.7m"), epochs()),
-    "unknown noise": (RANGES.format(more="", when="", sigma="unknown", top="2.7m"), epochs()),
-    "fixed": (RANGES.format(more="(b :init 2.7m :fixed true)", when="", sigma="10mm", top="b"), epochs()),
-    "filtered": (RANGES.format(more="", when=":when (< receiver 7)", sigma="10mm", top="2.7m"), epochs()),
-    "prior": (RANGES.format(more="(h :init 0.9m :sigma 3cm)", when="", sigma="10mm", top="h"), epochs()),
-    "gross errors": (RANGES.format(more="", when="", sigma="10mm", top="2.7m"), epochs(outliers=True)),
-    "a loss": (LOSS, epochs(outliers=True)),
-    "a loss that is wide": (LOSS.replace("huber", "(huber 5)"), epochs()),
-    "a loss of vectors": (
-        "(problem turned (data d external) (unknowns (a :init 0) (turn (rotation 3) :init [0.2 0.1 -0.3]))"
-        " (observe d (= [u v w] (+ (rotate turn [x y 1]) [a a 0])) :sigma 0.004 :loss soft-l1) (for-each g k))",
-        turned_points(),
-    ),
-    "consensus": (CONSENSUS, epochs(outliers=True)),
-    "consensus without a start": (CONSENSUS.replace(":init [1.75m 1.75m 1m]", ":unit m"), epochs(outliers=True)),
-    "too few": (RANGES.format(more="", when=":when (< receiver 3)", sigma="10mm", top="2.7m"), epochs()),
-    "rotations": (CURVE.format(a=":init 0"), turned_points()),
-    "scattered": (
-        "(problem lines (data d external) (unknowns (a :init 0) (b :init 0))"
-        " (observe d (= c (+ a (* b x))) :sigma unknown) (derive (twice (* 2 a))) (for-each g k))",
-        turned_points(),
-    ),
-    "bounds": (CURVE.format(a=":init 0 :in (-1 0.3)"), turned_points()),
-    "linear": (
-        "(problem lines (data d external) (unknowns (a :init 0) (b :init 0))"
-        " (observe d (= c (+ a (* b x))) :sigma (+ 0.01 (abs y))) (for-each g k))",
-        turned_points(),
-    ),
-}
+DRAWN = {"unknown", "(solve", "cauchy)", "cauchy", "tukey)"}
+"""What tells that subsets are drawn, which native code does alike only."""
 
 MADE_TOGETHER = [
     *("ranges", "unknown noise", "filtered", "fixed", "rotations", "scattered", "linear", "consensus"),
     *("a loss", "a loss that is wide", "a loss of vectors"),
+    *("windows", "windows with few rows", "windows of unknown noise", "windows without a start", "windows of a loss"),
+    *("without a start", "without a start, unknown noise", "without a start, a loss", "poses without a start"),
+    *("lines without a start", "two kinds of rows", "a loss beside others", "two losses", "a loss that is not convex"),
+    *("two losses that are not convex", "consensus of two kinds", "consensus with a prior"),
+    *("consensus of unknown noise", "consensus of images", "windows of a loss that is not convex"),
+    *("a loss of unknown noise", "a loss of unknown noise that is not convex"),
+    *("two unknown noises", "one unknown noise of two", "unknown noise and a prior", "linear, two unknown noises"),
+    *("windows of consensus", "windows of consensus without a start"),
 ]
 
 
 def numbers_apart(first, second, path=""):
     """Where two documents differ: texts anywhere, numbers by more than roundings in another order make of them."""
     if isinstance(first, dict) and isinstance(second, dict):
+        if first.get("dof") == 0:  # whether residuals are zero or cannot get smaller is a matter of roundings
+            first, second = {**first, "message": ""}, {**second, "message": ""}
         if first.keys() != second.keys():
             yield path, sorted(first), sorted(second)
             return
@@ -140,9 +66,9 @@ def test_documents_agree_with_those_of_solves_one_by_one(name):
     problem = mbm.loads(text)
     made = problem.solve(data=data)
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("mbm.solution.many.solve.FEW", 1_000)
+        patched.setattr("mbm.solution.many.together.FEW", 1_000)
         # the subsets of consensus are drawn alike in native code only
-        plain = problem.solve(data=data, backend="auto" if ":robust" in text else "numpy")
+        plain = problem.solve(data=data, backend="auto" if DRAWN & set(text.split()) else "numpy")
     assert not isinstance(plain.result.solves, ManyReports)
     assert list(numbers_apart(plain.document(), made.document())) == []
 
@@ -170,25 +96,69 @@ def test_columns_say_what_the_reports_say(name):
         np.testing.assert_array_equal(one.sigmas, other.sigmas)
 
 
-def test_any_number_of_workers_gives_the_same_document(monkeypatch):
+KINDS = ["gross errors", "windows", "windows of consensus", "two unknown noises", "poses without a start"]
+
+
+@pytest.mark.parametrize("name", [*KINDS, "a loss of unknown noise", "windows with several minima"])
+def test_any_number_of_workers_gives_the_same_document(name, monkeypatch):
     """With so few rows in a slice that there are several."""
-    monkeypatch.setattr("mbm.solution.many.solve.ROWS_AT_ONCE", 60)
-    text, data = PROBLEMS["gross errors"]
+    monkeypatch.setattr("mbm.solution.many.stack.ROWS_AT_ONCE", 60)
+    text, data = PROBLEMS[name]
     compiled = mbm.loads(text).compile(data=data)
     documents = []
     for workers in (1, 2, 5, None):
-        document = copy.deepcopy(compiled.solve(workers=workers).document())
+        document = compiled.solve(workers=workers).document()
         for solve in document["solves"]:
             solve.pop("seconds")
         documents.append(document)
     assert all(document == documents[0] for document in documents)
 
 
+def test_a_window_is_the_problem_of_its_rows():
+    """Rows picked by hand, each window solved as a problem of its own."""
+    text, data = PROBLEMS["windows"]
+    alone = mbm.loads(RANGES.format(more="", when="", sigma="10mm", top="2.7m").replace("(for-each epoch)", ""))
+    ranges = {name: np.asarray(column) for name, column in data["ranges"].items()}
+    compared = 0
+    for solve in mbm.loads(text).solve(data=data).solves:
+        end, tag = solve.key["epoch"], solve.key["tag"]
+        mine = (ranges["tag"] == tag) & (ranges["epoch"] > end - 0.25 + 1e-9) & (ranges["epoch"] <= end + 1e-9)
+        if solve.status.label == "skipped":
+            assert mine.sum() < 3
+            continue
+        rows = {name: column[mine] for name, column in ranges.items()}
+        other = alone.solve(data={"receivers": data["receivers"], "ranges": rows}).first
+        # both end where the next step is below 1e-10 standard deviations of some millimetres
+        np.testing.assert_allclose(solve.estimates[0].value, other.estimates[0].value, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(solve.estimates[0].sigma, other.estimates[0].sigma, rtol=1e-9)
+        compared += 1
+    assert compared > 60
+
+
+@pytest.mark.parametrize("name", MADE_TOGETHER)
+def test_documents_from_columns_are_those_of_the_reports(name):
+    text, data = PROBLEMS[name]
+    solved = mbm.loads(text).solve(data=data)
+    made = [solve_document(solve) for solve in solved.solves]
+    written = solved.document()["solves"]
+    assert [list(solve) for solve in written] == [list(solve) for solve in made]
+    assert written == made
+
+
+def test_documents_share_nothing():
+    text, data = PROBLEMS["ranges"]
+    first, second = mbm.loads(text).solve(data=data).document()["solves"][:2]
+    first["observability"]["gauge"].append("mine")
+    first["covariance"]["names"].clear()
+    assert second["observability"]["gauge"] == []
+    assert len(second["covariance"]["names"]) == 3
+
+
 def test_slices_do_not_change_the_answers(monkeypatch):
     text, data = PROBLEMS["ranges"]
     compiled = mbm.loads(text).compile(data=data)
     one = compiled.solve().table()
-    monkeypatch.setattr("mbm.solution.many.solve.ROWS_AT_ONCE", 30)
+    monkeypatch.setattr("mbm.solution.many.stack.ROWS_AT_ONCE", 30)
     several = compiled.solve()
     assert len(several.result.solves.blocks) > 5
     table = several.table()
@@ -232,11 +202,11 @@ class After(Interruption):
 
 
 def test_an_interrupted_run_keeps_the_solves_that_were_made(monkeypatch):
-    monkeypatch.setattr("mbm.solution.many.solve.ROWS_AT_ONCE", 60)
+    monkeypatch.setattr("mbm.solution.many.stack.ROWS_AT_ONCE", 60)
     text, data = PROBLEMS["ranges"]
     compiled = mbm.loads(text).compile(data=data)
     whole = compiled.result(SolveSettings())
-    part = compiled.result(SolveSettings(interruption=After(2)))
+    part = compiled.result(SolveSettings(interruption=After(5), workers=1))
     assert not part.complete
     assert 0 < len(part.solves) < len(whole.solves)
     for i in range(len(part.solves)):

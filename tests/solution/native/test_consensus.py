@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 import mbm
 from mbm.problem.types import BlockRole
@@ -17,7 +19,6 @@ from mbm.solution.native.consensus import consensus_many
 from mbm.solution.native.consensus_rules import rules_of
 from mbm.solution.native.packing import Rows
 from mbm.solution.native.system import native_code, system_of
-from mbm.solution.robust import consensus as general
 from mbm.solution.robust.agree import agree
 from mbm.solution.robust.binding import trials_of, units_of
 from mbm.solution.settings import settings_of
@@ -59,13 +60,24 @@ def ranges(seed, outliers):
     return {"ranges": {"x": CEILING[:, 0], "y": CEILING[:, 1], "z": CEILING[:, 2], "range": measured}}
 
 
-def marks(seed, count, wrong):
+def scene(seed, count, wrong):
+    """Points, their images, of which some are anywhere, and the pose: rotation vector and translation."""
     generator = np.random.default_rng(seed)
     points = generator.uniform(-1, 1, (count, 3))
     place = np.array([*generator.uniform(-0.5, 0.5, 2), generator.uniform(4, 8)])
-    seen = Rotation.random(random_state=seed).apply(points) + place
-    image = 800 * seen[:, :2] / seen[:, 2:] + [320, 240] + generator.normal(size=(count, 2))
+    turn = Rotation.random(random_state=seed).as_rotvec()
+    image = seen([*turn, *place], points) + generator.normal(size=(count, 2))
     image[:wrong] = generator.uniform((0, 0), (640, 480), (wrong, 2))
+    return points, image, np.array([*turn, *place])
+
+
+def seen(pose, points):
+    there = Rotation.from_rotvec(pose[:3]).apply(points) + pose[3:]
+    return 800 * there[:, :2] / there[:, 2:] + [320, 240]
+
+
+def marks(seed, count, wrong):
+    points, image, _ = scene(seed, count, wrong)
     return {"marks": dict(zip("xyzuv", (*points.T, *image.T), strict=True))}
 
 
@@ -106,6 +118,7 @@ def assert_same(text, data):
     np.testing.assert_allclose(found.variances, expected.variances, rtol=0.05)
     np.testing.assert_allclose(found.limits, expected.limits, rtol=0.15)
     assert found.ambiguous == expected.ambiguous
+    assert found.trials == expected.trials
     return found
 
 
@@ -121,6 +134,32 @@ def test_ranges(rule, noise):
 def test_poses(rule):
     for seed, (count, wrong) in enumerate([(10, 2), (20, 8), (50, 20)]):
         assert_same(POSE.format(rule=rule), marks(seed, count, wrong))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_trials_end_when_they_are_enough(share):
+    found = [assert_same(POSE.format(rule="msac"), marks(seed, 30, round(share * 30))).trials for seed in range(4)]
+    # 20 are made at least. Were all good points within three deviations of the best fit to three points, 20 and 32
+    # would be enough; without an end there are 100.
+    assert all(20 <= trials < 100 for trials in found)
+
+
+def test_of_six_points_no_better_consensus_is_missed():
+    """Fits to three points are exact: only what the others come near to tells which of them to improve."""
+    limit = chi2.isf(chi2.sf(9.0, 1), 2)
+
+    def misfit(pose, points, image):
+        return np.minimum(np.square(seen(pose, points) - image).sum(axis=1), limit).sum()
+
+    for seed in range(30):
+        points, image, truth = scene(seed, 6, 2)
+        good = points[2:], image[2:]
+        reached = least_squares(lambda pose, p, i: (seen(pose, p) - i).ravel(), truth, method="lm", args=good).x
+        solved = mbm.loads(POSE.format(rule="msac")).compile(data=marks(seed, 6, 2)).solve()
+        w, *xyz = solved["T"].value[:4]
+        found = [*Rotation.from_quat([*xyz, w]).as_rotvec(), *solved["T"].value[4:]]
+        # 1e-6 of a squared deviation: both are minima, where steps of 1e-4 deviations and less change no more.
+        assert misfit(found, points, image) <= misfit(reached, points, image) + 1e-6
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -185,6 +224,6 @@ def test_data_sets_after_the_first_are_not_probed(monkeypatch):
 def test_without_machine_code_the_general_path_answers(monkeypatch):
     data = marks(3, 20, 8)
     native = mbm.loads(POSE.format(rule="msac")).compile(data=data, backend="native").solve()
-    monkeypatch.setattr(general, "agreed_natively", lambda *_: None)
+    monkeypatch.setattr("mbm.solution.native.agreeing.agreed_natively", lambda *_: None)
     plain = mbm.loads(POSE.format(rule="msac")).compile(data=data, backend="native").solve()
     np.testing.assert_allclose(native.covariance.matrix, plain.covariance.matrix, rtol=1e-6)

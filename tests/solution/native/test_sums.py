@@ -8,9 +8,8 @@ import pytest
 import mbm.solution.native.system as native
 from mbm.kernels.native import engine
 from mbm.solution.native.code import FAST, PLAIN, WORTH, SolverCode, _text
-from mbm.solution.native.system import system_of
+from mbm.solution.native.system import MANY_ROWS, MANY_ROWS_OFTEN, system_of
 from mbm.target.solver import description as of
-from mbm.target.solver.normal_equations import MANY_ROWS
 
 ROWS = MANY_ROWS + 37
 PROBLEMS = {
@@ -103,6 +102,22 @@ def test_few_rows_of_a_system_with_room_for_many(both, monkeypatch):
     assert normal_addresses(roomy).any()
     for a, b in zip(alone.arrays(), roomy.one(start).arrays(), strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_streams_sum_fewer_rows_to_the_same_ends(both, name):
+    equations, start, settings, *_ = both.of(f"(problem p (data t external) {PROBLEMS[name]})", t=data(48))[-1]
+    often, once = system_of(equations, settings, often=True), system_of(equations, settings)
+    assert often.system[of.SUMMED_FROM] == MANY_ROWS_OFTEN
+    assert normal_addresses(often).any()
+    assert not normal_addresses(once).any()
+    one, two = often.one(start), once.one(start)
+    assert one.clean[0]
+    assert two.clean[0]
+    sigma = np.sqrt(np.diag(two.covariances[0]))
+    # As above: the ends of both iterations, and the square of a condition below 100.
+    np.testing.assert_allclose(one.numbers[0], two.numbers[0], rtol=0, atol=1e-7 * sigma.max() + 1e-12)
+    np.testing.assert_allclose(one.covariances[0], two.covariances[0], rtol=0, atol=1e-9 * sigma.max() ** 2)
 
 
 def test_plain_and_fast_code_give_the_same_bits(both, monkeypatch):

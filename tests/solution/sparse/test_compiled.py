@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mbm.solution.sparse import compiled, routines, system
+from mbm.kernels.store import standard_store
+from mbm.solution.sparse import compiled, system
 from mbm.solution.sparse.structure import BlockFamily, Piece, structure
 from mbm.solution.sparse.system import factorised, plan
 from tests.solution.sparse.networks import Network
@@ -33,12 +34,12 @@ def way(request, monkeypatch):
 def heavy(request, monkeypatch):
     if request.param:
         monkeypatch.setattr(compiled, "HEAVY", 0)
-        monkeypatch.setattr(routines, "_processors", lambda: 3)
+        monkeypatch.setattr(compiled, "processors", lambda: 3)
 
 
 def both(network):
     found = network.structure()
-    return plan(found, compiling=True), plan(found)
+    return plan(found, compiling=True, store=standard_store()), plan(found)
 
 
 def test_products_gradient_and_image(heavy):
@@ -67,6 +68,8 @@ def test_solution_and_inverse(way, heavy):
     others = factorised(plain, plain.accumulate(network.values()), added).inverse()
     for key, blocks in factors.inverse().items():
         np.testing.assert_allclose(blocks, others[key], atol=ROUNDING)
+    for key, blocks in factors.inverse(across=False).items():
+        np.testing.assert_allclose(blocks, others[key], atol=ROUNDING)
     assert factorised(own, own.accumulate(network.values()), np.full(network.columns, -1e3)) is None
 
 
@@ -75,14 +78,23 @@ def test_sums_do_not_depend_on_the_threads(monkeypatch):
     network = Network(seed=7)
     found = []
     for count in (1, 2, 5):
-        monkeypatch.setattr(routines, "_processors", lambda count=count: count)
-        own = plan(network.structure(), compiling=True)
+        own = plan(network.structure(), compiling=True, store=standard_store(), workers=count)
         values = network.values()
         factors = factorised(own, own.accumulate(values), np.ones(network.columns))
         solved = factors.solve(own.gradient(values, np.ones(own.structure.count))[:, None])
         found.append(np.concatenate([solved[:, 0], own.squares(values)]))
     np.testing.assert_array_equal(found[0], found[1])
     np.testing.assert_array_equal(found[0], found[2])
+
+
+@pytest.mark.parametrize(("workers", "threads"), [(None, 3), (1, 1), (2, 2)])
+def test_so_many_threads_share_heavy_work_as_are_asked_for(workers, threads, monkeypatch):
+    monkeypatch.setattr(compiled, "HEAVY", 0)
+    monkeypatch.setattr(compiled, "processors", lambda: 3)
+    found = plan(
+        Network(seed=7).structure(), compiling=True, store=standard_store(), workers=workers
+    ).arithmetic.routines
+    assert (found.threads, found.pool is None) == (threads, threads == 1)
 
 
 @st.composite
@@ -113,12 +125,12 @@ def systems(draw):
     return structure(families, pieces, np.arange(reached), first), values
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)  # the code of each structure is compiled
 @given(systems())
 def test_random_structures_against_dense_matrices(made):
     found, values = made
     jacobian = found.matrix(values).toarray()
-    own = plan(found, compiling=True)
+    own = plan(found, compiling=True, store=standard_store())
     added = np.full(found.columns, 0.5)
     whole = jacobian.T @ jacobian + np.diag(added)
     np.testing.assert_allclose(own.squares(values), np.square(jacobian).sum(axis=0), atol=ROUNDING)

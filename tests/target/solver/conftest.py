@@ -17,6 +17,9 @@ from mbm.target.tree import Type
 FUNCTIONS = {f.__name__: f for part in modules.PARTS for f in part.ROUTINES}
 KERNELS = "static void call_kernel(long address, const double *inputs, double *outputs, long blocks)\n"
 KERNELS += "{ ((void (*)(const double *, double *, long))address)(inputs, outputs, blocks); }\n"
+KERNELS += "static void call_united(long address, const double *point, const double *data, double *target,\n"
+KERNELS += "long stride)\n"
+KERNELS += "{ ((void (*)(const double *, const double *, double *, long))address)(point, data, target, stride); }\n"
 KERNELS += "static void call_normal(long address, const double *inputs, const double *weights, const double *losses,\n"
 KERNELS += "double *sums, long blocks)\n"
 KERNELS += "{ ((void (*)(const double *, const double *, const double *, double *, long))address)\n"

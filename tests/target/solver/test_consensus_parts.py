@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import chi2
+from scipy.stats import chi2, hypergeom
 
+from mbm.solution.robust.estimators.msac import MSAC
+from mbm.solution.robust.estimators.ransac import RANSAC
 from mbm.solution.robust.subsets import first_states, minimal_subsets, unit_rows
 from mbm.solution.robust.units import consistency as general_consistency
 from mbm.target.solver.consensus_draw import (
@@ -19,10 +21,11 @@ from mbm.target.solver.consensus_draw import (
     next_combination,
     rank_of_all,
     subset_drawn,
+    trials_for_share,
 )
 from mbm.target.solver.consensus_laws import chi_square_tail, consistency
 from mbm.target.solver.consensus_order import median, selected
-from mbm.target.solver.consensus_scores import least_median, outlier_count, truncated
+from mbm.target.solver.consensus_scores import inside_count, least_median, outlier_count, truncated
 from tests.robust.scenes import scalar_units
 
 NUMBERS = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=40)
@@ -82,7 +85,7 @@ def test_the_law_of_squared_norms_is_scipys(dof):
 
 
 @given(seed=st.integers(0, 1000), unknown=st.booleans())
-def test_a_score_is_given_up_only_where_it_is_above_the_bound(seed, unknown):
+def test_the_least_median_is_given_up_only_where_it_is_above_the_bound(seed, unknown):
     generator = np.random.default_rng(seed)
     squares, ones = generator.chisquare(1, 21) * 10 ** generator.uniform(-8, 4), np.ones(21)
     groups = np.full(21, 0 if unknown else -1)
@@ -91,7 +94,31 @@ def test_a_score_is_given_up_only_where_it_is_above_the_bound(seed, unknown):
     for bound in (whole - 1.0, whole, whole + 1.0):
         found = least_median(21, int(unknown), 3, squares, ones, groups, bound, scratch)
         assert found == whole or (found == inf and bound < whole)
-    for score in (truncated, outlier_count):
-        whole = score(21, squares, ones, inf)
-        assert score(21, squares, ones, whole) == whole
-        assert score(21, squares, ones, whole - 0.5) in (whole, inf)
+
+
+@given(seed=st.integers(0, 1000), count=st.integers(1, 23))
+def test_scores_are_those_of_the_general_path(seed, count):
+    generator = np.random.default_rng(seed)
+    squares, limits = generator.chisquare(1, count) * 10.0, generator.uniform(1.0, 9.0, count)
+    squares[generator.random(count) < 0.1] = inf
+    units = scalar_units(count)
+    for width in (1.0, 16.0):
+        expected = MSAC.scores(squares[None], units, 3, width * limits)[0]
+        found = truncated(count, width, squares, limits)
+        assert found == pytest.approx(expected, rel=1e-13)  # sums of up to 23 terms in another order
+    assert inside_count(count, squares, limits) == (squares <= limits).sum()
+    outliers = outlier_count(count, squares, limits, truncated(count, 1.0, squares, limits))
+    assert outliers == pytest.approx(RANSAC.scores(squares[None], units, 3, limits)[0], rel=1e-13)
+
+
+@pytest.mark.parametrize(("inside", "units", "size"), [(30, 48, 3), (12, 20, 3), (5, 10, 5), (48, 48, 3), (2, 9, 3)])
+def test_trials_for_a_share_miss_once_in_a_million(inside, units, size):
+    found = trials_for_share(inside, units, size)
+    hit = hypergeom(units, inside, size).pmf(size)
+    if hit == 0.0:
+        assert found == inf
+    elif hit == 1.0:
+        assert found == 0.0
+    else:
+        # rel: the logarithms of a few products of shares, all near their rounding
+        assert (1.0 - hit) ** found == pytest.approx(1e-6, rel=1e-10)

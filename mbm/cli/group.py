@@ -1,0 +1,65 @@
+"""``mbm`` and its commands, as Click takes them. Loads a command only when it is called."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+import click
+
+from mbm.cli.options import verbosity_options
+from mbm.version import __version__
+
+COMMANDS = {
+    "solve": "Solve a problem: estimates with their uncertainties.",
+    "simulate": "Make the measurements that the model predicts, with noise, as data files.",
+    "check": "Find what is wrong with a problem without solving it.",
+    "explain": "Show the derived observation model: equations, unknowns, structure.",
+    "compile": "Write a solver that needs no mbm: in C, Python or CasADi.",
+    "expand": "Show the form that a form expands to.",
+    "fmt": "Lay the source out.",
+    "new": "Write a first problem that solves at once.",
+    "cache": "Show or clear what was compiled earlier.",
+}
+"""The commands, each the module of its name in `mbm.cli.commands`."""
+
+LATER = ("design", "view", "ui", "lsp")
+"""Commands of CONTRACT §1 that this version answers with one line."""
+
+
+class Commands(click.Group):
+    """The commands by name, imported when they are called."""
+
+    def list_commands(self, _context: click.Context) -> list[str]:
+        """Every command, in the order of the table."""
+        return list(COMMANDS)
+
+    def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        """The command of a name; raises for those of later versions and for names that are none."""
+        if name in COMMANDS:
+            command = import_module(f"mbm.cli.commands.{name}").command
+            return command if isinstance(command, click.Command) else None
+        if context.resilient_parsing:
+            return None
+        from mbm.cli import faults
+        from mbm.text.types import MbmError
+
+        raise MbmError(
+            faults.not_available_yet(f"mbm {name}") if name in LATER else faults.unknown_command(name, COMMANDS)
+        )
+
+    def format_commands(self, _context: click.Context, formatter: click.HelpFormatter) -> None:
+        """The list of commands, from the table: no command is loaded for it."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="mbm")
+@verbosity_options
+def cli() -> None:
+    """A compiler for measurement problems: from shapes, data and observation equations to estimates with honest
+    uncertainties.
+
+    Exit status: 0 solved; 1 an answer that should not be trusted as it stands, or a file that `fmt --check` would
+    change; 2 the problem, the data or the call is wrong.
+    """

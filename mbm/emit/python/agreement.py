@@ -1,0 +1,77 @@
+"""Python text for consensus before a solve: its constants, and the function that asks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from mbm.emit.answers import Agreement
+from mbm.emit.types import Blueprint
+from mbm.target.solver import consensus_description as c
+
+ROOTS = (
+    "come_to_agreement", "connected", "set_room", "side_by_side", "bench_reals", "places_integers", "place_vector_at",
+    "known_units", "one_sided", "inform",
+)  # fmt: skip
+"""The routines that the text calls."""
+
+NOTHING = '''def agree_on(p: Prepared, factors: Array) -> None:
+    """No consensus is asked for: all rows count, and the start is the one stated."""
+'''
+AGREE = '''def agree_on(p: Prepared, factors: Array) -> dict[str, Any] | None:
+    """Consensus: where the solve begins and which rows count, in place; what there is to say of them."""
+    startless = any(name not in p.given for name in STARTLESS_ONES)
+    if BEGINS and not startless:
+        return None
+    if p.free > 1 and not connected(p.system, p.data, p.columns, integers(p.free)):
+        raise DataError("no equation connects all unknowns, or they are more than 60: consensus is not for them")
+    rules, wide, states = RULES.copy(), p.system.copy(), integers(ANSWERS)
+    scalars = set_room(p.system, p.data, rules)
+    side_by_side(p.system, len(p.system), wide)
+    rules[STARTLESS] = int(startless)
+    known = reals(rules[MOST_UNITS] * rules[FORM_WIDTH])
+    with np.errstate(all="ignore"):
+        if rules[FORM]:
+            units = known_units(p.system, p.data, rules, MAP_PLACES, MAPS, SIGN, p.parameters, known)
+            rules[ONE_SIDE] = one_sided(rules, units, known, reals(MOMENTS))
+        bench, places = reals(bench_reals(wide, rules)), integers(places_integers(wide, rules))
+        units = come_to_agreement(
+            int(KEPT), scalars, p.system, wide, p.constants, p.data, p.parameters, p.weights, p.index, p.columns, rules,
+            LEVELS, known, p.start, reals(work_reals(wide)), reals(work_reals(wide)), bench, places, states, p.kappa,
+            factors,
+        )
+    if startless and not states[AGREED]:
+        raise DataError("the data give no start: state one")
+    first = place_vector_at(rules, INSIDE)
+    return {
+        "units": int(units),
+        "inliers": int(states[INLIERS]),
+        "ambiguous": bool(states[AMBIGUOUS]),
+        "inside": places[first : first + units] == 1,
+    }
+'''
+DESCRIPTION = (
+    "ANSWERS", "AGREED", "INLIERS", "AMBIGUOUS", "STARTLESS", "MOST_UNITS", "FORM", "FORM_WIDTH", "ONE_SIDE", "INSIDE",
+)  # fmt: skip
+"""Names of `mbm.target.solver.consensus_description` in the text."""
+
+
+def agreement_constants(blueprint: Blueprint, agreement: Agreement) -> Iterator[tuple[str, str, str]]:
+    """Names, values and documentation of what consensus is asked for."""
+    startless = tuple(u.name for i, u in enumerate(blueprint.unknowns) if i in agreement.startless)
+    doc = f"What consensus ({agreement.kind}) is asked for, without room for rows."
+    yield "RULES", f"np.array({list(agreement.rules)!r}, dtype=np.int64)", doc
+    doc = "Of each kind of unit: median, limit and reach of its squared norm."
+    yield "LEVELS", f"np.array({list(agreement.levels)!r})", doc
+    doc = "Of each kind of unit: where its map begins, -1: it has none."
+    yield "MAP_PLACES", f"np.array({list(agreement.map_places) or [0]!r}, dtype=np.int64)", doc
+    doc = "From the data of a row to what the closed form for subsets wants."
+    yield "MAPS", f"np.array({list(agreement.maps) or [0.0]!r})", doc
+    yield "SIGN", repr(agreement.sign), "That of lines of sight."
+    yield "KEPT", repr(agreement.kept), "Whether rows that do not agree are left out."
+    yield "BEGINS", repr(agreement.begins), "Whether nothing is asked for but a start where none is given."
+    yield "STARTLESS_ONES", repr(startless), "Unknowns that begin where the data say, unless a start is given."
+
+
+def description() -> Iterator[tuple[str, int]]:
+    """Places in the arrays of consensus."""
+    yield from ((name, getattr(c, name)) for name in DESCRIPTION)

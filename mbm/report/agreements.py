@@ -1,0 +1,161 @@
+"""What a generated solver does before it solves: consensus, prepared where the problem is known, but not the data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from mbm.emit import faults
+from mbm.emit.answers import Agreement
+from mbm.emit.routines.rooms import MANY
+from mbm.problem.elaborated import Elaborated
+from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Problem
+from mbm.solution.assembly import Assembled, loss_lines
+from mbm.solution.native.consensus_forms import KnownForm, known_form
+from mbm.solution.native.consensus_rules import NO_FORM, rules_of
+from mbm.solution.robust.binding import without_losses
+from mbm.solution.robust.parts import parts_of
+from mbm.solution.settings import Settings
+from mbm.target.solver import consensus_description as c
+from mbm.text.types import MbmError
+
+BY_MEDIAN = Consensus(kind=ConsensusKind.LMEDS)
+"""What is asked for where the problem asks for nothing by name."""
+
+
+def observed(block: Block) -> bool:
+    """Whether consensus may judge the rows of a block."""
+    return block.role is BlockRole.OBSERVATION
+
+
+def agreement_of(found: Elaborated, equations: Assembled, settings: Settings) -> Agreement | None:
+    """The consensus of a problem with such ``equations``; None: it asks for none.
+
+    Raises:
+        MbmError: `mbm solve` has a consensus of its own for it, which generated solvers have not.
+
+    """
+    asked = _asked(found.problem, equations, settings)
+    if asked is None:
+        return None
+    plain = without_losses(equations)
+    _refuse(found.problem, plain)
+    return _agreement(found.problem, plain, settings, *asked, begins=False)
+
+
+def beginning_of(found: Elaborated, equations: Assembled, settings: Settings) -> Agreement | None:
+    """What gives a start to a problem that asks for no consensus and states none; None: its closed forms do not."""
+    missing = np.isnan(equations.layout.start) | equations.layout.guessed
+    plain = without_losses(equations)
+    if equations.lossy or settings.robust is not None or not bool((missing & equations.moving()).any()):
+        return None
+    try:
+        _refuse(found.problem, plain)
+        made = _agreement(found.problem, plain, settings, BY_MEDIAN, observed, begins=True)
+    except MbmError:
+        return None
+    return made if made.startless else None
+
+
+def _agreement(
+    problem: Problem,
+    plain: Assembled,
+    settings: Settings,
+    consensus: Consensus,
+    ruled: Callable[[Block], bool],
+    *,
+    begins: bool,
+) -> Agreement:
+    """Consensus of ``plain`` equations; ``begins``: for a start alone."""
+    acting = tuple(ruled(problem.blocks[group.kernel.owner]) for group in plain.groups)
+    known = _form(problem, plain, settings)
+    families = any(unknown.family is not None for unknown in problem.unknowns)
+    rules = rules_of(
+        problem,
+        plain,
+        consensus,
+        acting,
+        seed=settings.seed,
+        starts=1,
+        form=NO_FORM if known is None else known.form,
+        dimension=MANY if families else None,
+    )
+    places, maps = _maps(plain, acting, known)
+    kept = settings.robust is not None
+    anywhere = begins or (kept and consensus.kind is not ConsensusKind.GNC)
+    return Agreement(
+        kind=consensus.kind.value,
+        kept=kept,
+        begins=begins,
+        rules=tuple(rules.rules.tolist()),
+        levels=tuple(rules.levels.tolist()),
+        map_places=places,
+        maps=maps,
+        sign=1.0 if known is None else known.sign,
+        startless=frozenset() if known is None or not anywhere else _startless(plain, known),
+    )
+
+
+def _asked(
+    problem: Problem, equations: Assembled, settings: Settings
+) -> tuple[Consensus, Callable[[Block], bool]] | None:
+    """The estimator and the blocks that it acts on, as `mbm.solution.robust.consensus` has them."""
+    if settings.robust is not None:
+        return settings.robust, observed
+    unknown = any(block.loss is not None and block.unknown_factor for block in problem.blocks)
+    if not unknown and all(loss.convex for loss, _ in loss_lines(equations)):
+        return None
+    return BY_MEDIAN, lambda block: observed(block) and block.loss is not None
+
+
+def _refuse(problem: Problem, equations: Assembled) -> None:
+    if equations.dimension > MANY:
+        why = f"with more than {MANY} unknowns it takes losses in place of subsets, which `mbm solve` has"
+        raise MbmError(faults.not_emitted(problem.span, f"consensus of {equations.dimension} unknowns", why))
+    if equations.dimension > 1 and len(parts_of(equations)) > 1:
+        why = "no equation connects all unknowns, and `mbm solve` takes the parts one by one"
+        todo = "compile a problem for one part, and call it for each"
+        raise MbmError(faults.not_emitted(problem.span, "consensus of several parts", why, todo))
+
+
+def _form(problem: Problem, equations: Assembled, settings: Settings) -> KnownForm | None:
+    """The closed form that fits subsets, as a map of the data.
+
+    Raises:
+        MbmError: there is one, but nothing simple says what it knows of other data.
+
+    """
+    known = known_form(equations, settings.closed_forms)
+    moving = any(unknown.family is not None for unknown in problem.unknowns)
+    if known is not None and (known.maps is None or moving):
+        why = "its subsets have a closed form, and what that takes from the data follows no simple rule"
+        raise MbmError(faults.not_emitted(problem.span, "this consensus", why))
+    return known
+
+
+def _maps(
+    equations: Assembled, acting: tuple[bool, ...], known: KnownForm | None
+) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """Where the map of each type of unit begins, -1: it has none; and the maps row by row."""
+    places: list[int] = []
+    numbers: list[float] = []
+    for number, (group, mine) in enumerate(zip(equations.groups, acting, strict=True)):
+        for equation in range(len(group.whiteners) if mine else 0):
+            maps = () if known is None or known.maps is None else known.maps
+            own = next((m for m in maps if (m.group, m.whitener) == (number, equation)), None)
+            places.append(-1 if own is None else len(numbers))
+            numbers += () if own is None else own.matrix.ravel().tolist()
+    return tuple(places), tuple(numbers)
+
+
+def _startless(equations: Assembled, known: KnownForm) -> frozenset[int]:
+    """The unknowns without a start of their own, if the closed form gives all that they lack."""
+    layout = equations.layout
+    missing = (np.isnan(layout.start) | layout.guessed) & equations.moving()
+    first = 3 if known.form.kind == c.SPHERES else 2
+    given = np.zeros(len(missing), dtype=bool)
+    given[list(known.form.about[first:])] = True
+    if bool((missing & ~given).any()):
+        return frozenset()
+    return frozenset(i for i, entry in enumerate(layout.entries) if bool(missing[entry.range].any()))

@@ -1,0 +1,143 @@
+"""The documents of many solves from their columns: that of one of them with the numbers of the others in its places."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from mbm.problem.types import BlockRole
+from mbm.report.blocks import BlockReports
+from mbm.report.elements import shown_sigma
+from mbm.report.geometric import GEOMETRIC
+from mbm.report.geometric import written as written_geometry
+from mbm.report.solve_document import solve_document, solve_key
+from mbm.report.types import CovarianceMatrix, DerivedValue, Estimate, Floats, Mask
+from mbm.solution.many.types import REASONS
+
+
+def block_documents(reports: BlockReports) -> Iterator[dict[str, Any]]:
+    """The documents of the solves of a block, one after the other; they may share parts that are the same in all."""
+    filled = _Filled(reports) if reports.from_columns.any() and reports.complete else None
+    for place in range(len(reports)):
+        if filled is not None and filled.complete[place]:
+            yield filled.document(place)
+        else:
+            yield solve_document(reports.report(place))
+
+
+class _Filled:
+    """Documents that differ from that of a model in numbers alone; ``complete`` (K,) says which all are finite."""
+
+    def __init__(self, reports: BlockReports) -> None:
+        self._block = block = reports.block
+        self._model = solve_document(reports.model)
+        columns = block.columns
+        with np.errstate(all="ignore"):
+            scaled = np.where(reports.from_columns[:, None, None], columns.root * columns.scale[:, :, None], 1.0)
+            singular = np.linalg.svd(np.where(np.isfinite(scaled), scaled, 1.0), compute_uv=False)
+            self._condition = (singular[:, 0] / singular[:, -1]).tolist()
+        self._numbers: dict[str, list[float] | list[int]] = {
+            name: getattr(columns, name).tolist() for name in ("iterations", "evaluations", "seconds", "cost", "dof")
+        }
+        self._numbers["sigma0"] = columns.sigma0.tolist()
+        for name, numbers in (("chi2_p", columns.chi2_p), ("robust_cost", columns.robust_cost)):
+            if self._model.get(name) is not None:
+                self._numbers[name] = numbers.tolist()
+        self._observed = [i for i, b in enumerate(reports.problem.blocks) if b.role is BlockRole.OBSERVATION]
+        self._priors, self._known = columns.priors.tolist(), reports.model.priors
+        self._noise = columns.noise.tolist()
+        self._rms, self._rows, self._used = columns.rms.tolist(), block.rows.tolist(), columns.used.tolist()
+        items = [(item, _Item(item)) for item in reports.items]
+        self._estimates = {i.quantity.name: each for i, each in items if isinstance(i, Estimate)}
+        self._derived = {i.quantity.name: each for i, each in items if isinstance(i, DerivedValue)}
+        images = [image for _, _, image in columns.derived]
+        self._covariances = {
+            name: _scaled(columns_factor, covariance)
+            for name, columns_factor, covariance in (
+                ("covariance", columns.factor, reports.model.covariance),
+                ("derived_covariance", np.hstack(images) if images else None, reports.model.derived_covariance),
+            )
+        }
+        self.complete = self._complete(reports)
+
+    def _complete(self, reports: BlockReports) -> Mask:
+        """The solves all numbers of which are finite."""
+        columns = self._block.columns
+        found = reports.from_columns.copy()
+        for name in self._numbers:
+            found &= np.isfinite(getattr(columns, name))
+        found &= np.isfinite(columns.rms[:, self._observed]).all(axis=1) & np.isfinite(columns.priors).all(axis=1)
+        found &= np.isfinite(self._condition) & np.isfinite(columns.noise).all(axis=1)
+        for each in (*self._estimates.values(), *self._derived.values()):
+            found &= each.finite
+        for factor in (columns.factor, *(image for _, _, image in columns.derived)):
+            found &= np.isfinite(factor).all(axis=(1, 2))
+        return found
+
+    def document(self, place: int) -> dict[str, Any]:
+        """The document of one solve, whose parts without numbers are those of the model."""
+        model, block = self._model, self._block
+        written = {**model, **{name: numbers[place] for name, numbers in self._numbers.items()}}
+        written["key"] = solve_key(dict(zip(block.names, block.keys[block.which.start + place], strict=True)))
+        written["message"] = REASONS[block.columns.reason[place]].sentence
+        for kind, items in (("estimates", self._estimates), ("derived", self._derived)):
+            written[kind] = {
+                name: {**entry, "value": items[name].value(place), "sigma": items[name].sigma[place]}
+                for name, entry in model[kind].items()
+            }
+        for name, matrices in self._covariances.items():
+            if matrices is not None:
+                written[name] = {**model[name], "matrix": matrices(place)}
+        if model["observability"] is not None:
+            written["observability"] = {**model["observability"], "condition": self._condition[place]}
+        noises, residuals = {}, {}
+        for i, (name, summary) in zip(self._observed, model["residuals"].items(), strict=True):
+            noises[name] = None if model["noise"][name] is None else self._noise[place][i]
+            found = self._block.columns.outliers[i]
+            bad = [] if found is None else sorted(int(found.table.rows[position]) for position in found.of(place))
+            own = {"rows": self._rows[place][i], "used": self._used[place][i], "rms": self._rms[place][i]}
+            residuals[name] = {**summary, **own, "outliers": bad}
+        written["noise"], written["residuals"] = noises, residuals
+        written["priors"] = [
+            {**prior, "value": known.mean + away, "residual": away / known.sigma}
+            for prior, known, away in zip(model["priors"], self._known, self._priors[place], strict=True)
+        ]
+        return written
+
+
+class _Item:
+    """An estimate or a derived quantity of all solves of a block, as documents hold it: ``finite`` (K,), ``sigma``."""
+
+    def __init__(self, item: Estimate | DerivedValue) -> None:
+        sigma = shown_sigma(item)
+        self._quantity = item.quantity
+        self._values: Floats | list[Any] = item.value
+        if item.quantity.kind not in GEOMETRIC:
+            self._values = np.asarray(item.value / item.quantity.factor, dtype=float).tolist()
+        self.sigma: list[Any] = sigma.tolist()
+        self.finite: Mask = _finite(np.asarray(item.value)) & _finite(sigma)
+
+    def value(self, place: int) -> Any:
+        """The value of one solve."""
+        value = self._values[place]
+        return written_geometry(self._quantity, value) if self._quantity.kind in GEOMETRIC else value
+
+
+def _finite(values: Floats) -> Mask:
+    return np.asarray(np.isfinite(values).reshape(len(values), -1).all(axis=1))
+
+
+def _scaled(factor: Floats | None, model: CovarianceMatrix | None) -> Callable[[int], list[list[float]]] | None:
+    """What gives the covariance matrix of one solve in the units that are shown; None where there is none."""
+    if factor is None or model is None or model.matrix is None:
+        return None
+    factors = np.array(model.factors)
+    units = np.outer(factors, factors)
+
+    def matrix(place: int) -> list[list[float]]:
+        found: list[list[float]] = (factor[place] @ factor[place].T / units).tolist()
+        return found
+
+    return matrix

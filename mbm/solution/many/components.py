@@ -1,0 +1,162 @@
+"""Several unknown noises in many solves: the rounds of `variance.variance_components`, all solves side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbm.problem.types import Problem
+from mbm.solution.assembly import Assembled
+from mbm.solution.closed_forms.completion import plans
+from mbm.solution.closed_forms.situation import Situation
+from mbm.solution.many.descent import native_sets, plain_ends, reweighted
+from mbm.solution.many.factor import factors
+from mbm.solution.many.stack import Portion, Stack
+from mbm.solution.many.types import REASONS, Ends, Solver, Which
+from mbm.solution.settings import Settings
+from mbm.solution.types import Floats, Indices, Mask
+from mbm.solution.variance import LEAST_REDUNDANCY, ROUNDS, SETTLED, VANISHED
+from mbm.solution.weighing import REWEIGHTED_ITERATIONS
+
+if TYPE_CHECKING:
+    from mbm.solution.many.forms import Formed
+    from mbm.solution.native.system import NativeSystem
+
+
+def several_noises(problem: Problem) -> bool:
+    """Whether some noise is unknown, and not all rows share it."""
+    return len(problem.blocks) > 1 and any(block.unknown_factor for block in problem.blocks)
+
+
+def estimated_on_the_way(problem: Problem) -> bool:
+    """Whether factors of unknown noise are known before the last fit: several, or one that a loss goes with."""
+    lossy = any(block.unknown_factor and block.loss is not None for block in problem.blocks)
+    return several_noises(problem) or lossy
+
+
+def components_solver(
+    problem: Problem, stack: Stack, first: Assembled, form: Callable[[], Formed | None], settings: Settings
+) -> Solver | None:
+    """What finds minima with noise factors that fit the residuals; None where native code or closed forms do not.
+
+    ``form`` is the closed form that may fit better than a stated start leads to. What is not plain is left to the
+    general path: groups without redundancy, fitted exactly, or that do not settle.
+    """
+    native = native_sets(stack, settings)
+    challenger = form()
+    if native is None or (challenger is None and not stack.equations.linear and _recognised(first, settings)):
+        return None
+    unknown = np.array([i for i, block in enumerate(problem.blocks) if block.unknown_factor], dtype=np.int64)
+
+    def solve(which: Which, points: Floats) -> Ends:
+        places = np.asarray(which)
+        rounds = _Rounds(stack, native, settings, unknown, len(problem.blocks), places, points)
+        if challenger is not None:
+            rounds.lost |= challenger.lowest(places) < rounds.ends.cost
+        return rounds.done()
+
+    return solve
+
+
+def _recognised(first: Assembled, settings: Settings) -> bool:
+    """Whether a closed form is made for some of the unknowns."""
+    numbers = np.where(first.moving(), np.nan, first.numbers)
+    situation = Situation(layout=first.layout, groups=first.groups, numbers=numbers)
+    return next(plans(situation, settings.closed_forms), None) is not None
+
+
+class _Rounds:
+    """Minimisations of K solves, again for each round; those that are not plain are ``lost``."""
+
+    def __init__(
+        self,
+        stack: Stack,
+        native: NativeSystem,
+        settings: Settings,
+        unknown: Indices,
+        blocks: int,
+        places: Indices,
+        points: Floats,
+    ) -> None:
+        self._stack = stack
+        self._native = native
+        self._settings = settings
+        self._unknown = unknown
+        self._places = places
+        self._factors = np.ones((len(places), blocks))
+        self.ends = plain_ends(native.solve(points, places))
+        self.lost = ~_converged(self.ends)
+
+    @np.errstate(all="ignore")
+    def done(self) -> Ends:
+        """The minima with factors that are settled."""
+        first: Floats | None = None
+        active = np.flatnonzero(~self.lost)
+        for number in range(ROUNDS):
+            if not len(active) or self._settings.stopped():
+                break
+            if number:
+                self._minimise(active)
+            ratios = self._ratios(active)
+            self._factors[np.ix_(active, self._unknown)] *= ratios
+            now = self._factors[np.ix_(active, self._unknown)]
+            if first is None:
+                first = np.ones((len(self._places), len(self._unknown)))
+                first[active] = now
+            self.lost[active] |= (~(now >= VANISHED * first[active])).any(axis=1) | ~np.isfinite(ratios).all(axis=1)
+            settled = (np.abs(ratios - 1.0) <= SETTLED).all(axis=1)
+            self._minimise(active[settled & ~self.lost[active]])
+            active = active[~settled & ~self.lost[active]]
+        self.lost[active] = True
+        return replace(self.ends, reason=np.where(self.lost, -1, self.ends.reason), factors=self._factors)
+
+    def _minimise(self, which: Indices) -> None:
+        """From where the solves are, with their factors as they are now."""
+        if not len(which):
+            return
+        inverse: list[Floats | None] = []
+        for number, group in enumerate(self._stack.equations.groups):
+            solve, _ = self._stack.lines(number, self._places[which])
+            factor = self._factors[which, group.kernel.owner]
+            inverse.append(1.0 / factor[solve][:, None] if group.kernel.owner in self._unknown else None)
+        mine = reweighted(self._stack, self._native, self._places[which], inverse)
+        found = plain_ends(mine.solve(self.ends.points[which], np.arange(len(which))))
+        ends = self.ends
+        iterations, evaluations = ends.iterations.copy(), ends.evaluations.copy()
+        iterations[which] += found.iterations
+        evaluations[which] += found.evaluations
+        for target, own in (
+            (ends.points, found.points),
+            (ends.cost, found.cost),
+            (ends.offset, found.offset),
+            (ends.reason, found.reason),
+            (ends.held, found.held),
+        ):
+            target[which] = own
+        self.ends = replace(ends, iterations=iterations, evaluations=evaluations)
+        limit = REWEIGHTED_ITERATIONS - self._settings.max_iterations  # beyond, the general path cuts rounds short
+        self.lost[which] |= ~_converged(found) | (iterations[which] > limit)
+
+    def _ratios(self, which: Indices) -> Floats:
+        """By how much factors (K, unknown) miss the residuals; NaN where a group has no redundancy, or fits exactly."""
+        portion = Portion(self._stack, self._places[which], factors=self._factors[which])
+        residuals, slopes = portion.linearised(self.ends.points[which])
+        found = factors(slopes)
+        self.lost[which] |= ~found.good
+        redundancy = np.clip(1.0 - np.square(found.basis).sum(axis=2), 0.0, 1.0)
+        ratios = np.full((len(which), len(self._unknown)), np.nan)
+        for place, owner in enumerate(self._unknown.tolist()):
+            solve, slot = portion.block_slots(owner)
+            share = np.bincount(solve, weights=redundancy[solve, slot], minlength=len(which))
+            squares = np.bincount(solve, weights=np.square(residuals[solve, slot]), minlength=len(which))
+            plain = (share > LEAST_REDUNDANCY) & (squares > 0.0)
+            ratios[plain, place] = np.sqrt(squares[plain] / share[plain])
+        return ratios
+
+
+def _converged(ends: Ends) -> Mask:
+    converged = np.array([reason.converged for reason in REASONS])
+    return np.asarray((ends.reason >= 0) & converged[ends.reason] & ~ends.held & np.isfinite(ends.cost))

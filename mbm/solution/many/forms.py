@@ -1,0 +1,157 @@
+"""What a closed form says of many solves at once: starts where none is stated, and whether it might fit better.
+
+A closed form is recognised in the rows of one solve; what it knows of a row follows from the row's data alone, so that
+the others need no probing. Solves are answered where one form gives all numbers of a solve at once, and one solution
+fits; the others are left to the general path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import field, replace
+from typing import Any
+
+import numpy as np
+
+from mbm.solution.assembly import Assembled
+from mbm.solution.closed_forms.completion import PLAUSIBLE, plans
+from mbm.solution.closed_forms.minimal import minimal_solver
+from mbm.solution.closed_forms.multilateration import Spheres, weights_of_squares
+from mbm.solution.closed_forms.pose_from_points import Sights
+from mbm.solution.closed_forms.situation import Situation
+from mbm.solution.closed_forms.thinning import ENOUGH
+from mbm.solution.closed_forms.types import Plan
+from mbm.solution.many.stack import Portion, Stack
+from mbm.solution.many.types import Which
+from mbm.solution.native.consensus_forms import known_form
+from mbm.solution.settings import Settings
+from mbm.solution.types import Floats, Indices, Mask
+from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Formed:
+    """A closed form for all solves of a stack.
+
+    ``plan`` has what is known of each unit of the equations, ``known`` (units,) whether that is anything; the numbers
+    that are not estimated are those of ``base`` (N,).
+    """
+
+    stack: Stack
+    plan: Plan
+    known: Mask
+    base: Floats = field(repr=False)
+
+    def fits(self, which: Which) -> tuple[Floats, Floats]:
+        """Points (K, S, N) for some solves, and what they cost (K, S): infinite where a solution is none."""
+        found = self._solved(which)
+        portion = Portion(self.stack, which)
+        costs = np.empty(found.shape[:2])
+        with np.errstate(all="ignore"):
+            for rank in range(found.shape[1]):
+                costs[:, rank] = np.square(portion.residuals(found[:, rank])).sum(axis=1)
+        layout, places = self.stack.equations.layout, self.stack.equations.free
+        numbers = layout.number[places]
+        plain = numbers >= 0
+        coordinates = found[..., numbers[plain]]
+        lower, upper, positive = layout.lower[places], layout.upper[places], layout.positive[places]
+        inside = ((coordinates >= lower[plain]) & (coordinates <= upper[plain])).all(axis=2)
+        inside &= (~positive[plain] | (coordinates > 0)).all(axis=2)
+        return found, np.where(inside & np.isfinite(costs), costs, np.inf)
+
+    def starts(self, which: Which) -> Floats:
+        """The start (K, N) of each of some solves; NaN where there is none, or several."""
+        points, costs = self.fits(which)
+        best = np.argmin(costs, axis=1)
+        lowest = np.take_along_axis(costs, best[:, None], axis=1)
+        with np.errstate(invalid="ignore"):
+            plausible = (costs <= PLAUSIBLE * lowest + PLAUSIBLE) & np.isfinite(costs)
+        found = np.take_along_axis(points, best[:, None, None], axis=1)[:, 0]
+        return np.where((plausible.sum(axis=1) == 1)[:, None], found, np.nan)
+
+    def lowest(self, which: Which) -> Floats:
+        """The cost (K,) of the best solution for each of some solves; infinite where there is none."""
+        return np.asarray(self.fits(which)[1].min(axis=1, initial=np.inf))
+
+    def _solved(self, which: Which) -> Floats:
+        """The points (K, S, N) of all solutions, NaN beside them."""
+        solve, units = self._units(which)
+        counts = np.bincount(solve, minlength=len(which))
+        ends = np.cumsum(counts)
+        parts = []
+        for count in np.unique(counts[counts >= self.plan.minimal]).tolist():
+            mine = np.flatnonzero(counts == count)
+            subsets = units[(ends[mine] - count)[:, None] + np.arange(count)]
+            parts.append((mine, self.plan.form.solve(self.plan, subsets)))
+        width = max((part.shape[1] for _, part in parts), default=1)
+        places = self.plan.candidate.places[0]
+        found = np.full((len(which), width, len(places)), np.nan)
+        for mine, part in parts:
+            found[mine, : part.shape[1]] = part
+        points = np.tile(self.base, (len(which), width, 1))
+        points[..., places] = found
+        return points
+
+    def _units(self, which: Which) -> tuple[Indices, Indices]:
+        """Solve (U,), ascending, and number (U,) of the units of some solves that the form knows."""
+        solve, _, unit = self.stack.units(which, (True,) * len(self.stack.equations.groups))
+        known = self.known[unit]
+        return solve[known], unit[known]
+
+
+def formed(stack: Stack, first: Assembled, settings: Settings) -> Formed | None:
+    """The closed form that gives all numbers of each solve; None where there is none that is known from the rows.
+
+    ``first`` are the equations of one solve, in which the form is recognised.
+    """
+    equations, forms = stack.equations, settings.closed_forms
+    if any(group.positions is None for group in equations.groups):
+        return None
+    if int(stack.rows.max(initial=0)) > ENOUGH:
+        return None
+    known = known_form(first, forms)
+    solver = None if known is None or known.maps is None else minimal_solver(first, first.numbers, forms)
+    if known is None or solver is None:
+        return None
+    numbers = np.where(first.moving(), np.nan, first.numbers)
+    foremost = next(plans(Situation(layout=first.layout, groups=first.groups, numbers=numbers), forms), None)
+    if foremost is None or foremost.description != solver.plan.description:
+        return None  # others come first, and leave numbers to it
+    candidate, layout = solver.plan.candidate, equations.layout
+    if candidate.flat and bool((candidate.angles & np.isfinite(layout.lower[candidate.coordinates[0]])).any()):
+        return None  # which turn of an angle lies within its bounds is found out one by one
+    told = known.of_rows(equations, (True,) * len(equations.groups), forms)
+    if told is None:
+        return None
+    return Formed(
+        stack=stack,
+        plan=_of_all(solver.plan, told, _precisions(equations)),
+        known=np.asarray(np.isfinite(told).all(axis=1)),
+        base=first.numbers,
+    )
+
+
+def _precisions(equations: Assembled) -> Floats:
+    """1/σ² of a component (units,), the mean of several."""
+    found = []
+    for group in equations.groups:
+        parts = [np.square(w.weights).reshape(group.rows, -1).sum(axis=1) / (w.last - w.first) for w in group.whiteners]
+        found.append(np.stack(parts, axis=1).ravel())
+    return np.concatenate(found)
+
+
+def _of_all(plan: Plan, told: Floats, precision: Floats) -> Plan:
+    """The plan with what is told of each unit (units, width) in place of the rows that it was recognised in."""
+    data: Any = plan.data
+    if isinstance(data, Spheres):
+        d = data.stations.shape[1]
+        data = replace(
+            data,
+            stations=told[:, :d],
+            length=told[:, d],
+            extra=told[:, d + 1],
+            slope=told[:, d + 2],
+            weight=weights_of_squares(precision, told[:, d], data.offset),
+        )
+    elif isinstance(data, Sights):
+        data = replace(data, moved=replace(data.moved, points=told[:, :3]), bearings=told[:, 3:])
+    return replace(plan, rows=replace(plan.rows, weight=precision), data=data)

@@ -1,0 +1,202 @@
+"""A stream of data sets with consensus: in each the units that agree, then their least squares, both in native code."""
+
+from __future__ import annotations
+
+from dataclasses import field, replace
+
+import numpy as np
+
+from mbm.problem.types import BlockRole, ConsensusKind, Problem
+from mbm.solution.assembly import Assembled
+from mbm.solution.native.agreeing import left_out
+from mbm.solution.native.code import SolverCode
+from mbm.solution.native.consensus import ConsensusEnds, Rooms, consensus_many
+from mbm.solution.native.consensus_forms import KnownForm, known_form
+from mbm.solution.native.consensus_rules import NO_FORM, rules_of
+from mbm.solution.native.consensus_rules import Rules as ConsensusRules
+from mbm.solution.native.stream_ends import Rules, StreamEnds
+from mbm.solution.native.system import NativeSystem, native_code, system_of
+from mbm.solution.robust.binding import without_losses
+from mbm.solution.robust.consensus import LEAST_SHARE, SAMPLE
+from mbm.solution.robust.parts import parts_of
+from mbm.solution.robust.units import consistency
+from mbm.solution.settings import Settings
+from mbm.solution.starting import with_idle_ones
+from mbm.solution.types import Floats, Indices, Mask
+from mbm.target.solver import consensus_description as c
+from mbm.target.solver import description as of
+from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Agreement:
+    """What consensus needs beside the rows; ``sizes`` (U,) are the components of the units of a data set.
+
+    ``unit_of_weight`` (W,) says to which unit each weight of a data set belongs. ``base`` (N,) is the start; where
+    ``startless`` is true it holds only the numbers that the closed form does not give.
+    """
+
+    code: SolverCode
+    rules: ConsensusRules
+    form: KnownForm | None
+    equations: Assembled
+    base: Floats
+    startless: bool
+    sizes: Indices
+    unit_of_weight: Indices
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Room:
+    """Parameters (T, P) of so many data sets, and the system that has them."""
+
+    parameters: Floats
+    system: NativeSystem = field(repr=False)
+
+
+class RobustStream:
+    """Data sets of one shape, each by consensus and refit. Local to one thread, as `Stream` is."""
+
+    def __init__(self, system: NativeSystem, agreement: _Agreement, rules: Rules) -> None:
+        self._system = system
+        self._agreement = agreement
+        self._rules = rules
+        self._rooms = Rooms()
+        self._single = self._room = self._made(1)
+        self.single: Floats = self._single.parameters[0]
+        """The parameters (P,) that `solved_one` takes, to be changed in place."""
+
+    def parameters(self, count: int) -> Floats:
+        """The parameters (count, P) of so many data sets, to be changed in place before ``solved``."""
+        if len(self._room.parameters) < count:
+            self._room = self._made(count)
+        return self._room.parameters[:count]
+
+    def solved(self, count: int, workers: int = 1) -> StreamEnds:
+        """The solves of the first ``count`` data sets, by so many threads; their number changes nothing."""
+        return self._ends(self._room, count, workers)
+
+    def solved_one(self) -> tuple[Floats, Floats, float] | None:
+        """Numbers, covariance and cost of the data set whose parameters are `single`; None where it is not clean."""
+        found = self._ends(self._single, 1, 1)
+        return (found.numbers[0], found.covariance[0], found.cost.item()) if found.clean.item() else None
+
+    def _ends(self, room: _Room, count: int, workers: int) -> StreamEnds:
+        system = room.system
+        if count < len(system.rows.data):
+            system = replace(system, rows=replace(system.rows, data=system.rows.data[:count]))
+        found = self._agreed(room.parameters[:count], system, workers)
+        inside = found.inside.reshape(count, -1)
+        ends = self._of_inside(system, inside).solve(found.points, np.arange(count), workers=workers)
+        information, one = self._information(found, count)
+        states, cost = ends.states, ends.results[:, of.COST].copy()
+        held = ends.sides.any(axis=1)
+        clean = self._rules.clean(cost, states[:, of.REASON], states[:, of.DEFICIENT], held, states[:, of.FREEDOM])
+        clean &= one & found.agreed & (found.states[:, c.AMBIGUOUS] == 0)
+        clean &= inside.sum(axis=1) >= LEAST_SHARE * inside.shape[1]
+        return StreamEnds(
+            numbers=self._rules.shown(ends.numbers),
+            covariance=ends.covariances / information[:, None, None],
+            cost=cost,
+            clean=np.asarray(clean),
+        )
+
+    def _agreed(self, parameters: Floats, system: NativeSystem, workers: int) -> ConsensusEnds:
+        agreement = self._agreement
+        known = None
+        if agreement.form is not None:
+            known = agreement.form.of_parameters(agreement.equations, parameters[:, :-1])
+        return consensus_many(
+            system,
+            agreement.code,
+            agreement.rules,
+            np.tile(agreement.base, (len(parameters), 1, 1)),
+            known,
+            startless=agreement.startless,
+            workers=workers,
+            rooms=self._rooms,
+        )
+
+    def _information(self, found: ConsensusEnds, count: int) -> tuple[Floats, Mask]:
+        """κ (T,) of what agrees, and where (T,) it is the same for all units."""
+        ratio = found.limits / found.variances
+        kappa = consistency(np.tile(self._agreement.sizes, count), np.where(np.isfinite(ratio), ratio, 0.0))
+        kappa = kappa.reshape(count, -1)
+        return kappa.min(axis=1), np.asarray(kappa.min(axis=1) == kappa.max(axis=1))
+
+    def _of_inside(self, system: NativeSystem, inside: Mask) -> NativeSystem:
+        """The data sets without the units that do not agree."""
+        rows = system.rows
+        picked = inside[:, self._agreement.unit_of_weight]
+        width = picked.shape[1]
+        data = rows.data.copy()
+        data[:, of.DATA_COUNT] = (inside * self._agreement.sizes).sum(axis=1)
+        data[:, of.DATA_HEAD + of.DATA_WEIGHTS :: of.DATA_BLOCK] += width * np.arange(len(inside))[:, None]
+        weights = np.append((rows.weights[:width] * picked).ravel(), 0.0)
+        return replace(system, rows=replace(rows, weights=weights, data=data))
+
+    def _made(self, count: int) -> _Room:
+        rows = self._system.rows
+        parameters = np.tile(rows.parameters, (count, 1))
+        data = np.tile(rows.data, (count, 1))
+        data[:, of.DATA_HEAD + of.DATA_PARAMETERS :: of.DATA_BLOCK] += len(rows.parameters) * np.arange(count)[:, None]
+        mine = replace(rows, parameters=parameters.reshape(-1), data=data)
+        return _Room(parameters=parameters, system=replace(self._system, rows=mine))
+
+
+def robust_stream_of(
+    problem: Problem, equations: Assembled, settings: Settings, rules: Rules, *, given: bool
+) -> RobustStream | None:
+    """The equations of one data set as a stream with consensus; None: that is left to the general path.
+
+    ``given``: all starts are stated. Where they are not, a closed form has to give them. Noise must be stated, and all
+    equations but constraints must be such as can be outliers.
+    """
+    consensus = settings.robust
+    if consensus is None or not _suits(problem, equations):
+        return None
+    plain = without_losses(equations)
+    system = system_of(plain, settings)
+    form = None if system is None else known_form(plain, settings.closed_forms)
+    if system is None or (form is not None and form.maps is None):
+        return None
+    if not given and (form is None or consensus.kind is ConsensusKind.GNC):  # whose starts decide more
+        return None
+    acting = tuple(True for _ in plain.groups)
+    asked = rules_of(
+        problem,
+        plain,
+        consensus,
+        acting,
+        seed=settings.seed,
+        starts=1,
+        form=NO_FORM if form is None else form.form,
+    )
+    sizes = [np.tile([w.last - w.first for w in group.whiteners], group.rows) for group in plain.groups]
+    wide = [np.tile([w.weights[0].size for w in group.whiteners], group.rows) for group in plain.groups]
+    every = np.concatenate(sizes).astype(np.int64)
+    cache = plain.groups[0].cache
+    agreement = _Agreement(
+        code=native_code(cache.native, getattr(cache.backend, "store", None)).consensus,
+        rules=asked,
+        form=form,
+        equations=plain,
+        base=with_idle_ones(plain, plain.numbers),
+        startless=not given,
+        sizes=every,
+        unit_of_weight=np.repeat(np.arange(len(every)), np.concatenate(wide)),
+    )
+    return RobustStream(system, agreement, rules)
+
+
+def _suits(problem: Problem, equations: Assembled) -> bool:
+    """Whether consensus and what follows from it are those of one piece, with one loss of information for all rows."""
+    if any(problem.blocks[group.kernel.owner].role is not BlockRole.OBSERVATION for group in equations.groups):
+        return False
+    if any(block.unknown_factor for block in problem.blocks) or equations.implicit is not None:
+        return False
+    if not equations.groups or any(left_out(group) for group in equations.groups):
+        return False
+    if not equations.dimension < equations.count <= SAMPLE:
+        return False
+    return equations.dimension == 1 or len(parts_of(equations)) == 1

@@ -1,0 +1,63 @@
+"""Ends of streams: what comes back of many data sets, and how it is judged and shown."""
+
+from __future__ import annotations
+
+from math import ceil, pi
+from typing import Any
+
+import numpy as np
+
+from mbm.solution.types import Floats, Mask
+from mbm.target.solver import description as of
+from mbm.values import dataclass
+
+TURN = 2.0 * pi
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StreamEnds:
+    """Where T solves ended: ``numbers`` (T, N) in SI, angles in (-π, π]; ``covariance`` (T, n, n); ``cost`` (T,).
+
+    ``clean`` (T,): a minimum of full rank, away from all bounds, that fits as stated noise lets expect.
+    """
+
+    numbers: Floats
+    covariance: Floats
+    cost: Floats
+    clean: Mask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rules:
+    """What an end is judged and finished by.
+
+    ``most`` is the largest cost that stated noise lets expect (infinite: nothing is expected), ``estimated`` whether
+    one factor of the noise follows from the residuals, ``angles`` the numbers that are angles.
+    """
+
+    most: float
+    estimated: bool
+    angles: tuple[int, ...]
+
+    def clean(self, cost: Any, reason: Any, deficient: Any, held: Any, freedom: Any) -> Any:
+        """Whether nothing speaks against an end: numbers of one solve, or arrays of all."""
+        good = (reason >= of.SMALL_OFFSET) & (reason <= of.ONE_STEP) & (deficient == 0) & (held == 0)
+        good &= cost < self.most
+        return good & (freedom > 0) & (cost > 0.0) if self.estimated else good
+
+    def shown(self, numbers: Floats) -> Floats:
+        """A copy of numbers (T, N) with angles in (-π, π]."""
+        found = numbers.copy()
+        for k in self.angles:
+            found[:, k] -= TURN * np.ceil(found[:, k] / TURN - 0.5)
+        return found
+
+    def shown_one(self, numbers: Floats) -> Floats:
+        """The same of one solve (N,), to the last bit."""
+        found = numbers.copy()
+        for k in self.angles:
+            angle = found.item(k)
+            turns = ceil(angle / TURN - 0.5)
+            if turns:
+                found[k] = angle - TURN * turns
+        return found

@@ -1,0 +1,106 @@
+"""Which groups of equations have their rows united in one function, that function, and the table that says so.
+
+Worth while for streams: compiling it takes as long as thousands of small solves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbm.solution.assembly import Assembled
+from mbm.solution.binding import Group
+from mbm.solution.native.packing import United, triangle_kind
+from mbm.solution.types import Indices
+from mbm.target.solver import description as of
+from mbm.target.united import Part, united
+
+if TYPE_CHECKING:
+    from mbm.kernels.store import Store
+
+FEW_ROWS = 3
+"""Rows of a group that are united at most: more fill the lanes of its own kernel."""
+
+MOST_RESIDUALS = 64
+MOST_OPERATIONS = 2_000
+"""Residuals and operations of united rows at most: straight lines take a tenth of a millisecond an operation to
+compile, and beyond the nearest cache they are no faster than loops."""
+
+
+def unitable(groups: Sequence[Group], rows: Sequence[int]) -> tuple[int, ...]:
+    """How many rows of each group, of which a data set has ``rows`` at most, are united: all or none."""
+    found = []
+    residuals = operations = 0
+    for group, count in zip(groups, rows, strict=True):
+        alike = all(group.shared) and all(group.shared_columns)
+        plain = group.whiteners and not any(group.losses)
+        more = count * len(group.kernel.jacobian_program.instructions)
+        own = count if plain and alike and 0 < count <= FEW_ROWS else 0
+        if operations + more > MOST_OPERATIONS or residuals + count * group.kernel.outputs > MOST_RESIDUALS:
+            own = 0
+        if own:
+            operations += more
+            residuals += count * group.kernel.outputs
+        found.append(own)
+    return tuple(found)
+
+
+def places_of(groups: Sequence[Group], rows: Sequence[int]) -> tuple[bytes, ...]:
+    """Which numbers and coordinates the rows that are united vary with."""
+    chosen = [group for group, count in zip(groups, rows, strict=False) if count]
+    return tuple(part.tobytes() for group in chosen for part in (group.places, group.touched))
+
+
+def united_rows(equations: Assembled, rows: Sequence[int], store: Store | None) -> United | None:
+    """The function for so many rows of each group; None where there are none, or an operation has no code."""
+    from mbm.kernels.native.united import united_code
+    from mbm.target.vectors import NoPrinterError
+
+    if not any(rows):
+        return None
+    column = np.full(len(equations.layout.number), -1, dtype=np.int64)
+    column[equations.free] = np.arange(equations.dimension)
+    counts = rows[: len(equations.groups)]
+    parts = [_part(group, count, column) for group, count in zip(equations.groups, counts, strict=True) if count]
+    residuals = sum(part.rows * part.outputs for part in parts)
+    numbers = len(equations.layout.start)
+    try:
+        library = united_code(united(parts, numbers, equations.dimension), numbers, residuals, store)
+    except NoPrinterError:
+        return None
+    head = np.zeros(of.UNITED_ROWS, dtype=np.int64)
+    head[of.UNITED_VALUES] = library.address("values")
+    head[of.UNITED_JACOBIAN] = library.address("jacobian")
+    head[of.UNITED_RESIDUALS] = residuals
+    reals = sum(part.rows * (part.parameters + part.weights) for part in parts)
+    return United(table=np.concatenate([head, np.array(counts, dtype=np.int64)]), reals=reals, library=library)
+
+
+def _part(group: Group, rows: int, column: Indices) -> Part:
+    """The rows of one group."""
+    kernel = group.kernel
+    columns = column[group.touched[0]][kernel.jacobian_columns].tolist()
+    whitening: list[tuple[tuple[int, int], ...]] = []
+    weights = 0
+    for each in group.whiteners:
+        size = each.last - each.first
+        kind = triangle_kind(each)
+        for i in range(size):
+            if kind == 0:
+                whitening.append(((weights + i, each.first + i),))
+            else:
+                used = range(i + 1) if kind == 1 else range(i, size)
+                whitening.append(tuple((weights + i * size + j, each.first + j) for j in used))
+        weights += size * size if kind else size
+    return Part(
+        program=kernel.jacobian_program,
+        rows=rows,
+        outputs=kernel.outputs,
+        derivatives=tuple(zip(kernel.jacobian_rows.tolist(), columns, strict=True)),
+        numbers=tuple(group.places[0].tolist()),
+        parameters=len(kernel.parameters),
+        whitening=tuple(whitening),
+        weights=weights,
+    )

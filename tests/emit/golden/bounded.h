@@ -1,0 +1,96 @@
+#ifndef BOUNDED_H
+#define BOUNDED_H
+
+/*
+ * bounded: Bounded losses; noise with a loss and noise without.
+ *
+ * Written by mbm 0.1.0. Everything is in SI, angles in radians. Calls share nothing but their
+ * arguments, so that threads may solve at the same time, each with a workspace of its own.
+ */
+
+/* What a call answers; `_status_text` has the sentence. */
+enum bounded_status {
+    BOUNDED_CONVERGED = 0,
+    BOUNDED_NOT_CONVERGED = 1,
+    BOUNDED_UNOBSERVABLE = 2,
+    BOUNDED_INFEASIBLE = 3,
+    BOUNDED_NO_AGREEMENT = 4,
+    BOUNDED_NOT_FINITE = 5,
+    BOUNDED_NO_ROWS = 6,
+    BOUNDED_UNKNOWN_KEY = 7,
+    BOUNDED_UNKNOWN_CASE = 8,
+    BOUNDED_BAD_NOISE = 9,
+    BOUNDED_BAD_BOUNDS = 10,
+    BOUNDED_BAD_START = 11,
+    BOUNDED_NO_START = 12,
+    BOUNDED_NOT_CONNECTED = 13,
+    BOUNDED_WORKSPACE_TOO_SMALL = 14
+};
+
+/* What is given: columns of tables, one element per row, in SI. */
+typedef struct {
+    long d_rows;    /* rows of `d` */
+    const double *d_x;    /* `x` */
+    const double *d_y;    /* `y` */
+    long e_rows;    /* rows of `e` */
+    const double *e_u;    /* `u` */
+    const double *start_a;    /* where a begins: a number; NULL: as the README says */
+    const double *start_b;    /* where b begins: a number; NULL: as the README says */
+} bounded_data;
+
+/* What is answered, in SI; `sigma` are standard deviations. */
+typedef struct {
+    int status;
+    long iterations, evaluations;
+    double cost;           /* weighted sum of squares, without losses */
+    double robust_cost;    /* the same with losses */
+    long freedom;          /* degrees of freedom */
+    double sigma0;         /* sqrt(cost / freedom); 0 without freedom */
+    long numbers;          /* N, numbers of all unknowns */
+    const double *point;   /* (N) the estimates, unknown after unknown, member after member */
+    long free;             /* n, estimated coordinates */
+    const long *coordinates;     /* (n) their places among all coordinates */
+    const double *covariance;    /* (n, n) row by row */
+    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
+    const double *a;          /* (1) real */
+    const double *a_sigma;    /* (1) */
+    const double *b;          /* (1) real */
+    const double *b_sigma;    /* (1) */
+} bounded_result;
+
+/* Memory of the caller, of at least the sizes that `_workspace_size` gives; results point into it. */
+typedef struct {
+    double *reals;
+    long reals_size;
+    long *integers;
+    long integers_size;
+} bounded_workspace;
+
+/* How much memory data of these numbers of rows need; only the counts of rows in `data` are read. */
+void bounded_workspace_size(const bounded_data *data, bounded_workspace *workspace);
+
+/* Solves; the answer is also in `result->status`. Allocates nothing. */
+int bounded_solve(const bounded_data *data, bounded_result *result, bounded_workspace *workspace);
+
+/* Prepares the equations without solving: `result` then has the start, and where everything stands. */
+int bounded_begin(const bounded_data *data, bounded_result *result, bounded_workspace *workspace);
+
+/* How many residuals the data of the last `_begin` or `_solve` with this workspace have. */
+long bounded_residual_count(const bounded_data *data, bounded_workspace *workspace);
+
+/* Whitened residuals (m) at a point (N), after `_begin` or `_solve` with the same data and workspace. */
+void bounded_residuals(const bounded_data *data, const double *point, double *residuals,
+    bounded_workspace *workspace);
+
+/* Their derivatives by the estimated coordinates (m, n), row by row; without losses. */
+void bounded_jacobian(const bounded_data *data, const double *point, double *jacobian,
+    bounded_workspace *workspace);
+
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+int bounded_covariance(const bounded_data *data, const double *point, double *covariance,
+    bounded_workspace *workspace);
+
+/* What a status means. */
+const char *bounded_status_text(int status);
+
+#endif

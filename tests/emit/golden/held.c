@@ -1,0 +1,681 @@
+/* held: from tables to the arrays of the solver, and back. */
+
+#include "held.h"
+
+#include <stddef.h>
+#include <string.h>
+
+#include "held_kernels.h"
+#include "held_solver.h"
+
+/* How the solver's description of the equations begins: what no data change. */
+static const long SYSTEM[78] = {
+    0, 0, 0, 1, 1, 0, 1, 0, 100, 0, 0, 0, 0, 32, 0, 0, 0, 24, 0, 0, 0, 0, 0, 0, 0, 1, 1, 3, 2, 3, 3, 0, 0, 1,
+    1, 56, 62, -1, 71, 0, 2, 3, 1, 2, 0, 2, 2, 0, 0, 0, 0, 71, 71, -1, 77, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1,
+    0, 0, 2, 0, 0, 0, -1, 0, 1, -1, 1
+};
+
+/* Of each unknown: numbers, coordinates, family, positive, pieces. */
+static const long UNKNOWNS[27] = {
+    1, 1, 0, 0, 1, 18, 1, 1, 0, 0, 1, 21, 1, 1, 0, 0, 1, 24, 0, 0, 0, 0, 0, 0, 0, 0, 0
+};
+
+/* Parameter and shape of each loss. */
+static const double LOSSES[1] = {
+    0.0
+};
+
+/* What consensus (lmeds) is asked for, without room for rows. */
+static const long RULES[23] = {
+    0, 0, 1361133826, 697191286, 0, 23, 0, 1, 0, 121, 17, 21, 0, 0, 0, 0, 1, 100, 100, 100, 100, 0, -1
+};
+
+/* Of each kind of unit: median, limit and reach of its squared norm. */
+static const double LEVELS[4] = {
+    0.454936423119572, 9.0, 9.0, 0.0
+};
+
+#define TOLERANCE 1e-10    /* of the next step, in standard deviations */
+
+/* Arrays of one data set, taken from the caller's workspace one after the other; nothing is allocated. */
+struct arena {
+    double *reals;
+    long reals_used;
+    long *integers;
+    long integers_used;
+};
+
+static double *reals_of(struct arena *a, long count)
+{
+    double *found = a->reals != NULL ? a->reals + a->reals_used : NULL;
+    a->reals_used += count;
+    return found;
+}
+
+static long *integers_of(struct arena *a, long count)
+{
+    long *found = a->integers != NULL ? a->integers + a->integers_used : NULL;
+    a->integers_used += count;
+    return found;
+}
+
+struct frame {
+    const held_data *data;
+    long members[3];        /* of each unknown; 1 without a family */
+    long offsets[4];        /* where the numbers of each unknown begin */
+    long firsts[4];         /* where its coordinates begin */
+    long data_set[11];      /* as the solver wants it */
+    long *chosen, *fixed, *used, *column, *index, *columns, *system, *sides, *flags, *coordinates;
+    long parameters_used, weights_used, index_used, columns_used;
+    double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;
+    double *triangle, *covariance, *multipliers, *work, *spare;
+    long *rules, *wide, *places;    /* of consensus: what is asked for, the equations, scratch */
+    double *desk, *bench, *known;    /* scratch, and what the closed form knows of the units */
+    long agreement[4], units;
+    int startless;
+    double kappa[1];    /* of each kind of unit: what limits leave */
+    double results[8];
+    long states[8];
+};
+
+/* Lays out a frame for the rows of `data`: the most that can be needed. */
+static void lay_out(struct frame *f, const held_data *data, struct arena *a)
+{
+    long n, numbers, residuals = 4, inputs = 0, weights = 0, multipliers = 0, i;
+    long parameters = 0, index = 0, columns = 0, chosen = 1;
+    long header[24] = {0};
+
+    f->data = data;
+    f->members[0] = 1;
+    f->members[1] = 1;
+    f->members[2] = 1;
+    place_unknowns(UNKNOWNS, 3, f->members, f->offsets, f->firsts);
+    numbers = f->offsets[3];
+    n = f->firsts[3];
+    /* d */
+    chosen = chosen < data->d_rows ? data->d_rows : chosen;
+    parameters += data->d_rows * 2;
+    residuals += data->d_rows * 1;
+    inputs += data->d_rows * 5;
+    index += (data->d_rows + 1) * 3;
+    columns += (data->d_rows + 1) * 3;
+    weights += data->d_rows * 1;
+    /* (= (+ a b) 3) */
+    parameters += 1 * 0;
+    residuals += 1 * 1;
+    inputs += 1 * 2;
+    index += (1 + 1) * 2;
+    columns += (1 + 1) * 2;
+    multipliers += 1 * 1;
+    f->chosen = integers_of(a, chosen + 1);
+    f->index = integers_of(a, index + 1);
+    f->columns = integers_of(a, columns + 1);
+    f->fixed = integers_of(a, n + 1);
+    f->used = integers_of(a, n + 1);
+    f->column = integers_of(a, n + 1);
+    f->sides = integers_of(a, n + 1);
+    f->coordinates = integers_of(a, n + 1);
+    f->system = integers_of(a, 78 + (2 + 8) * n);
+    f->parameters = reals_of(a, parameters + 1);
+    f->weights = reals_of(a, weights + 1);
+    f->scratch = reals_of(a, 1);
+    f->start = reals_of(a, numbers);
+    f->point = reals_of(a, numbers);
+    f->lower = reals_of(a, n);
+    f->upper = reals_of(a, n);
+    f->sigma = reals_of(a, n);
+    f->constants = reals_of(a, 8 + 2 * n);
+    f->triangle = reals_of(a, (n + 1) * (n + 1));
+    f->covariance = reals_of(a, n * n);
+    f->multipliers = reals_of(a, multipliers + 1);
+    header[0] = numbers;
+    header[1] = n;
+    header[5] = multipliers;
+    header[10] = residuals;
+    header[11] = inputs;
+    header[12] = weights + 2 * multipliers;
+    header[13] = 32;
+    header[14] = 128;
+    {    /* consensus: all rows side by side */
+        long room[17] = {0, 0, 1361133826, 697191286, 0, 23, 0, 1, 0, 121, 17, 21, 0, 0, 0, 0, 1};
+        long units = 1, rows = 1;
+        header[3] = 1;
+        header[4] = 1;
+        if (header[13] < residuals)
+            header[13] = (residuals + 3) / 4 * 4;
+        if (header[14] < 4 * (header[13] / 1 + 1))
+            header[14] = 4 * (header[13] / 1 + 1);
+        if (header[14] < 3 * (header[13] / 1 + 1))
+            header[14] = 3 * (header[13] / 1 + 1);
+        units += data->d_rows * 1;
+        rows += (n + 1) * 3;
+        room[8] = units;
+        room[13] = rows;
+        f->rules = integers_of(a, 23);
+        f->wide = integers_of(a, 78 + (2 + 8) * n);
+        f->places = integers_of(a, places_integers(header, room));
+        f->bench = reals_of(a, bench_reals(header, room));
+        f->desk = reals_of(a, work_reals(header));
+        f->known = reals_of(a, units * 1);
+    }
+    f->work = reals_of(a, work_reals(header));
+    f->spare = reals_of(a, 13 + 2 * n);
+    f->flags = integers_of(a, work_integers(header));
+    f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;
+    for (i = 0; i < 11; i++)
+        f->data_set[i] = 0;
+}
+
+/* The rows that count, the members of families, and what the keys name. */
+static int find_rows(struct frame *f)
+{
+    const held_data *data = f->data;
+
+    (void)data;
+
+    return 0;
+}
+
+/* `a`. */
+static int set_up_a(struct frame *f)
+{
+    const held_data *data = f->data;
+    double inputs[1];
+    double stated[1];
+    double lower[1], upper[1];
+    long m, c;
+
+    (void)stated;
+    inputs[0] = 0.0;
+    for (m = 0; m < f->members[0]; m++) {
+        const long number = f->offsets[0] + m * 1;
+        const long first = f->firsts[0] + m * 1;
+        for (c = 0; c < 1; c++) {
+            lower[c] = -HUGE_VAL;
+            upper[c] = HUGE_VAL;
+        }
+        for (c = 0; c < 1; c++) {
+            if (!(lower[c] < upper[c]))
+                return HELD_BAD_BOUNDS;
+            f->lower[first + c] = lower[c];
+            f->upper[first + c] = upper[c];
+            f->fixed[first + c] = 0;
+        }
+        if (data->start_a != NULL) {
+            for (c = 0; c < 1; c++)
+                f->start[number + c] = data->start_a[m * 1 + c];
+            continue;
+        }
+        start_of_a(inputs, stated);
+        for (c = 0; c < 1; c++) {
+            const double found = begun(stated[c], -HUGE_VAL, HUGE_VAL, lower[c], upper[c]);
+            f->start[number + c] = found;
+        }
+    }
+    return 0;
+}
+
+/* `b`. */
+static int set_up_b(struct frame *f)
+{
+    const held_data *data = f->data;
+    double inputs[1];
+    double stated[1];
+    double lower[1], upper[1];
+    long m, c;
+
+    (void)stated;
+    inputs[0] = 0.0;
+    for (m = 0; m < f->members[1]; m++) {
+        const long number = f->offsets[1] + m * 1;
+        const long first = f->firsts[1] + m * 1;
+        for (c = 0; c < 1; c++) {
+            lower[c] = -HUGE_VAL;
+            upper[c] = HUGE_VAL;
+        }
+        for (c = 0; c < 1; c++) {
+            if (!(lower[c] < upper[c]))
+                return HELD_BAD_BOUNDS;
+            f->lower[first + c] = lower[c];
+            f->upper[first + c] = upper[c];
+            f->fixed[first + c] = 0;
+        }
+        if (data->start_b != NULL) {
+            for (c = 0; c < 1; c++)
+                f->start[number + c] = data->start_b[m * 1 + c];
+            continue;
+        }
+        start_of_b(inputs, stated);
+        for (c = 0; c < 1; c++) {
+            const double found = begun(stated[c], -HUGE_VAL, HUGE_VAL, lower[c], upper[c]);
+            f->start[number + c] = found;
+        }
+    }
+    return 0;
+}
+
+/* `c`. */
+static int set_up_c(struct frame *f)
+{
+    const held_data *data = f->data;
+    double inputs[1];
+    double stated[1];
+    double lower[1], upper[1];
+    long m, c;
+
+    (void)stated;
+    inputs[0] = 0.0;
+    for (m = 0; m < f->members[2]; m++) {
+        const long number = f->offsets[2] + m * 1;
+        const long first = f->firsts[2] + m * 1;
+        for (c = 0; c < 1; c++) {
+            lower[c] = -HUGE_VAL;
+            upper[c] = HUGE_VAL;
+        }
+        for (c = 0; c < 1; c++) {
+            if (!(lower[c] < upper[c]))
+                return HELD_BAD_BOUNDS;
+            f->lower[first + c] = lower[c];
+            f->upper[first + c] = upper[c];
+            f->fixed[first + c] = 0;
+        }
+        if (data->start_c != NULL) {
+            for (c = 0; c < 1; c++)
+                f->start[number + c] = data->start_c[m * 1 + c];
+            continue;
+        }
+        start_of_c(inputs, stated);
+        for (c = 0; c < 1; c++) {
+            const double found = begun(stated[c], -HUGE_VAL, HUGE_VAL, lower[c], upper[c]);
+            f->start[number + c] = found;
+        }
+    }
+    return 0;
+}
+
+/* Starts, bounds and what stays, of all unknowns. */
+static int set_up(struct frame *f)
+{
+    int status = 0;
+
+    if (status == 0)
+        status = set_up_a(f);
+    if (status == 0)
+        status = set_up_b(f);
+    if (status == 0)
+        status = set_up_c(f);
+    return status;
+}
+
+/* The rows of `d` that d is about. */
+static int d_rows(struct frame *f, long *count)
+{
+    const held_data *data = f->data;
+    long row;
+
+    (void)data;
+    *count = 0;
+    for (row = 0; row < data->d_rows; row++) {
+        f->chosen[(*count)++] = row;
+    }
+    return 0;
+}
+
+/* Parameters, weights and unknowns of the rows of d: kernel 0. */
+static int d_assemble(struct frame *f, long count)
+{
+    const held_data *data = f->data;
+    double inputs[1], noise[1];
+    long i, rows = 0;
+
+    (void)data;
+    inputs[0] = 0.0;
+    f->data_set[1] = f->parameters_used;
+    f->data_set[2] = f->weights_used;
+    f->data_set[3] = f->index_used;
+    f->data_set[4] = f->columns_used;
+    for (i = 0; i < count; i++) {
+        const long row = f->chosen[i];
+        f->parameters[f->parameters_used++] = data->d_x[row];
+        f->parameters[f->parameters_used++] = data->d_y[row];
+        d_noise(inputs, noise);
+        if (!weight_of_sigma(noise[0], f->weights + f->weights_used + 0))
+            return -1;
+        f->weights_used += 1;
+        if (rows == 0) {    /* all rows share their unknowns */
+            f->index[f->index_used++] = f->offsets[0];    /* a */
+            f->index[f->index_used++] = f->offsets[1];    /* b */
+            f->index[f->index_used++] = f->offsets[2];    /* c */
+            f->columns[f->columns_used++] = f->firsts[0];    /* a */
+            f->columns[f->columns_used++] = f->firsts[1];    /* b */
+            f->columns[f->columns_used++] = f->firsts[2];    /* c */
+        }
+        rows++;
+    }
+    f->data_set[5] = rows;
+    return (int)rows;
+}
+
+
+/* Parameters, weights and unknowns of the rows of a_b_3: kernel 1. */
+static int a_b_3_assemble(struct frame *f, long count)
+{
+    const held_data *data = f->data;
+    long i, rows = 0;
+
+    (void)data;
+    f->data_set[6] = f->parameters_used;
+    f->data_set[7] = f->weights_used;
+    f->data_set[8] = f->index_used;
+    f->data_set[9] = f->columns_used;
+    for (i = 0; i < count; i++) {
+        (void)i;
+        if (rows == 0) {    /* all rows share their unknowns */
+            f->index[f->index_used++] = f->offsets[0];    /* a */
+            f->index[f->index_used++] = f->offsets[1];    /* b */
+            f->columns[f->columns_used++] = f->firsts[0];    /* a */
+            f->columns[f->columns_used++] = f->firsts[1];    /* b */
+        }
+        rows++;
+    }
+    f->data_set[10] = rows;
+    return (int)rows;
+}
+
+/* All clauses: the rows that they use, each in the case that its values ask for. */
+static int assemble(struct frame *f)
+{
+    long count;
+    int rows, all, status = 0;
+
+    /* observation d */
+    status = d_rows(f, &count);
+    if (status != 0)
+        return status;
+    all = 0;
+    rows = d_assemble(f, count);
+    if (rows < 0)
+        return HELD_BAD_NOISE;
+    all += rows;
+    if (all != count)
+        return HELD_UNKNOWN_CASE;
+    /* constraint (= (+ a b) 3) */
+    count = 1;
+    all = 0;
+    rows = a_b_3_assemble(f, count);
+    if (rows < 0)
+        return HELD_BAD_NOISE;
+    all += rows;
+    if (all != count)
+        return HELD_UNKNOWN_CASE;
+    return status;
+}
+
+
+/* Everything of a data set that the solver is handed. */
+static int prepare(struct frame *f, const held_data *data,
+    held_workspace *workspace)
+{
+    struct arena a = {0};
+    long b, c, count;
+    int status;
+
+    lay_out(f, data, &a);
+    if (a.reals_used > workspace->reals_size || a.integers_used > workspace->integers_size)
+        return HELD_WORKSPACE_TOO_SMALL;
+    a.reals = workspace->reals;
+    a.integers = workspace->integers;
+    a.reals_used = a.integers_used = 0;
+    lay_out(f, data, &a);
+    status = find_rows(f);
+    if (status != 0)
+        return status;
+    place_unknowns(UNKNOWNS, 3, f->members, f->offsets, f->firsts);
+    status = set_up(f);
+    if (status == 0)
+        status = assemble(f);
+    if (status != 0)
+        return status;
+    for (c = 0; c < 78; c++)
+        f->system[c] = SYSTEM[c];
+    count = f->firsts[3];
+    for (c = 0; c < count; c++)
+        f->used[c] = 0;
+    for (b = 0; b < 2; b++) {
+        const long *block = f->system + 24 + b * 16;
+        const long *own = f->data_set + 1 + b * 5;
+        mark_used(f->system, block, own[4], f->columns + own[3], f->used);
+    }
+    c = free_coordinates(UNKNOWNS, 3, f->members, f->firsts, f->used, f->fixed, f->column);
+    renumber(f->columns_used, f->column, f->columns);
+    set_coordinates(f->system, 78, c, UNKNOWNS, 3, f->members, f->offsets,
+        f->firsts, f->column);
+    f->data_set[0] = set_capacities(f->system, f->data_set);
+    set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);
+    for (b = 0; b < count; b++)
+        if (f->column[b] >= 0)
+            f->coordinates[f->column[b]] = b;
+    for (b = 0; b < 1; b++)
+        f->kappa[b] = 1.0;
+    for (b = 0; b < 23; b++)
+        f->rules[b] = RULES[b];
+    for (b = 0; b < 4; b++)
+        f->agreement[b] = 0;
+    f->units = 0;
+    f->startless = 0;
+    return 0;
+}
+
+/* Consensus: where the solve begins, and which rows count. */
+static int agree_on(struct frame *f, double *factors)
+{
+    long scalars;
+
+    if (f->system[1] > 1
+        && !connected(f->system, f->data_set, f->columns, f->places))
+        return HELD_NOT_CONNECTED;
+    scalars = set_room(f->system, f->data_set, f->rules);
+    side_by_side(f->system, 78 + (2 + 8) * f->system[1], f->wide);
+    f->rules[14] = f->startless;
+    f->units = come_to_agreement(1, scalars, f->system, f->wide, f->constants,
+        f->data_set, f->parameters, f->weights, f->index, f->columns, f->rules, LEVELS, f->known,
+        f->start, f->work, f->desk, f->bench, f->places, f->agreement, f->kappa, factors);
+    if (f->startless && f->agreement[0] == 0)
+        return HELD_NO_START;
+    return 0;
+}
+
+/* Where the answer stands; `sigma` of what is not determined is negative, of what stays 0. */
+static void answer(struct frame *f, held_result *result)
+{
+    const long n = f->system[1], all = f->firsts[3];
+    long c;
+
+    for (c = 0; c < all; c++)
+        f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
+    for (c = 0; c < n; c++) {
+        const double variance = f->covariance[c * n + c];
+        f->sigma[f->coordinates[c]] = variance >= 0.0 ? sqrt(variance) : -1.0;
+    }
+    result->numbers = f->offsets[3];
+    result->point = f->point;
+    result->free = n;
+    result->coordinates = f->coordinates;
+    result->covariance = f->covariance;
+    result->sigmas = f->sigma;
+    result->a = f->point + f->offsets[0];
+    result->a_sigma = f->sigma + f->firsts[0];
+    result->b = f->point + f->offsets[1];
+    result->b_sigma = f->sigma + f->firsts[1];
+    result->c = f->point + f->offsets[2];
+    result->c_sigma = f->sigma + f->firsts[2];
+    result->units = f->units;
+    result->inliers = f->agreement[3];
+    result->ambiguous = f->agreement[2] != 0;
+    result->inside = f->places + place_vector_at(f->rules, 7);
+}
+
+/* What the reason of the solver means to the caller. */
+static int status_of(const struct frame *f)
+{
+    const long reason = f->states[0];
+
+    if (reason == 7)
+        return HELD_NOT_FINITE;
+    if (reason == 9)
+        return HELD_INFEASIBLE;
+    if (f->agreement[0] == 1 && 2 * f->agreement[3] < f->units)
+        return HELD_NO_AGREEMENT;
+    if (f->states[4] != 0)
+        return HELD_UNOBSERVABLE;
+    if (reason < 1 || reason > 4)
+        return HELD_NOT_CONVERGED;
+    return HELD_CONVERGED;
+}
+
+void held_workspace_size(const held_data *data, held_workspace *workspace)
+{
+    struct frame f;
+    struct arena a = {0};
+
+    lay_out(&f, data, &a);
+    workspace->reals_size = a.reals_used;
+    workspace->integers_size = a.integers_used;
+}
+
+int held_solve(const held_data *data, held_result *result, held_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+    double factors[1];
+    long c, n;
+
+    result->status = prepare(f, data, workspace);
+    if (result->status != 0)
+        return result->status;
+    n = f->system[1];
+    for (c = 0; c < 1; c++)
+        factors[c] = 1.0;
+    result->status = agree_on(f, factors);
+    if (result->status != 0)
+        return result->status;
+    solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
+        f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
+        f->multipliers, f->kappa, factors, f->spare);
+    result->cost = f->results[2];
+    if (f->states[4] == 0
+        && !inform(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index, f->columns, f->point,
+            f->kappa, f->sides, f->work, f->flags, f->triangle, f->covariance))
+        f->states[4] = 1;
+    result->status = status_of(f);
+    result->iterations = f->states[1];
+    result->evaluations = f->states[2];
+    result->robust_cost = f->results[0];
+    result->freedom = f->states[3];
+    result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;
+    (void)n;
+    answer(f, result);
+    return result->status;
+}
+
+int held_begin(const held_data *data, held_result *result, held_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+    long c, n;
+
+    memset(result, 0, sizeof *result);
+    result->status = prepare(f, data, workspace);
+    if (result->status != 0)
+        return result->status;
+    n = f->system[1];
+    for (c = 0; c < n * n; c++)
+        f->covariance[c] = -1.0;
+    for (c = 0; c < f->system[0]; c++)
+        f->point[c] = f->start[c];
+    f->states[4] = 0;
+    answer(f, result);
+    return result->status;
+}
+
+long held_residual_count(const held_data *data, held_workspace *workspace)
+{
+    struct frame f;
+
+    return prepare(&f, data, workspace) == 0 ? f.data_set[0] : 0;
+}
+
+void held_residuals(const held_data *data, const double *point, double *residuals,
+    held_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+
+    if (prepare(f, data, workspace) != 0)
+        return;
+    all_rows(f->system, f->data_set, f->parameters, f->weights, f->index, f->columns, point, 0,
+        f->spare, f->spare + row_scratch(f->system), residuals);
+}
+
+void held_jacobian(const held_data *data, const double *point, double *jacobian,
+    held_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+
+    if (prepare(f, data, workspace) != 0)
+        return;
+    all_rows(f->system, f->data_set, f->parameters, f->weights, f->index, f->columns, point, 1,
+        f->spare, f->spare + row_scratch(f->system), jacobian);
+}
+
+int held_covariance(const held_data *data, const double *point, double *covariance,
+    held_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+    long c;
+
+    if (prepare(f, data, workspace) != 0)
+        return 0;
+    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work);
+    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, f->work, f->constants,
+        f->triangle);
+    for (c = 0; c < f->system[1]; c++)
+        f->sides[c] = 0;
+    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+        < 1e300;
+}
+
+const char *held_status_text(int status)
+{
+    switch (status) {
+    case HELD_CONVERGED:
+        return "converged";
+    case HELD_NOT_CONVERGED:
+        return "not converged: the estimates should not be trusted";
+    case HELD_UNOBSERVABLE:
+        return "the data do not determine all unknowns";
+    case HELD_INFEASIBLE:
+        return "no point meets all constraints";
+    case HELD_NO_AGREEMENT:
+        return "fewer than half of the measurements agree with any one solution";
+    case HELD_NOT_FINITE:
+        return "an equation has no finite value at the start";
+    case HELD_NO_ROWS:
+        return "a table that one row is wanted of has none";
+    case HELD_UNKNOWN_KEY:
+        return "a key names no row or member";
+    case HELD_UNKNOWN_CASE:
+        return "a row has values that no row had when the solver was made";
+    case HELD_BAD_NOISE:
+        return "a standard deviation is not above zero, or a matrix is not symmetric and positive definite";
+    case HELD_BAD_BOUNDS:
+        return "a lower bound is not below the upper one";
+    case HELD_BAD_START:
+        return "an unknown that stays above zero does not begin there";
+    case HELD_NO_START:
+        return "the data give no start: state one";
+    case HELD_NOT_CONNECTED:
+        return "no equation connects all unknowns, or they are more than 60: no case for consensus";
+    case HELD_WORKSPACE_TOO_SMALL:
+        return "the workspace is smaller than the size that was asked for";
+    default:
+        return "no status";
+    }
+}

@@ -1,0 +1,80 @@
+/* levelling: its equations. Everything is in SI, angles in radians. */
+
+#include <math.h>
+
+static double kernel_equal(double a, double b) { return a == b ? 1.0 : 0.0; }
+
+/*
+ * steps: what should be zero in each row.
+ *
+ *     0 = (h[to] - h[from]) - rise
+ */
+static void steps_values(const double *inputs, double *outputs)
+{
+    const double h_to = inputs[0];  /* h[to] */
+    const double h_from = inputs[1];  /* h[from] */
+    const double rise = inputs[2];
+
+    outputs[0] = h_to - h_from - rise;
+}
+
+/*
+ * steps: the same, and behind it the derivatives that are not zero everywhere, in the order
+ *
+ *     d(component 1) / d(h[to], coordinate 1)
+ *     d(component 1) / d(h[from], coordinate 1)
+ */
+static void steps_jacobian(const double *inputs, double *outputs)
+{
+    const double h_to = inputs[0];  /* h[to] */
+    const double h_from = inputs[1];  /* h[from] */
+    const double rise = inputs[2];
+
+    outputs[0] = h_to - h_from - rise;
+    outputs[1] = 1.0;
+    outputs[2] = -1.0;
+}
+
+/* steps: stated noise. */
+static void steps_noise(const double *inputs, double *outputs)
+{
+    (void)inputs;
+
+    outputs[0] = 0.01;
+}
+
+/* h: where the iteration begins. */
+static void start_of_h(const double *inputs, double *outputs)
+{
+    const double height = inputs[0];
+
+    outputs[0] = height;
+}
+
+/* h: which coordinates stay: 1 or 0. */
+static void fixed_of_h(const double *inputs, double *outputs)
+{
+    const double known = inputs[0];
+
+    outputs[0] = kernel_equal(known, 1.0);
+}
+
+/* Kernel 2k gives the values of kernel k, 2k + 1 the values and the derivatives; `rows` of them. */
+static void call_kernel(long kernel, const double *inputs, double *outputs, long rows)
+{
+    long row;
+
+    switch (kernel) {
+    case 0:
+        for (row = 0; row < rows; row++)
+            steps_values(inputs + row * 3, outputs + row * 1);
+        break;
+    case 1:
+        for (row = 0; row < rows; row++)
+            steps_jacobian(inputs + row * 3, outputs + row * 3);
+        break;
+    default:
+        break;
+    }
+}
+

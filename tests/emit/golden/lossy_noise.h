@@ -1,0 +1,94 @@
+#ifndef LOSSY_NOISE_H
+#define LOSSY_NOISE_H
+
+/*
+ * lossy-noise: The noise of all rows is unknown, and there is a loss.
+ *
+ * Written by mbm 0.1.0. Everything is in SI, angles in radians. Calls share nothing but their
+ * arguments, so that threads may solve at the same time, each with a workspace of its own.
+ */
+
+/* What a call answers; `_status_text` has the sentence. */
+enum lossy_noise_status {
+    LOSSY_NOISE_CONVERGED = 0,
+    LOSSY_NOISE_NOT_CONVERGED = 1,
+    LOSSY_NOISE_UNOBSERVABLE = 2,
+    LOSSY_NOISE_INFEASIBLE = 3,
+    LOSSY_NOISE_NO_AGREEMENT = 4,
+    LOSSY_NOISE_NOT_FINITE = 5,
+    LOSSY_NOISE_NO_ROWS = 6,
+    LOSSY_NOISE_UNKNOWN_KEY = 7,
+    LOSSY_NOISE_UNKNOWN_CASE = 8,
+    LOSSY_NOISE_BAD_NOISE = 9,
+    LOSSY_NOISE_BAD_BOUNDS = 10,
+    LOSSY_NOISE_BAD_START = 11,
+    LOSSY_NOISE_NO_START = 12,
+    LOSSY_NOISE_NOT_CONNECTED = 13,
+    LOSSY_NOISE_WORKSPACE_TOO_SMALL = 14
+};
+
+/* What is given: columns of tables, one element per row, in SI. */
+typedef struct {
+    long d_rows;    /* rows of `d` */
+    const double *d_x;    /* `x` */
+    const double *d_y;    /* `y` */
+    const double *start_a;    /* where a begins: a number; NULL: as the README says */
+    const double *start_b;    /* where b begins: a number; NULL: as the README says */
+} lossy_noise_data;
+
+/* What is answered, in SI; `sigma` are standard deviations. */
+typedef struct {
+    int status;
+    long iterations, evaluations;
+    double cost;           /* weighted sum of squares, without losses */
+    double robust_cost;    /* the same with losses */
+    long freedom;          /* degrees of freedom */
+    double sigma0;         /* sqrt(cost / freedom); 0 without freedom */
+    long numbers;          /* N, numbers of all unknowns */
+    const double *point;   /* (N) the estimates, unknown after unknown, member after member */
+    long free;             /* n, estimated coordinates */
+    const long *coordinates;     /* (n) their places among all coordinates */
+    const double *covariance;    /* (n, n) row by row */
+    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
+    const double *a;          /* (1) real */
+    const double *a_sigma;    /* (1) */
+    const double *b;          /* (1) real */
+    const double *b_sigma;    /* (1) */
+} lossy_noise_result;
+
+/* Memory of the caller, of at least the sizes that `_workspace_size` gives; results point into it. */
+typedef struct {
+    double *reals;
+    long reals_size;
+    long *integers;
+    long integers_size;
+} lossy_noise_workspace;
+
+/* How much memory data of these numbers of rows need; only the counts of rows in `data` are read. */
+void lossy_noise_workspace_size(const lossy_noise_data *data, lossy_noise_workspace *workspace);
+
+/* Solves; the answer is also in `result->status`. Allocates nothing. */
+int lossy_noise_solve(const lossy_noise_data *data, lossy_noise_result *result, lossy_noise_workspace *workspace);
+
+/* Prepares the equations without solving: `result` then has the start, and where everything stands. */
+int lossy_noise_begin(const lossy_noise_data *data, lossy_noise_result *result, lossy_noise_workspace *workspace);
+
+/* How many residuals the data of the last `_begin` or `_solve` with this workspace have. */
+long lossy_noise_residual_count(const lossy_noise_data *data, lossy_noise_workspace *workspace);
+
+/* Whitened residuals (m) at a point (N), after `_begin` or `_solve` with the same data and workspace. */
+void lossy_noise_residuals(const lossy_noise_data *data, const double *point, double *residuals,
+    lossy_noise_workspace *workspace);
+
+/* Their derivatives by the estimated coordinates (m, n), row by row; without losses. */
+void lossy_noise_jacobian(const lossy_noise_data *data, const double *point, double *jacobian,
+    lossy_noise_workspace *workspace);
+
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+int lossy_noise_covariance(const lossy_noise_data *data, const double *point, double *covariance,
+    lossy_noise_workspace *workspace);
+
+/* What a status means. */
+const char *lossy_noise_status_text(int status);
+
+#endif

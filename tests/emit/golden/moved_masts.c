@@ -1,0 +1,636 @@
+/* moved-masts: from tables to the arrays of the solver, and back. */
+
+#include "moved_masts.h"
+
+#include <stddef.h>
+#include <string.h>
+
+#include "moved_masts_kernels.h"
+#include "moved_masts_solver.h"
+
+/* How the solver's description of the equations begins: what no data change. */
+static const long SYSTEM[80] = {
+    0, 0, 0, 2, 0, 0, 0, 0, 100, 0, 0, 0, 0, 32, 0, 0, 0, 24, 0, 0, 0, 0, 0, 0, 0, 1, 1, 3, 2, 3, 3, 3, 3, 1,
+    1, 56, 62, -1, 71, 0, 2, 3, 1, 1, 1, 1, 1, 1, 1, 1, 1, 71, 77, -1, 80, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1,
+    0, 0, 2, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0
+};
+
+/* Of each unknown: numbers, coordinates, family, positive, pieces. */
+static const long UNKNOWNS[21] = {
+    2, 2, 0, 0, 2, 12, 1, 1, 1, 0, 1, 18, 0, 0, 0, 0, 1, 1, 0, 0, 0
+};
+
+/* Parameter and shape of each loss. */
+static const double LOSSES[1] = {
+    0.0
+};
+
+#define TOLERANCE 1e-10    /* of the next step, in standard deviations */
+
+/* Arrays of one data set, taken from the caller's workspace one after the other; nothing is allocated. */
+struct arena {
+    double *reals;
+    long reals_used;
+    long *integers;
+    long integers_used;
+};
+
+static double *reals_of(struct arena *a, long count)
+{
+    double *found = a->reals != NULL ? a->reals + a->reals_used : NULL;
+    a->reals_used += count;
+    return found;
+}
+
+static long *integers_of(struct arena *a, long count)
+{
+    long *found = a->integers != NULL ? a->integers + a->integers_used : NULL;
+    a->integers_used += count;
+    return found;
+}
+
+struct frame {
+    const moved_masts_data *data;
+    long members[2];        /* of each unknown; 1 without a family */
+    long offsets[3];        /* where the numbers of each unknown begin */
+    long firsts[3];         /* where its coordinates begin */
+    long data_set[11];      /* as the solver wants it */
+    long *masts_x_of_ranges;    /* the member that each row names */
+    long *masts_of_ranges;    /* the row of `masts` that each row names */
+    long *masts_x_of_masts;    /* the member that each row names */
+    long *masts_members;    /* a row of `masts` for each member */
+    long masts_members_count;
+    long *chosen, *fixed, *used, *column, *index, *columns, *system, *sides, *flags, *coordinates;
+    long parameters_used, weights_used, index_used, columns_used;
+    double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;
+    double *triangle, *covariance, *multipliers, *work, *spare;
+    double kappa[2];    /* of each kind of unit: what limits leave */
+    double results[8];
+    long states[8];
+};
+
+/* Lays out a frame for the rows of `data`: the most that can be needed. */
+static void lay_out(struct frame *f, const moved_masts_data *data, struct arena *a)
+{
+    long n, numbers, residuals = 4, inputs = 0, weights = 0, multipliers = 0, i;
+    long parameters = 0, index = 0, columns = 0, chosen = 1;
+    long header[24] = {0};
+
+    f->data = data;
+    f->masts_x_of_ranges = integers_of(a, data->ranges_rows);
+    f->masts_of_ranges = integers_of(a, data->ranges_rows);
+    f->masts_x_of_masts = integers_of(a, data->masts_rows);
+    f->masts_members = integers_of(a, data->masts_rows);
+    f->members[0] = 1;
+    f->members[1] = data->masts_rows;
+    place_unknowns(UNKNOWNS, 2, f->members, f->offsets, f->firsts);
+    numbers = f->offsets[2];
+    n = f->firsts[2];
+    /* ranges */
+    chosen = chosen < data->ranges_rows ? data->ranges_rows : chosen;
+    parameters += data->ranges_rows * 2;
+    residuals += data->ranges_rows * 1;
+    inputs += data->ranges_rows * 5;
+    index += (data->ranges_rows + 1) * 3;
+    columns += (data->ranges_rows + 1) * 3;
+    weights += data->ranges_rows * 1;
+    /* masts.x */
+    chosen = chosen < data->masts_rows ? data->masts_rows : chosen;
+    parameters += data->masts_rows * 1;
+    residuals += data->masts_rows * 1;
+    inputs += data->masts_rows * 2;
+    index += (data->masts_rows + 1) * 1;
+    columns += (data->masts_rows + 1) * 1;
+    weights += data->masts_rows * 1;
+    f->chosen = integers_of(a, chosen + 1);
+    f->index = integers_of(a, index + 1);
+    f->columns = integers_of(a, columns + 1);
+    f->fixed = integers_of(a, n + 1);
+    f->used = integers_of(a, n + 1);
+    f->column = integers_of(a, n + 1);
+    f->sides = integers_of(a, n + 1);
+    f->coordinates = integers_of(a, n + 1);
+    f->system = integers_of(a, 80 + (2 + 8) * n);
+    f->parameters = reals_of(a, parameters + 1);
+    f->weights = reals_of(a, weights + 1);
+    f->scratch = reals_of(a, 1);
+    f->start = reals_of(a, numbers);
+    f->point = reals_of(a, numbers);
+    f->lower = reals_of(a, n);
+    f->upper = reals_of(a, n);
+    f->sigma = reals_of(a, n);
+    f->constants = reals_of(a, 8 + 2 * n);
+    f->triangle = reals_of(a, (n + 1) * (n + 1));
+    f->covariance = reals_of(a, n * n);
+    f->multipliers = reals_of(a, multipliers + 1);
+    header[0] = numbers;
+    header[1] = n;
+    header[5] = multipliers;
+    header[10] = residuals;
+    header[11] = inputs;
+    header[12] = weights + 2 * multipliers;
+    header[13] = 32;
+    header[14] = 128;
+    f->work = reals_of(a, work_reals(header));
+    f->spare = reals_of(a, 13 + 2 * n);
+    f->flags = integers_of(a, work_integers(header));
+    f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;
+    for (i = 0; i < 11; i++)
+        f->data_set[i] = 0;
+}
+
+/* The place of a key among cells: those in `rows`, or the first `count`; -1: it is none. Data often come
+ * in the order of their keys, so the search begins behind the place that was found last, and goes round. */
+static long place_of_text(const char *key, const char *const *cells, const long *rows, long count, long last)
+{
+    long i;
+    for (i = 0; i < count; i++) {
+        const long place = (last + 1 + i) % count;
+        if (strcmp(cells[rows != NULL ? rows[place] : place], key) == 0)
+            return place;
+    }
+    return -1;
+}
+
+/* The rows that count, the members of families, and what the keys name. */
+static int find_rows(struct frame *f)
+{
+    const moved_masts_data *data = f->data;
+    long row, last;
+
+    (void)data;
+    /* the members: rows of `masts` */
+    f->masts_members_count = 0;
+    for (row = 0; row < data->masts_rows; row++) {
+        f->masts_members[f->masts_members_count++] = row;
+    }
+    f->members[1] = f->masts_members_count;    /* masts.x */
+    /* the member that each row of `ranges` names */
+    last = -1;
+    for (row = 0; row < data->ranges_rows; row++) {
+        last = place_of_text(data->ranges_mast[row], data->masts_id, f->masts_members, f->masts_members_count, last);
+        if (last < 0)
+            return MOVED_MASTS_UNKNOWN_KEY;
+        f->masts_x_of_ranges[row] = last;
+    }
+    /* the row of `masts` that each row of `ranges` names */
+    last = -1;
+    for (row = 0; row < data->ranges_rows; row++) {
+        last = place_of_text(data->ranges_mast[row], data->masts_id, NULL, data->masts_rows, last);
+        if (last < 0)
+            return MOVED_MASTS_UNKNOWN_KEY;
+        f->masts_of_ranges[row] = last;
+    }
+    /* the member that each row of `masts` names */
+    last = -1;
+    for (row = 0; row < data->masts_rows; row++) {
+        last = place_of_text(data->masts_id[row], data->masts_id, f->masts_members, f->masts_members_count, last);
+        if (last < 0)
+            return MOVED_MASTS_UNKNOWN_KEY;
+        f->masts_x_of_masts[row] = last;
+    }
+    return 0;
+}
+
+/* `p`. */
+static int set_up_p(struct frame *f)
+{
+    const moved_masts_data *data = f->data;
+    double inputs[1];
+    double stated[2];
+    double lower[2], upper[2];
+    long m, c;
+
+    (void)stated;
+    inputs[0] = 0.0;
+    for (m = 0; m < f->members[0]; m++) {
+        const long number = f->offsets[0] + m * 2;
+        const long first = f->firsts[0] + m * 2;
+        for (c = 0; c < 2; c++) {
+            lower[c] = -HUGE_VAL;
+            upper[c] = HUGE_VAL;
+        }
+        for (c = 0; c < 2; c++) {
+            if (!(lower[c] < upper[c]))
+                return MOVED_MASTS_BAD_BOUNDS;
+            f->lower[first + c] = lower[c];
+            f->upper[first + c] = upper[c];
+            f->fixed[first + c] = 0;
+        }
+        if (data->start_p != NULL) {
+            for (c = 0; c < 2; c++)
+                f->start[number + c] = data->start_p[m * 2 + c];
+            continue;
+        }
+        start_of_p(inputs, stated);
+        for (c = 0; c < 2; c++) {
+            const double found = begun(stated[c], -HUGE_VAL, HUGE_VAL, lower[c], upper[c]);
+            f->start[number + c] = found;
+        }
+    }
+    return 0;
+}
+
+/* `masts.x`: true values of the column x, which is measured with errors. */
+static int set_up_masts_x(struct frame *f)
+{
+    const moved_masts_data *data = f->data;
+    double inputs[1];
+    double stated[1];
+    double lower[1], upper[1];
+    long m, c;
+
+    (void)stated;
+    for (m = 0; m < f->members[1]; m++) {
+        const long row = f->masts_members[m];
+        const long number = f->offsets[1] + m * 1;
+        const long first = f->firsts[1] + m * 1;
+        (void)row;
+        for (c = 0; c < 1; c++) {
+            lower[c] = -HUGE_VAL;
+            upper[c] = HUGE_VAL;
+        }
+        for (c = 0; c < 1; c++) {
+            if (!(lower[c] < upper[c]))
+                return MOVED_MASTS_BAD_BOUNDS;
+            f->lower[first + c] = lower[c];
+            f->upper[first + c] = upper[c];
+            f->fixed[first + c] = 0;
+        }
+        if (data->start_masts_x != NULL) {
+            for (c = 0; c < 1; c++)
+                f->start[number + c] = data->start_masts_x[m * 1 + c];
+            continue;
+        }
+        inputs[0] = data->masts_x[row];
+        start_of_masts_x(inputs, stated);
+        for (c = 0; c < 1; c++) {
+            const double found = begun(stated[c], -HUGE_VAL, HUGE_VAL, lower[c], upper[c]);
+            f->start[number + c] = found;
+        }
+    }
+    return 0;
+}
+
+/* Starts, bounds and what stays, of all unknowns. */
+static int set_up(struct frame *f)
+{
+    int status = 0;
+
+    if (status == 0)
+        status = set_up_p(f);
+    if (status == 0)
+        status = set_up_masts_x(f);
+    return status;
+}
+
+/* The rows of `ranges` that ranges is about. */
+static int ranges_rows(struct frame *f, long *count)
+{
+    const moved_masts_data *data = f->data;
+    long row;
+
+    (void)data;
+    *count = 0;
+    for (row = 0; row < data->ranges_rows; row++) {
+        f->chosen[(*count)++] = row;
+    }
+    return 0;
+}
+
+/* Parameters, weights and unknowns of the rows of ranges: kernel 0. */
+static int ranges_assemble(struct frame *f, long count)
+{
+    const moved_masts_data *data = f->data;
+    double inputs[1], noise[1];
+    long i, rows = 0;
+
+    (void)data;
+    inputs[0] = 0.0;
+    f->data_set[1] = f->parameters_used;
+    f->data_set[2] = f->weights_used;
+    f->data_set[3] = f->index_used;
+    f->data_set[4] = f->columns_used;
+    for (i = 0; i < count; i++) {
+        const long row = f->chosen[i];
+        f->parameters[f->parameters_used++] = data->masts_y[f->masts_of_ranges[row]];
+        f->parameters[f->parameters_used++] = data->ranges_r[row];
+        ranges_noise(inputs, noise);
+        if (!weight_of_sigma(noise[0], f->weights + f->weights_used + 0))
+            return -1;
+        f->weights_used += 1;
+        f->index[f->index_used++] = f->offsets[0];    /* p */
+        f->index[f->index_used++] = f->offsets[1] + f->masts_x_of_ranges[row] * 1;    /* masts.x */
+        f->index[f->index_used++] = f->offsets[0] + 1;    /* p */
+        f->columns[f->columns_used++] = f->firsts[0];    /* p */
+        f->columns[f->columns_used++] = f->firsts[1] + f->masts_x_of_ranges[row] * 1;    /* masts.x */
+        f->columns[f->columns_used++] = f->firsts[0] + 1;    /* p */
+        rows++;
+    }
+    f->data_set[5] = rows;
+    return (int)rows;
+}
+
+/* The rows of `masts` that masts.x is about. */
+static int masts_x_rows(struct frame *f, long *count)
+{
+    const moved_masts_data *data = f->data;
+    long row;
+
+    (void)data;
+    *count = 0;
+    for (row = 0; row < data->masts_rows; row++) {
+        f->chosen[(*count)++] = row;
+    }
+    return 0;
+}
+
+/* Parameters, weights and unknowns of the rows of masts_x: kernel 1. */
+static int masts_x_assemble(struct frame *f, long count)
+{
+    const moved_masts_data *data = f->data;
+    double inputs[1], noise[1];
+    long i, rows = 0;
+
+    (void)data;
+    f->data_set[6] = f->parameters_used;
+    f->data_set[7] = f->weights_used;
+    f->data_set[8] = f->index_used;
+    f->data_set[9] = f->columns_used;
+    for (i = 0; i < count; i++) {
+        const long row = f->chosen[i];
+        f->parameters[f->parameters_used++] = data->masts_x[row];
+        inputs[0] = data->masts_s[row];
+        masts_x_noise(inputs, noise);
+        if (!weight_of_sigma(noise[0], f->weights + f->weights_used + 0))
+            return -1;
+        f->weights_used += 1;
+        f->index[f->index_used++] = f->offsets[1] + f->masts_x_of_masts[row] * 1;    /* masts.x */
+        f->columns[f->columns_used++] = f->firsts[1] + f->masts_x_of_masts[row] * 1;    /* masts.x */
+        rows++;
+    }
+    f->data_set[10] = rows;
+    return (int)rows;
+}
+
+/* All clauses: the rows that they use, each in the case that its values ask for. */
+static int assemble(struct frame *f)
+{
+    long count;
+    int rows, all, status = 0;
+
+    /* observation ranges */
+    status = ranges_rows(f, &count);
+    if (status != 0)
+        return status;
+    all = 0;
+    rows = ranges_assemble(f, count);
+    if (rows < 0)
+        return MOVED_MASTS_BAD_NOISE;
+    all += rows;
+    if (all != count)
+        return MOVED_MASTS_UNKNOWN_CASE;
+    /* observation masts.x */
+    status = masts_x_rows(f, &count);
+    if (status != 0)
+        return status;
+    all = 0;
+    rows = masts_x_assemble(f, count);
+    if (rows < 0)
+        return MOVED_MASTS_BAD_NOISE;
+    all += rows;
+    if (all != count)
+        return MOVED_MASTS_UNKNOWN_CASE;
+    return status;
+}
+
+
+/* Everything of a data set that the solver is handed. */
+static int prepare(struct frame *f, const moved_masts_data *data,
+    moved_masts_workspace *workspace)
+{
+    struct arena a = {0};
+    long b, c, count;
+    int status;
+
+    lay_out(f, data, &a);
+    if (a.reals_used > workspace->reals_size || a.integers_used > workspace->integers_size)
+        return MOVED_MASTS_WORKSPACE_TOO_SMALL;
+    a.reals = workspace->reals;
+    a.integers = workspace->integers;
+    a.reals_used = a.integers_used = 0;
+    lay_out(f, data, &a);
+    status = find_rows(f);
+    if (status != 0)
+        return status;
+    place_unknowns(UNKNOWNS, 2, f->members, f->offsets, f->firsts);
+    status = set_up(f);
+    if (status == 0)
+        status = assemble(f);
+    if (status != 0)
+        return status;
+    for (c = 0; c < 80; c++)
+        f->system[c] = SYSTEM[c];
+    count = f->firsts[2];
+    for (c = 0; c < count; c++)
+        f->used[c] = 0;
+    for (b = 0; b < 2; b++) {
+        const long *block = f->system + 24 + b * 16;
+        const long *own = f->data_set + 1 + b * 5;
+        mark_used(f->system, block, own[4], f->columns + own[3], f->used);
+    }
+    c = free_coordinates(UNKNOWNS, 2, f->members, f->firsts, f->used, f->fixed, f->column);
+    renumber(f->columns_used, f->column, f->columns);
+    set_coordinates(f->system, 80, c, UNKNOWNS, 2, f->members, f->offsets,
+        f->firsts, f->column);
+    f->data_set[0] = set_capacities(f->system, f->data_set);
+    set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);
+    for (b = 0; b < count; b++)
+        if (f->column[b] >= 0)
+            f->coordinates[f->column[b]] = b;
+    for (b = 0; b < 2; b++)
+        f->kappa[b] = 1.0;
+    return 0;
+}
+
+/* Where the answer stands; `sigma` of what is not determined is negative, of what stays 0. */
+static void answer(struct frame *f, moved_masts_result *result)
+{
+    const long n = f->system[1], all = f->firsts[2];
+    long c;
+
+    for (c = 0; c < all; c++)
+        f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
+    for (c = 0; c < n; c++) {
+        const double variance = f->covariance[c * n + c];
+        f->sigma[f->coordinates[c]] = variance >= 0.0 ? sqrt(variance) : -1.0;
+    }
+    result->numbers = f->offsets[2];
+    result->point = f->point;
+    result->free = n;
+    result->coordinates = f->coordinates;
+    result->covariance = f->covariance;
+    result->sigmas = f->sigma;
+    result->p = f->point + f->offsets[0];
+    result->p_sigma = f->sigma + f->firsts[0];
+    result->masts_x_members = f->members[1];
+    result->masts_x_rows = f->masts_members;
+    result->masts_x = f->point + f->offsets[1];
+    result->masts_x_sigma = f->sigma + f->firsts[1];
+}
+
+/* What the reason of the solver means to the caller. */
+static int status_of(const struct frame *f)
+{
+    const long reason = f->states[0];
+
+    if (reason == 7)
+        return MOVED_MASTS_NOT_FINITE;
+    if (reason == 9)
+        return MOVED_MASTS_INFEASIBLE;
+    if (f->states[4] != 0)
+        return MOVED_MASTS_UNOBSERVABLE;
+    if (reason < 1 || reason > 4)
+        return MOVED_MASTS_NOT_CONVERGED;
+    return MOVED_MASTS_CONVERGED;
+}
+
+void moved_masts_workspace_size(const moved_masts_data *data, moved_masts_workspace *workspace)
+{
+    struct frame f;
+    struct arena a = {0};
+
+    lay_out(&f, data, &a);
+    workspace->reals_size = a.reals_used;
+    workspace->integers_size = a.integers_used;
+}
+
+int moved_masts_solve(const moved_masts_data *data, moved_masts_result *result, moved_masts_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+    double factors[1];
+    long c, n;
+
+    result->status = prepare(f, data, workspace);
+    if (result->status != 0)
+        return result->status;
+    n = f->system[1];
+    for (c = 0; c < 1; c++)
+        factors[c] = 1.0;
+    solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
+        f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
+        f->multipliers, f->kappa, factors, f->spare);
+    result->cost = f->results[2];
+    result->status = status_of(f);
+    result->iterations = f->states[1];
+    result->evaluations = f->states[2];
+    result->robust_cost = f->results[0];
+    result->freedom = f->states[3];
+    result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;
+    (void)n;
+    answer(f, result);
+    return result->status;
+}
+
+int moved_masts_begin(const moved_masts_data *data, moved_masts_result *result, moved_masts_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+    long c, n;
+
+    memset(result, 0, sizeof *result);
+    result->status = prepare(f, data, workspace);
+    if (result->status != 0)
+        return result->status;
+    n = f->system[1];
+    for (c = 0; c < n * n; c++)
+        f->covariance[c] = -1.0;
+    for (c = 0; c < f->system[0]; c++)
+        f->point[c] = f->start[c];
+    f->states[4] = 0;
+    answer(f, result);
+    return result->status;
+}
+
+long moved_masts_residual_count(const moved_masts_data *data, moved_masts_workspace *workspace)
+{
+    struct frame f;
+
+    return prepare(&f, data, workspace) == 0 ? f.data_set[0] : 0;
+}
+
+void moved_masts_residuals(const moved_masts_data *data, const double *point, double *residuals,
+    moved_masts_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+
+    if (prepare(f, data, workspace) != 0)
+        return;
+    all_rows(f->system, f->data_set, f->parameters, f->weights, f->index, f->columns, point, 0,
+        f->spare, f->spare + row_scratch(f->system), residuals);
+}
+
+void moved_masts_jacobian(const moved_masts_data *data, const double *point, double *jacobian,
+    moved_masts_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+
+    if (prepare(f, data, workspace) != 0)
+        return;
+    all_rows(f->system, f->data_set, f->parameters, f->weights, f->index, f->columns, point, 1,
+        f->spare, f->spare + row_scratch(f->system), jacobian);
+}
+
+int moved_masts_covariance(const moved_masts_data *data, const double *point, double *covariance,
+    moved_masts_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+    long c;
+
+    if (prepare(f, data, workspace) != 0)
+        return 0;
+    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work);
+    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, f->work, f->constants,
+        f->triangle);
+    for (c = 0; c < f->system[1]; c++)
+        f->sides[c] = 0;
+    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+        < 1e300;
+}
+
+const char *moved_masts_status_text(int status)
+{
+    switch (status) {
+    case MOVED_MASTS_CONVERGED:
+        return "converged";
+    case MOVED_MASTS_NOT_CONVERGED:
+        return "not converged: the estimates should not be trusted";
+    case MOVED_MASTS_UNOBSERVABLE:
+        return "the data do not determine all unknowns";
+    case MOVED_MASTS_INFEASIBLE:
+        return "no point meets all constraints";
+    case MOVED_MASTS_NO_AGREEMENT:
+        return "fewer than half of the measurements agree with any one solution";
+    case MOVED_MASTS_NOT_FINITE:
+        return "an equation has no finite value at the start";
+    case MOVED_MASTS_NO_ROWS:
+        return "a table that one row is wanted of has none";
+    case MOVED_MASTS_UNKNOWN_KEY:
+        return "a key names no row or member";
+    case MOVED_MASTS_UNKNOWN_CASE:
+        return "a row has values that no row had when the solver was made";
+    case MOVED_MASTS_BAD_NOISE:
+        return "a standard deviation is not above zero, or a matrix is not symmetric and positive definite";
+    case MOVED_MASTS_BAD_BOUNDS:
+        return "a lower bound is not below the upper one";
+    case MOVED_MASTS_BAD_START:
+        return "an unknown that stays above zero does not begin there";
+    case MOVED_MASTS_NO_START:
+        return "the data give no start: state one";
+    case MOVED_MASTS_NOT_CONNECTED:
+        return "no equation connects all unknowns, or they are more than 60: no case for consensus";
+    case MOVED_MASTS_WORKSPACE_TOO_SMALL:
+        return "the workspace is smaller than the size that was asked for";
+    default:
+        return "no status";
+    }
+}

@@ -1,0 +1,768 @@
+/* rim: from tables to the arrays of the solver, and back. */
+
+#include "rim.h"
+
+#include <stddef.h>
+#include <string.h>
+
+#include "rim_kernels.h"
+#include "rim_solver.h"
+
+/* How the solver's description of the equations begins: what no data change. */
+static const long SYSTEM[106] = {
+    0, 0, 0, 2, 1, 0, 1, 0, 100, 0, 0, 0, 0, 32, 0, 0, 0, 24, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1,
+    1, 72, 78, -1, 81, 0, 2, 3, 1, 1, 1, 1, 1, 1, 1, 1, 1, 81, 87, -1, 90, 0, 4, 5, 1, 5, 0, 5, 5, 5, 5, 0, 0,
+    90, 90, -1, 105, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, -1, 0, 1, -1, 0, 2, -1, 0,
+    3, -1, 0, 4, -1, 1
+};
+
+/* Of each unknown: numbers, coordinates, family, positive, pieces. */
+static const long UNKNOWNS[39] = {
+    2, 2, 0, 0, 2, 24, 1, 1, 0, 0, 1, 30, 1, 1, 1, 0, 1, 33, 1, 1, 1, 0, 1, 36, 0, 0, 0, 0, 1, 1, 0, 0, 0, 0,
+    0, 0, 0, 0, 0
+};
+
+/* Parameter and shape of each loss. */
+static const double LOSSES[1] = {
+    0.0
+};
+
+#define TOLERANCE 1e-10    /* of the next step, in standard deviations */
+
+/* Arrays of one data set, taken from the caller's workspace one after the other; nothing is allocated. */
+struct arena {
+    double *reals;
+    long reals_used;
+    long *integers;
+    long integers_used;
+};
+
+static double *reals_of(struct arena *a, long count)
+{
+    double *found = a->reals != NULL ? a->reals + a->reals_used : NULL;
+    a->reals_used += count;
+    return found;
+}
+
+static long *integers_of(struct arena *a, long count)
+{
+    long *found = a->integers != NULL ? a->integers + a->integers_used : NULL;
+    a->integers_used += count;
+    return found;
+}
+
+struct frame {
+    const rim_data *data;
+    long members[4];        /* of each unknown; 1 without a family */
+    long offsets[5];        /* where the numbers of each unknown begin */
+    long firsts[5];         /* where its coordinates begin */
+    long data_set[16];      /* as the solver wants it */
+    long *d_x_of_d;    /* the member that each row names */
+    long *d_members;    /* a row of `d` for each member */
+    long d_members_count;
+    long *chosen, *fixed, *used, *column, *index, *columns, *system, *sides, *flags, *coordinates;
+    long parameters_used, weights_used, index_used, columns_used;
+    double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;
+    double *triangle, *covariance, *multipliers, *work, *spare;
+    double kappa[2];    /* of each kind of unit: what limits leave */
+    double results[8];
+    long states[8];
+};
+
+/* Lays out a frame for the rows of `data`: the most that can be needed. */
+static void lay_out(struct frame *f, const rim_data *data, struct arena *a)
+{
+    long n, numbers, residuals = 4, inputs = 0, weights = 0, multipliers = 0, i;
+    long parameters = 0, index = 0, columns = 0, chosen = 1;
+    long header[24] = {0};
+
+    f->data = data;
+    f->d_x_of_d = integers_of(a, data->d_rows);
+    f->d_members = integers_of(a, data->d_rows);
+    f->members[0] = 1;
+    f->members[1] = 1;
+    f->members[2] = data->d_rows;
+    f->members[3] = data->d_rows;
+    place_unknowns(UNKNOWNS, 4, f->members, f->offsets, f->firsts);
+    numbers = f->offsets[4];
+    n = f->firsts[4];
+    /* d */
+    chosen = chosen < data->d_rows ? data->d_rows : chosen;
+    parameters += data->d_rows * 0;
+    residuals += data->d_rows * 1;
+    inputs += data->d_rows * 5;
+    index += (data->d_rows + 1) * 5;
+    columns += (data->d_rows + 1) * 5;
+    multipliers += data->d_rows * 1;
+    /* d.x */
+    chosen = chosen < data->d_rows ? data->d_rows : chosen;
+    parameters += data->d_rows * 1;
+    residuals += data->d_rows * 1;
+    inputs += data->d_rows * 2;
+    index += (data->d_rows + 1) * 1;
+    columns += (data->d_rows + 1) * 1;
+    weights += data->d_rows * 1;
+    /* d.y */
+    chosen = chosen < data->d_rows ? data->d_rows : chosen;
+    parameters += data->d_rows * 1;
+    residuals += data->d_rows * 1;
+    inputs += data->d_rows * 2;
+    index += (data->d_rows + 1) * 1;
+    columns += (data->d_rows + 1) * 1;
+    weights += data->d_rows * 1;
+    f->chosen = integers_of(a, chosen + 1);
+    f->index = integers_of(a, index + 1);
+    f->columns = integers_of(a, columns + 1);
+    f->fixed = integers_of(a, n + 1);
+    f->used = integers_of(a, n + 1);
+    f->column = integers_of(a, n + 1);
+    f->sides = integers_of(a, n + 1);
+    f->coordinates = integers_of(a, n + 1);
+    f->system = integers_of(a, 106 + (2 + 8) * n);
+    f->parameters = reals_of(a, parameters + 1);
+    f->weights = reals_of(a, weights + 1);
+    f->scratch = reals_of(a, 1);
+    f->start = reals_of(a, numbers);
+    f->point = reals_of(a, numbers);
+    f->lower = reals_of(a, n);
+    f->upper = reals_of(a, n);
+    f->sigma = reals_of(a, n);
+    f->constants = reals_of(a, 8 + 2 * n);
+    f->triangle = reals_of(a, (n + 1) * (n + 1));
+    f->covariance = reals_of(a, n * n);
+    f->multipliers = reals_of(a, multipliers + 1);
+    header[0] = numbers;
+    header[1] = n;
+    header[5] = multipliers;
+    header[10] = residuals;
+    header[11] = inputs;
+    header[12] = weights + 2 * multipliers;
+    header[13] = 32;
+    header[14] = 192;
+    f->work = reals_of(a, work_reals(header));
+    f->spare = reals_of(a, 15 + 2 * n);
+    f->flags = integers_of(a, work_integers(header));
+    f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;
+    for (i = 0; i < 16; i++)
+        f->data_set[i] = 0;
+}
+
+/* The place of a key among numbers; without `cells` rows are named by their number, from 1. */
+static long place_of_number(double key, const double *cells, const long *rows, long count, long last)
+{
+    long i;
+    for (i = 0; i < count; i++) {
+        const long place = (last + 1 + i) % count;
+        const long row = rows != NULL ? rows[place] : place;
+        if ((cells != NULL ? cells[row] : (double)(row + 1)) == key)
+            return place;
+    }
+    return -1;
+}
+
+/* The rows that count, the members of families, and what the keys name. */
+static int find_rows(struct frame *f)
+{
+    const rim_data *data = f->data;
+    long row, last;
+
+    (void)data;
+    /* the members: rows of `d` */
+    f->d_members_count = 0;
+    for (row = 0; row < data->d_rows; row++) {
+        f->d_members[f->d_members_count++] = row;
+    }
+    f->members[2] = f->d_members_count;    /* d.x */
+    f->members[3] = f->d_members_count;    /* d.y */
+    /* the member that each row of `d` names */
+    last = -1;
+    for (row = 0; row < data->d_rows; row++) {
+        last = place_of_number((double)(row + 1), NULL, f->d_members, f->d_members_count, last);
+        if (last < 0)
+            return RIM_UNKNOWN_KEY;
+        f->d_x_of_d[row] = last;
+    }
+    return 0;
+}
+
+/* `c`. */
+static int set_up_c(struct frame *f)
+{
+    const rim_data *data = f->data;
+    double inputs[1];
+    double stated[2];
+    double lower[2], upper[2];
+    long m, c;
+
+    (void)stated;
+    inputs[0] = 0.0;
+    for (m = 0; m < f->members[0]; m++) {
+        const long number = f->offsets[0] + m * 2;
+        const long first = f->firsts[0] + m * 2;
+        for (c = 0; c < 2; c++) {
+            lower[c] = -HUGE_VAL;
+            upper[c] = HUGE_VAL;
+        }
+        for (c = 0; c < 2; c++) {
+            if (!(lower[c] < upper[c]))
+                return RIM_BAD_BOUNDS;
+            f->lower[first + c] = lower[c];
+            f->upper[first + c] = upper[c];
+            f->fixed[first + c] = 0;
+        }
+        if (data->start_c != NULL) {
+            for (c = 0; c < 2; c++)
+                f->start[number + c] = data->start_c[m * 2 + c];
+            continue;
+        }
+        start_of_c(inputs, stated);
+        for (c = 0; c < 2; c++) {
+            const double found = begun(stated[c], -HUGE_VAL, HUGE_VAL, lower[c], upper[c]);
+            f->start[number + c] = found;
+        }
+    }
+    return 0;
+}
+
+/* `r`. */
+static int set_up_r(struct frame *f)
+{
+    const rim_data *data = f->data;
+    double inputs[1];
+    double stated[1];
+    double lower[1], upper[1];
+    long m, c;
+
+    (void)stated;
+    inputs[0] = 0.0;
+    for (m = 0; m < f->members[1]; m++) {
+        const long number = f->offsets[1] + m * 1;
+        const long first = f->firsts[1] + m * 1;
+        for (c = 0; c < 1; c++) {
+            lower[c] = -HUGE_VAL;
+            upper[c] = HUGE_VAL;
+        }
+        for (c = 0; c < 1; c++) {
+            if (!(lower[c] < upper[c]))
+                return RIM_BAD_BOUNDS;
+            f->lower[first + c] = lower[c];
+            f->upper[first + c] = upper[c];
+            f->fixed[first + c] = 0;
+        }
+        if (data->start_r != NULL) {
+            for (c = 0; c < 1; c++)
+                f->start[number + c] = data->start_r[m * 1 + c];
+            continue;
+        }
+        start_of_r(inputs, stated);
+        for (c = 0; c < 1; c++) {
+            const double found = begun(stated[c], -HUGE_VAL, HUGE_VAL, lower[c], upper[c]);
+            f->start[number + c] = found;
+        }
+    }
+    return 0;
+}
+
+/* `d.x`: true values of the column x, which is measured with errors. */
+static int set_up_d_x(struct frame *f)
+{
+    const rim_data *data = f->data;
+    double inputs[1];
+    double stated[1];
+    double lower[1], upper[1];
+    long m, c;
+
+    (void)stated;
+    for (m = 0; m < f->members[2]; m++) {
+        const long row = f->d_members[m];
+        const long number = f->offsets[2] + m * 1;
+        const long first = f->firsts[2] + m * 1;
+        (void)row;
+        for (c = 0; c < 1; c++) {
+            lower[c] = -HUGE_VAL;
+            upper[c] = HUGE_VAL;
+        }
+        for (c = 0; c < 1; c++) {
+            if (!(lower[c] < upper[c]))
+                return RIM_BAD_BOUNDS;
+            f->lower[first + c] = lower[c];
+            f->upper[first + c] = upper[c];
+            f->fixed[first + c] = 0;
+        }
+        if (data->start_d_x != NULL) {
+            for (c = 0; c < 1; c++)
+                f->start[number + c] = data->start_d_x[m * 1 + c];
+            continue;
+        }
+        inputs[0] = data->d_x[row];
+        start_of_d_x(inputs, stated);
+        for (c = 0; c < 1; c++) {
+            const double found = begun(stated[c], -HUGE_VAL, HUGE_VAL, lower[c], upper[c]);
+            f->start[number + c] = found;
+        }
+    }
+    return 0;
+}
+
+/* `d.y`: true values of the column y, which is measured with errors. */
+static int set_up_d_y(struct frame *f)
+{
+    const rim_data *data = f->data;
+    double inputs[1];
+    double stated[1];
+    double lower[1], upper[1];
+    long m, c;
+
+    (void)stated;
+    for (m = 0; m < f->members[3]; m++) {
+        const long row = f->d_members[m];
+        const long number = f->offsets[3] + m * 1;
+        const long first = f->firsts[3] + m * 1;
+        (void)row;
+        for (c = 0; c < 1; c++) {
+            lower[c] = -HUGE_VAL;
+            upper[c] = HUGE_VAL;
+        }
+        for (c = 0; c < 1; c++) {
+            if (!(lower[c] < upper[c]))
+                return RIM_BAD_BOUNDS;
+            f->lower[first + c] = lower[c];
+            f->upper[first + c] = upper[c];
+            f->fixed[first + c] = 0;
+        }
+        if (data->start_d_y != NULL) {
+            for (c = 0; c < 1; c++)
+                f->start[number + c] = data->start_d_y[m * 1 + c];
+            continue;
+        }
+        inputs[0] = data->d_y[row];
+        start_of_d_y(inputs, stated);
+        for (c = 0; c < 1; c++) {
+            const double found = begun(stated[c], -HUGE_VAL, HUGE_VAL, lower[c], upper[c]);
+            f->start[number + c] = found;
+        }
+    }
+    return 0;
+}
+
+/* Starts, bounds and what stays, of all unknowns. */
+static int set_up(struct frame *f)
+{
+    int status = 0;
+
+    if (status == 0)
+        status = set_up_c(f);
+    if (status == 0)
+        status = set_up_r(f);
+    if (status == 0)
+        status = set_up_d_x(f);
+    if (status == 0)
+        status = set_up_d_y(f);
+    return status;
+}
+
+/* The rows of `d` that d is about. */
+static int d_rows(struct frame *f, long *count)
+{
+    const rim_data *data = f->data;
+    long row;
+
+    (void)data;
+    *count = 0;
+    for (row = 0; row < data->d_rows; row++) {
+        f->chosen[(*count)++] = row;
+    }
+    return 0;
+}
+
+/* Parameters, weights and unknowns of the rows of d: kernel 2. */
+static int d_assemble(struct frame *f, long count)
+{
+    const rim_data *data = f->data;
+    long i, rows = 0;
+
+    (void)data;
+    f->data_set[11] = f->parameters_used;
+    f->data_set[12] = f->weights_used;
+    f->data_set[13] = f->index_used;
+    f->data_set[14] = f->columns_used;
+    for (i = 0; i < count; i++) {
+        const long row = f->chosen[i];
+        f->index[f->index_used++] = f->offsets[1];    /* r */
+        f->index[f->index_used++] = f->offsets[2] + f->d_x_of_d[row] * 1;    /* d.x */
+        f->index[f->index_used++] = f->offsets[0];    /* c */
+        f->index[f->index_used++] = f->offsets[3] + f->d_x_of_d[row] * 1;    /* d.y */
+        f->index[f->index_used++] = f->offsets[0] + 1;    /* c */
+        f->columns[f->columns_used++] = f->firsts[1];    /* r */
+        f->columns[f->columns_used++] = f->firsts[2] + f->d_x_of_d[row] * 1;    /* d.x */
+        f->columns[f->columns_used++] = f->firsts[0];    /* c */
+        f->columns[f->columns_used++] = f->firsts[3] + f->d_x_of_d[row] * 1;    /* d.y */
+        f->columns[f->columns_used++] = f->firsts[0] + 1;    /* c */
+        rows++;
+    }
+    f->data_set[15] = rows;
+    return (int)rows;
+}
+
+/* The rows of `d` that d.x is about. */
+static int d_x_rows(struct frame *f, long *count)
+{
+    const rim_data *data = f->data;
+    long row;
+
+    (void)data;
+    *count = 0;
+    for (row = 0; row < data->d_rows; row++) {
+        f->chosen[(*count)++] = row;
+    }
+    return 0;
+}
+
+/* Parameters, weights and unknowns of the rows of d_x: kernel 0. */
+static int d_x_assemble(struct frame *f, long count)
+{
+    const rim_data *data = f->data;
+    double inputs[1], noise[1];
+    long i, rows = 0;
+
+    (void)data;
+    inputs[0] = 0.0;
+    f->data_set[1] = f->parameters_used;
+    f->data_set[2] = f->weights_used;
+    f->data_set[3] = f->index_used;
+    f->data_set[4] = f->columns_used;
+    for (i = 0; i < count; i++) {
+        const long row = f->chosen[i];
+        f->parameters[f->parameters_used++] = data->d_x[row];
+        d_x_noise(inputs, noise);
+        if (!weight_of_sigma(noise[0], f->weights + f->weights_used + 0))
+            return -1;
+        f->weights_used += 1;
+        f->index[f->index_used++] = f->offsets[2] + f->d_x_of_d[row] * 1;    /* d.x */
+        f->columns[f->columns_used++] = f->firsts[2] + f->d_x_of_d[row] * 1;    /* d.x */
+        rows++;
+    }
+    f->data_set[5] = rows;
+    return (int)rows;
+}
+
+/* The rows of `d` that d.y is about. */
+static int d_y_rows(struct frame *f, long *count)
+{
+    const rim_data *data = f->data;
+    long row;
+
+    (void)data;
+    *count = 0;
+    for (row = 0; row < data->d_rows; row++) {
+        f->chosen[(*count)++] = row;
+    }
+    return 0;
+}
+
+/* Parameters, weights and unknowns of the rows of d_y: kernel 1. */
+static int d_y_assemble(struct frame *f, long count)
+{
+    const rim_data *data = f->data;
+    double inputs[1], noise[1];
+    long i, rows = 0;
+
+    (void)data;
+    inputs[0] = 0.0;
+    f->data_set[6] = f->parameters_used;
+    f->data_set[7] = f->weights_used;
+    f->data_set[8] = f->index_used;
+    f->data_set[9] = f->columns_used;
+    for (i = 0; i < count; i++) {
+        const long row = f->chosen[i];
+        f->parameters[f->parameters_used++] = data->d_y[row];
+        d_y_noise(inputs, noise);
+        if (!weight_of_sigma(noise[0], f->weights + f->weights_used + 0))
+            return -1;
+        f->weights_used += 1;
+        f->index[f->index_used++] = f->offsets[3] + f->d_x_of_d[row] * 1;    /* d.y */
+        f->columns[f->columns_used++] = f->firsts[3] + f->d_x_of_d[row] * 1;    /* d.y */
+        rows++;
+    }
+    f->data_set[10] = rows;
+    return (int)rows;
+}
+
+/* All clauses: the rows that they use, each in the case that its values ask for. */
+static int assemble(struct frame *f)
+{
+    long count;
+    int rows, all, status = 0;
+
+    /* constraint d */
+    status = d_rows(f, &count);
+    if (status != 0)
+        return status;
+    all = 0;
+    rows = d_assemble(f, count);
+    if (rows < 0)
+        return RIM_BAD_NOISE;
+    all += rows;
+    if (all != count)
+        return RIM_UNKNOWN_CASE;
+    /* observation d.x */
+    status = d_x_rows(f, &count);
+    if (status != 0)
+        return status;
+    all = 0;
+    rows = d_x_assemble(f, count);
+    if (rows < 0)
+        return RIM_BAD_NOISE;
+    all += rows;
+    if (all != count)
+        return RIM_UNKNOWN_CASE;
+    /* observation d.y */
+    status = d_y_rows(f, &count);
+    if (status != 0)
+        return status;
+    all = 0;
+    rows = d_y_assemble(f, count);
+    if (rows < 0)
+        return RIM_BAD_NOISE;
+    all += rows;
+    if (all != count)
+        return RIM_UNKNOWN_CASE;
+    return status;
+}
+
+
+/* Everything of a data set that the solver is handed. */
+static int prepare(struct frame *f, const rim_data *data,
+    rim_workspace *workspace)
+{
+    struct arena a = {0};
+    long b, c, count;
+    int status;
+
+    lay_out(f, data, &a);
+    if (a.reals_used > workspace->reals_size || a.integers_used > workspace->integers_size)
+        return RIM_WORKSPACE_TOO_SMALL;
+    a.reals = workspace->reals;
+    a.integers = workspace->integers;
+    a.reals_used = a.integers_used = 0;
+    lay_out(f, data, &a);
+    status = find_rows(f);
+    if (status != 0)
+        return status;
+    place_unknowns(UNKNOWNS, 4, f->members, f->offsets, f->firsts);
+    status = set_up(f);
+    if (status == 0)
+        status = assemble(f);
+    if (status != 0)
+        return status;
+    for (c = 0; c < 106; c++)
+        f->system[c] = SYSTEM[c];
+    count = f->firsts[4];
+    for (c = 0; c < count; c++)
+        f->used[c] = 0;
+    for (b = 0; b < 3; b++) {
+        const long *block = f->system + 24 + b * 16;
+        const long *own = f->data_set + 1 + b * 5;
+        mark_used(f->system, block, own[4], f->columns + own[3], f->used);
+    }
+    c = free_coordinates(UNKNOWNS, 4, f->members, f->firsts, f->used, f->fixed, f->column);
+    renumber(f->columns_used, f->column, f->columns);
+    set_coordinates(f->system, 106, c, UNKNOWNS, 4, f->members, f->offsets,
+        f->firsts, f->column);
+    f->data_set[0] = set_capacities(f->system, f->data_set);
+    set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);
+    for (b = 0; b < count; b++)
+        if (f->column[b] >= 0)
+            f->coordinates[f->column[b]] = b;
+    for (b = 0; b < 2; b++)
+        f->kappa[b] = 1.0;
+    return 0;
+}
+
+/* Where the answer stands; `sigma` of what is not determined is negative, of what stays 0. */
+static void answer(struct frame *f, rim_result *result)
+{
+    const long n = f->system[1], all = f->firsts[4];
+    long c;
+
+    for (c = 0; c < all; c++)
+        f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
+    for (c = 0; c < n; c++) {
+        const double variance = f->covariance[c * n + c];
+        f->sigma[f->coordinates[c]] = variance >= 0.0 ? sqrt(variance) : -1.0;
+    }
+    result->numbers = f->offsets[4];
+    result->point = f->point;
+    result->free = n;
+    result->coordinates = f->coordinates;
+    result->covariance = f->covariance;
+    result->sigmas = f->sigma;
+    result->c = f->point + f->offsets[0];
+    result->c_sigma = f->sigma + f->firsts[0];
+    result->r = f->point + f->offsets[1];
+    result->r_sigma = f->sigma + f->firsts[1];
+    result->d_x_members = f->members[2];
+    result->d_x_rows = f->d_members;
+    result->d_x = f->point + f->offsets[2];
+    result->d_x_sigma = f->sigma + f->firsts[2];
+    result->d_y_members = f->members[3];
+    result->d_y_rows = f->d_members;
+    result->d_y = f->point + f->offsets[3];
+    result->d_y_sigma = f->sigma + f->firsts[3];
+}
+
+/* What the reason of the solver means to the caller. */
+static int status_of(const struct frame *f)
+{
+    const long reason = f->states[0];
+
+    if (reason == 7)
+        return RIM_NOT_FINITE;
+    if (reason == 9)
+        return RIM_INFEASIBLE;
+    if (f->states[4] != 0)
+        return RIM_UNOBSERVABLE;
+    if (reason < 1 || reason > 4)
+        return RIM_NOT_CONVERGED;
+    return RIM_CONVERGED;
+}
+
+void rim_workspace_size(const rim_data *data, rim_workspace *workspace)
+{
+    struct frame f;
+    struct arena a = {0};
+
+    lay_out(&f, data, &a);
+    workspace->reals_size = a.reals_used;
+    workspace->integers_size = a.integers_used;
+}
+
+int rim_solve(const rim_data *data, rim_result *result, rim_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+    double factors[1];
+    long c, n;
+
+    result->status = prepare(f, data, workspace);
+    if (result->status != 0)
+        return result->status;
+    n = f->system[1];
+    for (c = 0; c < 1; c++)
+        factors[c] = 1.0;
+    solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
+        f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
+        f->multipliers, f->kappa, factors, f->spare);
+    result->cost = f->results[2];
+    result->status = status_of(f);
+    result->iterations = f->states[1];
+    result->evaluations = f->states[2];
+    result->robust_cost = f->results[0];
+    result->freedom = f->states[3];
+    result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;
+    (void)n;
+    answer(f, result);
+    return result->status;
+}
+
+int rim_begin(const rim_data *data, rim_result *result, rim_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+    long c, n;
+
+    memset(result, 0, sizeof *result);
+    result->status = prepare(f, data, workspace);
+    if (result->status != 0)
+        return result->status;
+    n = f->system[1];
+    for (c = 0; c < n * n; c++)
+        f->covariance[c] = -1.0;
+    for (c = 0; c < f->system[0]; c++)
+        f->point[c] = f->start[c];
+    f->states[4] = 0;
+    answer(f, result);
+    return result->status;
+}
+
+long rim_residual_count(const rim_data *data, rim_workspace *workspace)
+{
+    struct frame f;
+
+    return prepare(&f, data, workspace) == 0 ? f.data_set[0] : 0;
+}
+
+void rim_residuals(const rim_data *data, const double *point, double *residuals,
+    rim_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+
+    if (prepare(f, data, workspace) != 0)
+        return;
+    all_rows(f->system, f->data_set, f->parameters, f->weights, f->index, f->columns, point, 0,
+        f->spare, f->spare + row_scratch(f->system), residuals);
+}
+
+void rim_jacobian(const rim_data *data, const double *point, double *jacobian,
+    rim_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+
+    if (prepare(f, data, workspace) != 0)
+        return;
+    all_rows(f->system, f->data_set, f->parameters, f->weights, f->index, f->columns, point, 1,
+        f->spare, f->spare + row_scratch(f->system), jacobian);
+}
+
+int rim_covariance(const rim_data *data, const double *point, double *covariance,
+    rim_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+    long c;
+
+    if (prepare(f, data, workspace) != 0)
+        return 0;
+    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work);
+    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, f->work, f->constants,
+        f->triangle);
+    for (c = 0; c < f->system[1]; c++)
+        f->sides[c] = 0;
+    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+        < 1e300;
+}
+
+const char *rim_status_text(int status)
+{
+    switch (status) {
+    case RIM_CONVERGED:
+        return "converged";
+    case RIM_NOT_CONVERGED:
+        return "not converged: the estimates should not be trusted";
+    case RIM_UNOBSERVABLE:
+        return "the data do not determine all unknowns";
+    case RIM_INFEASIBLE:
+        return "no point meets all constraints";
+    case RIM_NO_AGREEMENT:
+        return "fewer than half of the measurements agree with any one solution";
+    case RIM_NOT_FINITE:
+        return "an equation has no finite value at the start";
+    case RIM_NO_ROWS:
+        return "a table that one row is wanted of has none";
+    case RIM_UNKNOWN_KEY:
+        return "a key names no row or member";
+    case RIM_UNKNOWN_CASE:
+        return "a row has values that no row had when the solver was made";
+    case RIM_BAD_NOISE:
+        return "a standard deviation is not above zero, or a matrix is not symmetric and positive definite";
+    case RIM_BAD_BOUNDS:
+        return "a lower bound is not below the upper one";
+    case RIM_BAD_START:
+        return "an unknown that stays above zero does not begin there";
+    case RIM_NO_START:
+        return "the data give no start: state one";
+    case RIM_NOT_CONNECTED:
+        return "no equation connects all unknowns, or they are more than 60: no case for consensus";
+    case RIM_WORKSPACE_TOO_SMALL:
+        return "the workspace is smaller than the size that was asked for";
+    default:
+        return "no status";
+    }
+}

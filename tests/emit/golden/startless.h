@@ -1,0 +1,99 @@
+#ifndef STARTLESS_H
+#define STARTLESS_H
+
+/*
+ * startless: Places from ranges, one of them wrong, epoch by epoch; no start is stated.
+ *
+ * Written by mbm 0.1.0. Everything is in SI, angles in radians. Calls share nothing but their
+ * arguments, so that threads may solve at the same time, each with a workspace of its own.
+ */
+
+/* What a call answers; `_status_text` has the sentence. */
+enum startless_status {
+    STARTLESS_CONVERGED = 0,
+    STARTLESS_NOT_CONVERGED = 1,
+    STARTLESS_UNOBSERVABLE = 2,
+    STARTLESS_INFEASIBLE = 3,
+    STARTLESS_NO_AGREEMENT = 4,
+    STARTLESS_NOT_FINITE = 5,
+    STARTLESS_NO_ROWS = 6,
+    STARTLESS_UNKNOWN_KEY = 7,
+    STARTLESS_UNKNOWN_CASE = 8,
+    STARTLESS_BAD_NOISE = 9,
+    STARTLESS_BAD_BOUNDS = 10,
+    STARTLESS_BAD_START = 11,
+    STARTLESS_NO_START = 12,
+    STARTLESS_NOT_CONNECTED = 13,
+    STARTLESS_WORKSPACE_TOO_SMALL = 14
+};
+
+/* What is given: columns of tables, one element per row, in SI. */
+typedef struct {
+    long masts_rows;    /* rows of `masts` */
+    const char *const *masts_id;    /* `id` */
+    const double *masts_x;    /* `x` */
+    const double *masts_y;    /* `y` */
+    long ranges_rows;    /* rows of `ranges` */
+    const double *ranges_epoch;    /* `epoch` */
+    const char *const *ranges_mast;    /* `mast` */
+    const double *ranges_r;    /* `r` */
+    const double *start_p;    /* where p begins: 2 numbers; NULL: as the README says */
+} startless_data;
+
+/* What is answered, in SI; `sigma` are standard deviations. */
+typedef struct {
+    int status;
+    long iterations, evaluations;
+    double cost;           /* weighted sum of squares, without losses */
+    double robust_cost;    /* the same with losses */
+    long freedom;          /* degrees of freedom */
+    double sigma0;         /* sqrt(cost / freedom); 0 without freedom */
+    long numbers;          /* N, numbers of all unknowns */
+    const double *point;   /* (N) the estimates, unknown after unknown, member after member */
+    long free;             /* n, estimated coordinates */
+    const long *coordinates;     /* (n) their places among all coordinates */
+    const double *covariance;    /* (n, n) row by row */
+    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
+    long units, inliers;   /* equations of rows that were looked at, and those that agree */
+    int ambiguous;         /* 1: another solution explains the data as well */
+    const long *inside;    /* (units) 1: it agrees; clause by clause, row by row, then by equation */
+    const double *p;          /* (2) vector */
+    const double *p_sigma;    /* (2) */
+} startless_result;
+
+/* Memory of the caller, of at least the sizes that `_workspace_size` gives; results point into it. */
+typedef struct {
+    double *reals;
+    long reals_size;
+    long *integers;
+    long integers_size;
+} startless_workspace;
+
+/* How much memory data of these numbers of rows need; only the counts of rows in `data` are read. */
+void startless_workspace_size(const startless_data *data, startless_workspace *workspace);
+
+/* Solves; the answer is also in `result->status`. Allocates nothing. */
+int startless_solve(const startless_data *data, startless_result *result, startless_workspace *workspace);
+
+/* Prepares the equations without solving: `result` then has the start, and where everything stands. */
+int startless_begin(const startless_data *data, startless_result *result, startless_workspace *workspace);
+
+/* How many residuals the data of the last `_begin` or `_solve` with this workspace have. */
+long startless_residual_count(const startless_data *data, startless_workspace *workspace);
+
+/* Whitened residuals (m) at a point (N), after `_begin` or `_solve` with the same data and workspace. */
+void startless_residuals(const startless_data *data, const double *point, double *residuals,
+    startless_workspace *workspace);
+
+/* Their derivatives by the estimated coordinates (m, n), row by row; without losses. */
+void startless_jacobian(const startless_data *data, const double *point, double *jacobian,
+    startless_workspace *workspace);
+
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+int startless_covariance(const startless_data *data, const double *point, double *covariance,
+    startless_workspace *workspace);
+
+/* What a status means. */
+const char *startless_status_text(int status);
+
+#endif
