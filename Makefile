@@ -15,7 +15,7 @@ problems: $(READY)  ## solve the examples in problems/
 	@$(VENV)/bin/python problems/solve_all.py
 
 test: lint types imports  ## lint, types, import order, tests
-	$(RUN) pytest
+	$(RUN) pytest --numprocesses auto --dist worksteal
 
 lint: $(READY)  ## style and layout of the source
 	$(RUN) ruff check

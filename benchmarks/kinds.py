@@ -102,4 +102,3 @@ KINDS = {
         text(more="(b :per receivers :init 0m :sigma 1cm)", measured="(- range (b receiver))"),
     ),
 }
-"""The last three are solved one by one."""

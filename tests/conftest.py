@@ -5,10 +5,15 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from mbm.kernels.store import VARIABLE
+
+settings.register_profile("shared machine", deadline=None)  # no test asserts how long anything takes
+settings.load_profile("shared machine")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -16,11 +21,19 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--update-golden", action="store_true", help="write the golden files of tests/emit anew")
 
 
+def _shared_folder(factory: pytest.TempPathFactory, name: str) -> Path:
+    """A folder of this run, empty at its beginning: the same one for all processes among which tests are shared out."""
+    whole = factory.getbasetemp().parent if "PYTEST_XDIST_WORKER" in os.environ else factory.getbasetemp()
+    folder = whole / name
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """A cache for the run, empty at its beginning; the processes that tests start inherit it."""
     before = os.environ.get(VARIABLE)
-    os.environ[VARIABLE] = str(tmp_path_factory.mktemp("cache"))
+    os.environ[VARIABLE] = str(_shared_folder(tmp_path_factory, "cache"))
     yield
     if before is None:
         del os.environ[VARIABLE]
@@ -34,5 +47,5 @@ def _own_byte_code(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         if sys.dont_write_bytecode:
             patch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
-            patch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path_factory.mktemp("bytecode")))
+            patch.setenv("PYTHONPYCACHEPREFIX", str(_shared_folder(tmp_path_factory, "bytecode")))
         yield

@@ -36,7 +36,7 @@ def reader(request):
     return READERS[name].part(part) if part else READERS[name]
 
 
-SHARED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=100, deadline=None)
+SHARED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=100)
 
 
 @SHARED

@@ -6,7 +6,7 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mbm.data.readers.decimals import AT_ONCE, decimals
@@ -22,7 +22,6 @@ def bits(number):
     return struct.pack("<d", number)
 
 
-@settings(deadline=None)
 @given(
     cells=st.lists(
         st.from_regex(r"[+-]?([0-9]{1,9}(\.[0-9]{0,6})?|\.[0-9]{1,9})", fullmatch=True), min_size=1, max_size=30
@@ -34,7 +33,6 @@ def test_plain_decimals_are_read_to_the_last_bit(cells):
     assert [bits(x) for x in found.tolist()] == [bits(float(cell)) for cell in cells]
 
 
-@settings(deadline=None)
 @given(text=st.text(alphabet="0123456789+-.eE _x", max_size=20))
 def test_whatever_is_read_is_what_float_reads(text):
     found = read(["1", text])

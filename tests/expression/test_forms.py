@@ -61,7 +61,7 @@ EXPRESSIONS = st.recursive(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(node=EXPRESSIONS)
 def test_printed_expression_reads_back_to_the_same_numbers(node):
     text = printed(node)

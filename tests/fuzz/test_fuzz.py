@@ -29,7 +29,6 @@ def _share(part: float) -> settings:
     """Settings for a part of the cases; failures are made small, but not collected or explained."""
     return settings(
         max_examples=max(int(CASES * part), 1),
-        deadline=None,
         derandomize=not SEARCHING,
         database=None,
         suppress_health_check=list(HealthCheck),

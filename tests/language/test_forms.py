@@ -212,7 +212,7 @@ def test_empty_matrices_are_no_accident(lisp, text):
         assert error.diagnostics[0].code.name == "length-clash"
 
 
-@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(FORMS)
 def test_whatever_is_written_gives_a_value_or_a_diagnostic(lisp, text):
     definitions = "(defun f (a &optional (b 1) &key (:k c 2)) (list a b c)) (defmacro m (a) `(+ ,a ,a))"

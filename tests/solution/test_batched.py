@@ -67,7 +67,7 @@ def test_bounded_minima_are_those_of_the_solver_for_one_point(name):
     assert np.isclose(found.cost, [p.cost for p in polished], rtol=1e-6).mean() > 0.8
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.sampled_from(sorted(CLASSICS)),
     st.integers(0, 2**32 - 1),

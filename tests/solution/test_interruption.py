@@ -47,7 +47,7 @@ def solved(clause="", option="", after=3):
     return mbm.loads(text).compile().result(SolveSettings(interruption=After(after)))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.sampled_from(sorted(CLASSICS)), st.sampled_from(METHODS), st.integers(0, 8), st.integers(0, 2**32 - 1))
 def test_never_worse_than_the_start_and_regions_without_values_are_survived(name, method, count, seed):
     """Residuals have no value beyond a random plane through the neighbourhood of the start."""

@@ -67,7 +67,7 @@ def together(
         first, _ = assemble(problem, kernels, sets.selection(number).tables, {}, cache)
     except MbmError:
         return None  # which solve is at fault, the general path says
-    if any(len(groups) != 1 for groups in bound.derived):
+    if bound.equations.machine_code is None or any(len(groups) != 1 for groups in bound.derived):
         return None
 
     @kept

@@ -162,7 +162,9 @@ def consensus_many(
     known = np.zeros(1) if forms is None else np.ascontiguousarray(forms, dtype=np.float64)
     begun = np.ascontiguousarray(starts, dtype=np.float64)
     room = (rooms or Rooms()).of(system, rules)
-    table = _table(room, rules, forms, startless=startless)
+    flat = _flat(rules, forms, units_at)
+    turns = np.append(np.flatnonzero(np.diff(flat)) + 1, count)
+    tables = [_table(room, startless=startless, one_side=one_side) for one_side in (False, True)]
     points, states = np.zeros((count, numbers)), np.zeros((count, c.ANSWERS), dtype=np.int64)
     inside, limits, variances = np.zeros(total, dtype=np.int64), np.zeros(total), np.zeros(total)
     code.expect(count * TRIALS * system.expected)
@@ -172,14 +174,14 @@ def consensus_many(
         work, desk, bench = np.zeros(room.work), np.zeros(room.work), np.zeros(room.bench)
         places = np.zeros(room.places, dtype=np.int64)
         step = int(max(AT_A_TIME / (TRIALS * system.expected), 1))
-        for begin in range(first, last, step):
-            if stopped():
-                return
-            end = min(begin + step, last)
+        end = first
+        while end < last and not stopped():
+            begin = end
+            end = min(begin + step, last, int(turns[np.searchsorted(turns, begin, side="right")]))
             routine(
                 begin, end, room.header, system.constants, system.rows.data, int(system.rows.data.shape[1]),
                 system.rows.parameters, system.rows.weights, system.rows.index, system.rows.columns,
-                table, rules.levels, units_at, known, begun, work, desk, bench, places,
+                tables[int(flat[begin])], rules.levels, units_at, known, begun, work, desk, bench, places,
                 points, states, inside, limits, variances,
             )  # fmt: skip
 
@@ -201,23 +203,29 @@ def consensus_many(
     )
 
 
-def _table(room: Room, rules: Rules, forms: Floats | None, *, startless: bool) -> Indices:
+def _table(room: Room, *, startless: bool, one_side: bool) -> Indices:
     """The table of rules with what depends on the data sets."""
     found = room.table.copy()
     found[c.STARTLESS] = startless
-    found[c.ONE_SIDE] = forms is not None and _flat(rules, forms)
+    found[c.ONE_SIDE] = one_side
     return found
 
 
-def _flat(rules: Rules, forms: Floats) -> bool:
-    """Whether a form knows spheres about stations that all lie in one plane (on one line), without an offset."""
+def _flat(rules: Rules, forms: Floats | None, units_at: Indices) -> Mask:
+    """Of which data sets (D,) a form knows spheres about stations all in one plane (on one line), without an offset."""
+    count = len(units_at) - 1
     head = rules.rules
     about = head[int(head[c.FORM_AT]) :]
-    if head[c.FORM] != c.SPHERES or about[1] != 0:
-        return False
-    stations = forms[np.isfinite(forms).all(axis=1), : int(about[0])]
-    if not len(stations):
-        return False
-    away = stations - stations.mean(axis=0)
-    extents = np.sqrt(np.maximum(np.linalg.eigvalsh(away.T @ away), 0.0))
-    return bool(extents[0] <= FLAT * extents[-1])
+    if forms is None or head[c.FORM] != c.SPHERES or about[1] != 0:
+        return np.zeros(count, dtype=bool)
+    known = np.isfinite(forms).all(axis=1)
+    of_set = np.repeat(np.arange(count), np.diff(units_at))[known]
+    units = np.bincount(of_set, minlength=count)
+    stations = forms[known, : int(about[0])].T
+    with np.errstate(over="ignore", invalid="ignore"):  # measured values may be of any size
+        means = [np.bincount(of_set, axis, count) / np.maximum(units, 1) for axis in stations]
+        away = [axis - mean[of_set] for axis, mean in zip(stations, means, strict=True)]
+        moments = np.array([[np.bincount(of_set, a * b, count) for a in away] for b in away]).transpose(2, 0, 1)
+    good = (units > 0) & np.isfinite(moments).all(axis=(1, 2))
+    extents = np.sqrt(np.maximum(np.linalg.eigvalsh(np.where(good[:, None, None], moments, 0.0)), 0.0))
+    return np.asarray(good & (extents[:, 0] <= FLAT * extents[:, -1]))

@@ -74,6 +74,10 @@ class RobustStream:
 
     def solved(self, count: int, workers: int = 1) -> StreamEnds:
         """The solves of the first ``count`` data sets, by so many threads; their number changes nothing."""
+        if count == 0:
+            blank = self._system.blank(0)
+            none = np.zeros(0)
+            return StreamEnds(numbers=blank.numbers, covariance=blank.covariances, cost=none, clean=none == 1.0)
         return self._ends(self._room, count, workers)
 
     def solved_one(self) -> tuple[Floats, Floats, float] | None:
@@ -94,6 +98,7 @@ class RobustStream:
         clean = self._rules.clean(cost, states[:, of.REASON], states[:, of.DEFICIENT], held, states[:, of.FREEDOM])
         clean &= one & found.agreed & (found.states[:, c.AMBIGUOUS] == 0)
         clean &= inside.sum(axis=1) >= LEAST_SHARE * inside.shape[1]
+        clean &= np.isfinite(room.parameters[:count]).all(axis=1)  # such cells are no outliers: they are refused
         return StreamEnds(
             numbers=self._rules.shown(ends.numbers),
             covariance=ends.covariances / information[:, None, None],

@@ -79,9 +79,10 @@ def minimum_degree(made: Routines, left: Indices, right: Indices, sizes: Indices
     apart = row != column
     row, column = row[apart], column[apart]
     counts = np.bincount(row, minlength=count)
-    order, work = np.empty(count, dtype=np.int64), np.empty(8 * count + columns + 1, dtype=np.int64)
+    order = np.empty(count, dtype=np.int64)
     room = len(column)
     while True:
+        work = np.zeros(8 * count + columns + 1, dtype=np.int64)
         room += ROOM * (len(column) + count)
         lists = np.empty(room, dtype=np.int64)
         lists[: len(column)] = column

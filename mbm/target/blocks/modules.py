@@ -60,6 +60,8 @@ INSIDE_FRONTS: tuple[Callable[..., object], ...] = (
     ordering.put_clique,
     ordering.measure_elements,
     ordering.updated_degree,
+    ordering.list_nodes,
+    ordering.bounded_degree,
     frontal.subtract_pair,
     frontal.subtract_multiple,
     frontal.product,

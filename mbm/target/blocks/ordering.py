@@ -158,6 +158,42 @@ def updated_degree(
 
 
 @distinct_arrays
+def list_nodes(
+    count: Integer,
+    columns: Integer,
+    sizes: ConstantIntegers,
+    places: ConstantIntegers,
+    counts: ConstantIntegers,
+    lists: ConstantIntegers,
+    degrees: Integers,
+    heads: Integers,
+    following: Integers,
+    previous: Integers,
+) -> None:
+    """The degrees of all nodes of the graph, and the lists of those of equal degree, the first nodes in front."""
+    for d in range(columns + 1):
+        heads[d] = -1
+    for back in range(count):
+        i = count - 1 - back
+        degree = 0
+        for t in range(counts[i]):
+            degree += sizes[lists[places[i] + t]]
+        degrees[i] = degree
+        listed(i, degree, heads, following, previous)
+
+
+@distinct_arrays
+def bounded_degree(beyond: Integer, before: Integer, inside: Integer, left: Integer) -> Integer:
+    """The least of three bounds of a degree: ``inside`` the new clique and ``beyond``, or ``before`` it, or all that is
+    ``left``.
+    """
+    degree = beyond + inside
+    if degree > before + inside:
+        degree = before + inside
+    return left if degree > left else degree
+
+
+@distinct_arrays
 def order_nodes(
     count: Integer,
     columns: Integer,
@@ -169,22 +205,11 @@ def order_nodes(
     work: Integers,
     order: Integers,
 ) -> Integer:
-    """The node that is eliminated at each place of ``order`` (count,).
+    """The node that is eliminated at each place of ``order`` (count,); returns 1 where cliques have not enough room.
 
-    Args:
-        count: nodes.
-        columns: columns of all of them, the sum of ``sizes``.
-        sizes: columns of each node.
-        room: numbers that ``lists`` holds.
-        places: where the neighbours of each node begin in ``lists``, which has each pair twice and no node by itself.
-        counts: how many there are of each node.
-        lists: the neighbours, and room for cliques behind them.
-        work: room for ``8 · count + columns + 1`` numbers.
-        order: the answer.
-
-    Returns:
-        0, or 1 where the cliques have not enough room.
-
+    The ``columns`` of all nodes are the sum of ``sizes``. ``lists`` has room for ``room`` numbers: first the neighbours
+    of each node, ``counts[i]`` of them at ``places[i]``, each pair twice and no node by itself. ``work`` has room for
+    ``8 · count + columns + 1`` numbers, the first ``5 · count`` of them zero.
     """
     elements = work[0:]
     states = work[count:]
@@ -196,25 +221,10 @@ def order_nodes(
     previous = work[7 * count :]
     heads = work[8 * count :]
     free = 0
-    for d in range(columns + 1):
-        heads[d] = -1
     for i in range(count):
-        elements[i] = 0
-        states[i] = 0
-        seen[i] = -1
-        outside[i] = 0
-        cliques[i] = 0
-        if places[i] + counts[i] > free:
-            free = places[i] + counts[i]
-    for back in range(count):
-        i = count - 1 - back
-        degree = 0
-        for t in range(counts[i]):
-            degree += sizes[lists[places[i] + t]]
-        degrees[i] = degree
-        listed(i, degree, heads, following, previous)
+        free += counts[i]
+    list_nodes(count, columns, sizes, places, counts, lists, degrees, heads, following, previous)
     least = 0
-    tag = 1
     left = columns
     for k in range(count):
         while heads[least] < 0:
@@ -223,31 +233,24 @@ def order_nodes(
         unlisted(pivot, least, heads, following, previous)
         order[k] = pivot
         left -= sizes[pivot]
-        end = put_clique(pivot, k, free, room, places, counts, elements, states, seen, lists)
+        stamp = k + 1
+        tag = stamp * (columns + 1)
+        end = put_clique(pivot, stamp, free, room, places, counts, elements, states, seen, lists)
         if end < 0:
             return 1
         states[pivot] = ELEMENT
         places[pivot] = free
         counts[pivot] = end - free
-        clique = 0
         for t in range(free, end):
-            clique += sizes[lists[t]]
-        cliques[pivot] = clique
+            cliques[pivot] += sizes[lists[t]]
         measure_elements(free, end, tag, sizes, places, elements, states, cliques, lists, outside)
         for t in range(free, end):
             i = lists[t]
             unlisted(i, degrees[i], heads, following, previous)
-            degree = updated_degree(i, pivot, k, tag, sizes, places, outside, seen, counts, elements, states, lists)
-            inside = clique - sizes[i]
-            degree += inside
-            if degree > degrees[i] + inside:
-                degree = degrees[i] + inside
-            if degree > left - sizes[i]:
-                degree = left - sizes[i]
-            degrees[i] = degree
-            listed(i, degree, heads, following, previous)
-            if degree < least:
-                least = degree
-        tag += columns + 1
+            beyond = updated_degree(i, pivot, stamp, tag, sizes, places, outside, seen, counts, elements, states, lists)
+            degrees[i] = bounded_degree(beyond, degrees[i], cliques[pivot] - sizes[i], left - sizes[i])
+            listed(i, degrees[i], heads, following, previous)
+            if degrees[i] < least:
+                least = degrees[i]
         free = end
     return 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mbm.problem.tables import Column, Provenance, Table
@@ -36,7 +36,6 @@ CELLS = st.lists(
 )
 
 
-@settings(deadline=None)
 @given(cells=CELLS)
 def test_groups_are_those_of_a_dictionary(cells):
     numbers, texts = (list(column) for column in zip(*cells, strict=True))

@@ -87,6 +87,47 @@ def test_too_few_that_agree_are_left_to_the_general_path():
     assert found.status == compiled.solve(data=data).first.status.label == "not-converged"
 
 
+@pytest.mark.parametrize("cell", [np.nan, np.inf])
+def test_cells_that_are_no_numbers_are_refused_not_left_out(cell):
+    compiled = mbm.loads(RANGES.format(rule="lmeds", noise=":sigma 5mm")).compile(data=ranges(0, 5))
+    estimator = compiled.estimator("range")
+    measured = ranges(0, 5)["ranges"]["range"]
+    measured[3] = cell
+    for ask in (lambda: estimator(measured), lambda: estimator.many(measured[None])):
+        with pytest.raises(mbm.MbmError, match="not-finite-cell"):
+            ask()
+
+
+def test_an_outlier_of_any_size_is_left_out():
+    compiled = mbm.loads(RANGES.format(rule="lmeds", noise=":sigma 5mm")).compile(data=ranges(0, 5))
+    data = ranges(3, 5)
+    data["ranges"]["range"][7] = 1e300
+    found = compiled.estimator("range")(data["ranges"]["range"])
+    assert found.clean
+    assert_same(found, compiled.solve(data=data), ("p",))
+
+
+def test_data_sets_with_other_planes_of_stations_are_as_they_are_alone():
+    """Places mirror one another in each plane by itself, though not in all planes together."""
+    compiled = mbm.loads(RANGES.format(rule="lmeds", noise=":sigma 5mm")).compile(data=ranges(0, 5))
+    estimator = compiled.estimator("z", "range")
+    heights = np.repeat([2.7, 2.7, 3.1, 4.0], 48).reshape(4, 48)
+    measured = np.stack([ranges(seed, 5)["ranges"]["range"] for seed in range(4)])
+    many = estimator.many(heights, measured)
+    for k in range(4):
+        alone = estimator(heights[k], measured[k])
+        np.testing.assert_array_equal(many.values[k], alone.values)
+        np.testing.assert_array_equal(many.covariance[k], alone.covariance)
+
+
+def test_no_data_sets_have_no_answers():
+    _, estimator = pose_estimator()
+    found = estimator.many(*np.empty((5, 0, 20)))
+    assert found.values.shape == (0, 7)
+    assert found.covariance.shape == (0, 6, 6)
+    assert found.cost.shape == found.status.shape == found.clean.shape == (0,)
+
+
 @pytest.mark.parametrize(("rule", "noise"), [("lmeds", ""), ("gnc", ":sigma 5mm"), ("none", ":sigma 5mm :loss tukey")])
 def test_what_has_no_native_stream_is_answered_all_the_same(rule, noise):
     text = (STARTLESS if rule == "gnc" else RANGES).format(rule=rule, noise=noise)

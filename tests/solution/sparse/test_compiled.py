@@ -125,7 +125,7 @@ def systems(draw):
     return structure(families, pieces, np.arange(reached), first), values
 
 
-@settings(max_examples=12, deadline=None)  # the code of each structure is compiled
+@settings(max_examples=12)  # the code of each structure is compiled
 @given(systems())
 def test_random_structures_against_dense_matrices(made):
     found, values = made

@@ -39,7 +39,7 @@ def compiled(made, row, column, sizes):
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.sampled_from([0.0, 0.03, 0.1, 0.5, 1.0]))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_factor_solutions_and_inverse_are_those_of_the_dense_matrix(made, seed, blocks, density):
     generator = np.random.default_rng(seed)
     dense, row, column, sizes = matrix(generator, blocks, density)
