@@ -115,7 +115,7 @@ def points_in_closed_form(
             first = 0.0
             second = 0.0
             for i in range(m):
-                start = base[about[3 + i]]
+                start = base[about[3 + i]] if isfinite(base[about[3 + i]]) else 0.0
                 first += (scratch[i] - start) * (scratch[i] - start)
                 second += (scratch[m + i] - start) * (scratch[m + i] - start)
             if second < first:
