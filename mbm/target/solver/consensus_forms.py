@@ -7,7 +7,7 @@ bearing (3).
 
 from __future__ import annotations
 
-from math import atan2, isfinite, sqrt
+from math import atan2, fabs, isfinite, sqrt
 
 from mbm.target.solver.consensus_description import (
     AS_EULER_ANGLES,
@@ -115,9 +115,15 @@ def points_in_closed_form(
             first = 0.0
             second = 0.0
             for i in range(m):
-                start = base[about[3 + i]] if isfinite(base[about[3 + i]]) else 0.0
+                start = base[about[3 + i]]
                 first += (scratch[i] - start) * (scratch[i] - start)
                 second += (scratch[m + i] - start) * (scratch[m + i] - start)
+            if not fabs(second - first) > 1e-9 * (first + second):  # no start, or one in the plane but for rounding
+                first = 0.0
+                second = 0.0
+                for i in range(m):
+                    first += scratch[i]
+                    second += scratch[m + i]
             if second < first:
                 copied(numbers, target[numbers:], target)
         return found
