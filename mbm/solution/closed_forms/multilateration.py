@@ -89,8 +89,10 @@ def _spheres(rows: Rows, point: tuple[int, ...], offset: int | None) -> Spheres 
         found = _fitted(rows, point, offset, probes)
         if found is None:
             return None
-        middle = found.stations.mean(axis=0)
-        size = 1.0 + float(np.abs(found.stations - middle).max()) + float(np.abs(found.length).max())
+        # What is typical: of a length that is grossly wrong the probes leave rounding, and no station that means
+        # anything; probes as far away as that would drown the other rows.
+        middle = np.median(found.stations, axis=0)
+        size = 1.0 + float(np.median(np.linalg.norm(found.stations - middle, axis=1) + np.abs(found.length)))
         if size + float(np.abs(middle).max()) < NEAR:
             break
     return found

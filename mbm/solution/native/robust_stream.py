@@ -124,7 +124,8 @@ class RobustStream:
 
     def _information(self, found: ConsensusEnds, count: int) -> tuple[Floats, Mask]:
         """κ (T,) of what agrees, and where (T,) it is the same for all units."""
-        ratio = found.limits / found.variances
+        with np.errstate(all="ignore"):  # where nothing agreed there is no variance either
+            ratio = found.limits / found.variances
         kappa = consistency(np.tile(self._agreement.sizes, count), np.where(np.isfinite(ratio), ratio, 0.0))
         kappa = kappa.reshape(count, -1)
         return kappa.min(axis=1), np.asarray(kappa.min(axis=1) == kappa.max(axis=1))

@@ -227,3 +227,18 @@ def test_without_machine_code_the_general_path_answers(monkeypatch):
     monkeypatch.setattr("mbm.solution.native.agreeing.agreed_natively", lambda *_: None)
     plain = mbm.loads(POSE.format(rule="msac")).compile(data=data, backend="native").solve()
     np.testing.assert_allclose(native.covariance.matrix, plain.covariance.matrix, rtol=1e-6)
+
+
+@pytest.mark.parametrize("backend", ["native", "casadi"])
+@pytest.mark.parametrize("gross", [1e9, 1e15, 1e100])
+def test_how_gross_one_error_is_changes_nothing(backend, gross):
+    """What closed forms learn of the other rows must not drown in the rounding of one that is grossly wrong."""
+    problem = mbm.loads(RANGES.format(rule="lmeds", noise=":sigma 5mm"))
+    found = []
+    for size in (1e3, gross):
+        data = ranges(3, 5)
+        data["ranges"]["range"][7] = size
+        found.append(problem.solve(data=data, backend=backend))
+    assert [each.status for each in found] == ["ok", "ok"]
+    # The same rows agree, and their least squares is one point: to the solver's last step, far below sigma (1 mm).
+    np.testing.assert_allclose(found[1]["p"].value, found[0]["p"].value, atol=1e-9)
