@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbm import compiler
+from mbm.api.arguments import by_name, coordinates, threads
 from mbm.compiler import Inputs, SolveSettings
 from mbm.data.faults import MISSING_TABLE
 from mbm.problem.elaborated import Elaborated
@@ -105,7 +106,7 @@ class CompiledProblem:
         return Solved(
             self.result(
                 SolveSettings(
-                    init=None if init is None else {name: as_json(value) for name, value in init.items()},
+                    init=_values(init),
                     seed=seed,
                     method=method,
                     starts=starts,
@@ -118,6 +119,7 @@ class CompiledProblem:
 
     def result(self, settings: SolveSettings, data: Mapping[str, object] | None = None) -> Result:
         """The report of a solve, as the command line writes it."""
+        settings = replace(settings, workers=threads(settings.workers))
         now = self._for(data)
         known = len(now.cache.without_closed_form)
         result = compiler.solved(
@@ -147,14 +149,18 @@ class CompiledProblem:
         """Whitened residuals (m,) at tangent coordinates ``x`` (n,) about the start, in covariance order.
 
         The tables are ``data``, or those it was compiled with; compiled without, those of the last solve.
+
+        Raises:
+            MbmError: ``x`` has another shape, or the data do not go with the problem.
+
         """
         equations, start = self._assembled(data)
-        return equations.residuals(equations.retract(start, np.asarray(x, dtype=np.float64)))
+        return equations.residuals(equations.retract(start, coordinates(x, equations.dimension)))
 
     def jacobian(self, x: ArrayLike, *, data: Mapping[str, object] | None = None) -> NDArray[np.float64]:
-        """D residuals / d x, shape (m, n); tables as for ``residuals``."""
+        """D residuals / d x, shape (m, n); tables and errors as for ``residuals``."""
         equations, start = self._assembled(data)
-        step = np.asarray(x, dtype=np.float64)
+        step = coordinates(x, equations.dimension)
         return equations.jacobian(equations.retract(start, step)) @ equations.chart_slopes(start, step)
 
     @property
@@ -193,6 +199,7 @@ class CompiledProblem:
 
     def _for(self, data: Mapping[str, object] | None) -> Compilation:
         """The same equations for other data; compiled again where the data may change the equations."""
+        data = by_name("data", data)
         if not data:
             return self._latest() if self.complete else compilation_of(self.origin, self.inputs, self.backend)
         inputs = replace(self.inputs, tables={**self.inputs.tables, **data})
@@ -224,6 +231,7 @@ class CompiledProblem:
         from mbm.solution.settings import settings_of
         from mbm.solution.starting import beginnings
 
+        data = by_name("data", data)
         now = self._for(data) if data else self._latest()
         found = now.elaborated
         starts = {k: np.asarray(v, dtype=np.float64) for k, v in found.starts.items()}
@@ -275,6 +283,22 @@ def compilation_of(origin: Origin, inputs: Inputs, backend: str) -> Compilation:
         cache=EvaluationCache(evaluating, found.without_closed_form),
         key=found.key,
     )
+
+
+def _values(init: object) -> dict[str, object] | None:
+    """Initial values by name, as a JSON document has them.
+
+    Raises:
+        MbmError: they are not by name.
+
+    """
+    if init is None:
+        return None
+    if not isinstance(init, Mapping):
+        from mbm.report import faults
+
+        raise MbmError(faults.bad_initial_values(f"a value of type `{type(init).__name__}`"))
+    return {str(name): as_json(value) for name, value in init.items()}
 
 
 def as_json(value: object) -> object:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbm import compiler
-from mbm.api import faults
+from mbm.api import arguments, faults
 from mbm.api.varied import Varied, varied
 from mbm.compiler import Inputs, SolveSettings
 from mbm.problem.checks import check_data
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from mbm.solution.native.robust_stream import RobustStream
 
 CONVERGED = SolveStatus.CONVERGED.label
+FLOAT64 = np.dtype(np.float64)
 LABEL = f"<U{max(len(status.label) for status in SolveStatus)}"
 """The type of arrays of statuses."""
 
@@ -116,11 +117,13 @@ class Estimator:
         """The solve by native code; None where it is not clean, or the arrays do not fit."""
         try:
             for (shape, enter), column in zip(self._entries, columns, strict=True):
-                cells = np.asarray(column, np.float64)
+                cells = np.asarray(column)
+                if cells.dtype is not FLOAT64:
+                    cells = arguments.real(cells)
                 if cells.shape != shape:
                     return None
                 enter(cells)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             return None
         return stream.solved_one()
 
@@ -132,9 +135,11 @@ class Estimator:
             workers: threads; None: one a processor. Answers do not change.
 
         Raises:
-            MbmError: the arrays do not fit (`wrong-input`), or a data set does not go with the problem.
+            MbmError: the arrays do not fit (`wrong-input`), `workers` is no number of threads, or a data set does not
+                go with the problem.
 
         """
+        workers = arguments.threads(workers)
         given = self._numbers(columns)
         count = len(given[0]) if given and given[0].ndim else 0
         self._check(given, count)
@@ -163,8 +168,8 @@ class Estimator:
         given = []
         for name, column in zip(self.inputs, columns, strict=True):
             try:
-                given.append(np.asarray(column, np.float64))
-            except (TypeError, ValueError) as error:
+                given.append(arguments.real(column))
+            except (TypeError, ValueError, OverflowError) as error:
                 raise MbmError(faults.no_numbers(name)) from error
         return given
 

@@ -28,6 +28,13 @@ WRONG_INPUT = Code(
     "for each data set.",
 )
 
+WRONG_ARGUMENT = Code(
+    "wrong-argument",
+    "An argument of a call from Python is of another kind than the call takes.",
+    "Tables, constants and true values are given by name, in a dict; `workers` is a whole number from 1, or None; "
+    "`x` has one number for each name in `result.covariance.names`.",
+)
+
 
 def no_such_input(name: str, known: tuple[str, ...], *, several: bool) -> Diagnostic:
     """A column that is none, or more than one."""
@@ -75,7 +82,7 @@ def no_numbers(name: str) -> Diagnostic:
         code=WRONG_INPUT,
         message=f"what is given for `{name}` is no array of numbers",
         place=None,
-        hint="NumPy must be able to make an array of float64 of it",
+        hint="NumPy must be able to make an array of float64 of it; complex numbers are none",
     )
 
 
@@ -96,6 +103,36 @@ def wrong_shape(name: str, shape: tuple[int, ...], rows: int, sets: int | None) 
         message=f"`{name}` has {found}; {wanted} are wanted, one for each row of its table",
         place=None,
         hint=hint,
+    )
+
+
+def not_by_name(argument: str, what: str) -> Diagnostic:
+    """``what`` was given where values by name are wanted."""
+    return Diagnostic(
+        code=WRONG_ARGUMENT,
+        message=f"`{argument}` is {what}",
+        place=None,
+        hint=f"give a dict: `{argument}={{name: …}}`",
+    )
+
+
+def no_number_of_threads(given: object) -> Diagnostic:
+    """A number of threads that is none."""
+    return Diagnostic(
+        code=WRONG_ARGUMENT,
+        message=f"`workers` is {given!r}; a whole number from 1 is wanted",
+        place=None,
+        hint="leave it out for one thread a processor",
+    )
+
+
+def no_coordinates(what: str, count: int) -> Diagnostic:
+    """Tangent coordinates that are not ``count`` numbers."""
+    return Diagnostic(
+        code=WRONG_ARGUMENT,
+        message=f"`x` {what}; the shape ({count},) is wanted",
+        place=None,
+        hint="it is a step from the start, one number for each name in `result.covariance.names`",
     )
 
 

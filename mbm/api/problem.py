@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbm import compiler
+from mbm.api.arguments import by_name
 from mbm.api.compiled import CompiledProblem, Origin, as_json, compiled
 from mbm.api.reading import Reading
 from mbm.api.recall import Text
@@ -133,7 +134,7 @@ class Problem:
             from mbm.language import faults
 
             raise MbmError(faults.not_available_yet(None, "`allow_external`", "external functions"))
-        inputs = Inputs(tables=dict(data or {}), overrides=_overrides(constants or {}), sandbox=self.sandbox)
+        inputs = Inputs(tables=by_name("data", data), overrides=_overrides(constants), sandbox=self.sandbox)
         return self.compiled(inputs, backend)
 
     def compiled(self, inputs: Inputs, backend: str) -> CompiledProblem:
@@ -211,13 +212,13 @@ class Problem:
         """
         from mbm.report.options import SimulationSettings
 
-        inputs = Inputs(tables=dict(data or {}), overrides=_overrides(constants or {}), sandbox=self.sandbox)
+        inputs = Inputs(tables=by_name("data", data), overrides=_overrides(constants), sandbox=self.sandbox)
         asked = {name: tuple(columns) for name, columns in (measured or {}).items()}
-        values = {name: as_json(value) for name, value in (at or {}).items()}
+        values = {name: as_json(value) for name, value in by_name("at", at).items()}
         settings = SimulationSettings(
             at=values,
             seed=seed,
-            noise=dict(noise or {}),
+            noise=by_name("noise", noise),
             measured=asked,
             outliers=outliers,
             draw_priors=draw_priors,
@@ -235,7 +236,7 @@ class Problem:
 
     def equations(self, *, data: Mapping[str, object] | None = None) -> Mapping[str, tuple[Any, ...]]:
         """The residuals of each observation and prior in SymPy, by name; of several groups of rows, the first."""
-        inputs = Inputs(tables=dict(data or {}), sandbox=self.sandbox)
+        inputs = Inputs(tables=by_name("data", data), sandbox=self.sandbox)
         model = compiler.symbolic(compiler.elaborated(self.program, self.name, inputs, self.registry))
         found: dict[str, tuple[Any, ...]] = {}
         for block in model.blocks:
@@ -249,7 +250,7 @@ class Problem:
 
     def check(self, *, data: Mapping[str, object] | None = None) -> tuple[Diagnostic, ...]:
         """What is wrong or doubtful, without solving."""
-        return self.diagnostics(Inputs(tables=dict(data or {}), sandbox=self.sandbox))
+        return self.diagnostics(Inputs(tables=by_name("data", data), sandbox=self.sandbox))
 
     def diagnostics(self, inputs: Inputs, *, strict_units: bool = False) -> tuple[Diagnostic, ...]:
         """As ``check``, for everything that may come from outside; ``strict_units`` names what has no unit, too."""
@@ -284,11 +285,11 @@ def build(name: str, *clauses: object) -> Problem:
     return loads(format_text(Source("<python>", print_form(form))))
 
 
-def _overrides(values: Mapping[str, object]) -> dict[str, Override]:
+def _overrides(constants: object) -> dict[str, Override]:
     from mbm.problem import faults
 
     found = {}
-    for name, value in values.items():
+    for name, value in by_name("constants", constants).items():
         if isinstance(value, str):
             found[name] = Override(name=name, text=value)
             continue

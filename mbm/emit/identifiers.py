@@ -10,7 +10,7 @@ _WORDS = """auto break case char const continue default do double else enum exte
 register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while main data
 result workspace inputs outputs rows row status cost dof sigma0 covariance iterations evaluations coordinates acos asin
 atan atan2 ceil cos cosh erf exp expm1 fabs floor fmax fmin fmod gamma hypot j0 j1 jn log log1p pow remainder sin sinh
-sqrt tan tanh y0 y1 yn tables constants numbers solve point sigmas free freedom robust_cost np math sys"""
+sqrt tan tanh y0 y1 yn tables constants numbers solve point sigmas free freedom robust_cost np math sys os"""
 RESERVED = frozenset(_WORDS.split())
 """Words that C, Python or the printed text itself use."""
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from mbm.emit import faults
 from mbm.emit.answers import Agreement
-from mbm.emit.types import Target
+from mbm.emit.types import GivenTable, Target
 from mbm.expression.nodes import Column, Expression, leaves
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.types import BlockRole, Gauge, Method, Problem, Unknown
@@ -54,6 +56,31 @@ def refuse_startless(found: Elaborated, target: Target, agreement: Agreement | N
         faults.not_emitted(u.span, f"`for-each` with `{u.name}`", why, "state a start with `:init`")
         for u in open_ones
         if target.solves and found.problem.request.for_each and u.family is None
+    ]
+    if faults_found:
+        raise MbmError(*faults_found)
+
+
+def refuse_gaps(found: Elaborated, target: Target, given: Sequence[GivenTable]) -> None:
+    """Raise which columns that a generated solver would read have gaps; ``given`` are its tables.
+
+    Raises:
+        MbmError: with all of them.
+
+    """
+    places = {plan.name: plan.declaration.span for plan in found.problem.plans}
+    gaps = [
+        (table.name, name)
+        for table in given
+        for name, cells in table.columns.items()
+        if not isinstance(cells, tuple) and not bool(np.isfinite(cells).all())
+    ]
+    why = "generated solvers want a number in every cell"
+    todo = "leave the rows with gaps out of the tables"
+    faults_found = [
+        faults.not_emitted(places.get(table), f"the column `{name}` of `{table}`, which has gaps,", why, todo)
+        for table, name in gaps
+        if target.solves
     ]
     if faults_found:
         raise MbmError(*faults_found)

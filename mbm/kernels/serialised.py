@@ -66,7 +66,7 @@ def _group(point: casadi.MX, coordinates: int, rows: BoundRows) -> tuple[casadi.
     kernel, count = rows.kernel, len(rows.parameters)
     places = rows.index.ravel().tolist()
     given = casadi.reshape(point[places], len(kernel.variables), count) if places else casadi.MX(0, count)
-    function = function_of(kernel.name.replace(" ", "_").replace("-", "_"), kernel.jacobian_program)
+    function = function_of("both", kernel.jacobian_program)
     found = function.map(count)(casadi.vertcat(given, casadi.DM(rows.parameters.T)))
     whitening = casadi.diagcat(*(casadi.sparsify(casadi.DM(each)) for each in rows.weights))
     values = casadi.mtimes(whitening, casadi.vec(found[: kernel.outputs, :]))

@@ -33,7 +33,8 @@ def given_starts(problem: Problem, tables: Mapping[str, Table], init: Mapping[st
     solve does not have are passed over.
 
     Raises:
-        MbmError: a name that is no unknown, a key that is no member, a unit of another dimension, a wrong shape.
+        MbmError: a name that is no unknown, a key that is no member, a unit of another dimension, a wrong shape, a
+            value of which some numbers are missing.
 
     """
     unknowns = {unknown.name: unknown for unknown in problem.unknowns}
@@ -47,6 +48,8 @@ def given_starts(problem: Problem, tables: Mapping[str, Table], init: Mapping[st
             unknown = unknowns.get(name)
             if unknown is None:
                 raise MbmError(faults.bad_initial_value(name, "a value for a name that is no unknown"))
+            if not is_document(init):
+                _check_complete(unknown, given.value)
             value = given.value * _factors(problem, unknown, given)
             if given.keys is not None:
                 if not is_document(init):
@@ -78,6 +81,17 @@ def members(unknown: Unknown, tables: Mapping[str, Table], key: Mapping[str, Cel
             picked &= np.array([cell == wanted for cell in table.keys(column)], dtype=bool)
     kept = table.take(np.flatnonzero(picked))
     return tuple(dict.fromkeys(kept.keys(family.column if family.column is not None else family.key)))
+
+
+def _check_complete(unknown: Unknown, value: Floats) -> None:
+    """All numbers of a member are there, or none of them: then it has no start."""
+    missing = np.isnan(value)
+    if not bool(missing.any()):
+        return
+    several = unknown.family is not None and value.ndim > len(unknown.shape)
+    by_member = missing.reshape(len(value) if several else 1, -1)
+    if bool((by_member.any(axis=1) & ~by_member.all(axis=1)).any()):
+        raise MbmError(faults.bad_initial_value(unknown.name, "incomplete: some of its numbers are NaN or null"))
 
 
 def _check_keys(unknown: Unknown, keys: tuple[CellKey, ...], tables: Mapping[str, Table]) -> None:

@@ -14,7 +14,7 @@ from mbm.report.options import Progress
 from mbm.report.types import InputFile, Result, SolveReport
 from mbm.solution.run import Solutions
 from mbm.solution.solution import Failure, Skipped, Solution
-from mbm.text.types import Diagnostic
+from mbm.text.types import Code, Diagnostic, MbmError
 from mbm.version import __version__
 
 if TYPE_CHECKING:
@@ -32,23 +32,34 @@ def result_of(
     covariance_full: bool,
     progress: Progress | None,
 ) -> Result:
-    """The result of all solves, in their order; ``asked`` is `asked_options`, ``progress`` hears of each solve."""
+    """The result of all solves, in their order; ``asked`` is `asked_options`, ``progress`` hears of each solve.
+
+    Raises:
+        MbmError: nothing was solved, since no solve could be set up with its data.
+
+    """
     reports: list[SolveReport] = []
     blocks: list[BlockReports] = []
-    done = 0
+    failures: list[Failure] = []
+    done = solved = 0
     for part in solutions.parts:
         if isinstance(part, Solution | Failure | Skipped):
             reports.append(report_of(problem, part, covariance_full=covariance_full))
-            done += 1
+            apart, count = [part], 1
         else:
             from mbm.report.blocks import block_reports
 
             blocks.append(block_reports(problem, part, covariance_full=covariance_full))
-            done += len(part.which)
+            apart, count = [*part.apart.values()], len(part.which)
+        done += count
+        solved += count - sum(not isinstance(each, Solution) for each in apart)
+        failures += [each for each in apart if isinstance(each, Failure)]
         if progress is not None:
             progress(done, solutions.count)
     request = problem.request
     left = solutions.count - done
+    if failures and not solved and not left:
+        raise MbmError(*_kinds(failures))
     return Result(
         version=__version__,
         file=file,
@@ -70,6 +81,15 @@ def result_of(
         diagnostics=(*problem.warnings, *_interrupted(done, left)),
         complete=not left,
     )
+
+
+def _kinds(failures: Sequence[Failure]) -> tuple[Diagnostic, ...]:
+    """What is wrong, each kind as it was met first: many solves have it with many numbers."""
+    found: dict[Code, Diagnostic] = {}
+    for failure in failures:
+        for diagnostic in failure.diagnostics:
+            found.setdefault(diagnostic.code, diagnostic)
+    return tuple(found.values())
 
 
 def _joined(blocks: list[BlockReports]) -> Sequence[SolveReport]:

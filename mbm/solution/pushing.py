@@ -8,15 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.solution.types import Equations, Floats, Minimum
+from mbm.target.solver.pushing import IDLE, ROUNDED
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-IDLE = 1e-8
-"""Cosine between the residuals and a column of the Jacobian below which nothing pushes along its coordinate."""
-
-ROUNDED = 1e-13
-"""The same for what rounding leaves of the residuals, beside what they are computed from."""
 
 
 def pushed(at_bound: NDArray[np.int8], slopes: Floats, lengths: Floats, x: Floats, cost: float) -> NDArray[np.int8]:

@@ -60,6 +60,7 @@ def statistics(
         only = next(iter(noise.values()))
         variance = only.factor**2 if only.state is NoiseState.ESTIMATED else 0.0
         known = only.state is not NoiseState.NO_REDUNDANCY
+    stated = _stated(equations, noise)
     if equations.lossy and minimum.blocks is not None:
         # Here and below: loaded by problems with losses only, so that the others start at once.
         from mbm.solution.sparse.equations import blocked
@@ -67,11 +68,12 @@ def statistics(
 
         plainly = blocked(equations).plain_block_jacobian(minimum.point, minimum.blocks.plan.arithmetic)
         jacobian = replace(minimum.blocks, values=plainly)
-        estimated, observed = sparse_sandwich(loss_lines(equations), plain, jacobian, observed)
+        estimated, observed = sparse_sandwich(loss_lines(equations), plain, jacobian, observed, stated)
     elif equations.lossy:
         from mbm.solution.robust.covariance import sandwich
 
-        estimated = sandwich(loss_lines(equations), plain, equations.plain_jacobian(minimum.point), observed)
+        slopes = equations.plain_jacobian(minimum.point)
+        estimated = sandwich(loss_lines(equations), plain, slopes, observed, stated)
     else:
         estimated = covariance(observed, variance)
     alternative = _alternative(equations, minimum, noise) if factors is not None else None
@@ -97,6 +99,14 @@ def statistics(
         sigma_known=known,
         diagnostics=diagnostics,
     )
+
+
+def _stated(equations: Assembled, noise: Mapping[int, Noise]) -> Mask:
+    """Which residuals (m,) have noise that is stated."""
+    found = np.ones(equations.count, dtype=bool)
+    for number in noise:
+        found[equations.block_rows(number)] = False
+    return found
 
 
 def _alternative(

@@ -307,3 +307,39 @@ def test_consensus_is_the_general_paths(problem: mbm.Problem) -> None:
     assert not estimator.fast
     y[3], y[7] = 7.0, -40.0
     agree(estimator(y), compiled.solve(data={"d": {"x": x, "y": y}}), ("a", "b"))
+
+
+@pytest.mark.parametrize(
+    ("unknowns", "observe", "fast"),
+    [
+        ("(a) (b)", "(observe d (= y (+ a (* b x))))", True),
+        ("(a) (b)", "(observe d (= y (+ a (* b x)))) (observe d (= z b))", False),
+        ("(a) (b)", "(observe d (= y (+ a (* b x))) :sigma 0.1 :loss huber)", False),
+        ("(a) (b :init 1)", "(observe d (= y (+ a (sin (* b x)))) :sigma 0.1)", True),
+        ("(a) (b)", "(observe d (= y (+ a (* b x))) :sigma 0.1) (solve :method dogleg)", False),
+    ],
+)
+def test_what_is_fast_and_what_goes_the_general_way(unknowns: str, observe: str, fast: bool) -> None:
+    """As the manual has it; the answers are those of whole solves either way."""
+    x = np.linspace(0.0, 1.0, 9)
+    data = {"x": x, "y": 1.0 + 2.0 * x + 0.01 * np.cos(7.0 * np.arange(9.0)), "z": 2.0 + 0.1 * np.sin(5.0 * x)}
+    compiled = mbm.loads(f"(problem p (data d external) (unknowns {unknowns}) {observe})").compile(data={"d": data})
+    estimator = compiled.estimator("y")
+    assert estimator.fast is (fast and available())
+    agree(estimator(data["y"]), compiled.solve(data={"d": data}), ("a", "b"))
+
+
+@pytest.mark.parametrize("given", [np.full(5, 1.0 + 0.0j), [1j] * 5, [10**400] * 5])
+def test_complex_and_endless_numbers_are_none(given: object, compiled: mbm.CompiledProblem) -> None:
+    """Not even those whose imaginary part is 0: what was meant by it is not clear."""
+    estimator = compiled.estimator()
+    for call, columns in ((estimator, given), (estimator.many, [given])):
+        with pytest.raises(mbm.MbmError, match=r"`ranges\.range` is no array of numbers"):
+            call(columns)
+
+
+@pytest.mark.parametrize("kind", ["f4", "i8", ">f8", "O", "U32"])
+def test_numbers_of_other_types_are_taken_as_they_are(kind: str, compiled: mbm.CompiledProblem) -> None:
+    ranges = np.round(measured()["range"] * 64) / 64 if kind != "i8" else np.array([2, 3, 4, 4, 3])
+    estimator = compiled.estimator()
+    np.testing.assert_array_equal(estimator(ranges.astype(kind)).values, estimator(ranges.astype(np.float64)).values)

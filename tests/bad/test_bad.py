@@ -57,6 +57,7 @@ ELSEWHERE = {
     "unknown-observation": "simulation/test_measurements.py",
     "unreadable-file": "text/test_syntax_errors.py",
     "values-against-constraint": "simulation/test_measurements.py",
+    "wrong-argument": "api/test_arguments.py",
     "wrong-input": "api/test_estimator.py",
 }
 """Codes that no problem file or table can produce by itself, or whose cases are too large to keep: their test."""

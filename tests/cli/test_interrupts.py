@@ -4,11 +4,34 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
+import threading
 
 import pytest
 
 from mbm.cli.interrupts import interruptible
 from mbm.solution.interruption import Interruption
+
+DEAF = """
+import hashlib, os, signal, threading, time
+from mbm.cli.interrupts import interruptible
+from mbm.solution.interruption import Interruption
+
+interruption = Interruption()
+
+def press_twice():
+    os.kill(os.getpid(), signal.SIGINT)
+    while not interruption.requested:
+        time.sleep(0.01)
+    os.kill(os.getpid(), signal.SIGINT)
+
+with interruptible(interruption):
+    interruption.listen()
+    threading.Thread(target=press_twice, daemon=True).start()
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)
+"""
+"""The main thread is in native code for many minutes."""
 
 
 def press() -> None:
@@ -26,6 +49,24 @@ def test_the_first_is_a_request_once_somebody_listens(capsys: pytest.CaptureFixt
         with pytest.raises(KeyboardInterrupt):
             press()
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_nothing_of_it_is_left() -> None:
+    threads = threading.active_count()
+    with interruptible(Interruption()):
+        pass
+    assert threading.active_count() == threads
+    assert signal.set_wakeup_fd(-1) == -1
+
+
+def test_both_are_heard_while_the_main_thread_is_in_native_code() -> None:
+    """The second one is sent once the first was heard."""
+    # It takes a second; where the main thread had to come back first, some ten minutes.
+    done = subprocess.run([sys.executable, "-c", DEAF], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 130
+    first, second = done.stderr.splitlines()
+    assert "best point so far" in first
+    assert second == "interrupted"
 
 
 def test_before_a_solve_listens_it_ends_the_program() -> None:

@@ -22,6 +22,10 @@ TEXTS = {
       (data d (table (x y) {rows}))
       (unknowns (a :init 1) (b :init 1))
       (observe d (= y (+ (* a x) b)) :sigma unknown :loss tukey))""",
+    "exhausted": """(problem exhausted "A loss that ends keeps two points of three: a line without residuals."
+      (data d (table (x y) {rows}))
+      (unknowns (a :init 1) (b :init 1))
+      (observe d (= y (+ (* a x) b)) :sigma 0.1 :loss tukey))""",
     "startless": f"""(problem startless "Places from ranges, one of them wrong, epoch by epoch; no start is stated."
       {MASTS}
       (data ranges (table (epoch mast r) {{rows}}) :with (masts mast))
@@ -96,6 +100,7 @@ def _epochs(*epochs: str) -> str:
 
 
 ROWS = {
+    "exhausted": ("(0 1.1) (1 2.9) (2 9.0)", "(0 1.2) (1 2.9) (2 9.0)"),
     "startless": (_epochs(_FIRST, _SECOND, _THIRD), _epochs(_THIRD, _FIRST)),
     "unstarted": (_epochs(_GOOD, _BETTER), _epochs(_BETTER, _GOOD)),
     "offset": (_FIRST, _SECOND),

@@ -45,3 +45,60 @@ def test_graduated_non_convexity_tries_both_sides_of_the_stations(backend):
     result = mbm.loads(RANGES).solve(data={"ranges": table}, backend=backend)
     # without noise the good ranges agree exactly
     np.testing.assert_allclose(result["p"].value, truth, atol=1e-7)
+
+
+FEW = """
+(problem few
+  (data d (table (e x y z r) {rows}))
+  (unknowns (p (vector 3)))
+  (observe d (= r (distance p [x y z])) :sigma 0.02 {loss}) (for-each e))
+"""
+FULL = "(2 0 0 0.5 5) (2 10 0 0.5 8) (2 0 10 0 7.2) (2 10 10 0.5 9.2) (2 5 5 4 3.1)"
+
+
+@pytest.mark.parametrize("backend", ["auto", "numpy"])
+@pytest.mark.parametrize("loss", [":loss tukey", ":loss geman-mcclure", ":loss cauchy"])
+def test_too_few_ranges_leave_a_place_on_their_circle_undetermined(loss, backend):
+    """Two ranges fix a circle: x from their difference, x² + y² + z'² = r²; no start, beside a full solve."""
+    text = FEW.format(rows=f"(1 0 0 0.5 5) (1 10 0 0.5 8) {FULL}", loss=loss)
+    few = mbm.loads(text).solve(backend=backend).solves[0]
+    assert few.status.label == "unobservable"
+    x, y, z = few.estimates[0].value
+    # the squares differ by 20 x - 100; the fit stops where its steps are small against sigma
+    np.testing.assert_allclose([x, np.sqrt(x * x + y * y + (z - 0.5) ** 2)], [3.05, 5.0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("backend", ["auto", "numpy"])
+def test_ranges_from_one_station_leave_a_place_on_a_sphere_undetermined(backend):
+    """The one that is off is left aside: the radius is the mean of the others, two of each length."""
+    lengths = (4.80, 4.80, 4.81, 4.81, 9.9, 4.82, 4.82)
+    rows = " ".join(f"(1 1 2 3 {length})" for length in lengths)
+    text = FEW.format(rows=f"{rows} {FULL}", loss=":loss tukey")
+    few = mbm.loads(text).solve(backend=backend).solves[0]
+    assert few.status.label == "unobservable"
+    # the good ranges lie symmetrically about 4.81, where any even loss has its minimum
+    assert np.linalg.norm(few.estimates[0].value - [1.0, 2.0, 3.0]) == pytest.approx(4.81, abs=1e-3)
+
+
+AGREEING = """
+(problem few
+  (data d (table (k x y) (1 0 1.0) (1 1 2.1) (1 2 9.0) (2 0 0) (2 1 1.1) (2 2 1.9) (2 3 3.05) (2 4 3.9) (2 5 40)))
+  (unknowns (a) (b))
+  (observe d (= y (+ a (* b x))) :sigma 0.1 :loss {loss} {options}))
+"""
+
+
+@pytest.mark.parametrize("backend", ["auto", "numpy", "casadi"])
+@pytest.mark.parametrize("options", [") (for-each k", ":when (= k 1)"])
+@pytest.mark.parametrize("loss", ["tukey", "geman-mcclure", "cauchy"])
+def test_rows_that_alone_keep_weight_have_the_noise_that_is_stated(loss, options, backend):
+    """Of three points a line through two is left: the third counts next to nothing, and the fit shows no residual."""
+    solve = mbm.loads(AGREEING.format(loss=loss, options=options)).solve(backend=backend).solves[0]
+    assert [d.code.name for d in solve.diagnostics].count("ambiguous-consensus") == 1
+    residuals = np.array([1.0, 2.1, 9.0]) - solve.estimates[0].value - solve.estimates[1].value * np.arange(3)
+    kept = np.abs(residuals) < 1.0
+    assert kept.sum() == 2
+    design = np.column_stack([np.ones(3), np.arange(3)])[kept]
+    expected = 0.1 * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
+    # the third keeps a weight of (2.385 · 0.1/5.8)² = 0.0017 under Cauchy's loss, the least among those of its pairs
+    np.testing.assert_allclose([float(e.sigma) for e in solve.estimates], expected, rtol=0.02)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from mbm.problem.types import Method
 from mbm.solution.minimise import minimise
 from mbm.solution.settings import Settings
+from mbm.solution.solvers import batched
 from mbm.solution.solvers.batched import minimise_all
 from tests.solution.classics import CLASSICS, Functions
 from tests.solution.test_bounds import BOUNDED
@@ -116,3 +117,23 @@ def test_positive_coordinates_stay_above_zero_and_constant_ones_stay_put():
     found = minimise_all(Loop(equations), np.array([[1.0, 2.0], [100.0, 2.0], [1e-6, 2.0]]), iterations=100)
     np.testing.assert_allclose(found.points[:, 0], np.exp(-3.0), rtol=1e-7)
     np.testing.assert_array_equal(found.points[:, 1], 2.0)
+
+
+def test_chunks_that_were_not_begun_when_it_is_stopped_stay_without_a_cost(monkeypatch):
+    """Nobody linearises them: with many rows that takes longer than what was interrupted."""
+    function, start, _, _ = CLASSICS["Wood"]
+    stack = Loop(Functions(function=function, start=start))
+    monkeypatch.setattr(batched, "MEMORY", 2 * stack.count * stack.dimension)
+    asked = []
+
+    def stopped():
+        asked.append(1)
+        return len(asked) > 3
+
+    starts = spread(start, 7, 3)
+    found = minimise_all(stack, starts, iterations=100, stopped=stopped)
+    assert np.isfinite(found.cost).tolist() == [True] * 2 + [False] * 5
+    assert found.iterations.tolist() == [3] * 2 + [0] * 5
+    assert not found.evaluations[2:].any()
+    assert not found.settled.any()
+    np.testing.assert_array_equal(found.points[2:], starts[2:])

@@ -29,6 +29,15 @@ static void release({name}_workspace *workspace)
 }}
 """
 
+_REST = """/* The end of a line: nothing stands where there is no standard deviation. */
+static void print_rest(double sigma, const char *unit)
+{
+    if (sigma >= 0.0)
+        printf("%.17g", sigma);
+    printf(",%s\\n", unit);
+}
+"""
+
 
 def _heads(blueprint: Blueprint, doc: str) -> Iterator[str]:
     name = blueprint.identifier
@@ -66,6 +75,7 @@ def main_file(blueprint: Blueprint) -> str:
     name = blueprint.identifier
     usage = " ".join(f"{t.identifier.upper()}.csv" for t in blueprint.tables)
     lines = [*_heads(blueprint, f"{blueprint.name}: solves the tables of the files that it is given.")]
+    lines += [_REST] if blueprint.derived or any(not u.dimension for u in blueprint.unknowns) else []
     lines += ["/* One line for each number: estimate and standard deviation in the unit that the problem shows. */"]
     lines += [f"static void print_result(const {name}_data *data, long key, const {name}_result *result)", "{"]
     if any(u.family is not None for u in blueprint.unknowns) or any(d.table for d in blueprint.derived):
@@ -130,7 +140,7 @@ def _key_text(blueprint: Blueprint, pad: str) -> Iterator[str]:
         if held.is_text:
             yield f'{pad}printf("%s,", {cell});'
         else:
-            yield f'{pad}printf("%.17g,", {cell} / {number(float(held.factor))});'
+            yield f'{pad}printf("%.15g,", {cell} / {number(float(held.factor))});'
 
 
 def _printed(blueprint: Blueprint, unknown: UnknownShape) -> Iterator[str]:
@@ -158,10 +168,9 @@ def _printed(blueprint: Blueprint, unknown: UnknownShape) -> Iterator[str]:
         # numbers of rotations and the like; their standard deviations belong to coordinates, which are others
         yield f'{pad}printf("{label},%.17g,,\\n", {", ".join([*arguments, f"result->{unknown.identifier}[{place}]"])});'
     else:
+        yield f'{pad}printf("{label},%.17g,", {", ".join([*arguments, value])});'
         sigma = f"result->{unknown.identifier}_sigma[{place}] / {number(float(unknown.factor))}"
-        values = ", ".join([*arguments, value, sigma])
-        unit = quoted(unknown.unit)[1:-1].replace("%", "%%")
-        yield f'{pad}printf("{label},%.17g,%.17g,{unit}\\n", {values});'
+        yield f"{pad}print_rest({sigma}, {quoted(unknown.unit)});"
     if unknown.family is not None or many:
         yield "    }"
 
@@ -182,9 +191,10 @@ def _printed_derived(blueprint: Blueprint, derived: DerivedShape) -> Iterator[st
     if blueprint.for_each:
         yield from _key_text(blueprint, pad)
     place = f"{'m' if derived.table is not None else '0'} * {derived.size} + {'c' if many else '0'}"
-    factor, unit = number(float(derived.factor)), quoted(derived.unit)[1:-1].replace("%", "%%")
-    values = [f"result->{derived.identifier}{suffix}[{place}] / {factor}" for suffix in ("", "_sigma")]
-    yield f'{pad}printf("{label},%.17g,%.17g,{unit}\\n", {", ".join([*arguments, *values])});'
+    factor = number(float(derived.factor))
+    value = f"result->{derived.identifier}[{place}] / {factor}"
+    yield f'{pad}printf("{label},%.17g,", {", ".join([*arguments, value])});'
+    yield f"{pad}print_rest(result->{derived.identifier}_sigma[{place}] / {factor}, {quoted(derived.unit)});"
     if many:
         yield "    }"
 
@@ -198,7 +208,7 @@ def _member_key(blueprint: Blueprint, unknown: UnknownShape) -> tuple[str, str]:
     table = blueprint.table(family.table)
     column = table.column(family.key)
     cell = f"data->{table.identifier}_{column.identifier}[{row}]"
-    return ("[%s]", cell) if column.is_text else ("[%g]", f"{cell} / {number(float(column.factor))}")
+    return ("[%s]", cell) if column.is_text else ("[%.15g]", f"{cell} / {number(float(column.factor))}")
 
 
 def test_file(blueprint: Blueprint) -> str:

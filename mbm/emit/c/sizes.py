@@ -26,7 +26,7 @@ def lossy(blueprint: Blueprint) -> bool:
 def spare_size(blueprint: Blueprint, static: StaticSystem) -> str:
     """Reals of scratch besides the solver's, as C text with ``n``."""
     plain, lines = row_scratch(blueprint)
-    matrices = "4 * n * n + 6 + n + " if lossy(blueprint) else ""
+    matrices = "4 * n * n + 7 + n + " if lossy(blueprint) else ""
     return f"{matrices}{len(static.noises) + FOUND + plain} + {lines} * n"
 
 

@@ -42,16 +42,28 @@ def lines_of(result: Mapping[str, Any]) -> Iterator[str]:
         values, sigmas = result["estimates"][name]["value"], result["estimates"][name]["sigma"]
         for m, member in enumerate(values):
             for c, value in enumerate(member):
-                label = name + (f"[{result['estimates'][name]['keys'][m]}]" if FAMILIES[u] is not None else "")
+                family, keys = FAMILIES[u], result["estimates"][name]["keys"]
+                label = name + ("" if family is None else f"[{key_text(keys[m], family[1], family[2])}]")
                 label += f"[{c + 1}]" if len(member) > 1 else ""
-                sigma = "" if turned else f"{sigmas[m][c] / factor:.17g}"
+                sigma = "" if turned else spread_text(sigmas[m][c] / factor)
                 yield f"{label},{value / factor:.17g},{sigma},{unit}"
     for (name, table, size, _), (unit, factor) in zip(DERIVED, DERIVED_SHOWN, strict=True):
         found = result["derived"][name]
         for r, (values, sigmas) in enumerate(zip(found["value"], found["sigma"], strict=True)):
             for c in range(size):
                 label = name + (f"[{r + 1}]" if table is not None else "") + (f"[{c + 1}]" if size > 1 else "")
-                yield f"{label},{values[c] / factor:.17g},{sigmas[c] / factor:.17g},{unit}"
+                yield f"{label},{values[c] / factor:.17g},{spread_text(sigmas[c] / factor)},{unit}"
+
+
+def spread_text(sigma: float) -> str:
+    """A standard deviation; nothing where there is none."""
+    return "" if math.isnan(sigma) else f"{sigma:.17g}"
+
+
+def key_text(value: Any, table: str, column: str | None) -> str:
+    """A key as the files have it."""
+    is_text, _, factor = COLUMNS[table][column] if column is not None else (True, "", 1.0)
+    return str(value) if is_text else f"{value / factor:.15g}"
 
 
 def main(paths: Sequence[str]) -> int:
@@ -60,11 +72,12 @@ def main(paths: Sequence[str]) -> int:
         print(f"usage: {sys.argv[0]} " + " ".join(f"{name.upper()}.csv" for name in COLUMNS), file=sys.stderr)
         return 2
     worst = 0
+    owner = next(name for name, columns in COLUMNS.items() if set(KEYS) <= set(columns)) if KEYS else ""
     try:
         print(",".join([*KEYS, "name", "value", "sigma", "unit"]))
         for key, result in solve_each(read_tables(paths)):
             for line in lines_of(result):
-                print(",".join([*(str(value) for value in key.values()), line]))
+                print(",".join([*(key_text(value, owner, column) for column, value in key.items()), line]))
             print(
                 f"{result['status']}: chi2 {result['cost']:.9g}, {result['freedom']} degrees of freedom, "
                 f"sigma0 {result['sigma0']:.6g}, {result['iterations']} iterations",
@@ -82,5 +95,12 @@ def main(paths: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    try:
+        status = main(sys.argv[1:])
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # whoever read the lines has seen enough: nothing more is written, also not at the end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = 1
+    sys.exit(status)
 '''

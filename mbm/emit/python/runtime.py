@@ -4,6 +4,7 @@ HEAD = '''from __future__ import annotations
 
 import csv
 import math
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any

@@ -11,6 +11,7 @@ from math import fabs, sqrt
 from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
 from mbm.target.solver.description import (
     BLOCK,
+    BLOCK_NOISE,
     BLOCK_OUTPUTS,
     BLOCK_UNITS,
     BLOCK_UNITS_AT,
@@ -36,7 +37,11 @@ SPREAD = 2
 COUNT = 3
 TRACES = 4
 SQUARED_TRACES = 5
-SUMS = 6
+STATED = 6
+SUMS = 7
+
+TOLD = 2.0
+"""Degrees of freedom from which on residuals alone tell their spread; below, the stated noise counts as well."""
 
 
 def same_loss(system: ConstantIntegers, constants: ConstantReals, unit: Integer, loss: Integer) -> Integer:
@@ -69,6 +74,7 @@ def add_to_pool(
     n: Integer,
     constants: ConstantReals,
     loss_at: Integer,
+    stated: Integer,
     residuals: ConstantReals,
     slopes: ConstantReals,
     sums: Reals,
@@ -86,6 +92,8 @@ def add_to_pool(
         weight = loss_weight(kind, square, scale, shape)
         trace = float(size) * weight + 2.0 * loss_slope(kind, square, scale, shape) * square
     sums[TOTAL] += float(size) * weight
+    if stated == 1:
+        sums[STATED] += float(size) * weight
     sums[SLOPE] += trace
     sums[SPREAD] += weight * weight * square
     sums[COUNT] += float(size)
@@ -123,6 +131,7 @@ def pool(
     for b in range(system[BLOCKS]):
         at = system[BLOCKS_AT] + b * BLOCK
         lines = system[at + BLOCK_OUTPUTS]
+        stated = 1 if system[at + BLOCK_NOISE] < 0 else 0
         for u in range(system[at + BLOCK_UNITS]):
             unit = system[at + BLOCK_UNITS_AT] + u * UNIT
             if same_loss(system, constants, unit, loss) == 1:
@@ -134,8 +143,8 @@ def pool(
                             system, data, parameters, weights, index, columns, point, b, row, scratch, line,
                             line[lines:],
                         )  # fmt: skip
-                        add_to_pool(kind, size, n, constants, loss_at, line[first:], line[lines + first * n :], sums,
-                                    information)  # fmt: skip
+                        add_to_pool(kind, size, n, constants, loss_at, stated, line[first:], line[lines + first * n :],
+                                    sums, information)  # fmt: skip
 
 
 def inverted(n: Integer, matrix: Reals, scale: Reals, inverse: Reals) -> Integer:
@@ -262,7 +271,10 @@ def corrected(
     information: ConstantReals,
     sides: ConstantIntegers,
 ) -> Real:
-    """The factor of A in G with Huber's correction (Huber 1981, 7.6), 1 where no residual tells it."""
+    """The factor of A in G with Huber's correction (Huber 1981, 7.6), 1 where no residual tells it.
+
+    It is no less than that of stated noise as far as the weights leave too little redundancy to tell.
+    """
     spread = sums[SPREAD] / max(sums[TOTAL], 1e-300)
     share = 0.0
     for i in range(n):
@@ -281,6 +293,8 @@ def corrected(
             bend = (sums[SQUARED_TRACES] / count - mean * mean) / (mean * mean)
         whole = 1.0 + share / count * bend
         found = spread * whole * whole * count / freedom
+        told = min(max((sums[TOTAL] - share) / TOLD, 0.0), 1.0)
+        found = max(found, (1.0 - told) * slope * slope * sums[STATED] / max(sums[TOTAL], 1e-300))
     return fabs(found)  # it is not negative
 
 

@@ -95,6 +95,7 @@ def loss_solver(problem: Problem, stack: Stack, first: Assembled, points: Floats
     what agrees, once and for all, as `robust.consensus.scaled` does.
     """
     from mbm.solution.robust.binding import without_losses
+    from mbm.target.solver import consensus_description as c
 
     plain = replace(stack, equations=without_losses(stack.equations))
     consensus = Consensus(kind=ConsensusKind.LMEDS)
@@ -104,17 +105,21 @@ def loss_solver(problem: Problem, stack: Stack, first: Assembled, points: Floats
         return None
 
     unknown = any(block.unknown_factor for block in problem.blocks)
+    convex = all(loss.convex for group in stack.equations.groups for loss in group.losses)
 
     def solve(which: Which, begun: Floats) -> Ends:
         found, owner, _ = ruled.agree(which, begun)
+        # without enough equations no minimal subset gives a start, and the general path begins at a plain fit
+        agreed = found.agreed & (stack.residuals[places_of(which)] >= first.dimension)
+        agreed &= (found.states[:, c.AMBIGUOUS] == 0) | convex  # the general path warns of it
         if not unknown:
             ends = plain_ends(lossy.solve(found.points, np.asarray(which)))
-            return replace(ends, reason=np.where(found.agreed, ends.reason, -1))
+            return replace(ends, reason=np.where(agreed, ends.reason, -1))
         factor, told = _factors(ruled, which, found, owner)
         every = stack.equations.groups
         scales = [1.0 / factor[stack.lines(number, which)[0]][:, None] for number in range(len(every))]
         ends = plain_ends(reweighted(stack, lossy, which, scales).solve(found.points, np.arange(len(which))))
-        good = found.agreed & told
+        good = agreed & told
         return replace(ends, reason=np.where(good, ends.reason, -1), factors=factor[:, None])
 
     return solve

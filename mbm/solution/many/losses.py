@@ -9,7 +9,7 @@ import numpy as np
 from mbm.solution.many.factor import inverse_root
 from mbm.solution.many.stack import Portion
 from mbm.solution.nonlinearity import ORTHONORMAL
-from mbm.solution.robust.covariance import EXHAUSTED
+from mbm.solution.robust.covariance import EXHAUSTED, least_spread
 from mbm.solution.robust.losses.rooted import rooted, rooted_jacobian
 from mbm.solution.robust.scores import STATED_CUT
 from mbm.solution.robust.units import limits
@@ -111,6 +111,8 @@ class _Pool:
     spread: Floats
     count: Floats
     bend: Floats
+    total: Floats
+    stated: Floats
 
 
 Parts = list[tuple[Indices, Indices]]
@@ -166,6 +168,8 @@ def _pool(loss: LossFunction, parts: Parts, portion: Portion, residuals: Floats,
         spread=spread / safe,
         count=count,
         bend=np.where(mean > 0.0, scattered / count / np.square(mean), 0.0),
+        total=total,
+        stated=total if portion.stated else np.zeros(solves),
     )
 
 
@@ -175,4 +179,5 @@ def _corrected(pool: _Pool, inverse: Floats) -> Floats:
     freedom = pool.count - share
     bend = 1.0 + share / pool.count * pool.bend
     told = freedom > EXHAUSTED * pool.count
-    return np.where(told, pool.spread * bend * bend * pool.count / np.where(told, freedom, 1.0), 1.0)
+    found = pool.spread * bend * bend * pool.count / np.where(told, freedom, 1.0)
+    return np.where(told, np.maximum(found, least_spread(pool.slope, pool.total, pool.stated, share)), 1.0)

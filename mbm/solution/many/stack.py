@@ -141,11 +141,12 @@ class Portion:
     """The equations of some solves, at one point for each: arrays (K, …) over the solves.
 
     ``most`` m is the largest number of residuals of a solve; what a solve has less is 0. ``kept`` and ``factors`` as
-    `Ends` has them: the latter divide residuals.
+    `Ends` has them: the latter divide residuals. ``stated`` says that no noise was estimated with the loss.
     """
 
     def __init__(self, stack: Stack, which: Which, kept: Kept | None = None, factors: Floats | None = None) -> None:
         self.count = len(which)
+        self.stated = factors is None
         self.most = int(stack.residuals[places_of(which)].max(initial=0))
         self.equations = stack.equations
         self._columns = _columns(stack.equations)

@@ -194,12 +194,7 @@ def consensus_many(
         with ThreadPoolExecutor(len(cuts) - 1) as pool:
             list(pool.map(part, cuts[:-1], cuts[1:]))
     return ConsensusEnds(
-        points=points,
-        states=states,
-        units_at=units_at,
-        inside=inside == 1,
-        limits=limits,
-        variances=variances,
+        points=points, states=states, units_at=units_at, inside=inside == 1, limits=limits, variances=variances
     )
 
 

@@ -11,7 +11,7 @@ from mbm.solution.batch import batch
 from mbm.solution.excerpt import excerpt
 from mbm.solution.native.system import handled, system_of
 from mbm.solution.settings import Settings
-from mbm.solution.solvers.batched import Batched
+from mbm.solution.solvers.batched import MEMORY, Batched
 from mbm.solution.types import Floats, Indices
 from mbm.target.solver import description as of
 
@@ -30,7 +30,8 @@ def native_ends(
     """Where the starts (T, N) lead to, as `solvers.batched.minimise_all` has it; None: not for the native solver.
 
     ``columns`` and ``units`` say which coordinates move and which units count, as in `batch`. ``settings`` give the
-    threads, on whose number the ends do not depend, and stop them where they are.
+    threads, on whose number the ends do not depend, and stop them where they are. Those that were not begun by then
+    have the cost of their starts, as far as one batch of residuals goes, the others inf.
     """
     if not handled(replace(equations, constraints=())):
         return None
@@ -40,12 +41,13 @@ def native_ends(
         return None
     ends = system.solve(starts, workers=settings.threads(len(starts)), stopped=settings.stopped)
     reasons, points, cost = ends.states[:, of.REASON], ends.numbers, ends.results[:, of.COST]
-    idle = ends.states[:, of.EVALUATIONS] == 0
-    if idle.any():
-        points[idle] = starts[idle]
+    idle = np.flatnonzero(ends.states[:, of.EVALUATIONS] == 0)
+    if idle.size:
+        points[idle], cost[idle] = starts[idle], np.inf
+        stack = batch(equations, columns=columns, units=units)
+        known = idle[: max(1, MEMORY // max(1, stack.count * stack.dimension))]
         with np.errstate(all="ignore"):
-            residuals = batch(equations, columns=columns, units=units).residuals(starts[idle])
-        cost[idle] = np.square(residuals).sum(axis=1)
+            cost[known] = np.square(stack.residuals(starts[known])).sum(axis=1)
     finite = np.isfinite(cost) & (reasons != of.NOT_FINITE_AT_START)
     return Batched(
         points=points,

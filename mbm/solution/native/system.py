@@ -33,6 +33,9 @@ streams there are fewer of them."""
 ITERATIONS_OF_MANY = 20.0
 """Iterations that a solve of many takes, as a guess."""
 
+MOST_ITERATIONS = 100.0
+"""Iterations that hardly a solve exceeds: where one call has not room for them, solves are made in several."""
+
 
 def never() -> bool:
     """Nobody interrupts."""
@@ -111,7 +114,7 @@ class NativeSystem:
 
         def part(first: int, last: int) -> None:
             work, flags = self.scratch()
-            if at_a_time < ITERATIONS_OF_MANY:
+            if at_a_time < MOST_ITERATIONS:
                 most = int(max(at_a_time, 1))
                 for k in range(first, last):
                     if not stopped():

@@ -9,19 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from math import sqrt
+from math import inf, isfinite, sqrt
 from typing import TypeAlias
 
 import numpy as np
 
 from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Problem, RandomStarts
 from mbm.solution.assembly import Assembled, loss_lines
+from mbm.solution.minimise import minimise
 from mbm.solution.robust import faults
 from mbm.solution.robust.agree import Agreed, agree, agree_near
-from mbm.solution.robust.binding import trials_of, trials_of_part, units_of
+from mbm.solution.robust.binding import trials_of, trials_of_part, units_of, without_losses
 from mbm.solution.robust.many import MANY, agree_by_losses
 from mbm.solution.robust.parts import Part, agree_in_parts, parts_of, units_of_parts
 from mbm.solution.robust.scale import information_left
+from mbm.solution.robust.subsets import independent_columns
 from mbm.solution.robust.types import Prepared
 from mbm.solution.robust.units import STATED, Units
 from mbm.solution.settings import Settings
@@ -80,19 +82,58 @@ def agreeing(
 def scaled(problem: Problem, equations: Assembled, settings: Settings, starts: tuple[Beginning, ...]) -> Prepared:
     """All units, from where consensus finds the losses' minimum, with noise factors from there."""
     unknown = any(block.loss is not None and block.unknown_factor for block in problem.blocks)
-    if not unknown and all(loss.convex for loss, _ in loss_lines(equations)):
+    convex = all(loss.convex for loss, _ in loss_lines(equations))
+    if not unknown and convex:
         return Prepared(equations=equations, starts=starts)
     units = units_of(equations, problem, starts[0].point, _has_loss)
     if units.scalars == 0 or not equations.dimension:
         return Prepared(equations=equations, starts=starts)
     consensus = Consensus(kind=ConsensusKind.LMEDS)
-    found = _agreed(problem, equations, settings, consensus, units, starts, _has_loss)
+    starts = _fitted_plainly(problem, equations, settings, starts)
+    few = equations.count < equations.dimension
+    found = (
+        _all_agree(units, starts[0].point)
+        if few
+        else _agreed(problem, equations, settings, consensus, units, starts, _has_loss)
+    )
     factors, noise = _loss_noise(problem, equations, units, found)
     return Prepared(
         equations=equations,
-        starts=_from_agreement(found, consensus, settings, starts),
+        starts=starts if few else _from_agreement(found, consensus, settings, starts),
         factors=factors,
         noise=noise,
+        diagnostics=(faults.ambiguous_consensus(problem.span),) if found.ambiguous and not convex else (),
+    )
+
+
+def _fitted_plainly(
+    problem: Problem, equations: Assembled, settings: Settings, starts: tuple[Beginning, ...]
+) -> tuple[Beginning, ...]:
+    """The starts, where plain squares lead from them if the equations do not determine the unknowns there.
+
+    A closed form, or a fit to a subset, then lies anywhere, and far off a loss that ends is level.
+    """
+    plain = without_losses(equations)
+    if equations.count >= equations.dimension:
+        known = not _without_start(equations)
+        if known or equations.dimension > MANY or equations.count > SAMPLE or equations.implicit is not None:
+            return starts
+        if independent_columns(plain.jacobian(starts[0].point)) >= equations.dimension:
+            return starts
+    ends = [minimise(plain, start.point, settings, problem.span) for start in starts]
+    order = sorted(range(len(ends)), key=lambda i: ends[i].cost if isfinite(ends[i].cost) else inf)
+    return tuple(replace(starts[i], point=ends[i].point) for i in order)
+
+
+def _all_agree(units: Units, point: Floats) -> Agreed:
+    """What fewer equations than unknowns say: none contradicts another."""
+    return Agreed(
+        point=point,
+        inliers=np.ones(units.count, dtype=bool),
+        limits=np.full(units.count, np.inf),
+        variances=np.ones(units.count),
+        trials=0,
+        ambiguous=False,
     )
 
 
@@ -124,12 +165,17 @@ def _agreed(
 
 def _startless(problem: Problem, equations: Assembled, settings: Settings, consensus: Consensus) -> Agreed | None:
     """The units that agree with what a closed form gives, where some unknown has no start of its own; None: unknown."""
-    missing = np.isnan(equations.layout.start) | equations.layout.guessed
-    if equations.implicit is not None or not bool((missing & equations.moving()).any()):
+    if equations.implicit is not None or not _without_start(equations):
         return None
     if equations.whole > SAMPLE or (equations.dimension > 1 and len(parts_of(equations)) > 1):
         return None
     return _natively(problem, equations, settings, consensus, _observed, None)
+
+
+def _without_start(equations: Assembled) -> bool:
+    """Whether some unknown has no start of its own."""
+    missing = np.isnan(equations.layout.start) | equations.layout.guessed
+    return bool((missing & equations.moving()).any())
 
 
 def _natively(

@@ -4,6 +4,10 @@ H is the derivative of the estimating equations ``Σ Jᵀψ = 0``, G the covaria
 two are pooled over its units, so that they are as certain as the sample allows: with the weights w = ρ', and k the
 number of components, ``A = Σ w JᵀJ`` is the information that the weights leave (rows that count nothing leave none),
 ``H = Σ E[tr Dψ]/(w k) A`` and ``G = Σ E[|ψ|²]/(w k) A``. What has no loss enters both with ``JᵀJ``.
+
+Residuals tell their spread as far as the weights leave more of them than unknowns. Where a loss that ends keeps no
+more rows than it takes to fit them exactly, ψ vanishes and with it G, though the next measurements scatter as ever:
+there the stated noise counts (`least_spread`).
 """
 
 from __future__ import annotations
@@ -21,24 +25,52 @@ EXHAUSTED = 1e-9
 """A freedom below this share of the residuals is rounding of none."""
 
 
+TOLD = 2.0
+"""Degrees of freedom ν from which on residuals alone tell their variance: below, its deviation √(2/ν) exceeds it."""
+
+
+def least_spread(slope: float | Floats, total: float | Floats, stated: float | Floats, share: float | Floats) -> Floats:
+    """The least factor of A in G: that with which ``H⁻¹ G H⁻¹ = A⁻¹``, as far as residuals cannot tell a smaller one.
+
+    Args:
+        slope: the factor of A in H, scalar or (K,) for as many solves.
+        total: sum of the weights, over all components.
+        stated: that of the components whose noise is stated; nothing is known of the spread of others.
+        share: the unknowns that this loss's units determine, so that ``total - share`` is the redundancy that counts.
+
+    """
+    told = np.minimum(np.maximum((total - share) / TOLD, 0.0), 1.0)
+    return np.asarray((1.0 - told) * slope * slope * stated / np.maximum(total, 1e-300), dtype=np.float64)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pool:
-    """One loss: ``information`` A (r, r) along the estimable directions, and the two factors of it in H and G."""
+    """One loss: ``information`` A (r, r) along the estimable directions, and the two factors of it in H and G.
+
+    ``total`` is the sum of the weights over all components, ``stated`` that over those whose noise is stated.
+    """
 
     information: Floats
     slope: float
     spread: float
     count: int
     bend: float
+    total: float
+    stated: float
 
 
 @np.errstate(all="ignore")
 def sandwich(
-    losses: Iterable[tuple[LossFunction, Indices]], residuals: Floats, jacobian: Floats, observed: Observability
+    losses: Iterable[tuple[LossFunction, Indices]],
+    residuals: Floats,
+    jacobian: Floats,
+    observed: Observability,
+    stated: Mask,
 ) -> Covariance:
     """The covariance of the n coordinates; ``losses`` with the places (units, k) of the residuals they act on.
 
-    ``residuals`` (m,) and ``jacobian`` (m, n) are plain, whitened with the noise that the estimates hold with;
+    ``residuals`` (m,) and ``jacobian`` (m, n) are plain, whitened with the noise that the estimates hold with, which is
+    ``stated`` (m,) or was estimated;
     ``observed`` is the rank decision, in whose estimable subspace the covariance lives.
     """
     basis = observed.row_space / observed.scale[:, None]
@@ -48,7 +80,7 @@ def sandwich(
     for loss, lines in losses:
         plain[lines] = False
         by_loss.setdefault(loss, []).append(lines)
-    pools = [_pool(loss, parts, residuals, along) for loss, parts in by_loss.items()]
+    pools = [_pool(loss, parts, residuals, along, stated) for loss, parts in by_loss.items()]
     fixed = along[plain].T @ along[plain]
     curvature, spread = fixed.copy(), fixed.copy()
     for pool in pools:
@@ -61,10 +93,10 @@ def sandwich(
     return _covariance(in_datum(factor, observed), ~observed.estimable & ~observed.fixed)
 
 
-def _pool(loss: LossFunction, parts: list[Indices], residuals: Floats, along: Floats) -> _Pool:
+def _pool(loss: LossFunction, parts: list[Indices], residuals: Floats, along: Floats, stated: Mask) -> _Pool:
     """Sums over all units of one loss; parts differ in the number of components at most between losses."""
     information = np.zeros((along.shape[1], along.shape[1]))
-    total = slope = spread = 0.0
+    total = known = slope = spread = 0.0
     slopes = []
     for lines in parts:
         squares = np.square(residuals[lines]).sum(axis=1)
@@ -74,6 +106,7 @@ def _pool(loss: LossFunction, parts: list[Indices], residuals: Floats, along: Fl
         information += np.einsum("u,ukr,uks->rs", weight, rows, rows)
         traces = size * weight + 2.0 * loss.slope(squares) * squares
         total += size * float(weight.sum())
+        known += size * float(weight[stated[lines[:, 0]]].sum())
         slope += float(traces.sum())
         spread += float((weight * weight * squares).sum())
         slopes.append(np.repeat(traces / size, size))
@@ -81,7 +114,15 @@ def _pool(loss: LossFunction, parts: list[Indices], residuals: Floats, along: Fl
     mean = float(every.mean()) if every.size else 1.0
     bend = float(every.var()) / mean**2 if every.size and mean > 0.0 else 0.0
     safe = max(total, 1e-300)
-    return _Pool(information=information, slope=slope / safe, spread=spread / safe, count=every.size, bend=bend)
+    return _Pool(
+        information=information,
+        slope=slope / safe,
+        spread=spread / safe,
+        count=every.size,
+        bend=bend,
+        total=total,
+        stated=known,
+    )
 
 
 def _corrected(pool: _Pool, inverse: Floats) -> float:
@@ -95,7 +136,8 @@ def _corrected(pool: _Pool, inverse: Floats) -> float:
     if freedom <= EXHAUSTED * pool.count:
         return 1.0
     bend = 1.0 + share / pool.count * pool.bend
-    return pool.spread * bend * bend * pool.count / freedom
+    least = float(least_spread(pool.slope, pool.total, pool.stated, share))
+    return max(pool.spread * bend * bend * pool.count / freedom, least)
 
 
 def _covariance(factor: Floats, undetermined: Mask) -> Covariance:

@@ -59,7 +59,7 @@ def minimal_subsets(jacobian: Floats, units: Units, asked: int | None, seed: int
     more than the trials; else drawn with the generator of `mbm.target.solver.consensus_draw`, started by ``seed``.
     """
     rows = unit_rows(jacobian, units)
-    rank = int(np.linalg.matrix_rank(_scaled(jacobian[units.of_row >= 0]), tol=INDEPENDENT)) if units.count else 0
+    rank = independent_columns(jacobian[units.of_row >= 0]) if units.count else 0
     if rank == 0:
         return np.empty((0, 0), dtype=np.int64)
     states = _states(seed, 1)
@@ -76,6 +76,11 @@ def minimal_subsets(jacobian: Floats, units: Units, asked: int | None, seed: int
     parts = [_drawn(rows, _orders(chunk, units.count), chunk.shape[1], rank) for chunk in chunks]
     width = max(part.shape[1] for part in parts)
     return np.concatenate([np.pad(p, ((0, 0), (0, width - p.shape[1])), constant_values=-1) for p in parts])
+
+
+def independent_columns(jacobian: Floats) -> int:
+    """How many combinations of the unknowns the rows (m, n) tell apart; what is not finite tells nothing."""
+    return int(np.linalg.matrix_rank(_scaled(jacobian), tol=INDEPENDENT)) if jacobian.size else 0
 
 
 def unit_rows(jacobian: Floats, units: Units) -> Floats:

@@ -108,11 +108,15 @@ def minimise_all(
 
     A trial has settled when no column of the Jacobian makes an angle with the residuals whose cosine is above
     ``tolerance``, when the hardly damped step promises less than ``tolerance²`` of the cost, or when the cost is below
-    ``tolerance²`` for each residual: zero, in standard deviations. ``stopped`` ends all of them where they are.
+    ``tolerance²`` for each residual: zero, in standard deviations. ``stopped`` ends all of them where they are; chunks
+    that were not begun then cost inf.
     """
     chunk = max(1, MEMORY // max(1, stack.count * stack.dimension))
-    parts = []
+    parts: list[Batched] = []
     for first in range(0, max(len(starts), 1), chunk):
+        if parts and stopped():
+            parts.append(_idle(starts[first:]))
+            break
         state = _State(stack, starts[first : first + chunk], first, tolerance)
         for _ in range(iterations):
             if not state.moving.size or stopped():
@@ -120,6 +124,18 @@ def minimise_all(
             state.advance()
         parts.append(state.answer())
     return joined(parts)
+
+
+def _idle(starts: Floats) -> Batched:
+    """Trials that were not begun."""
+    none = np.zeros(len(starts), dtype=np.int64)
+    return Batched(
+        points=np.array(starts, dtype=np.float64),
+        cost=np.full(len(starts), np.inf),
+        settled=none > 0,
+        iterations=none,
+        evaluations=none,
+    )
 
 
 def joined(parts: Sequence[Batched]) -> Batched:

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.solution.robust.covariance import EXHAUSTED
+from mbm.solution.robust.covariance import EXHAUSTED, least_spread
 from mbm.solution.robust.losses.function import LossFunction
 from mbm.solution.sparse.observability import sparse_covariance
 from mbm.solution.sparse.rank import decided
@@ -24,12 +24,12 @@ Losses = Iterable[tuple[LossFunction, Indices]]
 
 @np.errstate(all="ignore")
 def sparse_sandwich(
-    losses: Losses, residuals: Floats, blocks: BlockJacobian, observed: Observability
+    losses: Losses, residuals: Floats, blocks: BlockJacobian, observed: Observability, stated: Mask
 ) -> tuple[Covariance, Observability]:
     """The covariance, and ``observed`` with the inverse that derived quantities are propagated with.
 
     ``losses`` have the places (units, k) of the residuals that they act on; ``residuals`` (m,) and the Jacobian in
-    ``blocks`` are plain, whitened with the noise that the estimates hold with.
+    ``blocks`` are plain, whitened with the noise that the estimates hold with, which is ``stated`` (m,) or estimated.
     """
     layout = blocks.plan.structure
     found = list(losses)
@@ -56,6 +56,8 @@ def sparse_sandwich(
             spread = 1.0
         else:
             spread *= (1.0 + share / len(places) * bend) ** 2 * len(places) / (len(places) - share)
+            known = float(weight[places][stated[places]].sum())
+            spread = max(spread, float(least_spread(mean, total, known, share)))
         factors[places] = weight[places] * mean * mean / max(spread, 1e-300)
     final = decided(blocks.plan, _weighted(blocks, np.sqrt(factors), every), held).inverse
     estimable = observed.estimable & ~final.single()

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from mbm.target.solver.beginning import begin, constraint_count, solve_directly
-from mbm.target.solver.constraints import HELD, LAMBDA, begin_rounds, next_round, set_held
-from mbm.target.solver.covariance import set_covariance
+from mbm.target.solver.constraints import HELD, LAMBDA, SIGNIFICANCE, begin_rounds, next_round, set_held
+from mbm.target.solver.covariance import set_covariance, undetermined
 from mbm.target.solver.description import (
     BLOCK,
     BLOCK_UNITS,
@@ -47,6 +47,7 @@ from mbm.target.solver.description import (
 )
 from mbm.target.solver.equations import load_rows, residuals_at_point
 from mbm.target.solver.linear_algebra import copied, dot, filled
+from mbm.target.solver.pushing import release_idle
 from mbm.target.solver.sweeps import sweep
 from mbm.target.solver.trust_region import iterate
 from mbm.target.solver.workspace import (
@@ -216,8 +217,11 @@ def finish_solve(
         results[VIOLATION] = work[scalars_at(system) + WORST]
         holding = set_held(system, data, results[COST], work)
         copied(count, work[multipliers_at(system, LAMBDA) :], multipliers)
-    elif LANES > 1 and here[AT_SQUARE] > SURE:
-        sweep(system, constants, data, index, columns, point, 0, 0, work, constants, triangle)
+    else:
+        if LANES > 1 and here[AT_SQUARE] > SURE:
+            sweep(system, constants, data, index, columns, point, 0, 0, work, constants, triangle)
+        # constraints push as well, and say so themselves
+        release_idle(n, triangle, here[vector_at(system, X) :], results[COST], sides)
     results[PLAIN_COST] = results[COST]
     if lossy(system) == 1:
         size = residuals_at_point(system, constants, data, index, point, 0, 0, work, residuals)
@@ -227,10 +231,12 @@ def finish_solve(
         if sides[j] != 0:
             moving -= 1
     states[FREEDOM] = data[DATA_COUNT] - moving + holding
-    if flags[PENALISED] == 0:
-        count = 0
+    count = count if flags[PENALISED] == 1 else 0
     held = work[multipliers_at(system, HELD) :]
     results[CONDITION] = set_covariance(system, triangle, sides, count, held, work, flags, covariance)
+    if flags[PENALISED] == 1 and states[FREEDOM] <= 0 and results[COST] > SIGNIFICANCE * SIGNIFICANCE:
+        # Residuals are perpendicular to all columns at a minimum: what remains of so few leaves a column too many.
+        results[CONDITION] = undetermined(n, sides, covariance)
     states[DEFICIENT] = 0 if results[CONDITION] < 1e300 else 1
 
 

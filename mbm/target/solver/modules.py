@@ -15,9 +15,11 @@ from mbm.target.solver import (
     newton,
     normal_equations,
     places,
+    pushing,
     slopes,
     steps,
     sweeps,
+    tangent,
     trials,
     trust_region,
     united,
@@ -42,7 +44,9 @@ PARTS = (
     trust_region,
     beginning,
     constraints,
+    tangent,
     covariance,
+    pushing,
     batch,
 )
 """The files of the solver, those that are called before those that call them."""

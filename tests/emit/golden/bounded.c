@@ -160,7 +160,7 @@ static void lay_out(struct frame *f, const bounded_data *data, struct arena *a)
         f->known = reals_of(a, units * 1);
     }
     f->work = reals_of(a, work_reals(header));
-    f->spare = reals_of(a, 4 * n * n + 6 + n + 13 + 2 * n);
+    f->spare = reals_of(a, 4 * n * n + 7 + n + 13 + 2 * n);
     f->flags = integers_of(a, work_integers(header));
     f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;
     for (i = 0; i < 11; i++)

@@ -123,7 +123,7 @@ static void lay_out(struct frame *f, const loss_and_noise_data *data, struct are
     header[13] = 32;
     header[14] = 96;
     f->work = reals_of(a, work_reals(header));
-    f->spare = reals_of(a, 4 * n * n + 6 + n + 12 + 2 * n);
+    f->spare = reals_of(a, 4 * n * n + 7 + n + 12 + 2 * n);
     f->flags = integers_of(a, work_integers(header));
     f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;
     for (i = 0; i < 11; i++)

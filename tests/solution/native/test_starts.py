@@ -8,6 +8,8 @@ import pytest
 import mbm
 from mbm.solution.batch import batch
 from mbm.solution.minimise import minima, minimise
+from mbm.solution.native import starts as native_starts
+from mbm.solution.native import system as native_system
 from mbm.solution.native.starts import native_ends
 from mbm.solution.settings import Settings
 from mbm.solution.solvers.batched import minimise_all
@@ -64,6 +66,30 @@ def test_where_it_is_stopped_every_start_stands_at_its_cost(equations):
     np.testing.assert_array_equal(found.points, starts)
     np.testing.assert_allclose(found.cost, np.square(batch(equations).residuals(starts)).sum(axis=1), rtol=1e-12)
     assert not found.settled.any()
+
+
+def test_where_it_is_stopped_no_more_than_one_batch_of_costs_is_computed(equations, monkeypatch):
+    """Not those of all starts: with many rows that takes longer than what was interrupted."""
+
+    class Requested:
+        requested = True
+
+    monkeypatch.setattr(native_starts, "MEMORY", 2 * equations.count * equations.dimension)
+    starts = points_about(equations, 6)
+    found = native_ends(equations, starts, equations.free, None, STEPS, Settings(interruption=Requested()))
+    np.testing.assert_array_equal(found.points, starts)
+    assert np.isfinite(found.cost).tolist() == [True] * 2 + [False] * 4
+
+
+@pytest.mark.parametrize("at_a_time", [1.0, 50.0])
+def test_the_ends_do_not_depend_on_how_often_somebody_is_asked(equations, at_a_time, monkeypatch):
+    starts = points_about(equations, 6)
+    whole = native_ends(equations, starts, equations.free, None, STEPS, Settings())
+    products = equations.count * (equations.dimension + 4) ** 2
+    monkeypatch.setattr(native_system, "AT_A_TIME", at_a_time * products)
+    parts = native_ends(equations, starts, equations.free, None, STEPS, Settings())
+    for name in ("points", "cost", "settled", "iterations", "evaluations"):
+        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
 
 
 def test_a_start_without_a_value_has_an_infinite_cost():

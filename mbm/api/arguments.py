@@ -1,0 +1,74 @@
+"""Arguments of calls from Python: of the kind that is wanted, or a diagnostic that says which that is."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Mapping
+from typing import SupportsIndex
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mbm.api import faults
+from mbm.text.types import MbmError
+
+
+def by_name(argument: str, given: object) -> dict[str, object]:
+    """What an argument gives by name; None: nothing.
+
+    Raises:
+        MbmError: it is no mapping from texts (`wrong-argument`).
+
+    """
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise MbmError(faults.not_by_name(argument, f"a value of type `{type(given).__name__}`"))
+    for name in given:
+        if not isinstance(name, str):
+            raise MbmError(faults.not_by_name(argument, f"a mapping with the key {name!r}, which is no text"))
+    return dict(given)
+
+
+def threads(given: object) -> int | None:
+    """The number of threads asked for; None: one for each processor.
+
+    Raises:
+        MbmError: it is no whole number from 1 (`wrong-argument`).
+
+    """
+    if given is None:
+        return None
+    count = operator.index(given) if isinstance(given, SupportsIndex) and not isinstance(given, bool) else 0
+    if count < 1:
+        raise MbmError(faults.no_number_of_threads(given))
+    return count
+
+
+def coordinates(given: ArrayLike, count: int) -> NDArray[np.float64]:
+    """Tangent coordinates (count,).
+
+    Raises:
+        MbmError: they are no such array of real numbers (`wrong-argument`).
+
+    """
+    try:
+        found = real(given)
+    except (TypeError, ValueError, OverflowError):
+        raise MbmError(faults.no_coordinates("is no array of numbers", count)) from None
+    if found.shape != (count,):
+        raise MbmError(faults.no_coordinates(f"has the shape {found.shape}", count))
+    return found
+
+
+def real(given: ArrayLike) -> NDArray[np.float64]:
+    """An array of real numbers, the very one that is given if it is such.
+
+    Raises:
+        TypeError, ValueError, OverflowError: it is none; complex numbers are none, whatever they are.
+
+    """
+    found = np.asarray(given)
+    if found.dtype.kind == "c":
+        raise TypeError(found.dtype)
+    return np.asarray(found, np.float64)

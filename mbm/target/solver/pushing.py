@@ -1,0 +1,49 @@
+"""Which coordinates at a bound the residuals push against it: the others touch it by accident, and are free.
+
+Where data leave a combination of unknowns free, an iteration may end anywhere along it: whether that is just at a
+bound, and to which side rounding then tips the slope, says nothing.
+"""
+
+from __future__ import annotations
+
+from math import fabs, sqrt
+
+from mbm.target.words import ConstantReals, Integer, Integers, Real
+
+IDLE = 1e-8
+"""Cosine between the residuals and a column of the Jacobian below which nothing pushes along its coordinate."""
+
+ROUNDED = 1e-13
+"""The same for what rounding leaves of the residuals, beside what they are computed from."""
+
+
+def release_idle(n: Integer, triangle: ConstantReals, x: ConstantReals, cost: Real, sides: Integers) -> None:
+    """``sides`` (n,) become 0 where the slope ``Jᵀ r`` is nothing beside the length of its column and ``cost`` = rᵀ r.
+
+    ``triangle`` (n + 1, n + 1) of ``[J r]``; ``x`` (n,) are the coordinates.
+    """
+    width = n + 1
+    bounded = 0
+    for j in range(n):
+        if sides[j] != 0:
+            bounded += 1
+    if bounded == 0:
+        return
+    made_of = 0.0
+    for j in range(n):
+        length = 0.0
+        for i in range(j + 1):
+            length += triangle[i * width + j] * triangle[i * width + j]
+        made_of += length * x[j] * x[j]
+    for j in range(n):
+        if sides[j] != 0:
+            length = 0.0
+            slope = 0.0
+            for i in range(j + 1):
+                length += triangle[i * width + j] * triangle[i * width + j]
+                slope += triangle[i * width + j] * triangle[i * width + n]
+            if fabs(slope) <= sqrt(length) * (IDLE * sqrt(cost) + ROUNDED * sqrt(made_of)):
+                sides[j] = 0
+
+
+ROUTINES = (release_idle,)

@@ -1,0 +1,94 @@
+"""Arguments of the wrong kind: a diagnostic with a stable code, for each call that takes them; never an answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbm
+from tests.api.test_solving import Ranges
+
+
+@pytest.fixture
+def compiled(problem: mbm.Problem, ranges: Ranges) -> mbm.CompiledProblem:
+    return problem.compile(data={"ranges": ranges})
+
+
+def refused(call: Callable[[], object], code: str) -> str:
+    """What is said of a call that is refused with a code."""
+    with pytest.raises(mbm.MbmError) as caught:
+        call()
+    (diagnostic,) = caught.value.diagnostics
+    assert diagnostic.code.name == code
+    assert diagnostic.hint
+    return diagnostic.message
+
+
+@pytest.mark.parametrize("call", ["solve", "compile", "check", "equations", "casadi", "simulate"])
+@pytest.mark.parametrize("given", [[1], [], "ranges", 3, np.ones(3)])
+def test_tables_that_are_not_given_by_name(call: str, given: Any, problem: mbm.Problem) -> None:
+    assert "`data` is a value of type" in refused(lambda: getattr(problem, call)(data=given), "wrong-argument")
+
+
+@pytest.mark.parametrize("given", [[1], [], "ranges"])
+def test_tables_of_a_compiled_problem_that_are_not_given_by_name(given: Any, compiled: mbm.CompiledProblem) -> None:
+    calls: list[Callable[[], object]] = [
+        lambda: compiled.solve(data=given),
+        lambda: compiled.residuals([0, 0, 0], data=given),
+        lambda: compiled.jacobian([0, 0, 0], data=given),
+    ]
+    for call in calls:
+        assert "`data` is a value of type" in refused(call, "wrong-argument")
+
+
+def test_a_table_whose_name_is_no_text(problem: mbm.Problem, ranges: Ranges) -> None:
+    given: Any = {1: ranges}
+    assert "the key 1, which is no text" in refused(lambda: problem.solve(data=given), "wrong-argument")
+
+
+@pytest.mark.parametrize("name", ["constants", "at", "noise"])
+def test_other_values_that_are_not_given_by_name(name: str, problem: mbm.Problem, ranges: Ranges) -> None:
+    given: dict[str, Any] = {name: [1.0]}
+    assert f"`{name}` is a value" in refused(
+        lambda: problem.simulate(data={"ranges": ranges}, **given), "wrong-argument"
+    )
+
+
+@pytest.mark.parametrize("given", [[1], [], "p", 2.0])
+def test_starts_that_are_not_given_by_name(given: Any, compiled: mbm.CompiledProblem) -> None:
+    assert "the initial values are a value of type" in refused(lambda: compiled.solve(init=given), "bad-initial-values")
+
+
+@pytest.mark.parametrize("given", [0, -1, -3, 2.5, "2", "a", True, [1]])
+def test_workers_that_are_no_number_of_threads(given: Any, compiled: mbm.CompiledProblem, ranges: Ranges) -> None:
+    estimator = compiled.estimator()
+    for call in (
+        lambda: compiled.solve(workers=given),
+        lambda: estimator.many(np.stack([ranges["range"]]), workers=given),
+    ):
+        assert f"`workers` is {given!r}" in refused(call, "wrong-argument")
+
+
+@pytest.mark.parametrize("given", [1, 2, np.int64(2), None])
+def test_workers_that_are_one(given: Any, compiled: mbm.CompiledProblem) -> None:
+    assert compiled.solve(workers=given).status == "ok"
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ([0, 0], "`x` has the shape (2,); the shape (3,) is wanted"),
+        ([[0, 0, 0]], "`x` has the shape (1, 3);"),
+        (0.0, "`x` has the shape ();"),
+        ("abc", "`x` is no array of numbers;"),
+        ([0, 1j, 0], "`x` is no array of numbers;"),
+        ([[0], [0, 0]], "`x` is no array of numbers;"),
+        ([10**400, 0, 0], "`x` is no array of numbers;"),
+    ],
+)
+def test_coordinates_of_another_shape(given: Any, says: str, compiled: mbm.CompiledProblem) -> None:
+    for call in (lambda: compiled.residuals(given), lambda: compiled.jacobian(given)):
+        assert says in refused(call, "wrong-argument")

@@ -1,0 +1,584 @@
+/* exhausted: from tables to the arrays of the solver, and back. */
+
+#include "exhausted.h"
+
+#include <stddef.h>
+#include <string.h>
+
+#include "exhausted_kernels.h"
+#include "exhausted_solver.h"
+
+/* How the solver's description of the equations begins: what no data change. */
+static const long SYSTEM[52] = {
+    0, 0, 0, 1, 0, 0, 0, 0, 100, 0, 0, 0, 0, 32, 0, 0, 0, 24, 0, 0, 0, 0, 0, 0, 0, 1, 1, 2, 2, 2, 2, 0, 0, 1,
+    1, 40, 46, -1, 52, 0, 0, 1, 0, 0, 4, 8, 0, 0, 0, 0, 1, 0
+};
+
+/* Of each unknown: numbers, coordinates, family, positive, pieces. */
+static const long UNKNOWNS[18] = {
+    1, 1, 0, 0, 1, 12, 1, 1, 0, 0, 1, 15, 0, 0, 0, 0, 0, 0
+};
+
+/* Parameter and shape of each loss. */
+static const double LOSSES[2] = {
+    4.68506494854367, 0.0
+};
+
+/* What consensus (lmeds) is asked for, without room for rows. */
+static const long RULES[22] = {
+    0, 0, 1361133826, 697191286, 0, 22, 0, 1, 0, 121, 17, 20, 0, 0, 0, 0, 1, 100, 100, 100, 0, -1
+};
+
+/* Of each kind of unit: median, limit and reach of its squared norm. */
+static const double LEVELS[4] = {
+    0.454936423119572, 9.0, 9.0, 0.0
+};
+
+#define TOLERANCE 1e-10    /* of the next step, in standard deviations */
+
+/* Arrays of one data set, taken from the caller's workspace one after the other; nothing is allocated. */
+struct arena {
+    double *reals;
+    long reals_used;
+    long *integers;
+    long integers_used;
+};
+
+static double *reals_of(struct arena *a, long count)
+{
+    double *found = a->reals != NULL ? a->reals + a->reals_used : NULL;
+    a->reals_used += count;
+    return found;
+}
+
+static long *integers_of(struct arena *a, long count)
+{
+    long *found = a->integers != NULL ? a->integers + a->integers_used : NULL;
+    a->integers_used += count;
+    return found;
+}
+
+struct frame {
+    const exhausted_data *data;
+    long members[2];        /* of each unknown; 1 without a family */
+    long offsets[3];        /* where the numbers of each unknown begin */
+    long firsts[3];         /* where its coordinates begin */
+    long data_set[6];      /* as the solver wants it */
+    long *chosen, *fixed, *used, *column, *index, *columns, *system, *sides, *flags, *coordinates;
+    long parameters_used, weights_used, index_used, columns_used;
+    double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;
+    double *triangle, *covariance, *multipliers, *work, *spare;
+    long *rules, *wide, *places;    /* of consensus: what is asked for, the equations, scratch */
+    double *desk, *bench, *known;    /* scratch, and what the closed form knows of the units */
+    long agreement[4], units;
+    int startless;
+    double kappa[1];    /* of each kind of unit: what limits leave */
+    double results[8];
+    long states[8];
+};
+
+/* Lays out a frame for the rows of `data`: the most that can be needed. */
+static void lay_out(struct frame *f, const exhausted_data *data, struct arena *a)
+{
+    long n, numbers, residuals = 4, inputs = 0, weights = 0, multipliers = 0, i;
+    long parameters = 0, index = 0, columns = 0, chosen = 1;
+    long header[24] = {0};
+
+    f->data = data;
+    f->members[0] = 1;
+    f->members[1] = 1;
+    place_unknowns(UNKNOWNS, 2, f->members, f->offsets, f->firsts);
+    numbers = f->offsets[2];
+    n = f->firsts[2];
+    /* d */
+    chosen = chosen < data->d_rows ? data->d_rows : chosen;
+    parameters += data->d_rows * 2;
+    residuals += data->d_rows * 1;
+    inputs += data->d_rows * 4;
+    index += (data->d_rows + 1) * 2;
+    columns += (data->d_rows + 1) * 2;
+    weights += data->d_rows * 1;
+    f->chosen = integers_of(a, chosen + 1);
+    f->index = integers_of(a, index + 1);
+    f->columns = integers_of(a, columns + 1);
+    f->fixed = integers_of(a, n + 1);
+    f->used = integers_of(a, n + 1);
+    f->column = integers_of(a, n + 1);
+    f->sides = integers_of(a, n + 1);
+    f->coordinates = integers_of(a, n + 1);
+    f->system = integers_of(a, 52 + (2 + 8) * n);
+    f->parameters = reals_of(a, parameters + 1);
+    f->weights = reals_of(a, weights + 1);
+    f->scratch = reals_of(a, 1);
+    f->start = reals_of(a, numbers);
+    f->point = reals_of(a, numbers);
+    f->lower = reals_of(a, n);
+    f->upper = reals_of(a, n);
+    f->sigma = reals_of(a, n);
+    f->constants = reals_of(a, 10 + 2 * n);
+    f->triangle = reals_of(a, (n + 1) * (n + 1));
+    f->covariance = reals_of(a, n * n);
+    f->multipliers = reals_of(a, multipliers + 1);
+    header[0] = numbers;
+    header[1] = n;
+    header[5] = multipliers;
+    header[10] = residuals;
+    header[11] = inputs;
+    header[12] = weights + 2 * multipliers;
+    header[13] = 32;
+    header[14] = 96;
+    {    /* consensus: all rows side by side */
+        long room[17] = {0, 0, 1361133826, 697191286, 0, 22, 0, 1, 0, 121, 17, 20, 0, 0, 0, 0, 1};
+        long units = 1, rows = 1;
+        header[3] = 1;
+        header[4] = 0;
+        if (header[13] < residuals)
+            header[13] = (residuals + 3) / 4 * 4;
+        if (header[14] < 3 * (header[13] / 1 + 1))
+            header[14] = 3 * (header[13] / 1 + 1);
+        units += data->d_rows * 1;
+        rows += (n + 1) * 2;
+        room[8] = units;
+        room[13] = rows;
+        f->rules = integers_of(a, 22);
+        f->wide = integers_of(a, 52 + (2 + 8) * n);
+        f->places = integers_of(a, places_integers(header, room));
+        f->bench = reals_of(a, bench_reals(header, room));
+        f->desk = reals_of(a, work_reals(header));
+        f->known = reals_of(a, units * 1);
+    }
+    f->work = reals_of(a, work_reals(header));
+    f->spare = reals_of(a, 4 * n * n + 7 + n + 11 + 2 * n);
+    f->flags = integers_of(a, work_integers(header));
+    f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;
+    for (i = 0; i < 6; i++)
+        f->data_set[i] = 0;
+}
+
+/* The rows that count, the members of families, and what the keys name. */
+static int find_rows(struct frame *f)
+{
+    const exhausted_data *data = f->data;
+
+    (void)data;
+
+    return 0;
+}
+
+/* `a`. */
+static int set_up_a(struct frame *f)
+{
+    const exhausted_data *data = f->data;
+    double inputs[1];
+    double stated[1];
+    double lower[1], upper[1];
+    long m, c;
+
+    (void)stated;
+    inputs[0] = 0.0;
+    for (m = 0; m < f->members[0]; m++) {
+        const long number = f->offsets[0] + m * 1;
+        const long first = f->firsts[0] + m * 1;
+        for (c = 0; c < 1; c++) {
+            lower[c] = -HUGE_VAL;
+            upper[c] = HUGE_VAL;
+        }
+        for (c = 0; c < 1; c++) {
+            if (!(lower[c] < upper[c]))
+                return EXHAUSTED_BAD_BOUNDS;
+            f->lower[first + c] = lower[c];
+            f->upper[first + c] = upper[c];
+            f->fixed[first + c] = 0;
+        }
+        if (data->start_a != NULL) {
+            for (c = 0; c < 1; c++)
+                f->start[number + c] = data->start_a[m * 1 + c];
+            continue;
+        }
+        start_of_a(inputs, stated);
+        for (c = 0; c < 1; c++) {
+            const double found = begun(stated[c], -HUGE_VAL, HUGE_VAL, lower[c], upper[c]);
+            f->start[number + c] = found;
+        }
+    }
+    return 0;
+}
+
+/* `b`. */
+static int set_up_b(struct frame *f)
+{
+    const exhausted_data *data = f->data;
+    double inputs[1];
+    double stated[1];
+    double lower[1], upper[1];
+    long m, c;
+
+    (void)stated;
+    inputs[0] = 0.0;
+    for (m = 0; m < f->members[1]; m++) {
+        const long number = f->offsets[1] + m * 1;
+        const long first = f->firsts[1] + m * 1;
+        for (c = 0; c < 1; c++) {
+            lower[c] = -HUGE_VAL;
+            upper[c] = HUGE_VAL;
+        }
+        for (c = 0; c < 1; c++) {
+            if (!(lower[c] < upper[c]))
+                return EXHAUSTED_BAD_BOUNDS;
+            f->lower[first + c] = lower[c];
+            f->upper[first + c] = upper[c];
+            f->fixed[first + c] = 0;
+        }
+        if (data->start_b != NULL) {
+            for (c = 0; c < 1; c++)
+                f->start[number + c] = data->start_b[m * 1 + c];
+            continue;
+        }
+        start_of_b(inputs, stated);
+        for (c = 0; c < 1; c++) {
+            const double found = begun(stated[c], -HUGE_VAL, HUGE_VAL, lower[c], upper[c]);
+            f->start[number + c] = found;
+        }
+    }
+    return 0;
+}
+
+/* Starts, bounds and what stays, of all unknowns. */
+static int set_up(struct frame *f)
+{
+    int status = 0;
+
+    if (status == 0)
+        status = set_up_a(f);
+    if (status == 0)
+        status = set_up_b(f);
+    return status;
+}
+
+/* The rows of `d` that d is about. */
+static int d_rows(struct frame *f, long *count)
+{
+    const exhausted_data *data = f->data;
+    long row;
+
+    (void)data;
+    *count = 0;
+    for (row = 0; row < data->d_rows; row++) {
+        f->chosen[(*count)++] = row;
+    }
+    return 0;
+}
+
+/* Parameters, weights and unknowns of the rows of d: kernel 0. */
+static int d_assemble(struct frame *f, long count)
+{
+    const exhausted_data *data = f->data;
+    double inputs[1], noise[1];
+    long i, rows = 0;
+
+    (void)data;
+    inputs[0] = 0.0;
+    f->data_set[1] = f->parameters_used;
+    f->data_set[2] = f->weights_used;
+    f->data_set[3] = f->index_used;
+    f->data_set[4] = f->columns_used;
+    for (i = 0; i < count; i++) {
+        const long row = f->chosen[i];
+        f->parameters[f->parameters_used++] = data->d_x[row];
+        f->parameters[f->parameters_used++] = data->d_y[row];
+        d_noise(inputs, noise);
+        if (!weight_of_sigma(noise[0], f->weights + f->weights_used + 0))
+            return -1;
+        f->weights_used += 1;
+        if (rows == 0) {    /* all rows share their unknowns */
+            f->index[f->index_used++] = f->offsets[0];    /* a */
+            f->index[f->index_used++] = f->offsets[1];    /* b */
+            f->columns[f->columns_used++] = f->firsts[0];    /* a */
+            f->columns[f->columns_used++] = f->firsts[1];    /* b */
+        }
+        rows++;
+    }
+    f->data_set[5] = rows;
+    return (int)rows;
+}
+
+/* All clauses: the rows that they use, each in the case that its values ask for. */
+static int assemble(struct frame *f)
+{
+    long count;
+    int rows, all, status = 0;
+
+    /* observation d */
+    status = d_rows(f, &count);
+    if (status != 0)
+        return status;
+    all = 0;
+    rows = d_assemble(f, count);
+    if (rows < 0)
+        return EXHAUSTED_BAD_NOISE;
+    all += rows;
+    if (all != count)
+        return EXHAUSTED_UNKNOWN_CASE;
+    return status;
+}
+
+
+/* Everything of a data set that the solver is handed. */
+static int prepare(struct frame *f, const exhausted_data *data,
+    exhausted_workspace *workspace)
+{
+    struct arena a = {0};
+    long b, c, count;
+    int status;
+
+    lay_out(f, data, &a);
+    if (a.reals_used > workspace->reals_size || a.integers_used > workspace->integers_size)
+        return EXHAUSTED_WORKSPACE_TOO_SMALL;
+    a.reals = workspace->reals;
+    a.integers = workspace->integers;
+    a.reals_used = a.integers_used = 0;
+    lay_out(f, data, &a);
+    status = find_rows(f);
+    if (status != 0)
+        return status;
+    place_unknowns(UNKNOWNS, 2, f->members, f->offsets, f->firsts);
+    status = set_up(f);
+    if (status == 0)
+        status = assemble(f);
+    if (status != 0)
+        return status;
+    for (c = 0; c < 52; c++)
+        f->system[c] = SYSTEM[c];
+    count = f->firsts[2];
+    for (c = 0; c < count; c++)
+        f->used[c] = 0;
+    for (b = 0; b < 1; b++) {
+        const long *block = f->system + 24 + b * 16;
+        const long *own = f->data_set + 1 + b * 5;
+        mark_used(f->system, block, own[4], f->columns + own[3], f->used);
+    }
+    c = free_coordinates(UNKNOWNS, 2, f->members, f->firsts, f->used, f->fixed, f->column);
+    renumber(f->columns_used, f->column, f->columns);
+    set_coordinates(f->system, 52, c, UNKNOWNS, 2, f->members, f->offsets,
+        f->firsts, f->column);
+    f->data_set[0] = set_capacities(f->system, f->data_set);
+    set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);
+    for (b = 0; b < count; b++)
+        if (f->column[b] >= 0)
+            f->coordinates[f->column[b]] = b;
+    for (b = 0; b < 1; b++)
+        f->kappa[b] = 1.0;
+    for (b = 0; b < 22; b++)
+        f->rules[b] = RULES[b];
+    for (b = 0; b < 4; b++)
+        f->agreement[b] = 0;
+    f->units = 0;
+    f->startless = 0;
+    return 0;
+}
+
+/* Consensus: where the solve begins, and which rows count. */
+static int agree_on(struct frame *f, double *factors)
+{
+    long scalars;
+
+    if (f->system[1] > 1
+        && !connected(f->system, f->data_set, f->columns, f->places))
+        return EXHAUSTED_NOT_CONNECTED;
+    scalars = set_room(f->system, f->data_set, f->rules);
+    side_by_side(f->system, 52 + (2 + 8) * f->system[1], f->wide);
+    f->rules[14] = f->startless;
+    f->units = come_to_agreement(0, scalars, f->system, f->wide, f->constants,
+        f->data_set, f->parameters, f->weights, f->index, f->columns, f->rules, LEVELS, f->known,
+        f->start, f->work, f->desk, f->bench, f->places, f->agreement, f->kappa, factors);
+    if (f->startless && f->agreement[0] == 0)
+        return EXHAUSTED_NO_START;
+    return 0;
+}
+
+/* Where the answer stands; `sigma` of what is not determined is negative, of what stays 0. */
+static void answer(struct frame *f, exhausted_result *result)
+{
+    const long n = f->system[1], all = f->firsts[2];
+    long c;
+
+    for (c = 0; c < all; c++)
+        f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
+    for (c = 0; c < n; c++) {
+        const double variance = f->covariance[c * n + c];
+        f->sigma[f->coordinates[c]] = variance >= 0.0 ? sqrt(variance) : -1.0;
+    }
+    result->numbers = f->offsets[2];
+    result->point = f->point;
+    result->free = n;
+    result->coordinates = f->coordinates;
+    result->covariance = f->covariance;
+    result->sigmas = f->sigma;
+    result->a = f->point + f->offsets[0];
+    result->a_sigma = f->sigma + f->firsts[0];
+    result->b = f->point + f->offsets[1];
+    result->b_sigma = f->sigma + f->firsts[1];
+}
+
+/* What the reason of the solver means to the caller. */
+static int status_of(const struct frame *f)
+{
+    const long reason = f->states[0];
+
+    if (reason == 7)
+        return EXHAUSTED_NOT_FINITE;
+    if (reason == 9)
+        return EXHAUSTED_INFEASIBLE;
+    if (f->states[4] != 0)
+        return EXHAUSTED_UNOBSERVABLE;
+    if (reason < 1 || reason > 4)
+        return EXHAUSTED_NOT_CONVERGED;
+    return EXHAUSTED_CONVERGED;
+}
+
+void exhausted_workspace_size(const exhausted_data *data, exhausted_workspace *workspace)
+{
+    struct frame f;
+    struct arena a = {0};
+
+    lay_out(&f, data, &a);
+    workspace->reals_size = a.reals_used;
+    workspace->integers_size = a.integers_used;
+}
+
+int exhausted_solve(const exhausted_data *data, exhausted_result *result, exhausted_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+    double factors[1];
+    long c, n;
+
+    result->status = prepare(f, data, workspace);
+    if (result->status != 0)
+        return result->status;
+    n = f->system[1];
+    for (c = 0; c < 1; c++)
+        factors[c] = 1.0;
+    result->status = agree_on(f, factors);
+    if (result->status != 0)
+        return result->status;
+    solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
+        f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
+        f->multipliers, f->kappa, factors, f->spare);
+    result->cost = f->results[2];
+    if (f->states[4] == 0
+        && !sandwich(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index,
+            f->columns, f->point, f->sides, f->spare, f->covariance))
+        f->states[4] = 1;
+    result->status = status_of(f);
+    result->iterations = f->states[1];
+    result->evaluations = f->states[2];
+    result->robust_cost = f->results[0];
+    result->freedom = f->states[3];
+    result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;
+    (void)n;
+    answer(f, result);
+    return result->status;
+}
+
+int exhausted_begin(const exhausted_data *data, exhausted_result *result, exhausted_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+    long c, n;
+
+    memset(result, 0, sizeof *result);
+    result->status = prepare(f, data, workspace);
+    if (result->status != 0)
+        return result->status;
+    n = f->system[1];
+    for (c = 0; c < n * n; c++)
+        f->covariance[c] = -1.0;
+    for (c = 0; c < f->system[0]; c++)
+        f->point[c] = f->start[c];
+    f->states[4] = 0;
+    answer(f, result);
+    return result->status;
+}
+
+long exhausted_residual_count(const exhausted_data *data, exhausted_workspace *workspace)
+{
+    struct frame f;
+
+    return prepare(&f, data, workspace) == 0 ? f.data_set[0] : 0;
+}
+
+void exhausted_residuals(const exhausted_data *data, const double *point, double *residuals,
+    exhausted_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+
+    if (prepare(f, data, workspace) != 0)
+        return;
+    all_rows(f->system, f->data_set, f->parameters, f->weights, f->index, f->columns, point, 0,
+        f->spare, f->spare + row_scratch(f->system), residuals);
+}
+
+void exhausted_jacobian(const exhausted_data *data, const double *point, double *jacobian,
+    exhausted_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+
+    if (prepare(f, data, workspace) != 0)
+        return;
+    all_rows(f->system, f->data_set, f->parameters, f->weights, f->index, f->columns, point, 1,
+        f->spare, f->spare + row_scratch(f->system), jacobian);
+}
+
+int exhausted_covariance(const exhausted_data *data, const double *point, double *covariance,
+    exhausted_workspace *workspace)
+{
+    struct frame frame, *f = &frame;
+    long c;
+
+    if (prepare(f, data, workspace) != 0)
+        return 0;
+    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work);
+    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, f->work, f->constants,
+        f->triangle);
+    for (c = 0; c < f->system[1]; c++)
+        f->sides[c] = 0;
+    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+        < 1e300;
+}
+
+const char *exhausted_status_text(int status)
+{
+    switch (status) {
+    case EXHAUSTED_CONVERGED:
+        return "converged";
+    case EXHAUSTED_NOT_CONVERGED:
+        return "not converged: the estimates should not be trusted";
+    case EXHAUSTED_UNOBSERVABLE:
+        return "the data do not determine all unknowns";
+    case EXHAUSTED_INFEASIBLE:
+        return "no point meets all constraints";
+    case EXHAUSTED_NO_AGREEMENT:
+        return "fewer than half of the measurements agree with any one solution";
+    case EXHAUSTED_NOT_FINITE:
+        return "an equation has no finite value at the start";
+    case EXHAUSTED_NO_ROWS:
+        return "a table that one row is wanted of has none";
+    case EXHAUSTED_UNKNOWN_KEY:
+        return "a key names no row or member";
+    case EXHAUSTED_UNKNOWN_CASE:
+        return "a row has values that no row had when the solver was made";
+    case EXHAUSTED_BAD_NOISE:
+        return "a standard deviation is not above zero, or a matrix is not symmetric and positive definite";
+    case EXHAUSTED_BAD_BOUNDS:
+        return "a lower bound is not below the upper one";
+    case EXHAUSTED_BAD_START:
+        return "an unknown that stays above zero does not begin there";
+    case EXHAUSTED_NO_START:
+        return "the data give no start: state one";
+    case EXHAUSTED_NOT_CONNECTED:
+        return "no equation connects all unknowns, or they are more than 60: no case for consensus";
+    case EXHAUSTED_WORKSPACE_TOO_SMALL:
+        return "the workspace is smaller than the size that was asked for";
+    default:
+        return "no status";
+    }
+}

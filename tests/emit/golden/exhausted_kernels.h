@@ -1,0 +1,81 @@
+/* exhausted: its equations. Everything is in SI, angles in radians. */
+
+#include <math.h>
+
+
+/*
+ * d: what should be zero in each row.
+ *
+ *     0 = (a*x + b) - y
+ */
+static void d_values(const double *inputs, double *outputs)
+{
+    const double a = inputs[0];
+    const double b = inputs[1];
+    const double x = inputs[2];
+    const double y = inputs[3];
+
+    outputs[0] = a * x + b - y;
+}
+
+/*
+ * d: the same, and behind it the derivatives that are not zero everywhere, in the order
+ *
+ *     d(component 1) / d(a, coordinate 1)
+ *     d(component 1) / d(b, coordinate 1)
+ */
+static void d_jacobian(const double *inputs, double *outputs)
+{
+    const double a = inputs[0];
+    const double b = inputs[1];
+    const double x = inputs[2];
+    const double y = inputs[3];
+
+    outputs[0] = a * x + b - y;
+    outputs[1] = x;
+    outputs[2] = 1.0;
+}
+
+/* d: stated noise. */
+static void d_noise(const double *inputs, double *outputs)
+{
+    (void)inputs;
+
+    outputs[0] = 0.1;
+}
+
+/* a: where the iteration begins. */
+static void start_of_a(const double *inputs, double *outputs)
+{
+    (void)inputs;
+
+    outputs[0] = 1.0;
+}
+
+/* b: where the iteration begins. */
+static void start_of_b(const double *inputs, double *outputs)
+{
+    (void)inputs;
+
+    outputs[0] = 1.0;
+}
+
+/* Kernel 2k gives the values of kernel k, 2k + 1 the values and the derivatives; `rows` of them. */
+static void call_kernel(long kernel, const double *inputs, double *outputs, long rows)
+{
+    long row;
+
+    switch (kernel) {
+    case 0:
+        for (row = 0; row < rows; row++)
+            d_values(inputs + row * 4, outputs + row * 1);
+        break;
+    case 1:
+        for (row = 0; row < rows; row++)
+            d_jacobian(inputs + row * 4, outputs + row * 3);
+        break;
+    default:
+        break;
+    }
+}
+
