@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import importlib.util
 import math
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -25,6 +26,14 @@ AGREED = 1e-9
 """Of the larger of a number's size and its standard deviation: what CONTRACT §4 promises."""
 
 
+FIGURES = re.compile(r"-?\d+\.\d+(e[-+]\d+)?")
+
+
+def without_rounding(text):
+    """The text with its figures to nine places: what closed forms learn from probes ends in the processor's rounding."""
+    return re.sub(r"\s+", " ", FIGURES.sub(lambda figure: f"{round(float(figure[0]), 9) + 0.0:.9g}", text))
+
+
 @pytest.mark.parametrize("name", SHAPES)
 def test_the_text_is_the_one_agreed_on(name, request):
     """Update with ``pytest tests/emit --update-golden``, and read the difference."""
@@ -34,7 +43,7 @@ def test_the_text_is_the_one_agreed_on(name, request):
         expected = GOLDEN / path
         if request.config.getoption("--update-golden"):
             expected.write_text(files[path], encoding="utf-8")
-        assert files[path] == expected.read_text(encoding="utf-8")
+        assert without_rounding(files[path]) == without_rounding(expected.read_text(encoding="utf-8"))
 
 
 QUICK = ("losses", "noises", "inequalities", "pose", "derived", "startless", "both", "rim")
