@@ -30,7 +30,7 @@ FIGURES = re.compile(r"-?\d+\.\d+(e[-+]\d+)?")
 
 
 def without_rounding(text):
-    """The text with figures of nine digits, 0 below 1e-11: what is learnt from probes ends in a processor's rounding."""
+    """The text with figures of nine digits, 0 below 1e-11: what probes tell ends in the rounding of a processor."""
 
     def told(figure):
         value = float(figure[0])
