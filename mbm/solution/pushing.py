@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.solution.types import Equations, Floats, Minimum
-from mbm.target.solver.pushing import IDLE, ROUNDED
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -20,6 +19,8 @@ def pushed(at_bound: NDArray[np.int8], slopes: Floats, lengths: Floats, x: Float
     Where data leave a combination of unknowns free, an iteration may end anywhere along it: whether that is just at a
     bound, and to which side rounding then tips the slope, says nothing. ``x`` (n,) are the coordinates.
     """
+    from mbm.target.solver.pushing import IDLE, ROUNDED  # few solves end at a bound
+
     made_of = np.sqrt(np.square(lengths * x).sum())
     idle = np.abs(slopes) <= lengths * (IDLE * np.sqrt(cost) + ROUNDED * made_of)
     return np.where(idle, 0, at_bound).astype(np.int8)
