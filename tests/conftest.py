@@ -12,8 +12,8 @@ from hypothesis import settings
 
 from mbm.kernels.store import VARIABLE
 
-settings.register_profile("shared machine", deadline=None)  # no test asserts how long anything takes
-settings.load_profile("shared machine")
+settings.register_profile("untimed", deadline=None)  # no test asserts how long anything takes
+settings.load_profile("untimed")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

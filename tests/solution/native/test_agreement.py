@@ -21,11 +21,16 @@ TOGETHER = {"tags"}
 """The solves of ``for-each`` go in one batch and ask for no single minimum."""
 
 
+def minima(pairs):
+    """The pairs that are fits to the end, of which there is one at least: a rough fit for a start may end anywhere."""
+    found = [pair for pair in pairs if pair[2].tolerance <= 1e-6]
+    assert found, "no fit was asked for to its end"
+    return found
+
+
 def agree(pair):
-    equations, _, settings, general, native = pair
+    equations, _, _, general, native = pair
     assert native is not None
-    if settings.tolerance > 1e-6:
-        return  # a rough fit for a start may end anywhere below its tolerance
     wide = sigmas(general)
     there, here = equations.coordinates(general.point), equations.coordinates(native.point)
     # Both end where the next step is below 1e-10 standard deviations, or at the rounding of the coordinates.
@@ -54,9 +59,10 @@ def agree(pair):
 )
 def test_problems(file, name, both):
     mbm.load(file).named(name).solve(backend="native")
-    assert both.found, "nothing was minimised"
-    for pair in both.found:
-        if name not in HANDED_OVER:
+    for pair in minima(both.found):
+        if name in HANDED_OVER:
+            assert pair[4] is None
+        else:
             agree(pair)
 
 
@@ -98,7 +104,7 @@ def rows():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_kinds(kind, both):
-    for pair in both.of(f"(problem p (data t external) {KINDS[kind]})", t=rows()):
+    for pair in minima(both.of(f"(problem p (data t external) {KINDS[kind]})", t=rows())):
         agree(pair)
 
 
@@ -125,7 +131,7 @@ def test_a_start_without_a_value_is_handed_over(both):
 def test_trial_steps_to_where_there_is_no_value(both):
     """The Gauss-Newton step from far off leads to negative arguments of the root."""
     text = "(unknowns (a :init 400)) (observe t (= y (+ (sqrt a) (log (* a x)))) :sigma 0.1)"
-    for pair in both.of(f"(problem p (data t external) {text})", t=rows()):
+    for pair in minima(both.of(f"(problem p (data t external) {text})", t=rows())):
         agree(pair)
 
 
