@@ -20,7 +20,7 @@ def called(agreement: Agreement, lossy: bool) -> list[str]:
     names = ["come_to_agreement", "connected", "set_room", "side_by_side", "bench_reals", "places_integers"]
     names += ["place_vector_at"] if agreement.kept else []
     names += ["inform"] if agreement.kept and not lossy else []
-    return names + (["known_units", "one_sided"] if agreement.rules[c.FORM] else [])
+    return names + (["known_units"] if agreement.rules[c.FORM] else [])
 
 
 def ruled(agreement: Agreement, number: int) -> bool:
@@ -108,7 +108,7 @@ def agreement_function(blueprint: Blueprint, agreement: Agreement, prefix: int) 
     cells = Cells(blueprint)
     lines = ["/* Consensus: where the solve begins, and which rows count. */"]
     lines += ["static int agree_on(struct frame *f, double *factors)", "{"]
-    lines += ["    long scalars;" if not agreement.rules[c.FORM] else "    long scalars, units;", ""]
+    lines += ["    long scalars;", ""]
     lines += ["    if (!f->startless)", "        return 0;"] if agreement.begins else []
     lines += [f"    if (f->system[{at.COORDINATES}] > 1"]
     lines += ["        && !connected(f->system, f->data_set, f->columns, f->places))"]
@@ -117,9 +117,8 @@ def agreement_function(blueprint: Blueprint, agreement: Agreement, prefix: int) 
     lines += [f"    side_by_side(f->system, {prefix} + (2 + {at.PIECE}) * f->system[{at.COORDINATES}], f->wide);"]
     lines += [f"    f->rules[{c.STARTLESS}] = f->startless;"]
     if agreement.rules[c.FORM]:
-        lines += ["    units = known_units(f->system, f->data_set, f->rules, MAP_PLACES, MAPS,"]
+        lines += ["    known_units(f->system, f->data_set, f->rules, MAP_PLACES, MAPS,"]
         lines += [f"        {number(agreement.sign)}, f->parameters, f->known);"]
-        lines += [f"    f->rules[{c.ONE_SIDE}] = one_sided(f->rules, units, f->known, f->bench);"]
     lines += [f"    f->units = come_to_agreement({int(agreement.kept)}, scalars, f->system, f->wide, f->constants,"]
     lines += ["        f->data_set, f->parameters, f->weights, f->index, f->columns, f->rules, LEVELS, f->known,"]
     lines += ["        f->start, f->work, f->desk, f->bench, f->places, f->agreement, f->kappa, factors);"]

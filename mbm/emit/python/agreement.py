@@ -10,7 +10,7 @@ from mbm.target.solver import consensus_description as c
 
 ROOTS = (
     "come_to_agreement", "connected", "set_room", "side_by_side", "bench_reals", "places_integers", "place_vector_at",
-    "known_units", "one_sided", "inform",
+    "known_units", "inform",
 )  # fmt: skip
 """The routines that the text calls."""
 
@@ -31,8 +31,7 @@ AGREE = '''def agree_on(p: Prepared, factors: Array) -> dict[str, Any] | None:
     known = reals(rules[MOST_UNITS] * rules[FORM_WIDTH])
     with np.errstate(all="ignore"):
         if rules[FORM]:
-            units = known_units(p.system, p.data, rules, MAP_PLACES, MAPS, SIGN, p.parameters, known)
-            rules[ONE_SIDE] = one_sided(rules, units, known, reals(MOMENTS))
+            known_units(p.system, p.data, rules, MAP_PLACES, MAPS, SIGN, p.parameters, known)
         bench, places = reals(bench_reals(wide, rules)), integers(places_integers(wide, rules))
         units = come_to_agreement(
             int(KEPT), scalars, p.system, wide, p.constants, p.data, p.parameters, p.weights, p.index, p.columns, rules,
@@ -50,7 +49,7 @@ AGREE = '''def agree_on(p: Prepared, factors: Array) -> dict[str, Any] | None:
     }
 '''
 DESCRIPTION = (
-    "ANSWERS", "AGREED", "INLIERS", "AMBIGUOUS", "STARTLESS", "MOST_UNITS", "FORM", "FORM_WIDTH", "ONE_SIDE", "INSIDE",
+    "ANSWERS", "AGREED", "INLIERS", "AMBIGUOUS", "STARTLESS", "MOST_UNITS", "FORM", "FORM_WIDTH", "INSIDE",
 )  # fmt: skip
 """Names of `mbm.target.solver.consensus_description` in the text."""
 

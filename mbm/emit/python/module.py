@@ -22,7 +22,6 @@ from mbm.emit.python.kernels import (
 from mbm.emit.python.program import PROGRAM
 from mbm.emit.python.rows import finding, set_up
 from mbm.emit.python.runtime import HEAD, TAIL
-from mbm.emit.routines.forms import MOMENTS
 from mbm.emit.routines.modules import emitted_module
 from mbm.emit.routines.noises import SCATTER, SQUARES
 from mbm.emit.system import StaticSystem, kinds_of_units
@@ -138,7 +137,7 @@ def _constants(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     if blueprint.agreement is None:
         yield "KEPT = False"
     else:
-        values += [*agreement_description(), ("MOMENTS", MOMENTS)]
+        values += agreement_description()
         made = agreement_constants(blueprint, blueprint.agreement)
         yield "\n".join(f'{name} = {value}\n"""{doc}"""' for name, value, doc in made)
     yield "\n".join(["# places in the arrays of the solver, and its reasons", *(f"{n} = {v}" for n, v in values)])

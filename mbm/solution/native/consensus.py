@@ -162,9 +162,8 @@ def consensus_many(
     known = np.zeros(1) if forms is None else np.ascontiguousarray(forms, dtype=np.float64)
     begun = np.ascontiguousarray(starts, dtype=np.float64)
     room = (rooms or Rooms()).of(system, rules)
-    flat = _flat(rules, forms, units_at)
-    turns = np.append(np.flatnonzero(np.diff(flat)) + 1, count)
-    tables = [_table(room, startless=startless, one_side=one_side) for one_side in (False, True)]
+    table = room.table.copy()
+    table[c.STARTLESS] = startless
     points, states = np.zeros((count, numbers)), np.zeros((count, c.ANSWERS), dtype=np.int64)
     inside, limits, variances = np.zeros(total, dtype=np.int64), np.zeros(total), np.zeros(total)
     code.expect(count * TRIALS * system.expected)
@@ -177,11 +176,11 @@ def consensus_many(
         end = first
         while end < last and not stopped():
             begin = end
-            end = min(begin + step, last, int(turns[np.searchsorted(turns, begin, side="right")]))
+            end = min(begin + step, last)
             routine(
                 begin, end, room.header, system.constants, system.rows.data, int(system.rows.data.shape[1]),
                 system.rows.parameters, system.rows.weights, system.rows.index, system.rows.columns,
-                tables[int(flat[begin])], rules.levels, units_at, known, begun, work, desk, bench, places,
+                table, rules.levels, units_at, known, begun, work, desk, bench, places,
                 points, states, inside, limits, variances,
             )  # fmt: skip
 
@@ -196,31 +195,3 @@ def consensus_many(
     return ConsensusEnds(
         points=points, states=states, units_at=units_at, inside=inside == 1, limits=limits, variances=variances
     )
-
-
-def _table(room: Room, *, startless: bool, one_side: bool) -> Indices:
-    """The table of rules with what depends on the data sets."""
-    found = room.table.copy()
-    found[c.STARTLESS] = startless
-    found[c.ONE_SIDE] = one_side
-    return found
-
-
-def _flat(rules: Rules, forms: Floats | None, units_at: Indices) -> Mask:
-    """Of which data sets (D,) a form knows spheres about stations all in one plane (on one line), without an offset."""
-    count = len(units_at) - 1
-    head = rules.rules
-    about = head[int(head[c.FORM_AT]) :]
-    if forms is None or head[c.FORM] != c.SPHERES or about[1] != 0:
-        return np.zeros(count, dtype=bool)
-    known = np.isfinite(forms).all(axis=1)
-    of_set = np.repeat(np.arange(count), np.diff(units_at))[known]
-    units = np.bincount(of_set, minlength=count)
-    stations = forms[known, : int(about[0])].T
-    with np.errstate(over="ignore", invalid="ignore"):  # measured values may be of any size
-        means = [np.bincount(of_set, axis, count) / np.maximum(units, 1) for axis in stations]
-        away = [axis - mean[of_set] for axis, mean in zip(stations, means, strict=True)]
-        moments = np.array([[np.bincount(of_set, a * b, count) for a in away] for b in away]).transpose(2, 0, 1)
-    good = (units > 0) & np.isfinite(moments).all(axis=(1, 2))
-    extents = np.sqrt(np.maximum(np.linalg.eigvalsh(np.where(good[:, None, None], moments, 0.0)), 0.0))
-    return np.asarray(good & (extents[:, 0] <= FLAT * extents[:, -1]))

@@ -33,6 +33,8 @@ from mbm.target.solver.consensus_description import (
     VARIANCES,
     begun_at,
     candidate_at,
+    form_scratch_at,
+    one_side_at,
     place_vector_at,
     point_at,
     slot_at,
@@ -46,6 +48,7 @@ from mbm.target.solver.consensus_graduate import graduated
 from mbm.target.solver.consensus_improve import best_candidate, improve, scored_candidates
 from mbm.target.solver.consensus_judge import empty_lists
 from mbm.target.solver.consensus_order import variances_at
+from mbm.target.solver.consensus_planes import one_sided
 from mbm.target.solver.consensus_rows import linearised
 from mbm.target.solver.consensus_scores import GNC
 from mbm.target.solver.consensus_settle import finished, rival
@@ -211,6 +214,7 @@ def agree(
     scalars = places[place_vector_at(rules, FIRST) + units]
     answer = bench[small_at(system, rules, OBJECTIVE) :]
     begun = bench[begun_at(system, rules) :]
+    places[one_side_at(system, rules)] = one_sided(rules, units, forms, bench[form_scratch_at(system, rules) :])
     copied(rules[STARTS] * system[NUMBERS], starts, begun)
     if rules[STARTLESS] == 1 and begin_anywhere(system, rules, forms, units, bench, places) == 0:
         return units

@@ -46,12 +46,9 @@ MOST_ROWS = 13
 """Capacity for the rows of a subset: numbers of the largest of its four arrays."""
 STARTLESS = 14
 """1: what the first subset gives in closed form is the start; the one given holds the other numbers only."""
-ONE_SIDE = 15
-"""1: all stations of the spheres lie in one plane, so that solutions mirror one another: the one nearer to the start
-stands for both."""
-UNTIL_SURE = 16
+UNTIL_SURE = 15
 """1: trials end as soon as they are enough for what the best of them explains."""
-HEADER = 17
+HEADER = 16
 
 RULED_TYPE = 0
 """The first type of unit of the block in ``levels``; -1: no rule acts on it."""
@@ -248,9 +245,14 @@ def simple_at(rules: ConstantIntegers) -> Integer:
     return place_vector_at(rules, FIRST + 2) - 1
 
 
+def one_side_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+    """1: all stations of the spheres lie in one plane, so that solutions mirror one another: one stands for both."""
+    return best_at(system, rules) + LISTS * (CANDIDATES + 1)
+
+
 def subset_data_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
     """The data set of a subset, then its ``index`` and its ``columns``."""
-    return best_at(system, rules) + LISTS * (CANDIDATES + 1)
+    return one_side_at(system, rules) + 1
 
 
 def subset_index_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
@@ -285,6 +287,7 @@ ROUTINES = (
     best_at,
     best_scores_at,
     simple_at,
+    one_side_at,
     subset_data_at,
     subset_index_at,
     places_integers,

@@ -15,9 +15,9 @@ from mbm.target.solver.consensus_description import (
     FORM,
     FORM_AT,
     FORM_WIDTH,
-    ONE_SIDE,
     SPHERES,
     form_scratch_at,
+    one_side_at,
     small_places_at,
 )
 from mbm.target.solver.description import NUMBERS
@@ -110,7 +110,7 @@ def points_in_closed_form(
             copied(numbers, base, target[k * numbers :])
             for i in range(m):
                 target[k * numbers + about[3 + i]] = scratch[k * m + i]
-        if rules[ONE_SIDE] == 1 and found == 2:
+        if places[one_side_at(system, rules)] == 1 and found == 2:
             found = 1
             first = 0.0
             second = 0.0

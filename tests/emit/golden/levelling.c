@@ -25,12 +25,12 @@ static const double LOSSES[1] = {
 };
 
 /* What consensus (lmeds) is asked for, without room for rows. */
-static const long RULES[80] = {
-    0, 0, 1361133826, 697191286, 0, 80, 0, 1, 0, 3021, 17, 78, 0, 0, 0, 0, 1, 100, 100, 100, 100, 100, 171,
-    290, 487, 816, 1364, 2278, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000,
+static const long RULES[79] = {
+    0, 0, 1361133826, 697191286, 0, 79, 0, 1, 0, 3021, 16, 77, 0, 0, 0, 1, 100, 100, 100, 100, 100, 171, 290,
+    487, 816, 1364, 2278, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000,
     3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000,
     3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000, 3000,
-    3000, 3000, 3000, 0, -1
+    3000, 3000, 0, -1
 };
 
 /* Of each kind of unit: median, limit and reach of its squared norm. */
@@ -138,7 +138,7 @@ static void lay_out(struct frame *f, const levelling_data *data, struct arena *a
     header[13] = 32;
     header[14] = 96;
     {    /* consensus: all rows side by side */
-        long room[17] = {0, 0, 1361133826, 697191286, 0, 80, 0, 1, 0, 3021, 17, 78, 0, 0, 0, 0, 1};
+        long room[16] = {0, 0, 1361133826, 697191286, 0, 79, 0, 1, 0, 3021, 16, 77, 0, 0, 0, 1};
         long units = 1, rows = 1;
         header[3] = 1;
         header[4] = 0;
@@ -150,7 +150,7 @@ static void lay_out(struct frame *f, const levelling_data *data, struct arena *a
         rows += (n + 1) * 2;
         room[8] = units;
         room[13] = rows;
-        f->rules = integers_of(a, 80);
+        f->rules = integers_of(a, 79);
         f->wide = integers_of(a, 52 + (2 + 8) * n);
         f->places = integers_of(a, places_integers(header, room));
         f->bench = reals_of(a, bench_reals(header, room));
@@ -374,7 +374,7 @@ static int prepare(struct frame *f, const levelling_data *data,
             f->coordinates[f->column[b]] = b;
     for (b = 0; b < 1; b++)
         f->kappa[b] = 1.0;
-    for (b = 0; b < 80; b++)
+    for (b = 0; b < 79; b++)
         f->rules[b] = RULES[b];
     for (b = 0; b < 4; b++)
         f->agreement[b] = 0;

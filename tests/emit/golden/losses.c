@@ -26,8 +26,8 @@ static const double LOSSES[4] = {
 };
 
 /* What consensus (lmeds) is asked for, without room for rows. */
-static const long RULES[24] = {
-    0, 0, 1361133826, 697191286, 0, 24, 0, 1, 0, 121, 17, 20, 0, 0, 0, 0, 1, 100, 100, 100, 0, -1, 1, -1
+static const long RULES[23] = {
+    0, 0, 1361133826, 697191286, 0, 23, 0, 1, 0, 121, 16, 19, 0, 0, 0, 1, 100, 100, 100, 0, -1, 1, -1
 };
 
 /* Of each kind of unit: median, limit and reach of its squared norm. */
@@ -137,7 +137,7 @@ static void lay_out(struct frame *f, const losses_data *data, struct arena *a)
     header[13] = 32;
     header[14] = 96;
     {    /* consensus: all rows side by side */
-        long room[17] = {0, 0, 1361133826, 697191286, 0, 24, 0, 1, 0, 121, 17, 20, 0, 0, 0, 0, 1};
+        long room[16] = {0, 0, 1361133826, 697191286, 0, 23, 0, 1, 0, 121, 16, 19, 0, 0, 0, 1};
         long units = 1, rows = 1;
         header[3] = 2;
         header[4] = 0;
@@ -153,7 +153,7 @@ static void lay_out(struct frame *f, const losses_data *data, struct arena *a)
         rows += (n + 1) * 2;
         room[8] = units;
         room[13] = rows;
-        f->rules = integers_of(a, 24);
+        f->rules = integers_of(a, 23);
         f->wide = integers_of(a, 80 + (2 + 8) * n);
         f->places = integers_of(a, places_integers(header, room));
         f->bench = reals_of(a, bench_reals(header, room));
@@ -441,7 +441,7 @@ static int prepare(struct frame *f, const losses_data *data,
             f->coordinates[f->column[b]] = b;
     for (b = 0; b < 2; b++)
         f->kappa[b] = 1.0;
-    for (b = 0; b < 24; b++)
+    for (b = 0; b < 23; b++)
         f->rules[b] = RULES[b];
     for (b = 0; b < 4; b++)
         f->agreement[b] = 0;

@@ -25,8 +25,8 @@ static const double LOSSES[2] = {
 };
 
 /* What consensus (lmeds) is asked for, without room for rows. */
-static const long RULES[22] = {
-    0, 1, 1361133826, 697191286, 0, 22, 0, 1, 0, 121, 17, 20, 0, 0, 0, 0, 0, 100, 100, 100, 0, 0
+static const long RULES[21] = {
+    0, 1, 1361133826, 697191286, 0, 21, 0, 1, 0, 121, 16, 19, 0, 0, 0, 0, 100, 100, 100, 0, 0
 };
 
 /* Of each kind of unit: median, limit and reach of its squared norm. */
@@ -128,7 +128,7 @@ static void lay_out(struct frame *f, const lossy_noise_data *data, struct arena 
     header[13] = 32;
     header[14] = 96;
     {    /* consensus: all rows side by side */
-        long room[17] = {0, 1, 1361133826, 697191286, 0, 22, 0, 1, 0, 121, 17, 20, 0, 0, 0, 0, 0};
+        long room[16] = {0, 1, 1361133826, 697191286, 0, 21, 0, 1, 0, 121, 16, 19, 0, 0, 0, 0};
         long units = 1, rows = 1;
         header[3] = 1;
         header[4] = 0;
@@ -140,7 +140,7 @@ static void lay_out(struct frame *f, const lossy_noise_data *data, struct arena 
         rows += (n + 1) * 2;
         room[8] = units;
         room[13] = rows;
-        f->rules = integers_of(a, 22);
+        f->rules = integers_of(a, 21);
         f->wide = integers_of(a, 52 + (2 + 8) * n);
         f->places = integers_of(a, places_integers(header, room));
         f->bench = reals_of(a, bench_reals(header, room));
@@ -368,7 +368,7 @@ static int prepare(struct frame *f, const lossy_noise_data *data,
             f->coordinates[f->column[b]] = b;
     for (b = 0; b < 1; b++)
         f->kappa[b] = 1.0;
-    for (b = 0; b < 22; b++)
+    for (b = 0; b < 21; b++)
         f->rules[b] = RULES[b];
     for (b = 0; b < 4; b++)
         f->agreement[b] = 0;

@@ -26,9 +26,9 @@ static const double LOSSES[1] = {
 };
 
 /* What consensus (lmeds) is asked for, without room for rows. */
-static const long RULES[35] = {
-    0, 0, 1361133826, 697191286, 2, 26, 6, 1, 0, 1181, 17, 24, 0, 0, 0, 0, 1, 100, 100, 100, 100, 100, 171,
-    290, 0, -1, 0, 0, 0, 1, 2, 3, 4, 5, 6
+static const long RULES[34] = {
+    0, 0, 1361133826, 697191286, 2, 25, 6, 1, 0, 1181, 16, 23, 0, 0, 0, 1, 100, 100, 100, 100, 100, 171, 290,
+    0, -1, 0, 0, 0, 1, 2, 3, 4, 5, 6
 };
 
 /* Of each kind of unit: median, limit and reach of its squared norm. */
@@ -147,7 +147,7 @@ static void lay_out(struct frame *f, const sights_data *data, struct arena *a)
     header[13] = 32;
     header[14] = 192;
     {    /* consensus: all rows side by side */
-        long room[17] = {0, 0, 1361133826, 697191286, 2, 26, 6, 1, 0, 1181, 17, 24, 0, 0, 0, 0, 1};
+        long room[16] = {0, 0, 1361133826, 697191286, 2, 25, 6, 1, 0, 1181, 16, 23, 0, 0, 0, 1};
         long units = 1, rows = 1;
         header[3] = 1;
         header[4] = 0;
@@ -159,7 +159,7 @@ static void lay_out(struct frame *f, const sights_data *data, struct arena *a)
         rows += (n + 1) * 7;
         room[8] = units;
         room[13] = rows;
-        f->rules = integers_of(a, 35);
+        f->rules = integers_of(a, 34);
         f->wide = integers_of(a, 76 + (2 + 8) * n);
         f->places = integers_of(a, places_integers(header, room));
         f->bench = reals_of(a, bench_reals(header, room));
@@ -360,7 +360,7 @@ static int prepare(struct frame *f, const sights_data *data,
             f->coordinates[f->column[b]] = b;
     for (b = 0; b < 1; b++)
         f->kappa[b] = 1.0;
-    for (b = 0; b < 35; b++)
+    for (b = 0; b < 34; b++)
         f->rules[b] = RULES[b];
     for (b = 0; b < 4; b++)
         f->agreement[b] = 0;
@@ -372,7 +372,7 @@ static int prepare(struct frame *f, const sights_data *data,
 /* Consensus: where the solve begins, and which rows count. */
 static int agree_on(struct frame *f, double *factors)
 {
-    long scalars, units;
+    long scalars;
 
     if (f->system[1] > 1
         && !connected(f->system, f->data_set, f->columns, f->places))
@@ -380,9 +380,8 @@ static int agree_on(struct frame *f, double *factors)
     scalars = set_room(f->system, f->data_set, f->rules);
     side_by_side(f->system, 76 + (2 + 8) * f->system[1], f->wide);
     f->rules[14] = f->startless;
-    units = known_units(f->system, f->data_set, f->rules, MAP_PLACES, MAPS,
+    known_units(f->system, f->data_set, f->rules, MAP_PLACES, MAPS,
         1.0, f->parameters, f->known);
-    f->rules[15] = one_sided(f->rules, units, f->known, f->bench);
     f->units = come_to_agreement(1, scalars, f->system, f->wide, f->constants,
         f->data_set, f->parameters, f->weights, f->index, f->columns, f->rules, LEVELS, f->known,
         f->start, f->work, f->desk, f->bench, f->places, f->agreement, f->kappa, factors);

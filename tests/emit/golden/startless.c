@@ -25,9 +25,8 @@ static const double LOSSES[1] = {
 };
 
 /* What consensus (lmeds) is asked for, without room for rows. */
-static const long RULES[27] = {
-    0, 0, 1361133826, 697191286, 1, 22, 5, 1, 0, 421, 17, 20, 0, 0, 0, 0, 1, 100, 100, 100, 0, -1, 2, 0, 0, 0,
-    1
+static const long RULES[26] = {
+    0, 0, 1361133826, 697191286, 1, 21, 5, 1, 0, 421, 16, 19, 0, 0, 0, 1, 100, 100, 100, 0, -1, 2, 0, 0, 0, 1
 };
 
 /* Of each kind of unit: median, limit and reach of its squared norm. */
@@ -143,7 +142,7 @@ static void lay_out(struct frame *f, const startless_data *data, struct arena *a
     header[13] = 32;
     header[14] = 96;
     {    /* consensus: all rows side by side */
-        long room[17] = {0, 0, 1361133826, 697191286, 1, 22, 5, 1, 0, 421, 17, 20, 0, 0, 0, 0, 1};
+        long room[16] = {0, 0, 1361133826, 697191286, 1, 21, 5, 1, 0, 421, 16, 19, 0, 0, 0, 1};
         long units = 1, rows = 1;
         header[3] = 1;
         header[4] = 0;
@@ -155,7 +154,7 @@ static void lay_out(struct frame *f, const startless_data *data, struct arena *a
         rows += (n + 1) * 3;
         room[8] = units;
         room[13] = rows;
-        f->rules = integers_of(a, 27);
+        f->rules = integers_of(a, 26);
         f->wide = integers_of(a, 52 + (2 + 8) * n);
         f->places = integers_of(a, places_integers(header, room));
         f->bench = reals_of(a, bench_reals(header, room));
@@ -359,7 +358,7 @@ static int prepare(struct frame *f, const startless_data *data,
             f->coordinates[f->column[b]] = b;
     for (b = 0; b < 1; b++)
         f->kappa[b] = 1.0;
-    for (b = 0; b < 27; b++)
+    for (b = 0; b < 26; b++)
         f->rules[b] = RULES[b];
     for (b = 0; b < 4; b++)
         f->agreement[b] = 0;
@@ -371,7 +370,7 @@ static int prepare(struct frame *f, const startless_data *data,
 /* Consensus: where the solve begins, and which rows count. */
 static int agree_on(struct frame *f, double *factors)
 {
-    long scalars, units;
+    long scalars;
 
     if (f->system[1] > 1
         && !connected(f->system, f->data_set, f->columns, f->places))
@@ -379,9 +378,8 @@ static int agree_on(struct frame *f, double *factors)
     scalars = set_room(f->system, f->data_set, f->rules);
     side_by_side(f->system, 52 + (2 + 8) * f->system[1], f->wide);
     f->rules[14] = f->startless;
-    units = known_units(f->system, f->data_set, f->rules, MAP_PLACES, MAPS,
+    known_units(f->system, f->data_set, f->rules, MAP_PLACES, MAPS,
         1.0, f->parameters, f->known);
-    f->rules[15] = one_sided(f->rules, units, f->known, f->bench);
     f->units = come_to_agreement(1, scalars, f->system, f->wide, f->constants,
         f->data_set, f->parameters, f->weights, f->index, f->columns, f->rules, LEVELS, f->known,
         f->start, f->work, f->desk, f->bench, f->places, f->agreement, f->kappa, factors);
