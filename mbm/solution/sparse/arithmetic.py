@@ -17,13 +17,13 @@ Places: TypeAlias = tuple[Indices, Indices, Indices]
 class Arithmetic(Protocol):
     """The work on blocks, for the pattern and the elimination that it was made for."""
 
-    def put_inputs(self, numbers: Floats, group: Group) -> None:
-        """The vector of all numbers (N,) and the data into the inputs of a group's kernel."""
-        ...
+    def put_jacobian(
+        self, group: Group, numbers: Floats, weights: Floats, places: Places, values: Floats, target: Floats
+    ) -> None:
+        """The kernel of a group at the vector of all numbers (N,): its outputs to ``values`` (rows, outputs).
 
-    def put_nonzeros(self, nonzeros: Floats, weights: Floats, places: Places, values: Floats) -> None:
-        """Nonzeros (rows, nonzeros) of a kernel, multiplied by the weights (rows, outputs) of their outputs, to their
-        places in values (rows, outputs, width).
+        The nonzeros of its Jacobian, multiplied by the weights (rows, outputs) of their outputs, go to their places in
+        ``target`` (rows, outputs, width).
         """
         ...
 

@@ -23,6 +23,12 @@ NARROW = 512
 """Columns up to which the reduced matrix stays in the cache (2 MB), and is best added to member by member."""
 
 
+TOGETHER = 2048
+"""Rows whose derivatives are computed together: their inputs and nonzeros stay in the cache."""
+
+FEW = 20_000
+"""Numbers of all blocks of a pair up to which each part of the rows has sums of its own (160 kB, in the cache)."""
+
 SMALL = 600
 """Columns up to which NumPy solves with a triangle before SciPy is loaded: it takes them for full."""
 
@@ -38,46 +44,76 @@ class PieceBlocks:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Order:
+    """The order in which products are made: for target ``targets[t]`` those of ``rows[starts[t]:starts[t + 1]]``.
+
+    So that the rows are read as they stand in memory. ``apart``: a target comes more than once, so that what works on
+    other parts of this at the same time needs sums of its own.
+    """
+
+    targets: Indices
+    starts: Indices
+    rows: Indices
+    apart: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Compiled:
-    """``pieces`` are those of the structure."""
+    """``pieces`` are those of the structure; ``orders`` are those of the contributions to each pair."""
 
     routines: Routines
     gone: Elimination | None
     pieces: tuple[PieceBlocks, ...]
+    orders: Mapping[tuple[int, int], tuple[Order, ...]]
 
-    def put_inputs(self, numbers: Floats, group: Group) -> None:
-        """Row by row, where nothing is sampled at times that are unknown."""
-        inputs = group.evaluation.inputs
-        if group.sampled or not inputs.flags.c_contiguous:
+    def put_jacobian(
+        self, group: Group, numbers: Floats, weights: Floats, places: Places, values: Floats, target: Floats
+    ) -> None:
+        """Some rows at a time, each part from its inputs to its places while it is in the cache."""
+        if group.sampled:  # at times that are unknown: the group knows how
             group.fill(numbers)
+            values[...], nonzeros = group.evaluation.values_and_jacobian()
+            self._put_nonzeros(nonzeros, weights, places, target)
             return
+        kernel = group.cache.stream(group.number, group.kernel)
         sizes = (group.index.shape[1], group.parameters.shape[1])
-        self.routines.run("put_inputs", group.rows, *sizes, group.index, numbers, group.parameters, inputs)
 
-    def put_nonzeros(self, nonzeros: Floats, weights: Floats, places: Places, values: Floats) -> None:
-        """Row by row."""
+        def part(first: int, last: int) -> None:
+            rows = slice(first, last)
+            inputs = np.empty((last - first, sum(sizes)))
+            given = (*sizes, group.index[rows], numbers, group.parameters[rows], inputs)
+            self.routines.call("put_inputs", 0, last - first, *given)
+            values[rows], nonzeros = kernel.values_and_jacobian(inputs)
+            self._put_nonzeros(nonzeros, weights[rows], places, target[rows])
+
+        self.routines.share(part, group.rows, TOGETHER)
+
+    def _put_nonzeros(self, nonzeros: Floats, weights: Floats, places: Places, target: Floats) -> None:
         rows, outputs = weights.shape
         length = nonzeros.strides[0] // nonzeros.itemsize
-        sizes = (outputs, length, values[0].size if rows else 0)
-        self.routines.run("put_nonzeros", rows, len(places[0]), *places, *sizes, nonzeros, weights, values)
+        sizes = (outputs, length, target[0].size if rows else 0)
+        self.routines.call("put_nonzeros", 0, rows, len(places[0]), *places, *sizes, nonzeros, weights, target)
 
     def products(self, pattern: NormalPattern, values: Values) -> Mapping[tuple[int, int], Floats]:
         """The blocks of ``JᵀJ``: one pass over the rows of each."""
         blocks: dict[tuple[int, int], Floats] = {}
         for key, pair in pattern.pairs.items():
             total = np.zeros((len(pair.i), *pair.shape))
-            for part in pair.contributions:
-                self._add(values[part.piece], part, part.left.start, part.right.start, total)
+            for part, order in zip(pair.contributions, self.orders[key], strict=True):
+                self._add(values[part.piece], order, part.left.start, part.right.start, total)
                 if part.mirrored:
-                    self._add(values[part.piece], part, part.right.start, part.left.start, total)
+                    self._add(values[part.piece], order, part.right.start, part.left.start, total)
             blocks[key] = total
         return blocks
 
-    def _add(self, values: Floats, part: Contribution, left: int, right: int, total: Floats) -> None:
+    def _add(self, values: Floats, order: Order, left: int, right: int, total: Floats) -> None:
         outputs, width = values.shape[1:]
         name = product_name(outputs, total.shape[2])
-        where = (part.targets, part.starts, part.rows, width, total.shape[1], left, right)
-        self.routines.run(name, len(part.targets), *where, values, total)
+        where = (order.targets, order.starts, order.rows, width, total.shape[1], left, right, values)
+        if order.apart:
+            total += self.routines.total(name, len(order.targets), total.shape, *where)
+        else:
+            self.routines.run(name, len(order.targets), *where, total)
 
     def gradient(self, layout: Structure, values: Values, residuals: Floats) -> Floats:
         """``Jᵀ r``."""
@@ -159,15 +195,17 @@ class Compiled:
     def carried(self, y: Floats, inner: Floats) -> Floats:
         """``Yᵀ inner``."""
         gone = self._elimination()
-        given = (1, *_by_member(gone), y, inner.shape[1], np.ascontiguousarray(inner))
-        return self.routines.total("add_coupled", _members(gone), (gone.width, inner.shape[1]), *given)
+        name, sides = _coupling(inner)
+        given = (1, *_by_member(gone), y, *sides, np.ascontiguousarray(inner))
+        return self.routines.total(name, _members(gone), (gone.width, inner.shape[1]), *given)
 
     def returned(self, y: Floats, rest: Floats) -> Floats:
         """``Y rest``."""
         gone = self._elimination()
+        name, sides = _coupling(rest)
         result = np.zeros((_members(gone) * gone.size, rest.shape[1]))
-        given = (0, *_by_member(gone), y, rest.shape[1], np.ascontiguousarray(rest), result)
-        self.routines.run("add_coupled", _members(gone), *given)
+        given = (0, *_by_member(gone), y, *sides, np.ascontiguousarray(rest), result)
+        self.routines.run(name, _members(gone), *given)
         return result
 
     def inverse_diagonal(self, y: Floats, roots: Floats, rest: Any) -> Floats:
@@ -230,7 +268,31 @@ def compiled(
     heavy = sum(p.rows * p.outputs * p.width for p in layout.pieces) >= HEAVY
     threads = (processors() if workers is None else workers) if heavy else 1
     made = routines(sizes, None if gone is None else gone.size, store, threads)
-    return Compiled(routines=made, gone=gone, pieces=tuple(pieces))
+    orders = {
+        key: tuple(_order(part, len(pair.i) * pair.shape[0] * pair.shape[1]) for part in pair.contributions)
+        for key, pair in pattern.pairs.items()
+    }
+    return Compiled(routines=made, gone=gone, pieces=tuple(pieces), orders=orders)
+
+
+def _order(part: Contribution, numbers: int) -> Order:
+    """The order for a contribution to blocks of so many ``numbers``.
+
+    Where they are few, row by row. Else by the first row of each target, if targets have few rows: blocks that are
+    written here and there are waited for less than rows that are read here and there.
+    """
+    counts = np.diff(part.starts)
+    if numbers <= FEW and len(part.rows) > len(counts):
+        order = np.argsort(part.rows, kind="stable")
+        targets = np.repeat(part.targets, counts)[order]
+        return Order(targets=targets, starts=np.arange(len(order) + 1), rows=part.rows[order], apart=True)
+    order = np.argsort(part.rows[part.starts[:-1]], kind="stable")
+    if bool((order[1:] > order[:-1]).all()):
+        return Order(targets=part.targets, starts=part.starts, rows=part.rows, apart=False)
+    sizes = counts[order]
+    starts = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(sizes)])
+    places = np.arange(len(part.rows)) + np.repeat(part.starts[:-1][order] - starts[:-1], sizes)
+    return Order(targets=part.targets[order], starts=starts, rows=part.rows[places], apart=False)
 
 
 def _piece_arguments(own: PieceBlocks, values: Floats) -> tuple[Argument, ...]:
@@ -247,6 +309,12 @@ def _by_block(gone: Elimination) -> tuple[Argument, ...]:
 def _by_member(gone: Elimination) -> tuple[Argument, ...]:
     links = gone.links
     return (links.begins, links.columns, links.places, links.wides, links.lengths)
+
+
+def _coupling(right: Floats) -> tuple[str, tuple[int, ...]]:
+    """The routine for right sides (…, k), and what it is told of their number."""
+    sides = right.shape[1]
+    return ("add_coupled_once", ()) if sides == 1 else ("add_coupled", (sides,))
 
 
 def _members(gone: Elimination) -> int:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
-
 import numpy as np
 
 from mbm.kernels.types import MachineCode
@@ -20,9 +17,6 @@ from mbm.values import dataclass
 
 WIDEST = 12
 """Coordinates of an unknown that stay together in one block; those of longer vectors and arrays are blocks of one."""
-
-TOGETHER = 16384
-"""Rows whose derivatives are computed together."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -101,10 +95,7 @@ class Blocked(Forwarding):
         places = (place.chosen, place.target, place.lines)
         result = np.zeros((group.rows, outputs, place.piece.width))
         values = np.empty((group.rows, outputs))
-        for rows, part in _parts(group):
-            arithmetic.put_inputs(x, part)
-            values[rows], nonzeros = part.evaluation.values_and_jacobian()
-            arithmetic.put_nonzeros(nonzeros, place.weights[rows], places, result[rows])
+        arithmetic.put_jacobian(group, x, place.weights, places, values, result)
         if place.kept is not None:
             result *= place.kept[:, None, :]
         for own, matrices in place.matrices:
@@ -117,17 +108,6 @@ class Blocked(Forwarding):
                 own = slice(whitener.first, whitener.last)
                 result[:, own] = rooted_jacobian(loss, residuals[:, own], result[:, own])
         return result
-
-
-def _parts(group: Group) -> Iterator[tuple[slice, Group]]:
-    """The rows a part at a time, so that what the kernel gives is not held for all of them."""
-    if group.rows <= TOGETHER or group.sampled:
-        yield slice(0, group.rows), group
-        return
-    for first in range(0, group.rows, TOGETHER):
-        rows = slice(first, min(first + TOGETHER, group.rows))
-        made = group.cache.evaluation(group.number, group.kernel, rows.stop - first)
-        yield rows, replace(group, evaluation=made, index=group.index[rows], parameters=group.parameters[rows])
 
 
 def blocked(equations: Assembled) -> Blocked:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,9 @@ SHARED = 24
 CHUNK = 4_000_000
 """Numbers in a dense part of ``Y`` that is worked on at once."""
 
+TOGETHER = 16384
+"""Rows whose derivatives are computed together."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Interpreted:
@@ -35,14 +39,16 @@ class Interpreted:
     indices: NDArray[np.int32]
     element: tuple[Indices, ...]
 
-    def put_inputs(self, numbers: Floats, group: Group) -> None:
-        """As everywhere."""
-        group.fill(numbers)
-
-    def put_nonzeros(self, nonzeros: Floats, weights: Floats, places: Places, values: Floats) -> None:
-        """By columns."""
+    def put_jacobian(
+        self, group: Group, numbers: Floats, weights: Floats, places: Places, values: Floats, target: Floats
+    ) -> None:
+        """By columns, some rows at a time."""
         chosen, targets, lines = places
-        values.reshape(len(values), -1)[:, targets] = nonzeros[:, chosen] * weights[:, lines]
+        for rows, part in _parts(group):
+            part.fill(numbers)
+            values[rows], nonzeros = part.evaluation.values_and_jacobian()
+            found = target[rows]
+            found.reshape(len(found), -1)[:, targets] = nonzeros[:, chosen] * weights[rows][:, lines]
 
     def products(self, pattern: NormalPattern, values: Values) -> Mapping[tuple[int, int], Floats]:
         """The blocks of ``JᵀJ``."""
@@ -212,6 +218,17 @@ def _stretched(firsts: Indices, lengths: Indices) -> Indices:
     """``first … first + length`` for each of them, one after the other."""
     before = np.cumsum(lengths) - lengths
     return np.asarray(np.arange(int(lengths.sum())) + np.repeat(firsts - before, lengths))
+
+
+def _parts(group: Group) -> Iterator[tuple[slice, Group]]:
+    """The rows a part at a time, so that what the kernel gives is not held for all of them."""
+    if group.rows <= TOGETHER or group.sampled:
+        yield slice(0, group.rows), group
+        return
+    for first in range(0, group.rows, TOGETHER):
+        rows = slice(first, min(first + TOGETHER, group.rows))
+        made = group.cache.evaluation(group.number, group.kernel, rows.stop - first)
+        yield rows, replace(group, evaluation=made, index=group.index[rows], parameters=group.parameters[rows])
 
 
 def _summed(values: Floats, part: Contribution) -> Floats:

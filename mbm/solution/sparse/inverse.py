@@ -164,9 +164,7 @@ class SparseInverse:
                 if left == right:
                     turned = i > j
                     i, j = np.minimum(i, j), np.maximum(i, j)
-                pair = pattern.pairs[key]
-                wide = pattern.structure.families[key[1]].members
-                found[a, b] = (key, np.searchsorted(pair.i * wide + pair.j, i * wide + j), turned)
+                found[a, b] = (key, pattern.pairs[key].places(i, j), turned)
         return found
 
     def _projected(self, x: Floats) -> Floats:

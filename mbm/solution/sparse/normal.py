@@ -31,15 +31,21 @@ class Contribution:
 class PairPattern:
     """The nonzero blocks between two families (``left`` ≤ ``right``): block p is at members ``(i[p], j[p])``.
 
-    Sorted by i, then j. Within one family only blocks with i ≤ j are kept.
+    ``members`` are those of the two families. Sorted by the members of the larger family, then by those of the other:
+    so are equations, most often. Within one family only blocks with i ≤ j are kept.
     """
 
     left: int
     right: int
     i: Indices
     j: Indices
+    members: tuple[int, int]
     shape: tuple[int, int]
     contributions: tuple[Contribution, ...]
+
+    def places(self, i: Indices, j: Indices) -> Indices:
+        """The blocks at members i and j."""
+        return np.asarray(np.searchsorted(_codes(self.i, self.j, self.members), _codes(i, j, self.members)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -117,7 +123,8 @@ def _meetings(number: int, piece: Piece, left: int, right: int) -> list[tuple[tu
 
 def _pair(found: Structure, key: tuple[int, int], meetings: list[_Meeting]) -> PairPattern:
     left, right = found.families[key[0]], found.families[key[1]]
-    codes = [m.i * right.members + m.j for m in meetings]
+    members = (left.members, right.members)
+    codes = [_codes(m.i, m.j, members) for m in meetings]
     if key[0] == key[1]:
         codes.append(np.arange(left.members) * (right.members + 1))
     unique = np.unique(np.concatenate(codes))
@@ -141,6 +148,18 @@ def _pair(found: Structure, key: tuple[int, int], meetings: list[_Meeting]) -> P
                 mirrored=meeting.mirrored,
             )
         )
-    i, j = np.divmod(unique, right.members)
+    i, j = np.divmod(unique, left.members)[::-1] if _turned(members) else np.divmod(unique, right.members)
     shape = (left.size, right.size)
-    return PairPattern(left=key[0], right=key[1], i=i, j=j, shape=shape, contributions=tuple(contributions))
+    return PairPattern(
+        left=key[0], right=key[1], i=i, j=j, members=members, shape=shape, contributions=tuple(contributions)
+    )
+
+
+def _turned(members: tuple[int, int]) -> bool:
+    """Whether blocks between families with so many members are sorted by those of the second first."""
+    return members[1] > members[0]
+
+
+def _codes(i: Indices, j: Indices, members: tuple[int, int]) -> Indices:
+    """Numbers by which blocks at the members i and j are sorted."""
+    return j * members[0] + i if _turned(members) else i * members[1] + j

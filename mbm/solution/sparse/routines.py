@@ -73,6 +73,16 @@ class Routines:
         ends = _ends(count, 8 * self.threads)
         return sum(abs(f.result()) for f in [self.pool.submit(part, *end) for end in ends]) == 0
 
+    def share(self, work: Callable[[int, int], None], count: int, size: int) -> None:
+        """Do ``work(first, last)`` for all of ``count``, so many at a time, each in one thread."""
+        firsts = range(0, count, size)
+        if self.pool is None:
+            for first in firsts:
+                work(first, min(first + size, count))
+            return
+        for future in [self.pool.submit(work, first, min(first + size, count)) for first in firsts]:
+            future.result()
+
     def total(self, name: str, count: int, shape: tuple[int, ...], *arguments: Argument) -> Floats:
         """What a routine adds up over all of ``count`` in its last argument, an array of that shape."""
         sums = np.zeros((PIECES, *shape))

@@ -25,6 +25,8 @@ INNER: tuple[Callable[..., object], ...] = (
     elimination.subtract_product,
     elimination.subtract_links,
     elimination.subtract_line,
+    substitution.carry,
+    substitution.bring_back,
     substitution.put_images,
     substitution.put_between,
 )
@@ -39,6 +41,7 @@ ELIMINATION: tuple[Callable[..., object], ...] = (
     substitution.solve_triangular,
     substitution.put_rooted,
     substitution.add_coupled,
+    substitution.add_coupled_once,
     substitution.images_dense,
     substitution.images_sparse,
     substitution.put_inverse_blocks,

@@ -10,6 +10,9 @@ from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, di
 SIZE = 3
 """Columns of a member of the family that went."""
 
+WIDE = 4
+"""Columns of a link that are worked on side by side."""
+
 
 @distinct_arrays
 def solve_triangular(count: Integer, lower: ConstantReals, right: Reals) -> None:
@@ -88,6 +91,60 @@ def add_coupled(
                         value = given[across + q]
                         for k in range(SIZE):
                             result[own + k * sides + q] += y[place + k * lengths[m]] * value
+
+
+@distinct_arrays
+def carry(wide: Integer, length: Integer, panel: ConstantReals, inner: ConstantReals, rest: Reals) -> None:
+    """``rest += panelᵀ inner`` for (SIZE, wide), rows ``length`` apart."""
+    for c in range(wide):
+        total = 0.0
+        for k in range(SIZE):
+            total += panel[k * length + c] * inner[k]
+        rest[c] += total
+
+
+@distinct_arrays
+def bring_back(wide: Integer, length: Integer, panel: ConstantReals, rest: ConstantReals, inner: Reals) -> None:
+    """``inner += panel rest`` for (SIZE, wide), rows ``length`` apart."""
+    for k in range(SIZE):
+        total = 0.0
+        for c in range(wide):
+            total += panel[k * length + c] * rest[c]
+        inner[k] += total
+
+
+@distinct_arrays
+def add_coupled_once(
+    first: Integer,
+    last: Integer,
+    transposed: Integer,
+    begins: ConstantIntegers,
+    columns: ConstantIntegers,
+    places: ConstantIntegers,
+    wides: ConstantIntegers,
+    lengths: ConstantIntegers,
+    y: ConstantReals,
+    given: ConstantReals,
+    result: Reals,
+) -> None:
+    """`add_coupled` with one right side, as every step has it."""
+    for m in range(first, last):
+        length = lengths[m]
+        for link in range(begins[m], begins[m + 1]):
+            column = columns[link]
+            place = places[link]
+            wide = wides[link]
+            c = 0
+            if transposed:
+                while c + WIDE <= wide:
+                    carry(WIDE, length, y[place + c :], given[m * SIZE :], result[column + c :])
+                    c += WIDE
+                carry(wide - c, length, y[place + c :], given[m * SIZE :], result[column + c :])
+            else:
+                while c + WIDE <= wide:
+                    bring_back(WIDE, length, y[place + c :], given[column + c :], result[m * SIZE :])
+                    c += WIDE
+                bring_back(wide - c, length, y[place + c :], given[column + c :], result[m * SIZE :])
 
 
 @distinct_arrays
