@@ -8,6 +8,7 @@ import pytest
 import mbm
 from mbm.report.types import SolveStatus
 from mbm.solution import sparsity
+from mbm.solution.sparse import marquardt
 
 STATIONS, POINTS = 5, 14
 SAME = 1e-8
@@ -95,6 +96,26 @@ def test_same_answer(blockwise, variant):
         np.testing.assert_allclose(own.value, other.value, atol=SAME)
         np.testing.assert_allclose(own.sigma, other.sigma, rtol=SAME)
     np.testing.assert_allclose(sparse.covariance.matrix, dense.covariance.matrix, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_compiled_routines_with_many_parts_and_threads_give_the_same_answer(blockwise, variant, monkeypatch):
+    pytest.importorskip("llvmlite", reason="llvmlite is not installed")
+    from mbm.solution.sparse import compiled
+
+    plain = blockwise(**VARIANTS[variant])
+    monkeypatch.setattr(marquardt, "COMPILED", 0)
+    monkeypatch.setattr(compiled, "HEAVY", 0)
+    monkeypatch.setattr(compiled, "processors", lambda: 3)
+    monkeypatch.setattr(compiled, "TOGETHER", 16)  # five parts, the last one short
+    for few in (compiled.FEW, 0):  # sums for each part, or target by target
+        monkeypatch.setattr(compiled, "FEW", few)
+        found = blockwise(**VARIANTS[variant])
+        assert found.first.method == "lm-sparse"
+        assert found.first.cost == pytest.approx(plain.first.cost, rel=SAME)
+        for own, other in zip(found.first.estimates, plain.first.estimates, strict=True):
+            np.testing.assert_allclose(own.value, other.value, atol=SAME)
+            np.testing.assert_allclose(own.sigma, other.sigma, rtol=SAME)
 
 
 def test_free_motions_are_named_alike(blockwise):
