@@ -22,8 +22,6 @@ from benchmarks.scenes import EPOCHS, ceiling, epoch_tables
 EPOCH_COUNT = 10_000
 KIND_COUNT = 5_000
 FEW = 200
-SLOW = ("an inequality", "an equality", "a family")
-"""Kinds that are solved one by one: fewer of them are enough."""
 PEER_COUNT = 500
 REPEATS = 3
 
@@ -62,7 +60,7 @@ def kind_seconds(name: str) -> tuple[float, float, float]:
     """Seconds a solve of one kind on one processor, on all of them, and one by one."""
     from mbm.solution.many import together
 
-    kind, count = KINDS[name], FEW if name in SLOW else KIND_COUNT
+    kind, count = KINDS[name], KIND_COUNT
     compiled = mbm.loads(kind.text).compile(data=kind.data(count))
     compiled.solve()
     alone = timed(lambda: compiled.solve(workers=1)) / count

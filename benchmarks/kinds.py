@@ -98,6 +98,7 @@ KINDS = {
     "LMedS, a prior": Kind(text(more=BIASED, measured="(- range b)", rest=LMEDS), spoilt),
     "an inequality": Kind(text(rest="(constraints (<= (p 3) 2.5m))")),
     "an equality": Kind(text(more="(q :init 1m)", rest="(constraints (= q (p 1)))")),
+    "an inequality at its limit": Kind(text(rest="(constraints (<= (distance [(p 1) (p 2)] [1.75m 1.75m]) 1m))")),
     "a family": Kind(
         text(more="(b :per receivers :init 0m :sigma 1cm)", measured="(- range (b receiver))"),
     ),

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from mbm.emit.types import OutputFile
     from mbm.kernels.types import KernelSet
     from mbm.language.program import Program
+    from mbm.problem.checks import Mentioned
     from mbm.problem.dependence import Facts
     from mbm.problem.tables import Table, TableDeclaration
     from mbm.problem.types import Override
@@ -137,8 +138,10 @@ def answers(
         return None, None
 
 
-def rebound(found: Elaborated, raw: Mapping[str, Table]) -> Elaborated | None:
-    """The same equations with other tables; None where these may need other equations.
+def rebound(
+    found: Elaborated, raw: Mapping[str, Table], known: tuple[Mentioned, ...] | None = None
+) -> Elaborated | None:
+    """The same equations with other tables; None where these may need other equations. ``known`` as `checked` has it.
 
     Raises:
         MbmError: the data do not go with the equations.
@@ -150,11 +153,11 @@ def rebound(found: Elaborated, raw: Mapping[str, Table]) -> Elaborated | None:
         return None
     before, _ = answers(found.problem, found.consulted, found.raw) if not found.consulted.nothing else ((), None)
     now, tables = answers(found.problem, found.consulted, raw)
-    return None if tables is None or now != before else checked(replace(found, raw=raw, tables=tables))
+    return None if tables is None or now != before else checked(replace(found, raw=raw, tables=tables), known)
 
 
-def checked(found: Elaborated) -> Elaborated:
-    """Equations that hold for their tables, with the warnings about these.
+def checked(found: Elaborated, known: tuple[Mentioned, ...] | None = None) -> Elaborated:
+    """Equations that hold for their tables, with the warnings about these; ``known`` is what they mention, if known.
 
     Raises:
         MbmError: the data do not go with the equations.
@@ -162,7 +165,7 @@ def checked(found: Elaborated) -> Elaborated:
     """
     from mbm.problem.checks import check_data
 
-    errors, warnings = check_data(found.problem, found.tables)
+    errors, warnings = check_data(found.problem, found.tables, known)
     if errors:
         raise MbmError(*errors)
     return replace(found, problem=replace(found.problem, warnings=(*found.lasting, *warnings)))

@@ -12,6 +12,7 @@ from mbm import compiler
 from mbm.api.arguments import by_name, coordinates, threads
 from mbm.compiler import Inputs, SolveSettings
 from mbm.data.faults import MISSING_TABLE
+from mbm.problem.checks import Mentioned, mentioned
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import EXTERNAL
 from mbm.text.types import MbmError
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from mbm.api.reading import Reading
     from mbm.kernels.types import KernelSet
     from mbm.problem.tables import Table
+    from mbm.problem.types import Problem
     from mbm.registry import Registry
     from mbm.report.answer import Solved
     from mbm.report.types import Result
@@ -59,6 +61,13 @@ class Kept:
 
     def __init__(self, compilation: Compilation | None) -> None:
         self.compilation = compilation
+        self._mentioned: tuple[Problem, tuple[Mentioned, ...]] | None = None
+
+    def mentioned(self, problem: Problem) -> tuple[Mentioned, ...]:
+        """What the equations mention of the data, worked out for the first data set."""
+        if self._mentioned is None or self._mentioned[0].blocks is not problem.blocks:
+            self._mentioned = (problem, mentioned(problem))
+        return self._mentioned[1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -206,7 +215,11 @@ class CompiledProblem:
         before = self.kept.compilation
         found = None
         if before is not None:
-            elaborated = compiler.rebound(before.elaborated, self._tables(before.elaborated, inputs, data))
+            elaborated = compiler.rebound(
+                before.elaborated,
+                self._tables(before.elaborated, inputs, data),
+                self.kept.mentioned(before.elaborated.problem),
+            )
             found = replace(before, elaborated=elaborated) if elaborated is not None else None
         if found is None:
             found = compilation_of(self.origin, inputs, self.backend)

@@ -11,9 +11,10 @@ from mbm.problem import faults
 from mbm.problem.rows import MAXIMUM_REPORTED, Positions, column_numbers, decided, keyed_rows, rows_of
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.times import time_nodes
-from mbm.problem.types import Block, Problem
+from mbm.problem.types import Block, Problem, Static
 from mbm.text.suggest import closest
 from mbm.text.types import Diagnostic, MbmError
+from mbm.values import dataclass
 
 
 def used_rows(block: Block, tables: Mapping[str, Table]) -> np.ndarray | None:
@@ -37,46 +38,66 @@ def _first_of_kind(table: Table, columns: tuple[str, ...]) -> np.ndarray:
     return mask
 
 
-def check_data(problem: Problem, tables: Mapping[str, Table]) -> tuple[list[Diagnostic], list[Diagnostic]]:
-    """Errors and warnings about the data as far as the problem uses them."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mentioned:
+    """The columns, and the members that cells name, that expressions mention for the rows of ``table``, each once.
+
+    The rows are those that have the values ``static``, and are used in the block numbered ``block`` (None: all).
+    """
+
+    table: str | None
+    static: Static
+    block: int | None
+    leaves: tuple[Leaf, ...]
+
+
+def mentioned(problem: Problem) -> tuple[Mentioned, ...]:
+    """What the equations of a problem and what is derived mention of any data."""
+    found = [
+        _mentioned(block.table, case.static, number, [(*e.components, *e.noise) for e in case.equations])
+        for number, block in enumerate(problem.blocks)
+        for case in block.cases
+    ]
+    for derived in problem.derived:
+        found += [_mentioned(derived.table, case.static, None, [case.values]) for case in derived.cases]
+    for number, block in enumerate(problem.blocks):
+        for sigma in (column.sigma for column in block.errors if column.sigma is not None):
+            found += [_mentioned(block.table, case.static, number, [case.values]) for case in sigma.cases]
+    return tuple(each for each in found if each.leaves)
+
+
+def _mentioned(
+    table: str | None, static: Static, block: int | None, expressions: list[tuple[Expression, ...]]
+) -> Mentioned:
+    found: dict[object, Leaf] = {}
+    for nodes in expressions:
+        for leaf in leaves(nodes):
+            if isinstance(leaf, Column):
+                found.setdefault(leaf.identity, leaf)
+            elif isinstance(leaf, Component) and isinstance(leaf.member, ColumnMember):
+                found.setdefault((leaf.unknown, leaf.member), leaf)
+    return Mentioned(table=table, static=static, block=block, leaves=tuple(found.values()))
+
+
+def check_data(
+    problem: Problem, tables: Mapping[str, Table], known: tuple[Mentioned, ...] | None = None
+) -> tuple[list[Diagnostic], list[Diagnostic]]:
+    """Errors and warnings about the data as far as the problem uses them; ``known``: what `mentioned` found."""
     errors: list[Diagnostic] = []
     warnings: list[Diagnostic] = []
     families = {u.name: u.family.rows for u in problem.unknowns if u.family is not None}
-    for block in problem.blocks:
-        mask = used_rows(block, tables)
+    masks = [used_rows(block, tables) for block in problem.blocks]
+    for block, mask in zip(problem.blocks, masks, strict=True):
         if mask is not None and not mask.any():
             warnings.append(faults.no_rows(block.span, block.name))
-        for case in block.cases:
-            table = tables[block.table] if block.table is not None else None
-            positions = None
-            if table is not None and mask is not None:
-                positions = rows_of(case.static, table)
-                positions = positions[mask[positions]]
-            for equation in case.equations:
-                nodes = (*equation.components, *equation.noise)
-                errors.extend(_cells(nodes, table, positions, tables, families))
-    for derived in problem.derived:
-        table = tables[derived.table] if derived.table is not None else None
-        for value_case in derived.cases:
-            positions = rows_of(value_case.static, table) if table is not None else None
-            errors.extend(_cells(value_case.values, table, positions, tables, families))
-    errors.extend(_cells_of_sigmas(problem, tables))
+    for each in mentioned(problem) if known is None else known:
+        table = tables[each.table] if each.table is not None else None
+        positions = rows_of(each.static, table) if table is not None else None
+        mask = masks[each.block] if each.block is not None else None
+        if positions is not None and mask is not None:
+            positions = positions[mask[positions]]
+        errors.extend(_cells(each.leaves, table, positions, tables, families))
     return _first_of_each(errors), warnings
-
-
-def _cells_of_sigmas(problem: Problem, tables: Mapping[str, Table]) -> list[Diagnostic]:
-    """Gaps in the columns that state the errors of others."""
-    found: list[Diagnostic] = []
-    for block in problem.blocks:
-        table = tables[block.table] if block.table is not None else None
-        mask = used_rows(block, tables) if block.errors else None
-        for sigma in (column.sigma for column in block.errors if column.sigma is not None):
-            for case in sigma.cases:
-                positions = rows_of(case.static, table) if table is not None else None
-                if positions is not None and mask is not None:
-                    positions = positions[mask[positions]]
-                found.extend(_cells(case.values, table, positions, tables, {}))
-    return found
 
 
 def _first_of_each(errors: list[Diagnostic]) -> list[Diagnostic]:
@@ -87,22 +108,17 @@ def _first_of_each(errors: list[Diagnostic]) -> list[Diagnostic]:
 
 
 def _cells(
-    nodes: tuple[Expression, ...],
+    mentioned_leaves: tuple[Leaf, ...],
     table: Table | None,
     positions: Positions | None,
     tables: Mapping[str, Table],
     families: Mapping[str, str],
 ) -> list[Diagnostic]:
     found: list[Diagnostic] = []
-    seen: set[object] = set()
-    for leaf in leaves(nodes):
-        if isinstance(leaf, Column) and leaf.identity not in seen:
-            seen.add(leaf.identity)
+    for leaf in mentioned_leaves:
+        if isinstance(leaf, Column):
             found.extend(_finite(leaf, table, positions, tables))
-        if not isinstance(leaf, Component) or not isinstance(leaf.member, ColumnMember):
-            continue
-        if (leaf.unknown, leaf.member) not in seen:
-            seen.add((leaf.unknown, leaf.member))
+        elif isinstance(leaf, Component) and isinstance(leaf.member, ColumnMember):
             found.extend(_members(leaf, leaf.member, table, positions, tables, families))
     return found
 

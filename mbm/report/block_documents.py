@@ -9,10 +9,12 @@ import numpy as np
 
 from mbm.problem.types import BlockRole
 from mbm.report.blocks import BlockReports
-from mbm.report.elements import shown_sigma
+from mbm.report.constraints import limit_reports
+from mbm.report.elements import plain_key, shown_sigma
+from mbm.report.filled import conditions, own_names, prior_names
 from mbm.report.geometric import GEOMETRIC
 from mbm.report.geometric import written as written_geometry
-from mbm.report.solve_document import solve_document, solve_key
+from mbm.report.solve_document import constraint_document, solve_document, solve_key
 from mbm.report.types import CovarianceMatrix, DerivedValue, Estimate, Floats, Mask
 from mbm.solution.many.types import REASONS
 
@@ -32,12 +34,11 @@ class _Filled:
 
     def __init__(self, reports: BlockReports) -> None:
         self._block = block = reports.block
+        self._reports = reports
         self._model = solve_document(reports.model)
+        self._models: dict[bytes, dict[str, Any]] = {}
         columns = block.columns
-        with np.errstate(all="ignore"):
-            scaled = np.where(reports.from_columns[:, None, None], columns.root * columns.scale[:, :, None], 1.0)
-            singular = np.linalg.svd(np.where(np.isfinite(scaled), scaled, 1.0), compute_uv=False)
-            self._condition = (singular[:, 0] / singular[:, -1]).tolist()
+        self._condition = conditions(columns, np.arange(len(reports))).tolist()
         self._numbers: dict[str, list[float] | list[int]] = {
             name: getattr(columns, name).tolist() for name in ("iterations", "evaluations", "seconds", "cost", "dof")
         }
@@ -70,6 +71,8 @@ class _Filled:
             found &= np.isfinite(getattr(columns, name))
         found &= np.isfinite(columns.rms[:, self._observed]).all(axis=1) & np.isfinite(columns.priors).all(axis=1)
         found &= np.isfinite(self._condition) & np.isfinite(columns.noise).all(axis=1)
+        if columns.limits is not None:
+            found &= np.isfinite(columns.limits.values).all(axis=1)
         for each in (*self._estimates.values(), *self._derived.values()):
             found &= each.finite
         for factor in (columns.factor, *(image for _, _, image in columns.derived)):
@@ -78,7 +81,7 @@ class _Filled:
 
     def document(self, place: int) -> dict[str, Any]:
         """The document of one solve, whose parts without numbers are those of the model."""
-        model, block = self._model, self._block
+        model, block, limits = self._like(place), self._block, self._block.columns.limits
         written = {**model, **{name: numbers[place] for name, numbers in self._numbers.items()}}
         written["key"] = solve_key(dict(zip(block.names, block.keys[block.which.start + place], strict=True)))
         written["message"] = REASONS[block.columns.reason[place]].sentence
@@ -87,11 +90,23 @@ class _Filled:
                 name: {**entry, "value": items[name].value(place), "sigma": items[name].sigma[place]}
                 for name, entry in model[kind].items()
             }
+        for entry in block.layout.entries:
+            name = entry.unknown.name
+            if name in block.members:
+                written["estimates"][name]["keys"] = list(map(plain_key, block.member_keys(entry, place) or ()))
         for name, matrices in self._covariances.items():
             if matrices is not None:
                 written[name] = {**model[name], "matrix": matrices(place)}
+        if block.members and written["covariance"] is not None:
+            written["covariance"] |= {"names": list(own_names(self._reports.problem, block, place))}
         if model["observability"] is not None:
             written["observability"] = {**model["observability"], "condition": self._condition[place]}
+            if limits is not None:
+                dimension = int(limits.dimension[place])
+                written["observability"] |= {"rank": dimension, "dimension": dimension}
+        if limits is not None:
+            reports = limit_reports(self._reports.problem, limits, place)
+            written["constraints"] = [constraint_document(report) for report in reports]
         noises, residuals = {}, {}
         for i, (name, summary) in zip(self._observed, model["residuals"].items(), strict=True):
             noises[name] = None if model["noise"][name] is None else self._noise[place][i]
@@ -101,10 +116,24 @@ class _Filled:
             residuals[name] = {**summary, **own, "outliers": bad}
         written["noise"], written["residuals"] = noises, residuals
         written["priors"] = [
-            {**prior, "value": known.mean + away, "residual": away / known.sigma}
-            for prior, known, away in zip(model["priors"], self._known, self._priors[place], strict=True)
+            {**prior, "name": name, "value": known.mean + away, "residual": away / known.sigma}
+            for prior, known, name, away in zip(
+                model["priors"],
+                self._known,
+                prior_names(self._reports.model, block, place),
+                self._priors[place],
+                strict=True,
+            )
         ]
         return written
+
+    def _like(self, place: int) -> dict[str, Any]:
+        """The document of a solve of the same kind."""
+        kind = self._reports.kind(place)
+        found = self._models.get(kind)
+        if found is None:
+            found = self._models[kind] = solve_document(self._reports.like(place))
+        return found
 
 
 class _Item:
@@ -122,7 +151,11 @@ class _Item:
     def value(self, place: int) -> Any:
         """The value of one solve."""
         value = self._values[place]
-        return written_geometry(self._quantity, value) if self._quantity.kind in GEOMETRIC else value
+        if self._quantity.kind not in GEOMETRIC:
+            return value
+        if value.ndim == 1:
+            return written_geometry(self._quantity, value)
+        return [written_geometry(self._quantity, numbers) for numbers in value]
 
 
 def _finite(values: Floats) -> Mask:

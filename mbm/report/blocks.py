@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import overload
+from typing import TypeVar, overload
 
 import numpy as np
 
-from mbm.problem.types import BlockRole, Problem
+from mbm.problem.types import Problem
 from mbm.report.elements import element_names, shown_sigma, shown_values
 from mbm.report.filled import families, filled
 from mbm.report.from_solution import report_of
 from mbm.report.types import DerivedValue, Estimate, Floats, Key, Mask, SolveReport, SolveStatus
 from mbm.solution.many.types import Block
+from mbm.solution.types import Indices
+
+T = TypeVar("T")
 
 
 class BlockReports:
     """The solves of a block: reports of those that were solved apart, the others made when they are asked for.
 
-    ``from_columns`` (K,) says which are alike but for numbers, so that columns have all that is to be said of them.
+    ``from_columns`` (K,) says which are alike but for numbers, and which constraints hold the estimates, so that
+    columns have all that is to be said of them.
     """
 
     def __init__(
@@ -31,11 +34,8 @@ class BlockReports:
         self.block = block
         self.apart = apart
         self._full = covariance_full
-        alike = all(
-            each.role is BlockRole.OBSERVATION or (each.role is BlockRole.PRIOR and each.table is None)
-            for each in problem.blocks
-        )
-        self.from_columns: Mask = block.columns.clean & (block.columns.dof > 0) & alike
+        self.from_columns: Mask = block.columns.clean & (block.columns.dof > 0)
+        self._models: dict[bytes, SolveReport] = {}
 
     def __len__(self) -> int:
         return len(self.block.which)
@@ -47,7 +47,7 @@ class BlockReports:
             return found
         if not self.from_columns[place] or not self.complete:
             return self._made(place)
-        return filled(self.model, self.items, self.problem, self.block, place)
+        return filled(self.like(place), self.items, self.problem, self.block, place)
 
     def _made(self, place: int) -> SolveReport:
         """The report of a solve, from all that is to be said of it."""
@@ -61,26 +61,91 @@ class BlockReports:
 
     @cached_property
     def model(self) -> SolveReport:
-        """The report of the first solve ``from_columns``: but for numbers, those of the others are like it."""
-        return self._made(int(np.flatnonzero(self.from_columns)[0]))
+        """The report of the first solve ``from_columns``."""
+        return self._made(self._first)
+
+    def kind(self, place: int) -> bytes:
+        """What solves ``from_columns`` are told apart by: the constraints that are pushed against, and, where more than
+        numbers is said of members, who they are.
+        """
+        limits, block = self.block.columns.limits, self.block
+        pushed = b"" if limits is None else limits.pushed[place].tobytes()
+        if not block.members or not (any(pushed) or self._idle):
+            return pushed
+        return repr([pushed, *(block.member_keys(entry, place) for entry in block.layout.entries)]).encode()
+
+    @cached_property
+    def _idle(self) -> bool:
+        """Whether there are members that no equation mentions."""
+        estimated = self.block.layout.fixed.copy()
+        estimated[self.block.free] = True
+        return not bool(estimated.all())
+
+    def like(self, place: int) -> SolveReport:
+        """The report of a solve ``from_columns`` of the kind of another: but for numbers, that is like it."""
+        kind = self.kind(place)
+        found = self._models.get(kind)
+        if found is None:
+            found = self._models[kind] = self.model if kind == self.kind(self._first) else self._made(place)
+        return found
+
+    @property
+    def _first(self) -> int:
+        return int(np.flatnonzero(self.from_columns)[0])
 
     @cached_property
     def items(self) -> tuple[Estimate | DerivedValue, ...]:
         """The estimates, then the derived quantities, of all solves: families over the solves."""
         return tuple(families(self.problem, self.block))
 
-    def scalars(self) -> Iterator[tuple[str, Floats, Floats]]:
-        """Name, values (K,) and sigmas (K,) of each scalar of the clean solves, in the units that are shown."""
+    def scalars(self) -> Iterator[tuple[int, str, Indices, Floats, Floats]]:
+        """The scalars of the solves that are not ``apart``, in the units that are shown: rank among those of a solve,
+        name, and the places (k,) in the block of the solves that have it, with values (k,) and sigmas (k,) there.
+        """
+        begin = self.block.which.start
+        there = np.array([begin + i not in self.apart for i in range(len(self))], dtype=bool)
+        every = np.flatnonzero(there)
+        rank = 0
         for item in self.items:
             values = np.reshape(shown_values(item), (len(self), -1))
             sigmas = np.reshape(shown_sigma(item), (len(self), -1))
-            for i, name in enumerate(element_names(item.quantity)):
-                yield name, values[:, i], sigmas[:, i]
+            if item.quantity.name not in self.block.members:
+                for i, name in enumerate(element_names(item.quantity, self._keys(item.quantity.name, 0))):
+                    yield rank + i, name, every, values[every, i], sigmas[every, i]
+            else:
+                found: dict[str, list[tuple[int, int]]] = {}
+                for place in every.tolist():
+                    for i, name in enumerate(element_names(item.quantity, self._keys(item.quantity.name, place))):
+                        found.setdefault(name, []).append((place, i))
+                for name, pairs in found.items():
+                    places, which = np.array(pairs, dtype=np.int64).T
+                    yield rank + int(which[0]), name, places, values[places, which], sigmas[places, which]
+            rank += values.shape[1]
+
+    def _keys(self, name: str, place: int) -> tuple[Key, ...] | None:
+        """The keys of the members of an unknown in a solve; None where it has none."""
+        entry = self.block.layout.by_name.get(name)
+        return None if entry is None else self.block.member_keys(entry, place)
 
     def key(self, place: int) -> Mapping[str, Key]:
         """The key of the solve at a place in the block."""
         cells = self.block.keys[self.block.which.start + place]
         return dict(zip(self.block.names, cells, strict=True))
+
+    def noted(self) -> Iterator[tuple[int, SolveReport]]:
+        """The solves of which more is to be said than numbers, with their numbers among all; those ``from_columns``
+        with the numbers of another.
+        """
+        limits, begin = self.block.columns.limits, self.block.which.start
+        places = {number - begin for number in self.apart}
+        if limits is not None:
+            places |= set(np.flatnonzero(self.from_columns & limits.pushed.any(axis=1)).tolist())
+        for place in sorted(places):
+            found = self.apart.get(begin + place)
+            yield (
+                int(self.block.places[place]),
+                replace(self.like(place), key=self.key(place)) if found is None else found,
+            )
 
     def statuses(self) -> list[SolveStatus]:
         """The status of each solve."""
@@ -91,14 +156,34 @@ class BlockReports:
 
 
 class ManyReports(Sequence[SolveReport]):
-    """The reports of the solves of several blocks, one after the other."""
+    """The reports of the solves of several blocks, and of those solved ``alone``, in the order of their numbers.
 
-    def __init__(self, blocks: Sequence[BlockReports]) -> None:
+    ``ranks`` has the places, from 0, of the solves of each block among all these, and of those alone.
+    """
+
+    def __init__(self, blocks: Sequence[BlockReports], alone: Mapping[int, SolveReport]) -> None:
         self.blocks = tuple(blocks)
-        self._ends = np.cumsum([len(block) for block in blocks]).tolist()
+        self.alone, self.numbers_alone = tuple(alone.values()), tuple(alone)
+        parts = [*(block.block.places for block in blocks), np.fromiter(alone, np.int64, len(alone))]
+        order = np.argsort(np.concatenate(parts), kind="stable")
+        rank = np.empty_like(order)
+        rank[order] = np.arange(len(order))
+        ends = np.cumsum([len(part) for part in parts])
+        self.ranks: tuple[Indices, ...] = tuple(np.split(rank, ends[:-1]))
+        owner = np.repeat(np.arange(len(parts)), [len(part) for part in parts])[order]
+        self._owners: list[int] = owner.tolist()
+        self._places: list[int] = (order - np.concatenate([[0], ends])[owner]).tolist()
 
     def __len__(self) -> int:
-        return self._ends[-1] if self._ends else 0
+        return len(self._owners)
+
+    def each(
+        self, of_blocks: Callable[[BlockReports], Iterator[T]], of_report: Callable[[SolveReport], T]
+    ) -> Iterator[T]:
+        """What is made of each solve, in their order: of those of blocks one after the other, of the others singly."""
+        made = [of_blocks(block) for block in self.blocks]
+        for owner, place in zip(self._owners, self._places, strict=True):
+            yield next(made[owner]) if owner < len(made) else of_report(self.alone[place])
 
     @overload
     def __getitem__(self, index: int) -> SolveReport: ...
@@ -112,16 +197,18 @@ class ManyReports(Sequence[SolveReport]):
         place = index + len(self) if index < 0 else index
         if not 0 <= place < len(self):
             raise IndexError(index)
-        number = bisect_right(self._ends, place)
-        return self.blocks[number].report(place - (self._ends[number - 1] if number else 0))
+        owner, own = self._owners[place], self._places[place]
+        return self.blocks[owner].report(own) if owner < len(self.blocks) else self.alone[own]
 
     def statuses(self) -> list[SolveStatus]:
         """The status of each solve, without making its report."""
-        return [status for block in self.blocks for status in block.statuses()]
+        return list(self.each(lambda block: iter(block.statuses()), lambda report: report.status))
 
     def noted(self) -> Iterator[SolveReport]:
         """The solves of which more is to be said than their columns hold."""
-        return (block.apart[number] for block in self.blocks for number in sorted(block.apart))
+        found = [pair for block in self.blocks for pair in block.noted()]
+        found += zip(self.numbers_alone, self.alone, strict=True)
+        return (report for _, report in sorted(found, key=lambda pair: pair[0]))
 
 
 def block_reports(problem: Problem, block: Block, *, covariance_full: bool) -> BlockReports:

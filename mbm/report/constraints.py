@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from mbm.solution.binding import Group
 from mbm.solution.solution import Solution
 from mbm.solution.types import Conflict
 from mbm.text.types import Diagnostic, Label
+
+if TYPE_CHECKING:
+    from mbm.solution.many.types import Limits
 
 MOST_LABELS = 8
 
@@ -72,6 +76,28 @@ def _report(
         violated_rows=_numbers(rows[violated[places]]) if table is not None else (),
         active_rows=_numbers(rows[active[places]]) if table is not None and not equation else (),
     )
+
+
+def limit_reports(problem: Problem, limits: Limits, place: int) -> tuple[ConstraintReport, ...]:
+    """The same for one of many solves, from their columns; no constraint is violated there."""
+    found = []
+    for number, owner in enumerate(limits.owners):
+        block, reached = problem.blocks[owner], limits.at_limit[number]
+        active = () if reached is None else sorted({int(reached.table.rows[p]) for p in reached.of(place)})
+        found.append(
+            ConstraintReport(
+                name=block.name,
+                kind=block.constraint.value if block.constraint is not None else "",
+                value=float(limits.values[place, number]),
+                violation=0.0,
+                active=bool(limits.active[place, number]),
+                violated=False,
+                over=block.table,
+                rows=int(limits.rows[place, number]),
+                active_rows=tuple(active),
+            )
+        )
+    return tuple(found)
 
 
 def _rows(group: Group, numbers: np.ndarray) -> np.ndarray:

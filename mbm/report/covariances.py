@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.problem.types import Problem
 from mbm.report.elements import element_names
-from mbm.report.geometric import GEOMETRIC
-from mbm.report.geometric import coordinate_factors as geometric_factors
-from mbm.report.quantities import coordinate_factors, derived_quantity
+from mbm.report.geometric import GEOMETRIC, coordinate_factors
+from mbm.report.quantities import Shown
 from mbm.report.types import CovarianceMatrix, DerivedValue, Floats
 from mbm.solution.solution import Solution
 
@@ -18,18 +16,14 @@ LARGEST_COVARIANCE = 200
 _LEFT_OUT = "left out for its size; `--covariance full` keeps it"
 
 
-def estimates_covariance(
-    problem: Problem, solution: Solution, names: tuple[str, ...], unknown: str | None, *, full: bool
-) -> CovarianceMatrix:
-    """The covariance of the free scalars, of which ``names`` (M,) are those of all coordinates.
+def estimates_covariance(solution: Solution, shown: Shown, unknown: str | None, *, full: bool) -> CovarianceMatrix:
+    """The covariance of the free scalars.
 
     Scalars held at a bound have NaN: their sigma is none, and 0 would say that they are certain. ``unknown`` says why
     nothing of it is known, if nothing is; ``full`` keeps it however large it is.
     """
-    factors = np.concatenate([coordinate_factors(problem, e) for e in solution.layout.entries] or [np.empty(0)])[
-        solution.free
-    ]
-    chosen = tuple(names[int(p)] for p in solution.free)
+    factors = shown.factors[solution.free]
+    chosen = tuple(shown.names[p] for p in solution.free.tolist())
     if len(chosen) > LARGEST_COVARIANCE and not full:
         return _matrix(chosen, factors, None, _LEFT_OUT)
     if unknown is not None:
@@ -54,20 +48,20 @@ def _whole(solution: Solution) -> Floats | None:
 
 
 def derived_covariance(
-    problem: Problem, solution: Solution, values: tuple[DerivedValue, ...], unknown: str | None, *, full: bool
+    solution: Solution, values: tuple[DerivedValue, ...], unknown: str | None, *, full: bool
 ) -> CovarianceMatrix | None:
     """The common covariance of the derived quantities; None where there are none. Parameters as above."""
     if not values:
         return None
-    quantities = [derived_quantity(problem, problem.derived[found.owner]) for found in solution.derived]
     names: list[str] = []
     factors: list[float] = []
-    for quantity, value in zip(quantities, values, strict=True):
+    for value in values:
+        quantity = value.quantity
         of_quantity = element_names(quantity, value.keys)
         names.extend(of_quantity)
         by_scalar = [quantity.factor] * len(of_quantity)
         if quantity.kind in GEOMETRIC:
-            tangent = geometric_factors(quantity).tolist()
+            tangent = coordinate_factors(quantity).tolist()
             by_scalar = tangent * (len(of_quantity) // len(tangent))
         factors.extend(by_scalar)
     chosen, by_row = tuple(names), np.array(factors)

@@ -69,8 +69,7 @@ class _Solves(Sequence[dict[str, Any]]):
         # Loaded where there are many solves only, so that the others start at once.
         from mbm.report.block_documents import block_documents
 
-        for block in self._solves.blocks:
-            yield from block_documents(block)
+        yield from self._solves.each(block_documents, solve_document)
 
 
 def _plain(value: object) -> Any:

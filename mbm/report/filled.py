@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.problem.types import BlockRole, Problem, UnknownKind
+from mbm.report.constraints import limit_reports
+from mbm.report.elements import element_names
 from mbm.report.from_solution import wrapped
 from mbm.report.pictures import plot_data
 from mbm.report.quantities import derived_quantity, quantity_of
@@ -17,17 +19,25 @@ from mbm.report.types import (
     DerivedValue,
     Estimate,
     Floats,
+    Observability,
     PlotData,
     ResidualRow,
     ResidualSummary,
     SolveReport,
 )
-from mbm.solution.many.types import REASONS, Block
+from mbm.solution.many.types import REASONS, Block, Columns
 from mbm.solution.solution import Solution
+from mbm.solution.types import Indices
+
+PRIOR = "prior "
+"""What the names of priors begin with that are stated with the unknown, whose name follows."""
 
 
 def families(problem: Problem, block: Block) -> Iterator[Estimate | DerivedValue]:
-    """The unknowns, then the derived quantities, of the solves of a block, each as a family over the solves."""
+    """The unknowns, then the derived quantities, of the solves of a block, each as a family over the solves.
+
+    Those of families have their members along the second axis.
+    """
     count = len(block.which)
     members = tuple(float(number) for number in block.which)
     every = np.full((count, len(block.layout.number)), np.nan)
@@ -35,11 +45,12 @@ def families(problem: Problem, block: Block) -> Iterator[Estimate | DerivedValue
     for entry in block.layout.entries:
         unknown, place = entry.unknown, entry.coordinates
         shape = unknown.shape if not unknown.dimension else (unknown.freedom,)
+        shape, leading = (shape, ()) if entry.keys is None else ((entry.members, *shape), (entry.members,))
         numbers = block.columns.points[:, entry.range]
         values = wrapped(numbers) if unknown.kind is UnknownKind.ANGLE else numbers
         yield Estimate(
             quantity=quantity_of(problem, unknown),
-            value=values.reshape(count, *unknown.shape),
+            value=values.reshape(count, *leading, *unknown.shape),
             sigma=every[:, place].reshape(count, *shape),
             fixed=np.broadcast_to(block.layout.fixed[place].reshape(shape), (count, *shape)),
             keys=members,
@@ -66,7 +77,6 @@ def filled(
     noise = {each.name: float(columns.noise[place, i]) for i, each in enumerate(problem.blocks)}
     estimates = [item for item in items if isinstance(item, Estimate)]
     derived = [item for item in items if isinstance(item, DerivedValue)]
-    singular = np.linalg.svd(columns.root[place] * columns.scale[place][:, None], compute_uv=False)
     images = [image[place] for _, _, image in columns.derived]
     chi2_p = float(columns.chi2_p[place])
     return replace(
@@ -82,30 +92,85 @@ def filled(
         sigma0=float(columns.sigma0[place]),
         chi2_p=None if np.isnan(chi2_p) else chi2_p,
         estimates=tuple(
-            replace(each, value=each.value[place], sigma=_at(each.sigma, place), fixed=each.fixed[place], keys=None)
-            for each in estimates
+            replace(
+                like,
+                value=each.value[place],
+                sigma=_at(each.sigma, place),
+                fixed=each.fixed[place],
+                keys=block.member_keys(entry, place),
+            )
+            for like, each, entry in zip(model.estimates, estimates, block.layout.entries, strict=True)
         ),
         derived=tuple(
             replace(each, value=each.value[place], sigma=_at(each.sigma, place), keys=None) for each in derived
         ),
-        covariance=_with_matrix(model.covariance, factor),
+        covariance=_with_matrix(_renamed(model.covariance, problem, block, place), factor),
         derived_covariance=_with_matrix(model.derived_covariance, np.vstack(images)) if images else None,
-        observability=None
-        if model.observability is None
-        else replace(model.observability, condition=float(singular[0] / singular[-1])),
+        observability=_observed(model.observability, columns, place),
+        constraints=() if columns.limits is None else limit_reports(problem, columns.limits, place),
         noise={name: None if estimated is None else noise[name] for name, estimated in model.noise.items()},
         residual_summaries=dict(_summaries(model, problem, block, place)),
         priors=tuple(
-            replace(prior, value=prior.mean + away, residual=away / prior.sigma)
-            for prior, away in zip(model.priors, columns.priors[place].tolist(), strict=True)
+            replace(prior, name=name, value=prior.mean + away, residual=away / prior.sigma)
+            for prior, name, away in zip(
+                model.priors, prior_names(model, block, place), columns.priors[place].tolist(), strict=True
+            )
         ),
         residual_rows=lambda: _rows(problem, block, number),
         plot_data=lambda: _pictures(problem, block, number),
     )
 
 
+def _observed(model: Observability | None, columns: Columns, place: int) -> Observability | None:
+    if model is None:
+        return None
+    condition = float(conditions(columns, np.arange(place, place + 1))[0])
+    if columns.limits is None:
+        return replace(model, condition=condition)
+    dimension = int(columns.limits.dimension[place])
+    return replace(model, condition=condition, rank=dimension, dimension=dimension)
+
+
+@np.errstate(all="ignore")
+def conditions(columns: Columns, which: Indices) -> Floats:
+    """The conditions (K,) of the scaled Jacobians of some solves."""
+    scaled = columns.root[which] * columns.scale[which][:, :, None]
+    singular = np.linalg.svd(np.where(np.isfinite(scaled), scaled, 1.0), compute_uv=False)
+    last = np.full(len(which), -1) if columns.limits is None else columns.limits.moving[which] - 1
+    return np.asarray(singular[:, 0] / singular[np.arange(len(which)), last])
+
+
 def _at(values: Floats | None, place: int) -> Floats | None:
     return None if values is None else np.asarray(values[place])
+
+
+def _renamed(model: CovarianceMatrix | None, problem: Problem, block: Block, place: int) -> CovarianceMatrix | None:
+    """The covariance of estimates with the names that they have in a solve."""
+    names = own_names(problem, block, place) if block.members else None
+    return model if model is None or names is None else replace(model, names=names)
+
+
+def prior_names(model: SolveReport, block: Block, place: int) -> list[str]:
+    """What the priors of a solve are called, of which another one, the ``model``, has the same under its own names."""
+    names = [prior.name for prior in model.priors]
+    if not block.members:
+        return names
+    own: dict[str, str] = {}
+    for entry, estimate in zip(block.layout.entries, model.estimates, strict=True):
+        there = element_names(estimate.quantity, estimate.keys)
+        own.update(zip(there, element_names(estimate.quantity, block.member_keys(entry, place)), strict=True))
+    plain = [name.removeprefix(PRIOR) for name in names]
+    return [PRIOR + own.get(bare, bare) if bare != name else name for bare, name in zip(plain, names, strict=True)]
+
+
+def own_names(problem: Problem, block: Block, place: int) -> tuple[str, ...]:
+    """The names of the free coordinates of a solve."""
+    names = [
+        name
+        for entry in block.layout.entries
+        for name in element_names(quantity_of(problem, entry.unknown), block.member_keys(entry, place))
+    ]
+    return tuple(names[coordinate] for coordinate in block.free.tolist())
 
 
 def _with_matrix(model: CovarianceMatrix | None, factor: Floats) -> CovarianceMatrix | None:

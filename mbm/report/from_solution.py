@@ -19,7 +19,7 @@ from mbm.report.constraints import (
 from mbm.report.covariances import derived_covariance, estimates_covariance
 from mbm.report.freedom import common_directions, free_directions
 from mbm.report.pictures import plot_data
-from mbm.report.quantities import coordinate_names, derived_quantity, quantity_of
+from mbm.report.quantities import Shown, shown
 from mbm.report.residuals import correction_reports, prior_reports, residual_rows, residual_summaries
 from mbm.report.types import (
     Alternative,
@@ -29,6 +29,7 @@ from mbm.report.types import (
     Floats,
     Mask,
     Observability,
+    Quantity,
     SolveReport,
     SolveStatus,
     StartsTally,
@@ -58,11 +59,15 @@ def report_of(problem: Problem, solution: Solution | Failure | Skipped, *, covar
 
 def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool) -> SolveReport:
     """One solve as a report."""
-    names = coordinate_names(problem, solution)
+    how = shown(problem, solution)
+    names = how.names
     constraints = constraint_reports(problem, solution)
     status, message = _status(problem, solution, constraints, names)
     unknown = _nothing_known(solution)
-    derived = tuple(_derived(problem, solution, each, unknown) for each in solution.derived)
+    derived = tuple(
+        _derived(problem, solution, each, quantity, unknown)
+        for each, quantity in zip(solution.derived, how.derived, strict=True)
+    )
     reached = not _stuck(solution)
     return SolveReport(
         status=status,
@@ -78,10 +83,10 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         chi2_p=solution.fit.chi2_p if reached else None,
         robust_cost=solution.robust_cost if reached else None,
         reasons=_reasons(solution),
-        estimates=tuple(_estimate(problem, solution, entry, unknown) for entry in solution.layout.entries),
-        covariance=estimates_covariance(problem, solution, names, unknown, full=covariance_full),
+        estimates=_estimates(solution, how, unknown),
+        covariance=estimates_covariance(solution, how, unknown, full=covariance_full),
         derived=derived,
-        derived_covariance=derived_covariance(problem, solution, derived, unknown, full=covariance_full),
+        derived_covariance=derived_covariance(solution, derived, unknown, full=covariance_full),
         observability=_observability(solution, names) if reached else None,
         noise=_noise(problem, solution),
         residual_summaries=residual_summaries(problem, solution),
@@ -90,7 +95,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         priors=prior_reports(problem, solution),
         corrections=correction_reports(solution),
         constraints=constraints,
-        alternatives=tuple(_alternative(problem, solution, each) for each in solution.alternatives),
+        alternatives=tuple(_alternative(solution, how, each) for each in solution.alternatives),
         starts=None if solution.tally is None else StartsTally(**asdict(solution.tally)),
         diagnostics=(
             *solution.diagnostics,
@@ -170,7 +175,12 @@ def _reasons(solution: Solution) -> Mapping[str, str]:
     return reasons
 
 
-def _estimate(problem: Problem, solution: Solution, entry: Entry, unknown: str | None) -> Estimate:
+def _estimates(solution: Solution, how: Shown, unknown: str | None) -> tuple[Estimate, ...]:
+    pairs = zip(solution.layout.entries, how.unknowns, strict=True)
+    return tuple(_estimate(solution, entry, quantity, unknown) for entry, quantity in pairs)
+
+
+def _estimate(solution: Solution, entry: Entry, quantity: Quantity, unknown: str | None) -> Estimate:
     leading = () if entry.keys is None else (entry.members,)
     numbers = solution.numbers[entry.range].copy()
     if entry.unknown.kind is UnknownKind.ANGLE:
@@ -187,7 +197,7 @@ def _estimate(problem: Problem, solution: Solution, entry: Entry, unknown: str |
     missing = np.zeros(count, dtype=bool)
     missing[place] = np.isnan(sigma[place]) & ~fixed & ~bound[place]
     return Estimate(
-        quantity=quantity_of(problem, entry.unknown),
+        quantity=quantity,
         value=numbers.reshape((*leading, *entry.unknown.shape)),
         sigma=sigma[place].reshape(shape),
         fixed=fixed.reshape(shape),
@@ -198,13 +208,13 @@ def _estimate(problem: Problem, solution: Solution, entry: Entry, unknown: str |
     )
 
 
-def _alternative(problem: Problem, solution: Solution, other: OtherMinimum) -> Alternative:
+def _alternative(solution: Solution, how: Shown, other: OtherMinimum) -> Alternative:
     """Another minimum: its estimates alone."""
     there = replace(solution, numbers=other.minimum.point, minimum=other.minimum)
     return Alternative(
         cost=other.cost,
         starts=other.starts,
-        estimates=tuple(_estimate(problem, there, entry, _NOT_THE_BEST) for entry in solution.layout.entries),
+        estimates=_estimates(there, how, _NOT_THE_BEST),
         remark=_MIRRORED if other.mirrored else None,
     )
 
@@ -232,7 +242,9 @@ def wrapped(angles: Floats) -> Floats:
     return np.asarray(angles - 2 * np.pi * np.ceil(angles / (2 * np.pi) - 0.5))
 
 
-def _derived(problem: Problem, solution: Solution, found: DerivedSolution, unknown: str | None) -> DerivedValue:
+def _derived(
+    problem: Problem, solution: Solution, found: DerivedSolution, quantity: Quantity, unknown: str | None
+) -> DerivedValue:
     derived = problem.derived[found.owner]
     leading = () if derived.table is None else (len(found.values),)
     shape = (*leading, *derived.shape)
@@ -243,7 +255,7 @@ def _derived(problem: Problem, solution: Solution, found: DerivedSolution, unkno
         table = solution.tables[derived.table]
         keys = tuple(table.keys()) if table.key is not None else tuple(float(r) for r in table.rows)
     return DerivedValue(
-        quantity=derived_quantity(problem, derived),
+        quantity=quantity,
         value=values.reshape(shape),
         sigma=sigma.reshape(shape if derived.kind is None else (*leading, sigma.shape[1])),
         keys=keys,
@@ -274,6 +286,8 @@ def _noise_alone(solution: Solution, found: DerivedSolution, missing: Mask) -> b
 
 def _near_bounds(solution: Solution, names: tuple[str, ...]) -> tuple[Diagnostic, ...]:
     """A warning for each unknown that is held at its bounds, or was driven to the zero that it must stay above."""
+    if not solution.minimum.at_bound.any():
+        return ()
     sides = np.zeros(len(solution.layout.number), dtype=np.int8)
     sides[solution.free] = solution.minimum.at_bound
     layout = solution.layout
@@ -303,6 +317,8 @@ def _observability(solution: Solution, names: tuple[str, ...]) -> Observability:
 
 def _unused(solution: Solution) -> tuple[str, ...]:
     """Unknowns (or members of families) that no equation mentions, each named once."""
+    if not len(solution.unused):
+        return ()
     unused = np.zeros(len(solution.layout.number), dtype=bool)
     unused[solution.unused] = True
     names: list[str] = []

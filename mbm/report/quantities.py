@@ -12,9 +12,36 @@ from mbm.report.elements import element_names
 from mbm.report.types import Floats, Kind, Quantity
 from mbm.solution.layout import Entry
 from mbm.solution.solution import Solution
+from mbm.values import dataclass
 
 UNIT_ONE = "1"
 """`:unit 1` says of an unknown that it is a pure number; nobody wants to read it beside the value."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Shown:
+    """How all that a solution estimates is shown: unknowns and derived quantities in their order.
+
+    ``names`` (M,) are those of all coordinates of all unknowns, ``factors`` (M,) SI per unit shown.
+    """
+
+    unknowns: tuple[Quantity, ...]
+    derived: tuple[Quantity, ...]
+    names: tuple[str, ...]
+    factors: Floats
+
+
+def shown(problem: Problem, solution: Solution) -> Shown:
+    """How the estimates of a solution are shown."""
+    entries = solution.layout.entries
+    unknowns = tuple(quantity_of(problem, entry.unknown) for entry in entries)
+    pairs = tuple(zip(entries, unknowns, strict=True))
+    return Shown(
+        unknowns=unknowns,
+        derived=tuple(derived_quantity(problem, problem.derived[one.owner]) for one in solution.derived),
+        names=tuple(name for entry, quantity in pairs for name in element_names(quantity, entry.keys)),
+        factors=np.concatenate([np.empty(0), *(coordinate_factors(quantity, entry) for entry, quantity in pairs)]),
+    )
 
 
 def quantity_of(problem: Problem, unknown: Unknown) -> Quantity:
@@ -31,9 +58,8 @@ def quantity_of(problem: Problem, unknown: Unknown) -> Quantity:
     )
 
 
-def coordinate_factors(problem: Problem, entry: Entry) -> Floats:
+def coordinate_factors(quantity: Quantity, entry: Entry) -> Floats:
     """SI per unit shown for each coordinate of an unknown, members one after the other."""
-    quantity = quantity_of(problem, entry.unknown)
     if quantity.kind in geometric.GEOMETRIC:
         return np.tile(geometric.coordinate_factors(quantity), entry.members)
     return np.full(entry.count, quantity.factor)
@@ -52,12 +78,6 @@ def derived_quantity(problem: Problem, derived: Derived) -> Quantity:
     unit, factor = _unit(derived.unit, derived.angle, problem, derived.name, range(size))
     kind = Kind.ANGLE if derived.angle and not derived.shape else Kind.VECTOR if derived.shape else Kind.REAL
     return Quantity(name=derived.name, kind=kind, shape=derived.shape, unit=unit, factor=factor)
-
-
-def coordinate_names(problem: Problem, solution: Solution) -> tuple[str, ...]:
-    """The names of all coordinates of all unknowns (M,), in their order."""
-    entries = solution.layout.entries
-    return tuple(name for e in entries for name in element_names(quantity_of(problem, e.unknown), e.keys))
 
 
 def _united(unknown: Unknown) -> range:

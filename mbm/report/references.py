@@ -14,7 +14,8 @@ from mbm.problem.elaborated import Elaborated
 from mbm.problem.types import Loss
 from mbm.report.agreements import BY_MEDIAN, agreement_of, beginning_of, observed
 from mbm.solution.assembly import Assembled
-from mbm.solution.binding import Binder, EvaluationCache, Group
+from mbm.solution.binder import Binder
+from mbm.solution.binding import EvaluationCache, Group
 from mbm.solution.estimate import assemble, estimate
 from mbm.solution.layout import Layout
 from mbm.solution.minimise import minimise

@@ -13,7 +13,7 @@ from mbm.report.from_solution import report_of
 from mbm.report.options import Progress
 from mbm.report.types import InputFile, Result, SolveReport
 from mbm.solution.run import Solutions
-from mbm.solution.solution import Failure, Skipped, Solution
+from mbm.solution.solution import Alone, Failure, Skipped, Solution
 from mbm.text.types import Code, Diagnostic, MbmError
 from mbm.version import __version__
 
@@ -40,12 +40,16 @@ def result_of(
     """
     reports: list[SolveReport] = []
     blocks: list[BlockReports] = []
+    alone: dict[int, SolveReport] = {}
     failures: list[Failure] = []
     done = solved = 0
     for part in solutions.parts:
         if isinstance(part, Solution | Failure | Skipped):
             reports.append(report_of(problem, part, covariance_full=covariance_full))
             apart, count = [part], 1
+        elif isinstance(part, Alone):
+            alone[part.place] = report_of(problem, part.solution, covariance_full=covariance_full)
+            apart, count = [part.solution], 1
         else:
             from mbm.report.blocks import block_reports
 
@@ -65,7 +69,7 @@ def result_of(
         file=file,
         problem=problem.name,
         seed=request.seed,
-        solves=_joined(blocks) if blocks else tuple(reports),
+        solves=_joined(blocks, alone) if blocks or alone else tuple(reports),
         options={
             "method": request.method.value,
             "max-iterations": request.max_iterations,
@@ -92,10 +96,10 @@ def _kinds(failures: Sequence[Failure]) -> tuple[Diagnostic, ...]:
     return tuple(found.values())
 
 
-def _joined(blocks: list[BlockReports]) -> Sequence[SolveReport]:
+def _joined(blocks: list[BlockReports], alone: Mapping[int, SolveReport]) -> Sequence[SolveReport]:
     from mbm.report.blocks import ManyReports
 
-    return ManyReports(blocks)
+    return ManyReports(blocks, alone)
 
 
 def _interrupted(done: int, left: int) -> tuple[Diagnostic, ...]:

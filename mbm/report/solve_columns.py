@@ -9,6 +9,7 @@ import numpy as np
 from mbm.report.blocks import BlockReports, ManyReports
 from mbm.report.elements import solve_scalars
 from mbm.report.types import Floats, Key, Mask, SolveReport, SolveStatus
+from mbm.solution.types import Indices
 from mbm.values import dataclass
 
 FITS = ("cost", "dof", "sigma0", "chi2_p")
@@ -50,11 +51,12 @@ def solve_columns(solves: Sequence[SolveReport]) -> SolveColumns:
         for place, solve in enumerate(solves):
             made.add(place, solve)
         return made.finished()
-    first = 0
-    for block in solves.blocks:
+    *ranks, alone = solves.ranks
+    for places, block in zip(ranks, solves.blocks, strict=True):
         if len(block):
-            made.add_block(first, block)
-        first += len(block)
+            made.add_block(places, block)
+    for place, report in zip(alone.tolist(), solves.alone, strict=True):
+        made.add(place, report)
     return made.finished()
 
 
@@ -67,10 +69,12 @@ class _Maker:
         self.statuses = [SolveStatus.CONVERGED] * count
         self.fits: dict[str, list[float | int | None]] = {name: [None] * count for name in FITS}
         self.scalars: dict[str, ScalarColumn] = {}
+        self.ranks: dict[str, tuple[int, int]] = {}
         self.stated = True
 
-    def column(self, name: str) -> ScalarColumn:
-        """The column of a scalar, made when it is first met."""
+    def column(self, name: str, place: int, rank: int) -> ScalarColumn:
+        """The column of a scalar, made when it is first met; its ``rank`` is that among those of the solve there."""
+        self.ranks[name] = min((place, rank), self.ranks.get(name, (place, rank)))
         found = self.scalars.get(name)
         if found is None:
             values, sigmas = np.full(self.count, np.nan), np.full(self.count, np.nan)
@@ -85,26 +89,27 @@ class _Maker:
         self.stated &= all(factor is None for factor in solve.noise.values())
         for name in FITS:
             self.fits[name][place] = getattr(solve, name)
-        for scalar in solve_scalars(solve):
-            column = self.column(scalar.name)
+        for rank, scalar in enumerate(solve_scalars(solve)):
+            column = self.column(scalar.name, place, rank)
             column.values[place], column.sigmas[place], column.there[place] = scalar.value, scalar.sigma, True
 
-    def add_block(self, first: int, reports: BlockReports) -> None:
-        """The solves of a block, whose first stands at ``first``."""
+    def add_block(self, places: Indices, reports: BlockReports) -> None:
+        """The solves of a block, which stand at ``places``."""
         columns, begin = reports.block.columns, reports.block.which.start
-        places = slice(first, first + len(reports))
-        self.keys[places] = [reports.key(i) for i in range(len(reports))]
+        for i, place in enumerate(places.tolist()):
+            self.keys[place] = reports.key(i)
         self.stated &= not any(block.unknown_factor for block in reports.problem.blocks)
         for name in FITS:
-            self.fits[name][places] = list(_numbers(getattr(columns, name)))
-        for name, values, sigmas in reports.scalars():
-            column = self.column(name)
-            column.values[places], column.sigmas[places], column.there[places] = values, sigmas, True
+            fits = self.fits[name]
+            for place, number in zip(places.tolist(), _numbers(getattr(columns, name)), strict=True):
+                fits[place] = number
+        for rank, name, own, values, sigmas in reports.scalars():
+            if len(own):
+                there = places[own]
+                column = self.column(name, int(there[0]), rank)
+                column.values[there], column.sigmas[there], column.there[there] = values, sigmas, True
         for number, report in reports.apart.items():
-            place = first + number - begin
-            for each in self.scalars.values():
-                each.there[place] = False
-            self.add(place, report)
+            self.add(int(places[number - begin]), report)
 
     def finished(self) -> SolveColumns:
         """What was filled."""
@@ -112,7 +117,7 @@ class _Maker:
             keys=self.keys,
             statuses=self.statuses,
             fits=self.fits,
-            scalars=tuple(self.scalars.values()),
+            scalars=tuple(self.scalars[name] for name in sorted(self.scalars, key=self.ranks.__getitem__)),
             stated=self.stated,
         )
 

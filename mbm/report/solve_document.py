@@ -64,7 +64,7 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
         "noise": {name: _number(factor) for name, factor in solve.noise.items()},
         "residuals": {name: _summary(summary) for name, summary in solve.residual_summaries.items()},
         **corrections,
-        "constraints": [_constraint(constraint) for constraint in solve.constraints],
+        "constraints": [constraint_document(constraint) for constraint in solve.constraints],
         "priors": [_prior(prior) for prior in solve.priors],
         "alternatives": [_alternative(found) for found in solve.alternatives],
         "starts": None if solve.starts is None else asdict(solve.starts),
@@ -212,7 +212,8 @@ def _prior(prior: PriorReport) -> dict[str, Any]:
     }
 
 
-def _constraint(constraint: ConstraintReport) -> dict[str, Any]:
+def constraint_document(constraint: ConstraintReport) -> dict[str, Any]:
+    """A constraint as documents hold it."""
     written: dict[str, Any] = {
         "name": constraint.name,
         "type": constraint.kind,

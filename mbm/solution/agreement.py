@@ -8,7 +8,7 @@ import numpy as np
 
 from mbm.kernels.types import KernelSet
 from mbm.problem.types import Problem
-from mbm.solution.binding import Binder
+from mbm.solution.binder import Binder
 from mbm.solution.types import Floats
 
 Agreement = Callable[[Floats, Floats], bool]

@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.kernels.types import KernelSet, MachineCode
-from mbm.problem.kinds import Relation
-from mbm.problem.types import Problem
-from mbm.solution.binding import Binder, Group, affine, mentioned
-from mbm.solution.layout import Layout, free_positions
+from mbm.kernels.types import MachineCode
+from mbm.solution.binding import Group, affine
+from mbm.solution.layout import Layout
 from mbm.solution.manifolds import chart_slopes
 from mbm.solution.robust.losses.rooted import rooted, rooted_jacobian
 from mbm.solution.scatter import Scatter
@@ -32,10 +30,11 @@ DENSE = 20_000_000
 class Assembled:
     """The equations of one solve, as the solvers see them (protocol ``Equations``), over the free coordinates.
 
-    A point is the vector of all numbers (N,); ``numbers`` is the start. ``free`` are the positions of the estimated
-    coordinates. ``factors`` (all residuals,) multiplies σ row by row: the noise factors of unknown groups. ``rows``
-    picks residuals (None: all of them); m counts those picked. ``implicit`` has the equations with errors in measured
-    columns, whose corrections are eliminated (None: there are none, or the columns are taken as exact).
+    A point is the vector of all numbers (N,); ``numbers`` is the start. ``used`` (M,) are the coordinates that some
+    equation depends on, ``free`` the positions of the estimated ones. ``factors`` (all residuals,) multiplies σ row by
+    row: the noise factors of unknown groups. ``rows`` picks residuals (None: all of them); m counts those picked.
+    ``implicit`` has the equations with errors in measured columns, whose corrections are eliminated (None: there are
+    none, or the columns are taken as exact).
     """
 
     layout: Layout
@@ -43,6 +42,7 @@ class Assembled:
     constraints: tuple[Group, ...]
     equality: Mask
     numbers: Floats
+    used: Mask
     free: Indices
     factors: Floats | None = None
     rows: Indices | None = None
@@ -104,9 +104,13 @@ class Assembled:
     @property
     def units(self) -> Indices:
         """The unit (one equation in one row) of each residual (m,); losses and outlier rules act on units."""
+        return self.every_unit if self.rows is None else self.every_unit[self.rows]
+
+    @property
+    def every_unit(self) -> Indices:
+        """The unit of each residual, picked or not."""
         parts = [group.units.ravel() for group in self.groups]
-        found = np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
-        return found if self.rows is None else found[self.rows]
+        return np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
 
     def moving(self) -> Mask:
         """Which numbers (N,) the estimated coordinates move."""
@@ -198,6 +202,24 @@ class Assembled:
         plain = self.plain_residuals(x)
         return rooted_residuals(self, plain) if self.lossy else plain
 
+    def residuals_at(self, points: Floats) -> Floats:
+        """``residuals`` (P, m) at points (P, N), each kernel called once for all of them."""
+        if self.implicit is not None:
+            straight = self.straightened()
+            found = np.full((len(points), self.count), np.nan) if straight is None else straight.residuals_at(points)
+            for k in np.flatnonzero(~np.isfinite(found).all(axis=1)):
+                found[k] = self.residuals(points[k])
+            return found
+        result = np.empty((len(points), self.whole))
+        for group in self.groups:
+            values = group.whitened(group.values_at(points))
+            result[:, group.first : group.first + group.count] = values.reshape(len(points), group.count)
+        if self.factors is not None:
+            result /= self.factors
+        if self.rows is not None:
+            result = result[:, self.rows]
+        return np.stack([rooted_residuals(self, plain) for plain in result]) if self.lossy else result
+
     def jacobian(self, x: Floats) -> Floats:
         """Derivative of ``residuals`` by a step (m, n)."""
         jacobian = self.plain_jacobian(x)
@@ -217,7 +239,7 @@ class Assembled:
 
     def with_factors(self, factors: Floats | None) -> Assembled:
         """The same equations with other noise factors (all residuals,)."""
-        return replace(self, factors=factors)
+        return self if factors is self.factors else replace(self, factors=factors)
 
     def everything(self) -> Assembled:
         """The same equations with no residual left out."""
@@ -228,13 +250,23 @@ class Assembled:
 
     def kept(self, units: Mask) -> Assembled:
         """The equations of those units alone that the mask (all units,) picks."""
-        chosen = units[self.everything().units]
+        chosen = units[self.every_unit]
         implicit = self.implicit.kept(chosen, self._columns()) if self.implicit is not None else None
         return replace(self, rows=np.flatnonzero(chosen), implicit=implicit)
 
     def uncorrected(self) -> Assembled:
         """The same equations with all measured values taken as exact, to find starts with."""
         return self if self.implicit is None else replace(self, implicit=None).freed(self.free, self.numbers)
+
+    def straightened(self) -> Assembled | None:
+        """The same equations, their corrections eliminated by the kernels; None: it cannot be done so.
+
+        Residuals and Jacobian are the same; they are not finite where the corrections need a search.
+        """
+        if self.implicit is None or self.rows is not None or self.machine_code is None:
+            return None
+        groups = self.implicit.straight(self.groups)
+        return None if groups is None else replace(self, groups=groups, implicit=None, linear=False, _scatters=())
 
     def roughly_corrected(self) -> Assembled:
         """The same equations with corrections of measured values to first order, to compare many points with."""
@@ -266,38 +298,6 @@ class Assembled:
         scatters = tuple(group.scatter(columns) for group in self.groups) if small else ()
         implicit = self.implicit.over(columns) if self.implicit is not None else None
         return replace(self, free=free, numbers=numbers, linear=linear, implicit=implicit, _scatters=scatters)
-
-
-def blank(binder: Binder, kernels: KernelSet) -> Assembled:
-    """The equations of one data set; coordinates without a start have NaN in ``numbers``.
-
-    Raises:
-        MbmError: weights that are none, keys that are no members.
-
-    """
-    groups, constraints = binder.equations(kernels), binder.constraints(kernels)
-    places = binder.layout
-    free = free_positions(places, mentioned((*groups, *constraints), len(places.number)))
-    found = Assembled(
-        layout=places,
-        groups=groups,
-        constraints=constraints,
-        equality=equality_mask(binder.problem, constraints),
-        numbers=places.start,
-        free=free,
-        implicit=_eliminated(binder, groups),
-    )
-    return found.freed(free, places.start)
-
-
-def _eliminated(binder: Binder, groups: tuple[Group, ...]) -> Elimination | None:
-    """The elimination of corrections, where a group has some."""
-    if all(group.kernel.corrections is None for group in groups):
-        return None
-    # Loaded by the problems that need it only, so that the others start at once.
-    from mbm.solution.implicit.elimination import elimination
-
-    return elimination(binder.problem, binder.tables, groups, binder.cache)
 
 
 def rooted_residuals(equations: Assembled, plain: Floats) -> Floats:
@@ -336,13 +336,3 @@ def block_rows(groups: tuple[Group, ...], number: int) -> Indices:
     """Positions in the vector of all residuals of the rows of block ``number``."""
     parts = [np.arange(g.first, g.first + g.count) for g in groups if g.kernel.owner == number]
     return np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
-
-
-def equality_mask(problem: Problem, constraints: tuple[Group, ...]) -> Mask:
-    """Which constraint values (k,) are to be zero; the others are not to be above zero."""
-    parts = []
-    for group in constraints:
-        case = problem.blocks[group.kernel.owner].cases[group.kernel.case]
-        row = [e.relation is Relation.ZERO for e in case.equations for _ in e.components]
-        parts.append(np.tile(np.asarray(row, dtype=bool), group.rows))
-    return np.concatenate(parts) if parts else np.zeros(0, dtype=bool)

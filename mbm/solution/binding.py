@@ -1,31 +1,26 @@
-"""Kernels and tables → groups of equations: which rows, which numbers, with which weights."""
+"""Groups of equations: kernels with the rows that they hold for, and what is kept of them from data set to data set."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from mbm.expression.nodes import Column as ColumnNode
-from mbm.expression.nodes import ColumnMember, Component, Member, RowChoice
-from mbm.kernels.types import Backend, Evaluation, Kernel, KernelSet, Stream
-from mbm.problem.checks import used_rows
-from mbm.problem.rows import Positions, chosen_number, column_numbers, keyed_rows, rows_of
-from mbm.problem.tables import Table
-from mbm.problem.types import BlockRole, Loss, Problem, Static
+from mbm.kernels.types import Backend, Evaluation, Kernel, Stream
+from mbm.problem.rows import Positions
+from mbm.problem.types import BlockRole, ConstantValue, Equation
 from mbm.solution.layout import Layout
 from mbm.solution.layouts import Layouts
-from mbm.solution.members import picked_members
-from mbm.solution.sampling import Sampled, sampled_inputs, samplings
+from mbm.solution.sampling import Sampled
 from mbm.solution.scatter import Scatter, scatter
 from mbm.solution.types import Floats, Indices, Mask
-from mbm.solution.whitening import Whitener, whitener
-from mbm.symbolic.types import ConstantInput, Parameter, Purpose, Slot
+from mbm.solution.whitening import Whitener
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
+    from mbm.problem.tables import Table
+    from mbm.solution.assembly import Assembled
     from mbm.solution.robust.losses.function import LossFunction
 
 DENSE_PART = 20_000_000
@@ -40,11 +35,37 @@ Kind: TypeAlias = tuple[tuple[str, ...], tuple[int, ...]]
 """Names of the unknowns and numbers of rows of the kernels: what decides which closed forms are made for equations."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Slots:
+    """Which numbers a kernel takes: ``index``, ``columns``, ``shared`` and ``shared_columns`` of a `Group`.
+
+    One row stands for all where rows pick no members of families: then they are the same for all data sets that have
+    the ``layout``.
+    """
+
+    layout: Layout
+    kernel: Kernel
+    index: Indices
+    columns: Indices
+    shared: tuple[bool, ...]
+    shared_columns: tuple[bool, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StatedNoise:
+    """What whitens an equation."""
+
+    equation: Equation
+    whitener: Whitener
+
+
 class EvaluationCache:
     """Prepared kernels by number of rows, so that a stream of data sets of one size prepares them once.
 
     Local to one compiled problem in one thread; an evaluation is filled anew before each use. Sets of unknowns and
     numbers of rows for which no closed form is made are remembered too, and in ``native`` what native solves share.
+    ``constants``, ``slots`` (by kernel) and ``stated`` noise (by kernel and equation) are what no data decide, and
+    ``last`` are the last equations with the tables that they are of: the next are most often like them.
     """
 
     def __init__(self, backend: Backend, without_closed_form: Iterable[Kind] = ()) -> None:
@@ -52,6 +73,10 @@ class EvaluationCache:
         self.without_closed_form: set[Kind] = set(without_closed_form)
         self.layouts = Layouts()
         self.native: dict[str, object] = {}
+        self.constants: tuple[tuple[ConstantValue, ...], Mapping[str, float]] | None = None
+        self.slots: dict[int, Slots] = {}
+        self.stated: dict[tuple[int, int], StatedNoise] = {}
+        self.last: tuple[Mapping[str, Table], Assembled] | None = None
         self._prepared: dict[tuple[int, int], Evaluation] = {}
         self._streams: dict[int, Stream] = {}
 
@@ -147,11 +172,24 @@ class Group:
         self.fill(numbers)
         return self.evaluation.values()
 
+    def values_at(self, points: Floats) -> Floats:
+        """The same at points (P, N) in one call of the kernel: (P, rows, outputs); valid until the next call."""
+        count, variables = len(points), self.index.shape[1]
+        inputs = np.empty((count, self.rows, variables + self.parameters.shape[1]))
+        inputs[:, :, :variables] = points[:, self.places]
+        inputs[:, :, variables:] = self.parameters
+        for each in self.sampled:
+            for part, point in zip(inputs, points, strict=True):
+                each.fill(part[:, variables:], point.__getitem__, np.arange(self.rows))
+        evaluation = self.cache.evaluation(self.number, self.kernel, count * self.rows)
+        evaluation.inputs[...] = inputs.reshape(evaluation.inputs.shape)
+        return evaluation.values().reshape(count, self.rows, self.kernel.outputs)
+
     def whitened(self, values: Floats) -> Floats:
-        """Outputs divided by their noise, shape (rows, outputs)."""
+        """Outputs divided by their noise, shape (…, rows, outputs)."""
         if len(self.whiteners) == 1:
             return self.whiteners[0].apply(values)
-        return np.hstack([w.apply(values) for w in self.whiteners])
+        return np.concatenate([w.apply(values) for w in self.whiteners], axis=-1)
 
     def scatter(self, columns: Indices) -> Scatter:
         """Where the Jacobian goes; ``columns`` (M,) gives the column of each coordinate, -1: nowhere."""
@@ -183,198 +221,6 @@ class Group:
         """Add the Jacobian, not whitened, to ``target`` (rows, outputs, width)."""
         self.fill(numbers)
         places.add(self.evaluation.values_and_jacobian()[1], target)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Binder:
-    """Binds kernels to the tables of one solve."""
-
-    problem: Problem
-    layout: Layout
-    tables: Mapping[str, Table]
-    cache: EvaluationCache
-
-    def equations(self, kernels: KernelSet) -> tuple[Group, ...]:
-        """All observation and prior kernels with the rows in use."""
-        return self._bound(kernels, constraints=False)
-
-    def constraints(self, kernels: KernelSet) -> tuple[Group, ...]:
-        """All constraint kernels with the rows in use."""
-        return self._bound(kernels, constraints=True)
-
-    def _bound(self, kernels: KernelSet, *, constraints: bool) -> tuple[Group, ...]:
-        groups = []
-        masks: dict[int, Mask | None] = {}
-        first = first_unit = 0
-        for number, kernel in enumerate(kernels.kernels):
-            if kernel.purpose is not Purpose.EQUATION:
-                continue
-            block = self.problem.blocks[kernel.owner]
-            if (block.role is BlockRole.CONSTRAINT) is not constraints:
-                continue
-            if kernel.owner not in masks:
-                masks[kernel.owner] = used_rows(block, self.tables)
-            case = block.cases[kernel.case]
-            table, positions = self._rows(block.table, case.static, masks[kernel.owner])
-            group = self.bind(number, kernel, table, positions)
-            if group.sampled:
-                inside = group.sampled_inside(self.layout.start)
-                if positions is None and not inside.all():
-                    continue
-                positions = positions if positions is None else positions[inside]
-                group = self.bind(number, kernel, table, positions)
-            whiteners, offset, exact = [], 0, kernel.corrections is not None
-            for equation in () if constraints else case.equations:
-                whiteners.append(whitener(equation, offset, table, positions, self.tables, may_be_exact=exact))
-                offset += len(equation.components)
-            bound = replace(
-                group,
-                role=block.role,
-                whiteners=tuple(whiteners),
-                losses=() if block.loss is None else _losses(block.loss, whiteners),
-                first=first,
-                first_unit=first_unit,
-            )
-            groups.append(bound)
-            first += group.count
-            first_unit += group.rows * len(whiteners)
-        return tuple(groups)
-
-    def derived(self, kernels: KernelSet, owner: int) -> tuple[Group, ...]:
-        """The kernels of one derived quantity, for all rows of its table."""
-        groups = []
-        for number, kernel in enumerate(kernels.kernels):
-            if kernel.purpose is Purpose.DERIVED and kernel.owner == owner:
-                derived = self.problem.derived[owner]
-                table, positions = self._rows(derived.table, derived.cases[kernel.case].static, None)
-                groups.append(self.bind(number, kernel, table, positions, extended=False))
-        return tuple(groups)
-
-    def _rows(self, name: str | None, static: Static, mask: Mask | None) -> tuple[Table | None, Positions | None]:
-        if name is None:
-            return None, None
-        table = self.tables[name]
-        positions = rows_of(static, table)
-        return table, positions if mask is None else positions[mask[positions]]
-
-    def bind(
-        self,
-        number: int,
-        kernel: Kernel,
-        table: Table | None,
-        positions: Positions | None,
-        *,
-        extended: bool = True,
-    ) -> Group:
-        """A kernel for the rows at ``positions``; ``extended``: tables that are sampled go on beyond their ends."""
-        rows = 1 if positions is None else len(positions)
-        index = np.empty((rows, len(kernel.variables)), dtype=np.int64)
-        columns = np.empty((rows, len(kernel.tangents)), dtype=np.int64)
-        members: dict[tuple[str, Member], Indices | int] = {}
-        for j, slot in enumerate(kernel.variables):
-            entry = self.layout.entry(slot.unknown)
-            member = self._member(slot, table, positions, members)
-            index[:, j] = member * entry.unknown.size + (entry.offset + slot.component)
-        for j, slot in enumerate(kernel.tangents):
-            entry = self.layout.entry(slot.unknown)
-            member = self._member(slot, table, positions, members)
-            columns[:, j] = member * entry.unknown.freedom + (entry.first + slot.component)
-        parameters = np.empty((rows, len(kernel.parameters)))
-        for j, parameter in enumerate(kernel.parameters):
-            parameters[:, j] = self._parameter(parameter, table, positions)
-        sampled = self._sampled(kernel, table, positions, members, extended=extended)
-        with np.errstate(all="ignore"):  # times are NaN where an unknown has no start
-            for each in sampled:
-                each.fill(parameters, lambda places: self.layout.start[places], np.arange(rows))
-        evaluation = self.cache.evaluation(number, kernel, rows)
-        return Group(
-            kernel=kernel,
-            evaluation=evaluation,
-            positions=positions,
-            index=index,
-            columns=columns,
-            shared=tuple(not _differs(slot) for slot in kernel.variables),
-            shared_columns=tuple(not _differs(slot) for slot in kernel.tangents),
-            parameters=parameters,
-            number=number,
-            cache=self.cache,
-            sampled=sampled,
-        )
-
-    def _sampled(
-        self,
-        kernel: Kernel,
-        table: Table | None,
-        positions: Positions | None,
-        members: dict[tuple[str, Member], Indices | int],
-        *,
-        extended: bool,
-    ) -> tuple[Sampled, ...]:
-        """What the kernel samples at times that may hold unknowns."""
-        rows = 1 if positions is None else len(positions)
-
-        def places(leaf: Component) -> tuple[Indices, Indices]:
-            entry = self.layout.entry(leaf.unknown)
-            unknown = entry.unknown
-            component = unknown.indices().index(leaf.index)
-            member = self._member(Slot(leaf.unknown, component, leaf.member), table, positions, members)
-            place = np.broadcast_to(entry.offset + member * unknown.size + component, (rows,))
-            moving = np.unique(member)[:, None] * unknown.freedom + entry.first + np.arange(unknown.freedom)
-            return np.asarray(place), moving.ravel()
-
-        given = (table, positions, self.tables, self._constants())
-        return tuple(
-            sampled_inputs(kernel, sampling, given, places, extended=extended) for sampling in samplings(kernel)
-        )
-
-    def _parameter(self, parameter: Parameter, table: Table | None, positions: Positions | None) -> Floats | float:
-        if isinstance(parameter, ConstantInput):
-            return self._constants()[parameter.name]
-        node = ColumnNode(parameter.table, parameter.name, parameter.row, member=parameter.member)
-        if parameter.sampling is not None:
-            return np.nan  # filled where the time is known
-        if parameter.row is RowChoice.KEYED:
-            rows = keyed_rows(node, table, positions, self.tables)
-            return column_numbers(self.tables[parameter.table], parameter.name)[rows]
-        if parameter.row is RowChoice.EACH and table is not None and parameter.table == table.name:
-            return column_numbers(table, parameter.name)[positions]
-        return chosen_number(node, self.tables)
-
-    def _constants(self) -> Mapping[str, float]:
-        values: dict[str, float] = {}
-        for constant in self.problem.constants:
-            values.update(zip(constant.elements, constant.values, strict=True))
-        return values
-
-    def _member(
-        self,
-        slot: Slot,
-        table: Table | None,
-        positions: Positions | None,
-        members: dict[tuple[str, Member], Indices | int],
-    ) -> Indices | int:
-        """Numbers (from 0) of the members of one slot, 0 without a family; ``members`` keeps what was found."""
-        if slot.member is None:
-            return 0
-        found = members.get((slot.unknown, slot.member))
-        if found is None:
-            entry = self.layout.entry(slot.unknown)
-            found = picked_members(entry, slot.member, table, positions, self.tables)
-            members[slot.unknown, slot.member] = found
-        return found
-
-
-def _losses(asked: Loss, whiteners: Iterable[Whitener]) -> tuple[LossFunction, ...]:
-    """The loss of a clause for each of its equations."""
-    # Loaded by problems with a loss only, so that the others start at once.
-    from mbm.solution.robust.losses.parameters import loss_function
-
-    return tuple(loss_function(asked, each.last - each.first) for each in whiteners)
-
-
-def _differs(slot: Slot) -> bool:
-    """Whether the variable may be another member in each row."""
-    return isinstance(slot.member, ColumnMember) and slot.member.row is RowChoice.EACH
 
 
 def affine(group: Group, mask: Mask) -> bool:

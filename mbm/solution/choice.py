@@ -7,8 +7,10 @@ import numpy as np
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.types import Method
-from mbm.solution.assembly import Assembled, blank
-from mbm.solution.binding import Binder, EvaluationCache
+from mbm.solution.assembling import blank
+from mbm.solution.assembly import Assembled
+from mbm.solution.binder import Binder
+from mbm.solution.binding import EvaluationCache
 from mbm.solution.closed_forms.completion import completions
 from mbm.solution.closed_forms.situation import Situation
 from mbm.solution.closed_forms.standard import STANDARD

@@ -8,7 +8,8 @@ from mbm.kernels.types import KernelSet
 from mbm.problem.manifold import manifold_of
 from mbm.problem.types import Problem
 from mbm.solution.assembly import Assembled
-from mbm.solution.binding import Binder, Group
+from mbm.solution.binder import Binder
+from mbm.solution.binding import Group
 from mbm.solution.covariance import propagate
 from mbm.solution.manifolds import numbers_of_stated, tangent_slopes
 from mbm.solution.solution import DerivedSolution

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -13,8 +12,10 @@ from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem
 from mbm.solution import faults
 from mbm.solution.agreement import derived_agreement
-from mbm.solution.assembly import Assembled, blank
-from mbm.solution.binding import Binder, EvaluationCache, mentioned
+from mbm.solution.assembling import blank
+from mbm.solution.assembly import Assembled
+from mbm.solution.binder import Binder
+from mbm.solution.binding import EvaluationCache
 from mbm.solution.challenge import challenged
 from mbm.solution.derived import Propagation
 from mbm.solution.gauge import with_gauge
@@ -35,7 +36,6 @@ from mbm.solution.types import (
     Indices,
     Minimum,
     Observability,
-    Reason,
 )
 from mbm.solution.weighing import Reached, reached
 from mbm.text.types import Diagnostic
@@ -110,7 +110,8 @@ def answered(
     observed = _observed(equations, weighted, minimum, robust, run.settings)
     tested = robust.tested(minimum.residuals)
     outcome = statistics(problem, weighted, minimum, observed, end.noise, end.factors, tested)
-    numbers = _known(equations, minimum.point)
+    unused = np.flatnonzero(~equations.used & ~equations.layout.fixed)  # coordinates that no equation depends on
+    numbers = _known(equations, minimum.point, unused)
     propagation = Propagation(
         problem=problem,
         kernels=run.kernels,
@@ -134,7 +135,7 @@ def answered(
         constraints=equations.constraints,
         numbers=numbers,
         free=equations.free,
-        minimum=minimum if robust.agreed else replace(minimum, reason=Reason.NO_AGREEMENT),
+        minimum=robust.judged(minimum),
         residuals=whole,
         weights=unit_weights(weighted, whole),
         outliers=outliers(weighted, whole),
@@ -150,7 +151,7 @@ def answered(
         noise=end.noise,
         factors=end.factors,
         sigma_known=outcome.sigma_known,
-        unused=_unused(equations),
+        unused=unused,
         corrections=() if weighted.implicit is None else weighted.implicit.corrected(minimum.point),
         method=solver_name(equations, run.settings),
         iterations=end.iterations,
@@ -169,26 +170,22 @@ def _observed(
     return with_motions(weighted, minimum, observed)
 
 
-def _unused(equations: Assembled) -> Indices:
-    """Coordinates of members that no equation mentions."""
-    layout = equations.layout
-    used = mentioned((*equations.groups, *equations.constraints), len(layout.number))
-    return np.flatnonzero(~used & ~layout.fixed)
+def _known(equations: Assembled, numbers: Floats, unused: Indices) -> Floats:
+    """``numbers`` (N,) with NaN for what has neither a start nor an equation: the place it was put in says nothing.
 
-
-def _known(equations: Assembled, numbers: Floats) -> Floats:
-    """``numbers`` (N,) with NaN for what has neither a start nor an equation: the place it was put in says nothing."""
+    ``unused`` are the coordinates that no equation mentions.
+    """
     layout = equations.layout
     idle = np.isnan(layout.start)
-    if not bool(idle.any()):
+    if not len(unused) or not bool(idle.any()):
         return numbers
     moved = np.zeros(len(layout.number), dtype=bool)
-    moved[_unused(equations)] = True
-    unused = np.zeros(len(numbers), dtype=bool)
-    unused[layout.number[moved & (layout.number >= 0)]] = True
+    moved[unused] = True
+    empty = np.zeros(len(numbers), dtype=bool)
+    empty[layout.number[moved & (layout.number >= 0)]] = True
     for curved in layout.curved:
-        unused[curved.numbers[moved[curved.coordinates].all(axis=1)]] = True
-    return np.where(idle & unused, np.nan, numbers)
+        empty[curved.numbers[moved[curved.coordinates].all(axis=1)]] = True
+    return np.where(idle & empty, np.nan, numbers)
 
 
 def _at_start(

@@ -169,14 +169,10 @@ def layout(problem: Problem, tables: Mapping[str, Table], starts: Mapping[str, F
     for entry in entries:
         if entry.unknown.kind is UnknownKind.POSITIVE and bool((start[entry.range] <= 0).any()):
             raise MbmError(problem_faults.start_not_positive(entry.unknown.span, entry.unknown.name))
-    turned = np.flatnonzero(angle & np.isfinite(lower) & np.isfinite(upper))
-    middle = (lower[turned] + upper[turned]) / 2
-    turned_numbers = start[number[turned]]
-    start[number[turned]] = middle + np.remainder(turned_numbers - middle + np.pi, 2 * np.pi) - np.pi
     return Layout(
         entries=tuple(entries),
         by_name={e.unknown.name: e for e in entries},
-        start=start,
+        start=within_turns(start, number, angle, lower, upper),
         guessed=guessed,
         lower=lower,
         upper=upper,
@@ -188,6 +184,20 @@ def layout(problem: Problem, tables: Mapping[str, Table], starts: Mapping[str, F
         number=number,
         curved=curved,
     )
+
+
+def within_turns(points: Floats, number: Indices, angle: Mask, lower: Floats, upper: Floats) -> Floats:
+    """The points (…, N) with bounded angles in the turn whose middle is that of their bounds, which are per coordinate.
+
+    The other arguments are those of `Layout`.
+    """
+    turned = np.flatnonzero(angle & np.isfinite(lower) & np.isfinite(upper))
+    if not len(turned):
+        return points
+    middle = (lower[turned] + upper[turned]) / 2
+    result = points.copy()
+    result[..., number[turned]] = middle + np.remainder(points[..., number[turned]] - middle + np.pi, 2 * np.pi) - np.pi
+    return result
 
 
 def _places(entries: list[Entry], coordinates: int) -> tuple[Indices, tuple[Curved, ...]]:

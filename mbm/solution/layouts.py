@@ -8,7 +8,7 @@ import numpy as np
 
 from mbm.expression.nodes import Column, leaves
 from mbm.problem.tables import Table
-from mbm.problem.types import Problem, Unknown
+from mbm.problem.types import Problem, RowValues, Unknown
 from mbm.solution.layout import Layout, layout
 from mbm.solution.types import Floats
 
@@ -43,8 +43,13 @@ def reads_tables(unknown: Unknown) -> bool:
         unknown.start_upper,
         unknown.fixed,
     )
-    nodes = tuple(v for values in options if values is not None for case in values.cases for v in case.values)
-    return unknown.family is not None or any(isinstance(leaf, Column) for leaf in leaves(nodes))
+    return unknown.family is not None or any(columns_of(values) for values in options if values is not None)
+
+
+def columns_of(values: RowValues) -> list[Column]:
+    """The columns that an option reads."""
+    nodes = tuple(node for case in values.cases for node in case.values)
+    return [leaf for leaf in leaves(nodes) if isinstance(leaf, Column)]
 
 
 def _same(some: Mapping[str, Floats], others: Mapping[str, Floats]) -> bool:

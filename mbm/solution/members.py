@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import TypeAlias
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from mbm.problem.tables import ROW, CellKey, Table
 from mbm.solution.layout import Entry
 from mbm.solution.types import Indices
 from mbm.text.types import MbmError
+
+MemberPicker: TypeAlias = Callable[[Entry, Member, Table | None, Positions | None, Mapping[str, Table]], Indices | int]
+"""Numbers of members as `picked_members` gives them."""
 
 
 def picked_members(
@@ -30,7 +34,7 @@ def picked_members(
         if literal is None:
             raise MbmError(problem_faults.dangling_key(entry.unknown.span, member.key, where, None, None))
         return literal
-    cells = _cells(member, table, positions, tables)
+    cells = member_cells(member, table, positions, tables)
     found = list(map(entry.index.get, cells))
     if None in found:
         row = found.index(None)
@@ -41,9 +45,10 @@ def picked_members(
     return np.array(found, dtype=np.int64)
 
 
-def _cells(
+def member_cells(
     member: ColumnMember, table: Table | None, positions: Positions | None, tables: Mapping[str, Table]
 ) -> list[CellKey]:
+    """The keys that ``member`` names, for each row at ``positions``."""
     if member.row is RowChoice.EACH and table is not None and positions is not None:
         if member.column == ROW and ROW not in table.columns:
             return [float(r) for r in table.rows[positions]]

@@ -75,7 +75,8 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
     bound = _bound(equations, settings)
     if (not _sparse(equations, settings) or bound is not None) and size > DENSE_LIMIT:
         raise MbmError(faults.too_many_unknowns(equations.count, equations.dimension, DENSE_LIMIT, place))
-    if isinstance(equations, Correctable) and equations.profiled:
+    # asked first, as looking for all that a protocol wants takes longer than a small solve
+    if getattr(equations, "profiled", False) and isinstance(equations, Correctable):
         from mbm.solution.implicit.approach import approached
 
         start = approached(equations, start, lambda plain, point: _roughly(plain, point, settings))
@@ -96,8 +97,7 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
 def minima(equations: Equations, starts: Floats, settings: Settings, place: Place | None = None) -> Iterator[Minimum]:
     """The minimum that each of many starts (T, N) leads to, as `minimise` finds it; native solves are made at once."""
     found: Iterable[Minimum | None] = (None for _ in starts)
-    profiled = isinstance(equations, Correctable) and equations.profiled
-    alone = len(starts) < 2 or profiled or not _compiled(equations)
+    alone = len(starts) < 2 or getattr(equations, "profiled", False) or not _compiled(equations)
     if not alone and _name(equations, settings) in (LINEAR, MARQUARDT):
         from mbm.solution.native.minimum import native_minima
 

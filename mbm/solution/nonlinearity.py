@@ -16,7 +16,6 @@ from collections.abc import Callable
 import numpy as np
 
 from mbm.solution.assembly import Assembled
-from mbm.solution.batch import batch
 from mbm.solution.profile import Profile
 from mbm.solution.types import Covariance, Equations, Floats, Indices, Minimum
 from mbm.values import dataclass
@@ -36,14 +35,15 @@ LOOKED_AT = 0.2
 ORTHONORMAL = 1e-6
 """How far Jᵀ J may be from the inverse covariance for the check to make sense; ill-conditioned sets stay below 1e-8."""
 
+DETERMINED = 1e-10
+"""Share of what the standard deviations of its parts add up to below which that of a derived number is a rounding:
+constraints determine the number, and it has no interval whose ends could be missed."""
+
 SAME = 1e-6
 """Relative difference of the cost at the minimum beyond which it is that of other equations (uncertain columns)."""
 
 MOST_FOLLOWED = 12
 """Doubtful coordinates whose profile is followed to its true ends; of more, the quick look has to do."""
-
-MANY_POINTS = 16
-"""From so many points on the preparation of a batch pays."""
 
 MOST_COORDINATES = 100
 MOST_RESIDUALS = 60_000
@@ -162,7 +162,7 @@ def interval_ends(found: Surroundings, estimated: Covariance) -> IntervalEnds:
 def derived_ends(
     found: Surroundings, gradient: Floats, values: Callable[[Floats], Floats], angle: bool
 ) -> IntervalEnds:
-    """The same for a quantity with the ``gradient`` (k, n) and the ``values`` (k,) at a point, by the quick look alone.
+    """The same for a quantity with the ``gradient`` (k, n) and ``values`` (P, k) at P points, by the quick look alone.
 
     Beside the curvature of the model that of the quantity itself counts: how far it goes on the way to the linear ends;
     minus infinity where it has turned back there.
@@ -172,9 +172,8 @@ def derived_ends(
     along = image / sigma[:, None]
     points = found.points(along)
     grown = np.ones((2, len(along))) if found.equations.linear else found.ratios(along, points)
-    centre = values(found.minimum.point)
-    places = np.arange(len(points)) % len(along)
-    moves = np.array([values(point)[place] - centre[place] for point, place in zip(points, places, strict=True)])
+    every, places = values(np.vstack([found.minimum.point, points])), np.arange(len(points)) % len(along)
+    moves = every[1 + np.arange(len(points)), places] - every[0, places]
     if angle:
         moves = moves - 2 * np.pi * np.round(moves / (2 * np.pi))
     gone = moves.reshape(2, len(along)) / (np.array([[-1.0], [1.0]]) * NORMAL_95 * sigma)
@@ -201,7 +200,7 @@ def _moved(equations: Equations, point: Floats, steps: Floats) -> Floats:
 
 
 def _residuals(equations: Equations, points: Floats) -> Floats:
-    """Residuals (k, m) at points (k, N); many points go through the kernels together."""
-    if isinstance(equations, Assembled) and equations.implicit is None and len(points) >= MANY_POINTS:
-        return batch(equations).residuals(points)
+    """Residuals (k, m) at points (k, N), which go through the kernels together."""
+    if isinstance(equations, Assembled):
+        return equations.residuals_at(points)
     return np.stack([equations.residuals(point) for point in points])

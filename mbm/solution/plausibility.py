@@ -12,7 +12,7 @@ from mbm.solution import faults
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import Group, affine
 from mbm.solution.derived import Propagation
-from mbm.solution.nonlinearity import IntervalEnds, Surroundings, derived_ends, interval_ends, surroundings
+from mbm.solution.nonlinearity import DETERMINED, IntervalEnds, Surroundings, derived_ends, interval_ends, surroundings
 from mbm.solution.solution import DerivedSolution
 from mbm.solution.types import Covariance, Floats, Indices, Minimum
 from mbm.text.types import Diagnostic
@@ -74,7 +74,9 @@ def _nonlinear_derived(
         if len(groups) != 1 or (equations.linear and affine(groups[0], free)):
             continue
         left -= count
-        known = np.flatnonzero(np.isfinite(one.sigma.ravel()) & (one.sigma.ravel() > 0.0))
+        sigma = one.sigma.ravel()
+        parts = np.abs(one.gradient) @ np.nan_to_num(propagation.outcome.covariance.sigma)
+        known = np.flatnonzero(np.isfinite(sigma) & (sigma > DETERMINED * parts))
         if not known.size:
             continue
         values = _picked(groups[0], known)
@@ -86,7 +88,7 @@ def _nonlinear_derived(
 
 
 def _picked(group: Group, which: Indices) -> Callable[[Floats], Floats]:
-    return lambda point: group.values(point)[0, which]
+    return lambda points: group.values_at(points)[:, 0, which]
 
 
 def _index(shape: tuple[int, ...], place: int) -> tuple[int, ...]:

@@ -17,7 +17,7 @@ from mbm.solution.interruption import Interruption
 from mbm.solution.sampled_rows import settled
 from mbm.solution.selection import Selection, selections
 from mbm.solution.settings import Forms, Settings, settings_of, standard_forms
-from mbm.solution.solution import Failure, Skipped, Solution
+from mbm.solution.solution import Alone, Failure, Skipped, Solution
 from mbm.solution.types import Floats
 from mbm.text.types import MbmError
 from mbm.values import dataclass
@@ -31,19 +31,13 @@ StartsFinder = Callable[[Mapping[str, CellKey]], Mapping[str, Floats]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solutions:
-    """The number of solves, and the solves as they are made: one by one, or in blocks that hold columns."""
+    """The number of solves, and the solves as they are made: one by one, or in blocks that hold columns.
+
+    Where there are blocks, what is made says which solves it is; they may follow one another in any order.
+    """
 
     count: int
-    parts: Iterator[Solution | Failure | Skipped | Block]
-
-    @property
-    def each(self) -> Iterator[Solution | Failure | Skipped]:
-        """The solves one by one."""
-        for part in self.parts:
-            if isinstance(part, Solution | Failure | Skipped):
-                yield part
-            else:
-                yield from (part.solution(number) for number in part.which)
+    parts: Iterator[Solution | Failure | Skipped | Alone | Block]
 
 
 def solutions(

@@ -12,7 +12,8 @@ import numpy as np
 
 from mbm.kernels.types import KernelSet
 from mbm.problem.types import Problem
-from mbm.solution.binding import Binder, EvaluationCache
+from mbm.solution.binder import Binder
+from mbm.solution.binding import EvaluationCache
 from mbm.solution.sampling import samplings
 from mbm.solution.solution import Solution
 from mbm.solution.types import Floats

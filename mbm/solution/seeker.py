@@ -82,7 +82,8 @@ class Seeker:
         """A basin for each distinct end of a batch."""
         ends = descent(self._equations, self._problem, self._settings).ends(points)
         self._count(ends)
-        self.tried += len(ends.cost)
+        begun = ends.evaluations > 0
+        self.tried += int(begun.sum())
         apart = list(islice(ends_apart(self._equations, ends), POLISHED))
         if not apart:
             return []
@@ -92,7 +93,11 @@ class Seeker:
             minima(self._equations, distinct, self._settings, self._problem.span), apart, strict=False
         ):
             self._take(minimum)
-            found.append(Basin(minimum=minimum, starts=numbers))
+            own = numbers[begun[numbers]]
+            if not own.size:  # none of them began before the batch was stopped: one does now
+                own = numbers[:1]
+                self.tried += 1
+            found.append(Basin(minimum=minimum, starts=own))
             if self._settings.stopped():
                 break
         return found

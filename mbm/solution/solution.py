@@ -93,3 +93,11 @@ class Solution:
     evaluations: int
     seconds: float
     diagnostics: tuple[Diagnostic, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Alone:
+    """A solve that was made one by one where others are made together, and its number (from 0) among all."""
+
+    place: int
+    solution: Solution | Failure | Skipped

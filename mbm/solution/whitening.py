@@ -50,11 +50,11 @@ class Whitener:
         return Whitener(self.first, self.last, weights, exact)
 
     def apply(self, values: Floats) -> Floats:
-        """Whitened values, shape (rows, k), from outputs of shape (rows, outputs)."""
-        part = values[:, self.first : self.last]
+        """Whitened values, shape (…, rows, k), from outputs of shape (…, rows, outputs)."""
+        part = values[..., self.first : self.last]
         if self.weights.ndim == 2:
             return np.asarray(part * self.weights)
-        return np.asarray(np.einsum("rij,rj->ri", self.weights, part), dtype=np.float64)
+        return np.asarray(np.einsum("rij,...rj->...ri", self.weights, part), dtype=np.float64)
 
 
 def whitener(

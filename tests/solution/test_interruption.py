@@ -127,6 +127,93 @@ def test_a_consensus_of_many_ends_between_data_sets(monkeypatch):
         assert np.array_equal(mine.estimates[0].value, theirs.estimates[0].value)
 
 
+def lines(count, wrong):
+    """A line whose noise is stated or not, with some rows that are wrong."""
+    generator = np.random.default_rng(3)
+    x = np.linspace(0, 1, count)
+    y = np.exp(0.3 + x) + 0.01 * generator.normal(size=count)
+    y[:wrong] += generator.uniform(1, 2, wrong)
+    return {"d": {"x": x, "y": y}}
+
+
+@pytest.mark.parametrize("kind", ["lmeds", "ransac", "gnc"])
+@pytest.mark.parametrize("noise", [":sigma 0.01", ""])
+def test_a_consensus_of_one_data_set_in_portions_is_that_in_one_go(monkeypatch, kind, noise):
+    pytest.importorskip("llvmlite")
+    from mbm.solution.native import consensus
+
+    text = (
+        "(problem p (data d external) (unknowns (a :init 0) (b :init 0.5))"
+        f" (observe d (= y (exp (+ a (* b x)))) {noise}) (solve :robust {kind}))"
+    )
+    compiled = mbm.loads(text).compile(data=lines(40, 12), backend="native")
+    whole = compiled.result(SolveSettings(interruption=After(10**9)))
+    asked = []
+
+    class Patient(After):
+        @property
+        def requested(self):
+            asked.append(1)
+            return False
+
+    monkeypatch.setattr(consensus, "AT_A_TIME", 1.0)  # one trial at a time
+    parts = compiled.result(SolveSettings(interruption=Patient(0)))
+    alone = compiled.result(SolveSettings())  # nobody can interrupt it: all trials at once
+    for found in (parts, alone):
+        for mine, theirs in zip(found.solves[0].estimates, whole.solves[0].estimates, strict=True):
+            assert mine.value == theirs.value
+        assert found.solves[0].cost == whole.solves[0].cost
+    assert kind == "gnc" or len(asked) > 20  # that many trials there are at least
+
+
+def test_an_interrupted_consensus_answers_with_the_best_of_its_trials(monkeypatch):
+    """With five rows of forty that are wrong, one of the first ten trials is good."""
+    pytest.importorskip("llvmlite")
+    from mbm.solution.native import consensus
+
+    monkeypatch.setattr(consensus, "AT_A_TIME", 1.0)
+    text = (
+        "(problem p (data d external) (unknowns (a :init 0) (b :init 0.5))"
+        " (observe d (= y (exp (+ a (* b x))))) (solve :robust lmeds))"
+    )
+    compiled = mbm.loads(text).compile(data=lines(40, 5), backend="native")
+    asked = []
+
+    class Once(After):
+        @property
+        def requested(self):
+            asked.append(1)
+            return len(asked) > 11
+
+    result = compiled.result(SolveSettings(interruption=Once(0)))
+    (solve,) = result.solves
+    assert solve.status.label == "not-converged"
+    assert "interrupted" in solve.message
+    assert len(asked) < 20  # there would be a hundred trials
+    # Four deviations of the fit to 35 rows with errors of 0.01.
+    assert [e.value for e in solve.estimates] == pytest.approx([0.3, 1.0], abs=0.02)
+
+
+def test_starts_that_never_began_are_not_counted(monkeypatch):
+    """Asked after each part of the batch: those behind the request were not tried."""
+    pytest.importorskip("llvmlite")
+    from mbm.solution.native import system
+
+    monkeypatch.setattr(system, "AT_A_TIME", 1.0)
+    text = DECAY.format(rows=ROWS, clause="", option=":starts (random 30)")
+    compiled = mbm.loads(text).compile(backend="native")
+    (whole,) = compiled.result(SolveSettings(interruption=After(10**9))).solves
+    assert whole.starts.tried == 30
+    counts = []
+    for after in (4, 30, 90):
+        (solve,) = compiled.result(SolveSettings(interruption=After(after))).solves
+        assert solve.status.label == "not-converged"
+        assert solve.starts is None or solve.starts.best_found <= solve.starts.converged <= solve.starts.tried
+        counts.append(0 if solve.starts is None else solve.starts.tried)
+    assert counts == sorted(counts)
+    assert counts[-1] < 30
+
+
 def test_the_native_consensus_of_many_asks_before_each_part(monkeypatch):
     """Data sets behind the request do not agree, and nothing of them is made up."""
     pytest.importorskip("llvmlite")

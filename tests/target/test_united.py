@@ -6,8 +6,9 @@ import math
 
 import pytest
 
+from mbm.target.merged import reduced
 from mbm.target.program import Instruction, Operator, Program
-from mbm.target.united import Part, reduced, united
+from mbm.target.united import Part, united
 
 TURN = Program(
     values=9,
@@ -43,6 +44,19 @@ def evaluated(program: Program, inputs: list[float]) -> list[float]:
         Operator.ADD: lambda a, b: a + b,
         Operator.SUB: lambda a, b: a - b,
         Operator.SQUARE: lambda a: a * a,
+        Operator.TWICE: lambda a: a + a,
+        Operator.NEG: lambda a: -a,
+        Operator.DIV: lambda a, b: a / b if b else math.nan,
+        Operator.RECIPROCAL: lambda a: 1.0 / a,
+        Operator.SQRT: lambda a: math.sqrt(a) if a >= 0.0 else math.nan,
+        Operator.HYPOT: math.hypot,
+        Operator.ABS: abs,
+        Operator.MAX: max,
+        Operator.LESS: lambda a, b: float(a < b),
+        Operator.LESS_EQUAL: lambda a, b: float(a <= b),
+        Operator.AND: lambda a, b: float(bool(a) and bool(b)),
+        Operator.OR: lambda a, b: float(bool(a) or bool(b)),
+        Operator.SELECT: lambda a, b: b if a else 0.0,
     }
     values = dict(program.constants)
     values |= {own: given for own, given in zip(program.inputs, inputs, strict=True) if own >= 0}

@@ -29,10 +29,12 @@ static double spread_of(const struct frame *f, long row, long count, const long 
         else if (!f->fixed[place])
             return -1.0;
     }}
+    if (f->states[{deficient}] != 0 && !determines(f->system, gradient, f->work, f->flags))
+        return -1.0;
     for (i = 0; i < n; i++) {{
         if (gradient[i] == 0.0)
             continue;
-        if (f->states[{deficient}] != 0 || !(f->covariance[i * n + i] >= 0.0))
+        if (!(f->covariance[i * n + i] >= 0.0))
             return -1.0;
         for (j = 0; j < n; j++)
             if (gradient[j] != 0.0)

@@ -82,7 +82,7 @@ def _result() -> Iterator[str]:
     yield "    const double *point;   /* (N) the estimates, unknown after unknown, member after member */"
     yield "    long free;             /* n, estimated coordinates */"
     yield "    const long *coordinates;     /* (n) their places among all coordinates */"
-    yield "    const double *covariance;    /* (n, n) row by row */"
+    yield "    const double *covariance;    /* (n, n) row by row; NaN: not determined */"
     yield "    const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */"
 
 
@@ -149,7 +149,7 @@ def _calls(name: str) -> list[str]:
         f"void {name}_jacobian(const {name}_data *data, const double *point, double *jacobian,",
         f"    {name}_workspace *workspace);",
         "",
-        "/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */",
+        "/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */",
         f"int {name}_covariance(const {name}_data *data, const double *point, double *covariance,",
         f"    {name}_workspace *workspace);",
         "",

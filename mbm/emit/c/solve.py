@@ -13,6 +13,7 @@ from mbm.emit.system import StaticSystem, kinds_of_units
 from mbm.emit.types import Blueprint
 from mbm.target.solver import description as at
 from mbm.target.solver.consensus_description import AGREED, INLIERS
+from mbm.target.solver.workspace import RANK
 
 _FRAME_ARGUMENTS = "f->parameters, f->weights, f->index, f->columns"
 
@@ -45,10 +46,13 @@ def roots(blueprint: Blueprint, static: StaticSystem) -> tuple[str, ...]:
     matrices = {e.noise_kind.value for _, c in blueprint.cases if c.noise is not None for e in c.equations}
     names = ["place_unknowns", "mark_used", "free_coordinates", "renumber", "set_capacities", "set_coordinates"]
     names += ["set_constants", "solve_noises", "all_rows", "sweep", "set_covariance", "work_reals", "work_integers"]
+    names += ["mask_undetermined", "matrix_at"]
     names += ["residuals_at_point", "load_rows"]
     names += ["weight_of_sigma"] if "sigma" in matrices else []
     names += [f"weights_of_{word}" for word in ("covariance", "information") if word in matrices]
     names += ["sandwich"] if lossy(blueprint) else []
+    names += ["determines"] if blueprint.derived else []
+    names += ["undetermined"] if static.scaled else []
     names += ["spread_of_group"] if len(static.noises) == 1 or static.scaled else []
     names += [] if blueprint.agreement is None else called(blueprint.agreement, lossy(blueprint))
     for unknown in blueprint.unknowns:
@@ -144,6 +148,15 @@ def _answer(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield f"    const long n = f->system[{at.COORDINATES}], all = f->firsts[{len(blueprint.unknowns)}];"
     yield "    long c;"
     yield ""
+    for derived in blueprint.derived:
+        yield f"    if (!derive_{derived.identifier}(f))"
+        yield f"        result->status = {cells.status('UNKNOWN_CASE')};"
+        yield f"    result->{derived.identifier} = f->derived_{derived.identifier};"
+        yield f"    result->{derived.identifier}_sigma = f->derived_{derived.identifier}_sigma;"
+        if derived.table is not None:
+            yield f"    result->{derived.identifier}_rows = f->derived_{derived.identifier}_count;"
+    yield f"    if (f->states[{at.DEFICIENT}] != 0)"
+    yield "        mask_undetermined(f->system, f->work, f->covariance);"
     yield "    for (c = 0; c < all; c++)"
     yield "        f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;"
     yield "    for (c = 0; c < n; c++) {"
@@ -163,13 +176,6 @@ def _answer(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
             yield f"    result->{unknown.identifier}_rows = f->{family.identifier};"
         yield f"    result->{unknown.identifier} = f->point + f->offsets[{number}];"
         yield f"    result->{unknown.identifier}_sigma = f->sigma + f->firsts[{number}];"
-    for derived in blueprint.derived:
-        yield f"    if (!derive_{derived.identifier}(f))"
-        yield f"        result->status = {cells.status('UNKNOWN_CASE')};"
-        yield f"    result->{derived.identifier} = f->derived_{derived.identifier};"
-        yield f"    result->{derived.identifier}_sigma = f->derived_{derived.identifier}_sigma;"
-        if derived.table is not None:
-            yield f"    result->{derived.identifier}_rows = f->derived_{derived.identifier}_count;"
     if blueprint.agreement is not None:
         yield from agreement_answer(blueprint.agreement)
     yield "}"
@@ -252,12 +258,13 @@ def _solve(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
         yield "    /* all residuals share one unknown factor: the noise is as large as the residuals say */"
         yield f"    scatter = {_spread(-1, SCATTER)};"
     if lossy(blueprint):
-        yield f"    if (f->states[{at.DEFICIENT}] == 0"
+        yield f"    if (f->states[{at.REASON}] != {at.NOT_FINITE_AT_START}"
         yield "        && !sandwich(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index,"
-        yield "            f->columns, f->point, f->sides, f->spare, f->covariance))"
+        yield f"            f->columns, f->point, f->sides, f->states[{at.DEFICIENT}] != 0 ? f->flags[{RANK}] : -1,"
+        yield "            f->work + matrix_at(f->system, 1), f->spare, f->covariance))"
         yield f"        f->states[{at.DEFICIENT}] = 1;"
     elif blueprint.agreement is not None and blueprint.agreement.kept:
-        yield f"    if (f->states[{at.DEFICIENT}] == 0"
+        yield f"    if (f->states[{at.REASON}] != {at.NOT_FINITE_AT_START}"
         yield f"        && !inform(f->system, f->constants, f->data_set, {_FRAME_ARGUMENTS}, f->point,"
         yield "            f->kappa, f->sides, f->work, f->flags, f->triangle, f->covariance))"
         yield f"        f->states[{at.DEFICIENT}] = 1;"
@@ -271,8 +278,7 @@ def _solve(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
         yield "    for (c = 0; c < n * n; c++)"
         yield "        f->covariance[c] *= result->freedom > 0 ? scatter / (double)result->freedom : 0.0;"
         yield "    if (result->freedom <= 0)"
-        yield "        for (c = 0; c < n; c++)"
-        yield "            f->covariance[c * n + c] = -1.0;"
+        yield "        undetermined(n, f->sides, f->covariance);"
     else:
         yield "    (void)n;"
     yield "    answer(f, result);"
@@ -293,7 +299,7 @@ def _begin(name: str, cells: Cells) -> Iterator[str]:
     yield "        return result->status;"
     yield f"    n = f->system[{at.COORDINATES}];"
     yield "    for (c = 0; c < n * n; c++)"
-    yield "        f->covariance[c] = -1.0;"
+    yield "        f->covariance[c] = NAN;"
     yield f"    for (c = 0; c < f->system[{at.NUMBERS}]; c++)"
     yield "        f->point[c] = f->start[c];"
     yield f"    f->states[{at.DEFICIENT}] = 0;"
@@ -336,7 +342,9 @@ def _functions(name: str) -> Iterator[str]:
     yield "        f->triangle);"
     yield f"    for (c = 0; c < f->system[{at.COORDINATES}]; c++)"
     yield "        f->sides[c] = 0;"
-    yield "    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)"
+    yield "    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)"
     yield "        < 1e300;"
+    yield "    mask_undetermined(f->system, f->work, covariance);"
+    yield "    return (int)c;"
     yield "}"
     yield ""

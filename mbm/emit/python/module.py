@@ -31,12 +31,13 @@ from mbm.target.program import Operator
 from mbm.target.python import PRELUDE
 from mbm.target.python import text as module_text
 from mbm.target.solver import description
+from mbm.target.solver.workspace import RANK
 
 _ROOTS = (
     "place_unknowns", "mark_used", "free_coordinates", "renumber", "set_capacities", "set_coordinates", "set_constants",
     "solve_noises", "all_rows", "row_scratch", "work_reals", "work_integers", "begun", "within_turn", "unit_vector",
     "quaternion_of_matrix", "angle_of_matrix", "weights_of_covariance", "weights_of_information", "sandwich",
-    "spread_of_group",
+    "spread_of_group", "mask_undetermined", "matrix_at", "determines",
 )  # fmt: skip
 _DESCRIPTION = (
     "HEADER", "BLOCK", "PIECE", "BOUNDS_AT", "MULTIPLIERS", "DATA_HEAD", "DATA_BLOCK", "DATA_COUNT",
@@ -133,7 +134,7 @@ def _constants(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     lines += [f"KINDS = {max(kinds_of_units(blueprint), 1)}", *_assigned("NOISY", static.noises, "Unknown noise.")]
     yield "\n".join(lines)
     values = [(name, getattr(description, name)) for name in _DESCRIPTION]
-    values += [("SCATTER", SCATTER), ("SQUARES", SQUARES)]
+    values += [("SCATTER", SCATTER), ("SQUARES", SQUARES), ("RANK", RANK)]
     if blueprint.agreement is None:
         yield "KEPT = False"
     else:

@@ -190,8 +190,11 @@ class Prepared:
         return self.parameters, self.weights, self.index, self.columns
 
 
-def derive(p: Prepared, point: Array, matrix: Array) -> dict[str, dict[str, Array]]:
-    """Derived quantities at a point with the covariance ``matrix``: ``value`` and ``sigma`` (rows, size)."""
+def derive(p: Prepared, point: Array, matrix: Array, *, deficient: bool) -> dict[str, dict[str, Array]]:
+    """Derived quantities at a point with the covariance ``matrix``: ``value`` and ``sigma`` (rows, size).
+
+    ``deficient``: the data leave directions free, which are in the scratch of ``p``.
+    """
     found = {}
     for name, table, size, cases in DERIVED:
         rows = np.zeros(1, dtype=int) if table is None else kept_rows(p.tables, p.found, table)
@@ -205,12 +208,15 @@ def derive(p: Prepared, point: Array, matrix: Array) -> dict[str, dict[str, Arra
                     outputs = np.zeros((size + len(lines), 1))
                     kernel(np.concatenate([point[index[0]], parameters[0]])[:, None], outputs)
                     value[i] = outputs[:size, 0]
-                    sigma[i] = spread(p, size, places[0][columns], lines, outputs[size:, 0], matrix)
+                    own, slopes = places[0][columns], outputs[size:, 0]
+                    sigma[i] = spread(p, size, own, lines, slopes, matrix, deficient=deficient)
         found[name] = {"value": value, "sigma": sigma}
     return found
 
 
-def spread(p: Prepared, size: int, places: Indices, lines: Any, slopes: Array, matrix: Array) -> Array:
+def spread(
+    p: Prepared, size: int, places: Indices, lines: Any, slopes: Array, matrix: Array, *, deficient: bool
+) -> Array:
     """Standard deviations (size,) by linear propagation; NaN where the data do not determine them."""
     gradient, loose = np.zeros((size, p.free)), np.zeros(size, dtype=bool)
     for line, place, slope in zip(lines, places, slopes, strict=True):
@@ -220,6 +226,8 @@ def spread(p: Prepared, size: int, places: Indices, lines: Any, slopes: Array, m
             loose[line] = True
     sigma = np.full(size, np.nan)
     for line in np.flatnonzero(~loose):
+        if deficient and not determines(p.system, view(gradient[line]), p.work, p.flags):
+            continue
         on = gradient[line] != 0.0
         variance = gradient[line, on] @ matrix[np.ix_(on, on)] @ gradient[line, on]
         sigma[line] = math.sqrt(max(variance, 0.0)) if math.isfinite(variance) else np.nan
@@ -266,14 +274,18 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         if len(NOISY) == 1:  # one unknown factor counts as 1 in the cost
             cost += (factors[0] * factors[0] - 1.0) * spread_of(0, SQUARES)
         scatter = spread_of(-1, SCATTER) if SCALED else 0.0
-        if LOSSY and states[DEFICIENT] == 0:
-            states[DEFICIENT] = 1 - sandwich(
-                p.system, p.constants, p.data, *p.arrays, point, sides, p.spare, covariance
+        found = 1
+        if LOSSY and states[REASON] != NOT_FINITE_AT_START:
+            found = sandwich(
+                p.system, p.constants, p.data, *p.arrays, point, sides, p.flags[RANK] if states[DEFICIENT] else -1,
+                p.work[matrix_at(p.system, 1) :], p.spare, covariance,
             )
-        elif KEPT and states[DEFICIENT] == 0:
-            states[DEFICIENT] = 1 - inform(
+        elif KEPT and states[REASON] != NOT_FINITE_AT_START:
+            found = inform(
                 p.system, p.constants, p.data, *p.arrays, point, p.kappa, sides, p.work, p.flags, triangle, covariance
             )
+        if not found:
+            states[DEFICIENT] = 1
     freedom = int(states[FREEDOM])
     sigma0 = math.sqrt(cost / freedom) if freedom > 0 else 0.0
     matrix = covariance[: n * n].reshape(n, n)
@@ -282,9 +294,11 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
     coordinates = np.array([c for c in range(p.firsts[len(NAMES)]) if p.column[c] >= 0], dtype=np.int64)
     sigma = np.where(np.array(p.fixed[: p.firsts[len(NAMES)]]) != 0, 0.0, np.nan)
     with np.errstate(all="ignore"):
+        derived = derive(p, point, matrix, deficient=bool(states[DEFICIENT]))
+        if states[DEFICIENT]:
+            matrix = np.array(matrix)
+            mask_undetermined(p.system, p.work, matrix.reshape(-1))
         sigma[coordinates] = np.sqrt(np.diag(matrix))
-    with np.errstate(all="ignore"):
-        derived = derive(p, point, np.full((n, n), np.nan) if states[DEFICIENT] else matrix)
     numbers = point
     estimates = {}
     for u, name in enumerate(NAMES):

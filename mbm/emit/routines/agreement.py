@@ -30,7 +30,6 @@ from mbm.target.solver.consensus_description import (
 )
 from mbm.target.solver.consensus_laws import consistency
 from mbm.target.solver.consensus_order import STATED
-from mbm.target.solver.constraints import HELD
 from mbm.target.solver.covariance import set_covariance
 from mbm.target.solver.description import (
     BLOCK,
@@ -58,7 +57,7 @@ from mbm.target.solver.description import BLOCKS_AT as SYSTEM_BLOCKS_AT
 from mbm.target.solver.equations import load_rows
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.solver.sweeps import sweep
-from mbm.target.solver.workspace import PENALISED, multipliers_at
+from mbm.target.solver.workspace import HELD, PENALISED, multipliers_at
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 
@@ -141,7 +140,8 @@ def factor_of_loss(
         if places[place_vector_at(rules, GROUP_OF) + u] == group:
             count += inside[u] * components[u]
             variance = bench[unit_vector_at(rules, NOISE) + u]
-            rounding = max(bench[unit_vector_at(rules, ROUNDINGS) + u], rounding)
+            if inside[u] == 1:
+                rounding = max(bench[unit_vector_at(rules, ROUNDINGS) + u], rounding)
     if count == 0 or total <= dimension or variance <= rounding:
         return 1.0
     return sqrt(variance)

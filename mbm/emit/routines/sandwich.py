@@ -9,6 +9,7 @@ from __future__ import annotations
 from math import fabs, sqrt
 
 from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
+from mbm.target.solver.covariance import undetermined
 from mbm.target.solver.description import (
     BLOCK,
     BLOCK_NOISE,
@@ -185,6 +186,42 @@ def inverted(n: Integer, matrix: Reals, scale: Reals, inverse: Reals) -> Integer
     return 1
 
 
+def inverted_along(
+    n: Integer, rank: Integer, factor: ConstantReals, matrix: Reals, scale: Reals, part: Reals, inverse: Reals
+) -> Integer:
+    """``Fᵀ (F M Fᵀ)⁻¹ F`` of a symmetric M (n, n), F (rank, n): the inverse in the directions of F; 0: there is none.
+
+    ``matrix`` and ``part`` (n, n) are scratch afterwards.
+    """
+    for a in range(rank):
+        for j in range(n):
+            total = 0.0
+            for i in range(n):
+                total += factor[a * n + i] * matrix[i * n + j]
+            part[a * n + j] = total
+    for a in range(rank):
+        for b in range(rank):
+            total = 0.0
+            for j in range(n):
+                total += part[a * n + j] * factor[b * n + j]
+            matrix[a * rank + b] = total
+    if inverted(rank, matrix, scale, part) == 0:
+        return 0
+    for i in range(n):
+        for b in range(rank):
+            total = 0.0
+            for a in range(rank):
+                total += factor[a * n + i] * part[a * rank + b]
+            matrix[i * rank + b] = total
+    for i in range(n):
+        for j in range(n):
+            total = 0.0
+            for b in range(rank):
+                total += matrix[i * rank + b] * factor[b * n + j]
+            inverse[i * n + j] = total
+    return 1
+
+
 def freed_of(n: Integer, sides: ConstantIntegers, matrix: Reals) -> None:
     """Rows and columns of coordinates that a bound holds become those of the identity."""
     for i in range(n):
@@ -203,11 +240,14 @@ def sandwich(
     columns: ConstantIntegers,
     point: ConstantReals,
     sides: ConstantIntegers,
+    rank: Integer,
+    directions: ConstantReals,
     spare: Reals,
     covariance: Reals,
 ) -> Integer:
     """The covariance (n, n), 0 for what bounds hold; answers 0 where there is none.
 
+    ``rank`` below the number of coordinates: it is that in the ``directions`` (rank, n); -1: in all.
     ``spare``: four matrices (n, n), a vector (n,), `SUMS` sums, and what a row wants.
     """
     n = system[COORDINATES]
@@ -242,25 +282,41 @@ def sandwich(
                     for i in range(n * n):
                         target[i] += factor * information[i]
         if around == 0:
-            freed_of(n, sides, curvature)
-            good = inverted(n, curvature, scale, inverse)
+            if rank < 0:
+                freed_of(n, sides, curvature)
+                good = inverted(n, curvature, scale, inverse)
+            else:
+                good = inverted_along(n, rank, directions, curvature, scale, information, inverse)
             if good == 0:
+                undetermined(n, sides, covariance)
                 return 0
+    put_between(n, sides, inverse, spread, information, covariance)
+    return good
+
+
+def put_between(
+    n: Integer,
+    sides: ConstantIntegers,
+    inverse: ConstantReals,
+    spread: ConstantReals,
+    spare: Reals,
+    covariance: Reals,
+) -> None:
+    """``inverse spread inverse`` (n, n), of the coordinates that no bound holds; 0 for the others."""
     for i in range(n):
         for j in range(n):
             total = 0.0
             for k in range(n):
                 if sides[k] == 0:
                     total += inverse[i * n + k] * spread[k * n + j]
-            information[i * n + j] = total
+            spare[i * n + j] = total
     for i in range(n):
         for j in range(n):
             total = 0.0
             for k in range(n):
                 if sides[k] == 0:
-                    total += information[i * n + k] * inverse[k * n + j]
+                    total += spare[i * n + k] * inverse[k * n + j]
             covariance[i * n + j] = total if sides[i] == 0 and sides[j] == 0 else 0.0
-    return good
 
 
 def corrected(
@@ -298,4 +354,15 @@ def corrected(
     return fabs(found)  # it is not negative
 
 
-ROUTINES = (same_loss, first_with_loss, add_to_pool, pool, inverted, freed_of, corrected, sandwich)
+ROUTINES = (
+    same_loss,
+    first_with_loss,
+    add_to_pool,
+    pool,
+    inverted,
+    inverted_along,
+    freed_of,
+    corrected,
+    put_between,
+    sandwich,
+)

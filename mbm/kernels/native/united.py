@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 from mbm.kernels.native.engine import Library, kept
 from mbm.kernels.native.processor import vector_library
+from mbm.target.merged import reduced
 from mbm.target.program import Program
 from mbm.target.straight_line import function
-from mbm.target.united import reduced
 from mbm.target.vector_text import Text
 
 if TYPE_CHECKING:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from mbm.solution.closed_forms.numerics.spheres import positions, positions_and_offset
 from mbm.solution.closed_forms.situation import Candidate, Rows, Situation
 from mbm.solution.closed_forms.types import Plan
-from mbm.solution.types import Floats, Indices
+from mbm.solution.types import Floats, Indices, Mask
 from mbm.values import dataclass
 
 AGREEMENT = 1e-6
 """How well an equation must agree with what it was recognised as, beside its size."""
 
+DROWNING = 1e8
+"""Value of a row beside what it changes from probe to probe, from which on half of its digits and more say nothing."""
 
 NEAR = 30.0
 """Extent of a scene about the origin in which probes within one unit of it lose no more than two digits."""
@@ -23,7 +27,8 @@ class Spheres:
     """Rows that say ``√(|p − station|² + extra) = length + slope · offset``, arrays over n rows.
 
     ``point`` are the columns of p among the candidate's numbers, ``offset`` that of the offset, None without one. The
-    offset's sign is open where the rows hold its square only (``even``); it is taken positive.
+    offset's sign is open where the rows hold its square only (``even``); it is taken positive. Of rows whose length
+    drowns the stations' coordinates nothing is known: their ``weight`` is 0.
     """
 
     point: tuple[int, ...]
@@ -109,9 +114,8 @@ def _squares(rows: Rows, point: tuple[int, ...], offset: int | None, probes: Flo
     count, d = probes.shape
     numbers = np.zeros((count, d + (offset is not None)))
     numbers[:, list(point)] = probes
-    probed = [rows.linearised(x) for x in numbers]
-    values = np.stack([value[:, 0] for value, _ in probed], axis=1)
-    slopes = np.stack([slope[:, 0] for _, slope in probed], axis=1)[..., list(point)]
+    probed, steep = rows.probed(numbers)
+    values, slopes = probed[..., 0], steep[:, :, 0, list(point)]
     if not bool(np.isfinite(slopes).all() and np.isfinite(values).all()):
         return None
     moves = probes[1:] - probes[:1]
@@ -154,9 +158,8 @@ def _distances(rows: Rows, point: tuple[int, ...], offset: int | None, probes: F
     count, d = probes.shape
     numbers = np.zeros((count, d + (offset is not None)))
     numbers[:, list(point)] = probes
-    probed = [rows.linearised(x) for x in numbers]
-    values = np.stack([value[:, 0] for value, _ in probed], axis=1)
-    every = np.stack([slope[:, 0] for _, slope in probed], axis=1)
+    probed, steep = rows.probed(numbers)
+    values, every = probed[..., 0], steep[:, :, 0]
     slopes = every[..., list(point)]
     if not bool(np.isfinite(every).all() and np.isfinite(values).all()):
         return None
@@ -165,6 +168,10 @@ def _distances(rows: Rows, point: tuple[int, ...], offset: int | None, probes: F
         beta = every[:, 0, offset]
         if not _one_constant(every[..., offset]):
             return None
+    heard = ~(np.abs(values).max(axis=1) > DROWNING * np.ptp(values, axis=1))
+    if not bool(heard.all()) and 2 * int(heard.sum()) > len(rows):
+        found = _distances(rows.picked(heard), point, offset, probes)
+        return None if found is None else _among(found, heard)
     used = slice(0, count - 1)
     solution = _constants(values[:, used], slopes[:, used], probes[used])
     if solution is None:
@@ -190,6 +197,19 @@ def _distances(rows: Rows, point: tuple[int, ...], offset: int | None, probes: F
         length=length,
         slope=slope,
         weight=weights_of_squares(rows.weight * square, length, offset),
+    )
+
+
+def _among(found: Spheres, heard: Mask) -> Spheres:
+    """The same for all rows (n,), those that are not ``heard`` with a weight of 0, at a place among the others."""
+    places = np.where(heard, np.cumsum(heard) - 1, 0)
+    return replace(
+        found,
+        stations=np.where(heard[:, None], found.stations[places], np.median(found.stations, axis=0)),
+        extra=np.where(heard, found.extra[places], 0.0),
+        length=np.where(heard, found.length[places], 0.0),
+        slope=found.slope[places],
+        weight=np.where(heard, found.weight[places], 0.0),
     )
 
 

@@ -12,69 +12,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from mbm.kernels.types import Evaluation
 from mbm.problem.types import BlockRole
 from mbm.solution.binding import Group
-from mbm.solution.closed_forms.thinning import ENOUGH, thinned
+from mbm.solution.closed_forms.piece import Piece
+from mbm.solution.closed_forms.thinning import thinned
 from mbm.solution.layout import Entry, Layout
-from mbm.solution.scatter import scatter
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.symbolic.types import ColumnInput
 from mbm.values import dataclass
 
 Table = TypeVar("Table", Indices, Mask)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Piece:
-    """One equation of a group in some of its rows: outputs ``first … last`` of rows ``lines``.
-
-    ``inputs`` (r, variables) holds what is known of the rows' unknowns, ``roles`` (r, variables) for each variable that
-    the candidate gives its position among the candidate's numbers, -1 for the others. ``columns`` (M,) are those of all
-    coordinates among the candidate's.
-    """
-
-    group: Group = field(repr=False)
-    lines: Indices = field(repr=False)
-    first: int
-    last: int
-    inputs: Floats = field(repr=False)
-    roles: Indices = field(repr=False)
-    columns: Indices = field(repr=False)
-
-    def values(self, points: Floats) -> Floats:
-        """The outputs (r, last - first) with the candidate's numbers (r, s) of each row."""
-        evaluation, rows = self._filled(points)
-        return evaluation.values()[rows, self.first : self.last]
-
-    def linearised(self, points: Floats, width: int) -> tuple[Floats, Floats]:
-        """The same, and their derivatives (r, last - first, width)."""
-        evaluation, rows = self._filled(points)
-        group, kernel = self.group, self.group.kernel
-        found, nonzeros = evaluation.values_and_jacobian()
-        outputs, inputs, touched = kernel.jacobian_rows, kernel.jacobian_columns, group.columns[self.lines]
-        dense = np.zeros((len(self.lines), kernel.outputs, width))
-        scatter(outputs, inputs, touched, group.shared_columns, self.columns).add(nonzeros[rows], dense)
-        return found[rows, self.first : self.last], dense[:, self.first : self.last]
-
-    def some(self, mask: Mask) -> Piece:
-        """The piece with the rows that ``mask`` (r,) picks."""
-        return replace(self, lines=self.lines[mask], inputs=self.inputs[mask], roles=self.roles[mask])
-
-    def _filled(self, points: Floats) -> tuple[Evaluation, Indices | slice]:
-        """The kernel with its inputs, and which of its rows are the lines; few of many have one of their own."""
-        group, variables = self.group, self.roles.shape[1]
-        given = np.where(self.roles >= 0, np.take_along_axis(points, np.maximum(self.roles, 0), axis=1), self.inputs)
-        if len(self.lines) + ENOUGH < group.rows:
-            evaluation = group.cache.evaluation(group.number, group.kernel, len(self.lines))
-            evaluation.inputs[:, :variables] = given
-            evaluation.inputs[:, variables:] = group.parameters[self.lines]
-            return evaluation, slice(None)
-        evaluation = group.evaluation
-        evaluation.inputs[:, :variables] = np.nan
-        evaluation.inputs[self.lines, :variables] = given
-        evaluation.inputs[:, variables:] = group.parameters
-        return evaluation, self.lines
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -114,6 +61,16 @@ class Rows:
         slopes = np.empty((len(self), self.width, coordinates))
         for piece, mine in self._parts():
             values[mine], slopes[mine] = piece.linearised(self._points(points)[mine], coordinates)
+        return values, slopes
+
+    def probed(self, points: Floats) -> tuple[Floats, Floats]:
+        """``linearised`` with each of the points (K, s) in all rows: (n, K, width) and (n, K, width, q)."""
+        coordinates, count = int(self.columns.max()) + 1, len(points)
+        values = np.empty((len(self), count, self.width))
+        slopes = np.empty((len(self), count, self.width, coordinates))
+        for piece, mine in self._parts():
+            found, steep = piece.probed(points, coordinates)
+            values[mine], slopes[mine] = found.swapaxes(0, 1), steep.swapaxes(0, 1)
         return values, slopes
 
     def _points(self, points: Floats) -> Floats:

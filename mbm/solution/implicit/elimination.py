@@ -23,6 +23,7 @@ from mbm.solution.implicit.feet import feet, first_feet
 from mbm.solution.implicit.measured import Measured, MeasuredColumn, measured
 from mbm.solution.implicit.roots import Root, root
 from mbm.solution.implicit.sharing import check_sharing
+from mbm.solution.implicit.straight import straight_groups
 from mbm.solution.implicit.system import System, whiten_rows
 from mbm.solution.implicit.types import CorrectedColumn, Feet
 from mbm.solution.implicit.uncertain import rows_of_groups
@@ -41,11 +42,15 @@ class _Solved:
 
 
 class _Memory:
-    """The last point and what was found there: residuals and Jacobian are asked for one after the other."""
+    """The last point and what was found there: residuals and Jacobian are asked for one after the other.
+
+    ``straight`` are groups, and those that were made of them.
+    """
 
     def __init__(self) -> None:
         self.point: Floats | None = None
         self.solved: tuple[_Solved, ...] = ()
+        self.straight: tuple[tuple[Group, ...], tuple[Group, ...] | None] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -119,6 +124,15 @@ class Elimination:
                 used[part.ids] = True
         used &= self.measured.sigma > 0.0
         return tuple(self._column(column, every, used) for column in self.measured.columns)
+
+    def straight(self, groups: tuple[Group, ...]) -> tuple[Group, ...] | None:
+        """`straight_groups` of the groups of all equations, made once; None to first order."""
+        if self.rough:
+            return None
+        known = self._memory.straight
+        if known is None or known[0] is not groups:
+            known = self._memory.straight = (groups, straight_groups(groups, self.systems))
+        return known[1]
 
     def _column(self, column: MeasuredColumn, corrections: Floats, used: Mask) -> CorrectedColumn:
         places = column.first + np.flatnonzero(used[column.first : column.first + len(column.rows)])

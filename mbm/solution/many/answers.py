@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.problem.types import BlockRole, Problem
+from mbm.expression.nodes import Column, leaves
+from mbm.problem.types import Block, BlockRole, Problem
 from mbm.solution.challenge import USUAL
 from mbm.solution.many.derived import derived_columns
-from mbm.solution.many.doubts import doubtful
+from mbm.solution.many.doubts import doubtful, stationary
 from mbm.solution.many.factor import Factors, factors
 from mbm.solution.many.losses import counted, informed, outlying, rooted_slopes, sandwiches
 from mbm.solution.many.stack import Portion, Stack, stated
 from mbm.solution.many.tails import chi_square_tails
-from mbm.solution.many.types import REASONS, Columns, Descent, Ends, Outliers
+from mbm.solution.many.types import REASONS, Columns, Descent, Ends, Limits, Rows
 from mbm.solution.plausibility import IMPROBABLE
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.solution.many.surface import Held, Tangents
 
 
 @np.errstate(all="ignore")
@@ -30,10 +35,14 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
     count = stack.residuals[which.start : which.stop] if ends.kept is None else ends.kept.count
     residuals, slopes = portion.linearised(ends.points)
     lossy = stack.equations.lossy
-    found = factors(rooted_slopes(portion, residuals, slopes) if lossy else slopes)
+    rooted = rooted_slopes(portion, residuals, slopes) if lossy else slopes
+    surface = _surface(portion, ends, rooted)
+    found = factors(rooted, None if surface is None else surface[1])
     solved = _converged(ends) & found.good & np.isfinite(ends.cost) & ~ends.held
     freedom = count - stack.equations.dimension
-    solved &= freedom >= 0
+    if surface is not None:
+        freedom = freedom + surface[1].taken
+    solved &= (freedom >= 0) & ~stationary(portion, ends, found, rooted)
     # what is left of the variance of residuals whose tails were cut off
     left = np.ones((1, 1)) if ends.kept is None else portion.by_slot(ends.kept.information)
     scattered = ends.cost if ends.kept is None else (np.square(residuals) / left).sum(axis=1)
@@ -45,7 +54,7 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         noise = np.sqrt(scattered / np.maximum(freedom, 1))
     if ends.factors is not None and len(unknown) == 1:
         cost = _as_stated(portion, residuals, unknown[0], ends.factors)
-    spread = _spread(portion, residuals, slopes, found, noise, None if ends.kept is None else left)
+    spread = _spread(problem, portion, residuals, slopes, found, noise, None if ends.kept is None else left)
     factor = spread.factor
     solved &= spread.sound & np.isfinite(cost)
     derived = tuple(
@@ -80,12 +89,35 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         rms=_mean_roots(problem, portion, residuals, counting) / noise[:, None],
         used=_used(problem, portion, counting),
         outliers=_outliers(problem, stack, which, portion, ends, residuals),
-        priors=_priors(stack, ends.points),
+        priors=_priors(problem, stack, portion, ends.points),
         clean=clean,
         solved=solved,
-        expected=_expected(ends, freedom, known=known, lossy=lossy),
+        expected=_expected(ends, freedom, known=known, other=lossy or surface is not None),
+        limits=_limits(problem, stack, which, portion, ends, surface),
         seconds=np.full(len(which), (perf_counter() - began) / len(which)),
     )
+
+
+def _surface(portion: Portion, ends: Ends, jacobian: Floats) -> tuple[Held, Tangents] | None:
+    """The constraints at the ends, and what they leave free; None where there are no constraints."""
+    if ends.multipliers is None:
+        return None
+    # Here and below: loaded by problems with constraints only, so that the others start at once.
+    from mbm.solution.many.surface import held, tangents
+
+    found = held(portion, ends.points, jacobian, ends.cost, ends.multipliers)
+    return found, tangents(found, jacobian)
+
+
+def _limits(
+    problem: Problem, stack: Stack, which: range, portion: Portion, ends: Ends, surface: tuple[Held, Tangents] | None
+) -> Limits | None:
+    """What is to be said of the constraints; None where there are none."""
+    if surface is None or ends.multipliers is None:
+        return None
+    from mbm.solution.many.limits import limits
+
+    return limits(problem, stack, which, portion, *surface, ends.multipliers)
 
 
 def _unknown(problem: Problem) -> Mask:
@@ -126,11 +158,11 @@ def _converged(ends: Ends) -> Mask:
     return np.asarray((ends.reason >= 0) & converged[ends.reason])
 
 
-def _expected(ends: Ends, freedom: Indices, *, known: bool, lossy: bool) -> Mask:
-    """Solves (K,) that `challenge` leaves alone: outliers are no surprise, they fit as stated noise lets expect, or
-    they did not begin at a stated start.
+def _expected(ends: Ends, freedom: Indices, *, known: bool, other: bool) -> Mask:
+    """Solves (K,) that `challenge` leaves alone: outliers are no surprise, they fit as stated noise lets expect, they
+    did not begin at a stated start, or they are of an ``other`` kind than plain equations.
     """
-    if ends.kept is not None or ends.factors is not None or lossy:
+    if ends.kept is not None or ends.factors is not None or other:
         return np.ones(len(freedom), dtype=bool)
     usual = np.maximum(freedom, 1)
     found = known & (ends.cost < usual + USUAL * np.sqrt(2.0 * usual))
@@ -155,7 +187,13 @@ class _Spread:
 
 
 def _spread(
-    portion: Portion, residuals: Floats, slopes: Floats, found: Factors, noise: Floats, left: Floats | None
+    problem: Problem,
+    portion: Portion,
+    residuals: Floats,
+    slopes: Floats,
+    found: Factors,
+    noise: Floats,
+    left: Floats | None,
 ) -> _Spread:
     """How far estimates scatter, with the factor ``noise`` (K,); ``left`` (K, m) is κ of the residuals (None: 1)."""
     root, scale, basis = found.root, found.scale, found.basis
@@ -170,7 +208,10 @@ def _spread(
             looked_at=every,
             sound=every,
         )
-    bread = sandwiches(portion, residuals, slopes, root) if left is None else informed(left, basis)
+    if left is None:
+        bread = sandwiches(portion, residuals, slopes, root, _unknown(problem), found.gone)
+    else:
+        bread = informed(left, basis)
     along = np.matmul(root, bread.own)
     if left is not None:
         root, scale = along, np.sqrt((np.square(slopes) * left[:, :, None]).sum(axis=1))
@@ -185,17 +226,36 @@ def _spread(
     )
 
 
-def _priors(stack: Stack, points: Floats) -> Floats:
-    """How far points (K, N) are from what is known beforehand (K, k), of equations without a table."""
-    groups = (g for g in stack.equations.groups if g.role is BlockRole.PRIOR and g.positions is None)
-    return np.hstack([np.zeros((len(points), 0)), *(stated(group, points) for group in groups)])
+def _priors(problem: Problem, stack: Stack, portion: Portion, points: Floats) -> Floats:
+    """How far points (K, N) are from what is known beforehand (K, k); nothing where solves know different things."""
+    none = np.zeros((len(points), 0))
+    found = [none]
+    for number, group in enumerate(stack.equations.groups):
+        if group.role is not BlockRole.PRIOR:
+            continue
+        block = problem.blocks[group.kernel.owner]
+        if group.positions is None:
+            found.append(stated(group, points))
+        elif block.table not in stack.arranged.spans or not _reads_columns(block):
+            found.append(portion.values(number, points).reshape(len(points), -1))
+        else:
+            return none
+    return np.hstack(found)
+
+
+def _reads_columns(block: Block) -> bool:
+    """Whether the equations of a block differ by row in more than the members that they speak of."""
+    equations = (equation for case in block.cases for equation in case.equations)
+    nodes = tuple(node for each in equations for node in (*each.components, *each.noise))
+    by_row = block.when is not None or len(block.cases) > 1
+    return by_row or any(isinstance(leaf, Column) for leaf in leaves(nodes))
 
 
 def _outliers(
     problem: Problem, stack: Stack, which: range, portion: Portion, ends: Ends, residuals: Floats
-) -> tuple[Outliers | None, ...]:
+) -> tuple[Rows | None, ...]:
     """The rows of each block of which an equation was left out, or is far off under a loss, by solve."""
-    found: list[Outliers | None] = [None] * len(problem.blocks)
+    found: list[Rows | None] = [None] * len(problem.blocks)
     for number, group in enumerate(stack.equations.groups):
         owner = group.kernel.owner
         table = problem.blocks[owner].table
@@ -204,7 +264,7 @@ def _outliers(
             continue
         solve, lines = stack.lines(number, which)
         wrong = outlying(portion, residuals, number, len(solve)) if outputs is None else ~outputs.all(axis=1)
-        mine = Outliers.of_rows(stack.tables[table], group.positions[lines][wrong], solve[wrong], len(which))
+        mine = Rows.of_rows(stack.tables[table], group.positions[lines][wrong], solve[wrong], len(which))
         before = found[owner]
         found[owner] = mine if before is None else before.joined(mine)
     return tuple(found)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -37,7 +38,7 @@ class Chain:
 
     ``own`` (T, N) are their own starts, NaN where there is none; ``before`` (T,) is the number of the window before
     each that is solved at all, -1 where there is none, `NOT_SOLVED` for windows that are not solved. ``known``: no
-    noise is estimated.
+    noise is estimated. ``places`` as `places_before` has them.
     """
 
     stack: Stack
@@ -45,6 +46,7 @@ class Chain:
     own: Floats
     before: Indices
     known: bool
+    places: Indices | None
     settings: Settings
 
     def ends(self) -> tuple[Ends, Floats]:
@@ -84,7 +86,12 @@ class Chain:
         """Which windows (K,) begin where the one before ended, which have no start at all, and those ends (K, N)."""
         before = self.before[todo]
         moving = self.stack.equations.moving()
-        points = np.where(moving, found.points[before], self.own[todo])
+        handed_on = found.points[before]
+        if self.places is not None:
+            places = self.places[todo]
+            same = np.take_along_axis(handed_on, np.maximum(places, 0), axis=1)
+            handed_on = np.where(places >= 0, same, self.own[todo])
+        points = np.where(moving, handed_on, self.own[todo])
         usable = np.isfinite(found.cost[before]) & np.isfinite(points).all(axis=1)
         there = np.full(len(todo), np.inf)
         there[usable] = costs(self.stack, todo[usable], points[usable])
@@ -114,6 +121,7 @@ class Chain:
 
     def _empty(self, count: int) -> Ends:
         none = np.zeros(count, dtype=np.int64)
+        limits = int(self.stack.limits.max(initial=0))
         return Ends(
             points=np.full((count, self.own.shape[1]), np.nan),
             cost=np.full(count, np.inf),
@@ -122,7 +130,27 @@ class Chain:
             iterations=none,
             evaluations=none.copy(),
             held=np.zeros(count, dtype=bool),
+            multipliers=np.zeros((count, limits)) if limits else None,
         )
+
+
+def places_before(stack: Stack, before: Indices) -> Indices | None:
+    """Where the numbers of each window (T, N) stand in the point of the window before: members by their keys.
+
+    -1 for members that are new. None where all stand at the same places.
+    """
+    if not stack.arranged.families:
+        return None
+    layout = stack.equations.layout
+    found = np.tile(np.arange(len(layout.start)), (stack.solves, 1))
+    for entry in layout.entries:
+        family, size = entry.unknown.family, entry.unknown.size
+        own = None if family is None else stack.arranged.families.get(family.rows)
+        if own is not None:
+            members = own.numbers(np.repeat(np.maximum(before, 0), entry.members), own.codes(own.keys))[:, None]
+            places = np.where(members >= 0, entry.offset + members * size + np.arange(size), -1)
+            found[:, entry.range] = places.reshape(stack.solves, entry.count)
+    return found
 
 
 @np.errstate(all="ignore")
@@ -135,27 +163,25 @@ def costs(stack: Stack, which: Indices, points: Floats) -> Floats:
     return np.where(np.isfinite(found), found, np.inf)
 
 
-def _fields(ends: Ends) -> tuple[np.ndarray, ...]:
-    return ends.points, ends.cost, ends.offset, ends.reason, ends.iterations, ends.evaluations, ends.held
+FIELDS = ("points", "cost", "offset", "reason", "iterations", "evaluations", "held", "multipliers")
+"""What is known of ends here; what consensus keeps is found again."""
+
+
+def _fields(ends: Ends) -> dict[str, np.ndarray]:
+    known = {name: getattr(ends, name) for name in FIELDS}
+    return {name: each for name, each in known.items() if each is not None}
 
 
 def _put(target: Ends, places: Indices | slice, found: Ends) -> None:
-    for mine, other in zip(_fields(target), _fields(found), strict=True):
-        mine[places] = other
+    other = _fields(found)
+    for name, mine in _fields(target).items():
+        mine[places] = other[name]
 
 
 def _some(ends: Ends, places: Indices) -> Ends:
     """The ends at some places, as arrays of their own."""
-    points, cost, offset, reason, iterations, evaluations, held = (part[places] for part in _fields(ends))
-    return Ends(
-        points=points,
-        cost=cost,
-        offset=offset,
-        reason=reason,
-        iterations=iterations,
-        evaluations=evaluations,
-        held=held,
-    )
+    known: dict[str, Any] = {name: part[places] for name, part in _fields(ends).items()}
+    return Ends(**known)
 
 
 def _copied(ends: Ends) -> Ends:

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.problem.types import Problem
+from mbm.problem.types import BlockRole, Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.closed_forms.completion import plans
 from mbm.solution.closed_forms.situation import Situation
 from mbm.solution.many.descent import native_sets, plain_ends, reweighted
 from mbm.solution.many.factor import factors
+from mbm.solution.many.losses import rooted_slopes
 from mbm.solution.many.stack import Portion, Stack
 from mbm.solution.many.types import REASONS, Ends, Solver, Which
 from mbm.solution.settings import Settings
@@ -28,7 +29,8 @@ if TYPE_CHECKING:
 
 def several_noises(problem: Problem) -> bool:
     """Whether some noise is unknown, and not all rows share it."""
-    return len(problem.blocks) > 1 and any(block.unknown_factor for block in problem.blocks)
+    measured = [block for block in problem.blocks if block.role is not BlockRole.CONSTRAINT]
+    return len(measured) > 1 and any(block.unknown_factor for block in measured)
 
 
 def estimated_on_the_way(problem: Problem) -> bool:
@@ -42,23 +44,30 @@ def components_solver(
 ) -> Solver | None:
     """What finds minima with noise factors that fit the residuals; None where native code or closed forms do not.
 
-    ``form`` is the closed form that may fit better than a stated start leads to. What is not plain is left to the
-    general path: groups without redundancy, fitted exactly, or that do not settle.
+    ``form`` is the closed form that may fit better than a stated start leads to, but for losses. What is not plain is
+    left to the general path: groups without redundancy, fitted exactly, or that do not settle.
     """
     native = native_sets(stack, settings)
-    challenger = form()
-    if native is None or (challenger is None and not stack.equations.linear and _recognised(first, settings)):
+    single = stack.equations.linear or stack.equations.lossy
+    challenger = None if stack.equations.lossy else form()
+    if native is None or (challenger is None and not single and _recognised(first, settings)):
         return None
-    unknown = np.array([i for i, block in enumerate(problem.blocks) if block.unknown_factor], dtype=np.int64)
+    unknown = told_by_residuals(problem)
 
     def solve(which: Which, points: Floats) -> Ends:
         places = np.asarray(which)
-        rounds = _Rounds(stack, native, settings, unknown, len(problem.blocks), places, points)
+        rounds = Rounds(stack, native, settings, unknown, np.ones((len(places), len(problem.blocks))), places, points)
         if challenger is not None:
             rounds.lost |= challenger.lowest(places) < rounds.ends.cost
         return rounds.done()
 
     return solve
+
+
+def told_by_residuals(problem: Problem) -> Indices:
+    """The blocks whose noise factor is that of their residuals: those of unknown noise without a loss."""
+    found = [i for i, block in enumerate(problem.blocks) if block.unknown_factor and block.loss is None]
+    return np.array(found, dtype=np.int64)
 
 
 def _recognised(first: Assembled, settings: Settings) -> bool:
@@ -68,8 +77,11 @@ def _recognised(first: Assembled, settings: Settings) -> bool:
     return next(plans(situation, settings.closed_forms), None) is not None
 
 
-class _Rounds:
-    """Minimisations of K solves, again for each round; those that are not plain are ``lost``."""
+class Rounds:
+    """Minimisations of K solves, again for each round; those that are not plain are ``lost``.
+
+    The ``factors`` (K, blocks) of the ``unknown`` blocks are 1 at first; those of other blocks stay.
+    """
 
     def __init__(
         self,
@@ -77,7 +89,7 @@ class _Rounds:
         native: NativeSystem,
         settings: Settings,
         unknown: Indices,
-        blocks: int,
+        factors: Floats,
         places: Indices,
         points: Floats,
     ) -> None:
@@ -86,8 +98,8 @@ class _Rounds:
         self._settings = settings
         self._unknown = unknown
         self._places = places
-        self._factors = np.ones((len(places), blocks))
-        self.ends = plain_ends(native.solve(points, places))
+        self._factors = factors.copy()
+        self.ends = self._minima(np.arange(len(places)), points)
         self.lost = ~_converged(self.ends)
 
     @np.errstate(all="ignore")
@@ -117,13 +129,7 @@ class _Rounds:
         """From where the solves are, with their factors as they are now."""
         if not len(which):
             return
-        inverse: list[Floats | None] = []
-        for number, group in enumerate(self._stack.equations.groups):
-            solve, _ = self._stack.lines(number, self._places[which])
-            factor = self._factors[which, group.kernel.owner]
-            inverse.append(1.0 / factor[solve][:, None] if group.kernel.owner in self._unknown else None)
-        mine = reweighted(self._stack, self._native, self._places[which], inverse)
-        found = plain_ends(mine.solve(self.ends.points[which], np.arange(len(which))))
+        found = self._minima(which, self.ends.points[which])
         ends = self.ends
         iterations, evaluations = ends.iterations.copy(), ends.evaluations.copy()
         iterations[which] += found.iterations
@@ -140,11 +146,25 @@ class _Rounds:
         limit = REWEIGHTED_ITERATIONS - self._settings.max_iterations  # beyond, the general path cuts rounds short
         self.lost[which] |= ~_converged(found) | (iterations[which] > limit)
 
+    def _minima(self, which: Indices, points: Floats) -> Ends:
+        """The ends of some solves that begin at points (K, N), with their factors as they are now."""
+        factors, places = self._factors[which], self._places[which]
+        if bool((factors == 1.0).all()):
+            return plain_ends(self._native.solve(points, places))
+        inverse: list[Floats | None] = []
+        for number, group in enumerate(self._stack.equations.groups):
+            solve, _ = self._stack.lines(number, places)
+            factor = factors[:, group.kernel.owner]
+            inverse.append(None if bool((factor == 1.0).all()) else 1.0 / factor[solve][:, None])
+        mine = reweighted(self._stack, self._native, places, inverse)
+        return plain_ends(mine.solve(points, np.arange(len(which))))
+
     def _ratios(self, which: Indices) -> Floats:
         """By how much factors (K, unknown) miss the residuals; NaN where a group has no redundancy, or fits exactly."""
         portion = Portion(self._stack, self._places[which], factors=self._factors[which])
         residuals, slopes = portion.linearised(self.ends.points[which])
-        found = factors(slopes)
+        lossy = self._stack.equations.lossy
+        found = factors(rooted_slopes(portion, residuals, slopes) if lossy else slopes)
         self.lost[which] |= ~found.good
         redundancy = np.clip(1.0 - np.square(found.basis).sum(axis=2), 0.0, 1.0)
         ratios = np.full((len(which), len(self._unknown)), np.nan)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Problem
 from mbm.solution.assembly import Assembled
+from mbm.solution.many.components import Rounds, told_by_residuals
 from mbm.solution.many.descent import native_sets, plain_ends, reweighted
 from mbm.solution.many.stack import Portion, Stack, places_of
 from mbm.solution.many.types import Ends, Kept, Solver, Which
@@ -91,8 +92,9 @@ def consensus_solver(
 def loss_solver(problem: Problem, stack: Stack, first: Assembled, points: Floats, settings: Settings) -> Solver | None:
     """What fits with losses that are not convex, or of unknown noise, from the least median of squares; None as above.
 
-    The arguments are those of `consensus_solver`, all points being known. The factor of unknown noise is estimated from
-    what agrees, once and for all, as `robust.consensus.scaled` does.
+    The arguments are those of `consensus_solver`, all points being known. The factors of unknown noise that go with
+    losses are estimated from what agrees, once and for all, as `robust.consensus.scaled` does; those of other noise
+    from the residuals of the fits that follow.
     """
     from mbm.solution.robust.binding import without_losses
     from mbm.target.solver import consensus_description as c
@@ -104,23 +106,23 @@ def loss_solver(problem: Problem, stack: Stack, first: Assembled, points: Floats
     if ruled is None or lossy is None:
         return None
 
-    unknown = any(block.unknown_factor for block in problem.blocks)
+    scaled = tuple(i for i, block in enumerate(problem.blocks) if block.unknown_factor and block.loss is not None)
+    unknown = told_by_residuals(problem)
     convex = all(loss.convex for group in stack.equations.groups for loss in group.losses)
 
     def solve(which: Which, begun: Floats) -> Ends:
-        found, owner, _ = ruled.agree(which, begun)
+        found, solve_of, group = ruled.agree(which, begun)
         # without enough equations no minimal subset gives a start, and the general path begins at a plain fit
         agreed = found.agreed & (stack.residuals[places_of(which)] >= first.dimension)
         agreed &= (found.states[:, c.AMBIGUOUS] == 0) | convex  # the general path warns of it
-        if not unknown:
-            ends = plain_ends(lossy.solve(found.points, np.asarray(which)))
+        places = np.asarray(which)
+        if not scaled and not len(unknown):
+            ends = plain_ends(lossy.solve(found.points, places))
             return replace(ends, reason=np.where(agreed, ends.reason, -1))
-        factor, told = _factors(ruled, which, found, owner)
-        every = stack.equations.groups
-        scales = [1.0 / factor[stack.lines(number, which)[0]][:, None] for number in range(len(every))]
-        ends = plain_ends(reweighted(stack, lossy, which, scales).solve(found.points, np.arange(len(which))))
-        good = agreed & told
-        return replace(ends, reason=np.where(good, ends.reason, -1), factors=factor[:, None])
+        factors, told = _factors(ruled, which, found, (solve_of, group), scaled, len(problem.blocks))
+        rounds = Rounds(stack, lossy, settings, unknown, factors, places, found.points)
+        rounds.lost |= ~(agreed & told)
+        return rounds.done()
 
     return solve
 
@@ -195,20 +197,41 @@ def _ruled(
 
 
 @np.errstate(all="ignore")
-def _factors(ruled: _Ruled, which: Which, found: ConsensusEnds, owner: Indices) -> tuple[Floats, Mask]:
-    """The noise factors (K,) of the one block there is, and where the units that agree tell them for sure."""
+def _factors(
+    ruled: _Ruled, which: Which, found: ConsensusEnds, units: tuple[Indices, Indices], scaled: Sequence[int], blocks: int
+) -> tuple[Floats, Mask]:
+    """The noise factors (K, blocks) of the ``scaled`` blocks (1 of others), and where what agrees tells them for sure.
+
+    ``units`` are the solve and the group of each unit.
+    """
     from mbm.solution.robust.binding import ROUNDING
 
-    count, equations = len(which), ruled.stack.equations
-    each = np.bincount(owner, minlength=count)
-    variance = np.bincount(owner, weights=found.variances, minlength=count) / each
-    agreeing = np.bincount(owner, weights=found.inside, minlength=count)
-    residuals, slopes = Portion(ruled.stack, which).linearised(found.points)
+    count, equations, (solve, group) = len(which), ruled.stack.equations, units
+    portion = Portion(ruled.stack, which)
+    residuals, slopes = portion.linearised(found.points)
     places = equations.layout.number[equations.free]
     numbers = np.abs(np.where(places >= 0, found.points[:, places], 0.0))
     terms = np.abs(residuals) + np.einsum("kmn,kn->km", np.abs(slopes), numbers)
-    told = (agreeing > 0) & (variance > np.square(ROUNDING * terms.max(axis=1, initial=0.0)))
-    return np.where(told, np.sqrt(variance), 1.0), told
+    agreeing = np.zeros(count)
+    for number, each in enumerate(equations.groups):
+        mine = np.flatnonzero(group == number)
+        sizes = np.array([w.last - w.first for w in each.whiteners])
+        components = np.tile(sizes, len(mine) // max(len(sizes), 1))
+        agreeing += np.bincount(solve[mine], weights=found.inside[mine] * components, minlength=count)
+    factors, told = np.ones((count, blocks)), agreeing > equations.dimension
+    owners = np.array([each.kernel.owner for each in equations.groups])[group]
+    for owner in scaled:
+        mine = np.flatnonzero(owners == owner)
+        variance = np.bincount(solve[mine], weights=found.variances[mine], minlength=count)
+        variance /= np.bincount(solve[mine], minlength=count)
+        inside = np.bincount(solve[mine], weights=found.inside[mine], minlength=count)
+        where, slot = portion.block_slots(owner)
+        largest = np.zeros(count)
+        np.maximum.at(largest, where, terms[where, slot])
+        own = (inside > 0) & (variance > np.square(ROUNDING * largest))
+        factors[:, owner] = np.where(own, np.sqrt(variance), 1.0)
+        told &= own
+    return factors, told
 
 
 def _kept(ruled: _Ruled, which: Which, found: ConsensusEnds, solve: Indices, group: Indices) -> tuple[Kept, Mask]:

@@ -22,9 +22,11 @@ def solver_of(stack: Stack, settings: Settings) -> Solver | None:
     native = native_sets(stack, settings)
     if native is None:
         return None
+    limits = int(stack.limits.max(initial=0))
 
     def solve(which: Which, points: Floats) -> Ends:
-        return plain_ends(native.solve(points, np.asarray(which), stopped=settings.stopped))
+        found = native.solve(points, np.asarray(which), stopped=settings.stopped)
+        return replace(plain_ends(found), multipliers=found.multipliers[:, :limits] if limits else None)
 
     return solve
 

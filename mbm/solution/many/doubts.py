@@ -12,12 +12,12 @@ import numpy as np
 from mbm.problem.types import BlockRole, Problem
 from mbm.solution.many.derived import DerivedColumns
 from mbm.solution.many.factor import Factors
-from mbm.solution.many.losses import rooted_residuals
+from mbm.solution.many.losses import rooted_residuals, rooted_slopes
 from mbm.solution.many.stack import Portion, stated
 from mbm.solution.many.types import Ends
-from mbm.solution.nonlinearity import LOOKED_AT, MOST_COORDINATES, MOST_RESIDUALS, NORMAL_95, TOLERATED
+from mbm.solution.nonlinearity import DETERMINED, LOOKED_AT, MOST_COORDINATES, MOST_RESIDUALS, NORMAL_95, TOLERATED
 from mbm.solution.plausibility import MOST_DERIVED, STRAINED
-from mbm.solution.stationary import FAR
+from mbm.solution.stationary import FAINT, FAR, LEAST, ROUNDING, STEP
 from mbm.solution.types import Floats, Mask
 
 MARGIN = 1e-6
@@ -36,14 +36,13 @@ def doubtful(
     looked_at: Mask,
     basis: Floats,
 ) -> Mask:
-    """Solves (K,) whose intervals may miss their ends, whose priors may be strained, or with a column near zero.
+    """Solves (K,) whose intervals may miss their ends, or whose priors may be strained.
 
     ``noise`` (K,) is the estimated factor in the covariance (1 where noise is stated), ``residuals`` (K, m) are plain.
     ``looked_at`` (K,): the covariance is that factor squared times the inverse normal equations, so that intervals are
     looked at. ``basis`` (K, m, n) is the Jacobian times a factor of the covariance, but for the estimated noise.
     """
-    wrong = _stationary(portion, ends, found)
-    wrong |= _strained(problem, portion, basis, residuals)
+    wrong = _strained(problem, portion, basis, residuals)
     around = _Intervals(portion, ends, found, noise)
     if around.too_much or not bool(looked_at.any()):
         return wrong
@@ -60,7 +59,8 @@ def _bent(problem: Problem, portion: Portion, around: _Intervals, derived: tuple
         deviation = noise[:, None] * np.sqrt(np.square(found.root).sum(axis=2))
         for place in range(deviation.shape[1]):
             along = found.root[:, place] * (noise / deviation[:, place])[:, None]
-            wrong |= _off(around.ratios(along), LOOKED_AT)
+            # what constraints determine has no interval
+            wrong |= (deviation[:, place] > 0.0) & _off(around.ratios(along), LOOKED_AT)
     for one, place in _looked_at(problem, derived):
         wrong |= _off(_derived_ends(around, one, place, problem.derived[one.owner].angle, linear), TOLERATED)
     return wrong
@@ -74,7 +74,7 @@ class _Intervals:
         self.ends = ends
         self.found = found
         self.noise = noise
-        k = found.root.shape[2]
+        k = found.root.shape[2] - (0 if found.gone is None else int(found.gone.sum(axis=1).max(initial=0)))
         self.too_much = k > MOST_COORDINATES or 2 * k * portion.most > MOST_RESIDUALS
 
     def point(self, along: Floats, side: float) -> Floats:
@@ -106,9 +106,11 @@ def _looked_at(problem: Problem, derived: tuple[DerivedColumns, ...]) -> Iterato
 
 
 def _derived_ends(around: _Intervals, one: DerivedColumns, place: int, angle: bool, linear: bool) -> Floats:
-    """The true ends (2, K) of the interval of one derived number; 1 where it has no standard deviation."""
+    """The true ends (2, K) of the interval of one derived number; 1 where it has no standard deviation to speak of."""
     image = np.matmul(one.gradient[:, place, None, :], around.found.root)[:, 0]
     length = np.sqrt(np.square(image).sum(axis=1))
+    parts = np.sqrt(np.square(around.found.root).sum(axis=2))
+    told = length > DETERMINED * np.einsum("kn,kn->k", np.abs(one.gradient[:, place]), parts)
     along = image / np.where(length > 0.0, length, 1.0)[:, None]
     grown = np.ones((2, len(length))) if linear else around.ratios(along)
     gone = []
@@ -119,7 +121,7 @@ def _derived_ends(around: _Intervals, one: DerivedColumns, place: int, angle: bo
         gone.append(move / (side * NORMAL_95 * around.noise * length))
     found = np.stack(gone)
     ends = np.where(np.isfinite(found), np.where(found < 0.0, -np.inf, found) * grown, 0.0)
-    return np.where(length > 0.0, ends, 1.0)
+    return np.where(told, ends, 1.0)
 
 
 def _off(ends: Floats, limit: float) -> Mask:
@@ -140,13 +142,25 @@ def _strained(problem: Problem, portion: Portion, basis: Floats, residuals: Floa
     return wrong
 
 
-def _stationary(portion: Portion, ends: Ends, found: Factors) -> Mask:
-    """Solves (K,) with a column that `stationary` would look into."""
-    # the scaled factor's rows are at most as long as 1 over the column: a bound on what that rule compares
-    length = 1.0 / np.sqrt(np.square(found.root).sum(axis=2))
+@np.errstate(all="ignore")
+def stationary(portion: Portion, ends: Ends, found: Factors, jacobian: Floats) -> Mask:
+    """Solves (K,) of whose Jacobians (K, m, n) `stationary` may find a column to be zero to first order."""
     equations = portion.equations
+    wrong = np.zeros(portion.count, dtype=bool)
+    if equations.linear:
+        return wrong
     places = equations.layout.number[equations.free]
     size = np.abs(np.where(places >= 0, ends.points[:, places], 0.0))
-    spread = np.maximum(1.0, np.sqrt(ends.cost / max(portion.most, 1)))
-    near = length * FAR * np.where(size > 0.0, size, 1.0) < spread[:, None]
-    return np.asarray(near.any(axis=1))
+    size = np.where(size > 0.0, size, 1.0)
+    spread = np.maximum(1.0, np.sqrt(ends.cost / max(portion.most, 1))) * (1 + MARGIN)
+    near = found.scale * FAR * size < spread[:, None]
+    for place in np.flatnonzero(near.any(axis=0)).tolist():
+        step = np.zeros(size.shape)
+        step[:, place] = STEP * np.maximum(size[:, place], LEAST)
+        there = portion.linearised(equations.retract(ends.points, step))
+        moved = rooted_slopes(portion, *there)[:, :, place] - jacobian[:, :, place]
+        bend = np.sqrt(np.square(moved).sum(axis=1)) / step[:, place] * (1 + MARGIN)
+        length = found.scale[:, place]
+        zero = ~(length > ROUNDING * size[:, place] * bend) | ~(length * length > FAINT * bend * spread)
+        wrong |= near[:, place] & zero
+    return wrong

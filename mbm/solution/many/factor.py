@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from mbm.solution.types import Floats, Mask
 from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.solution.many.surface import Tangents
 
 WELL_DETERMINED = 1e7
 """Condition of the column-scaled Jacobian up to which two rounds of Cholesky decomposition give the factor to rounding
@@ -16,32 +21,51 @@ WELL_DETERMINED = 1e7
 class Factors:
     """Of K Jacobians J (K, m, n): ``root`` (K, n, n) with ``root @ rootᵀ = (JᵀJ)⁻¹``, ``basis = J @ root`` (K, m, n)
     orthonormal, where ``good`` (K,); anything elsewhere. ``scale`` (K, n) are the lengths of the columns.
+
+    With constraints the inverse is that on their surface: columns of ``root`` and ``basis`` that are ``gone`` (K, n)
+    are zero (None: none is).
     """
 
     root: Floats
     scale: Floats
     basis: Floats
     good: Mask
+    gone: Mask | None = None
 
 
 @np.errstate(all="ignore")
-def factors(jacobian: Floats) -> Factors:
-    """The factors of K Jacobians (K, m, n); ``good`` where they are of full rank beyond doubt."""
+def factors(jacobian: Floats, along: Tangents | None = None) -> Factors:
+    """The factors of K Jacobians (K, m, n), of movements ``along`` the surface of constraints alone.
+
+    ``good`` where they are of full rank beyond doubt.
+    """
     width = jacobian.shape[2]
-    length = np.sqrt(np.einsum("kmn,kmn->kn", jacobian, jacobian))
-    good = (np.isfinite(length) & (length > 0.0)).all(axis=1)
+    gone = None if along is None else along.gone
+    if along is None:
+        length = np.sqrt(np.einsum("kmn,kmn->kn", jacobian, jacobian))
+        good = (np.isfinite(length) & (length > 0.0)).all(axis=1)
+        root = np.broadcast_to(np.eye(width), (len(jacobian), width, width))
+    else:
+        length, root = along.scale, along.basis
+        good = along.clear & np.isfinite(jacobian).all(axis=(1, 2))
     scale = np.where(good[:, None], length, 1.0)
     basis = np.where(good[:, None, None], jacobian / scale[:, None, :], 0.0)
-    root = np.broadcast_to(np.eye(width), (len(basis), width, width))
+    if along is not None:
+        basis = np.matmul(basis, root)
     for _ in range(2):
-        inverse, sound = inverse_root(np.matmul(basis.transpose(0, 2, 1), basis))
+        inverse, sound = inverse_root(filled(np.matmul(basis.transpose(0, 2, 1), basis), gone))
         good &= sound
         root = np.matmul(root, inverse)
         basis = np.matmul(basis, inverse)
     # columns of length 1: the largest singular value is √n at most, the smallest at least 1/‖root‖
     condition = np.sqrt(width) * np.sqrt(np.square(root).sum(axis=(1, 2)))
     good &= condition <= WELL_DETERMINED
-    return Factors(root=root / scale[:, :, None], scale=scale, basis=basis, good=good)
+    return Factors(root=root / scale[:, :, None], scale=scale, basis=basis, good=good, gone=gone)
+
+
+def filled(gram: Floats, gone: Mask | None) -> Floats:
+    """Symmetric matrices (K, n, n) with 1 on the diagonal for what is ``gone`` (K, n), so that they have an inverse."""
+    return gram if gone is None else gram + gone[:, :, None] * np.eye(gram.shape[1])
 
 
 def inverse_root(gram: Floats) -> tuple[Floats, Mask]:

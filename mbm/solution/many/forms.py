@@ -106,6 +106,8 @@ def formed(stack: Stack, first: Assembled, settings: Settings) -> Formed | None:
     equations, forms = stack.equations, settings.closed_forms
     if any(group.positions is None for group in equations.groups):
         return None
+    if any(entry.keys is not None for entry in equations.layout.entries):
+        return None
     if int(stack.rows.max(initial=0)) > ENOUGH:
         return None
     known = known_form(first, forms)

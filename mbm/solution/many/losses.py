@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.solution.many.factor import inverse_root
+from mbm.solution.many.factor import filled, inverse_root
 from mbm.solution.many.stack import Portion
 from mbm.solution.nonlinearity import ORTHONORMAL
 from mbm.solution.robust.covariance import EXHAUSTED, least_spread
@@ -71,22 +71,27 @@ def outlying(portion: Portion, residuals: Floats, number: int, rows: int) -> Mas
 
 
 @np.errstate(all="ignore")
-def sandwiches(portion: Portion, residuals: Floats, slopes: Floats, root: Floats) -> Sandwiches:
+def sandwiches(
+    portion: Portion, residuals: Floats, slopes: Floats, root: Floats, unknown: Mask, gone: Mask | None = None
+) -> Sandwiches:
     """The covariances ``H⁻¹ G H⁻¹``, pooled and corrected as `robust.covariance.sandwich` has them.
 
     ``residuals`` (K, m) and ``slopes`` (K, m, n) are plain; ``root`` (K, n, n) are coordinates in which to calculate,
-    best those that make the normal equations with losses the identity.
+    best those that make the normal equations with losses the identity. Columns that are ``gone`` (K, n) are zero in it.
+    ``unknown`` (blocks,) says whose noise was estimated.
     """
     along = np.matmul(slopes, root)
-    pools = [_pool(loss, parts, portion, residuals, along) for loss, parts in _by_loss(portion).items()]
+    known = portion.by_slot([None if not unknown[owner] else np.zeros(1) for owner, _, _ in portion.groups()])
+    pools = [_pool(loss, parts, residuals, along, known) for loss, parts in _by_loss(portion).items()]
     fixed = _information(_without_loss(portion), along)
     curvature = fixed + sum(pool.slope[:, None, None] * pool.information for pool in pools)
-    half, sound = inverse_root(curvature)
+    half, sound = inverse_root(filled(curvature, gone))
     inverse = np.matmul(half, half.transpose(0, 2, 1))
     spread = fixed + sum(_corrected(pool, inverse)[:, None, None] * pool.information for pool in pools)
-    upper, definite = inverse_root(spread)
+    whole = filled(spread, gone)
+    upper, definite = inverse_root(whole)
     # S = L Lᵀ, and X with Xᵀ S X = 1 is L⁻ᵀ
-    return _judged(np.matmul(inverse, np.matmul(spread, upper)), sound & definite)
+    return _judged(np.matmul(inverse, np.matmul(whole, upper)), sound & definite, gone)
 
 
 @np.errstate(all="ignore")
@@ -95,10 +100,12 @@ def informed(weights: Floats, basis: Floats) -> Sandwiches:
     return _judged(*inverse_root(_information(weights, basis)))
 
 
-def _judged(own: Floats, sound: Mask) -> Sandwiches:
+def _judged(own: Floats, sound: Mask, gone: Mask | None = None) -> Sandwiches:
     gram = np.matmul(own.transpose(0, 2, 1), own)
-    variance = np.trace(gram, axis1=1, axis2=2) / gram.shape[1]
-    off = np.abs(gram / variance[:, None, None] - np.eye(gram.shape[1])).max(axis=(1, 2))
+    there = np.ones(gram.shape[:2]) if gone is None else 1.0 - gone
+    gram = gram * there[:, :, None]
+    variance = np.trace(gram, axis1=1, axis2=2) / np.maximum(there.sum(axis=1), 1.0)
+    off = np.abs(gram / variance[:, None, None] - there[:, :, None] * np.eye(gram.shape[1])).max(axis=(1, 2))
     return Sandwiches(own=own, sound=sound, plain=~(off > 2 * ORTHONORMAL), deviation=np.sqrt(variance))
 
 
@@ -139,11 +146,11 @@ def _information(weights: Floats, along: Floats) -> Floats:
     return np.asarray(np.matmul((along * weights[:, :, None]).transpose(0, 2, 1), along))
 
 
-def _pool(loss: LossFunction, parts: Parts, portion: Portion, residuals: Floats, along: Floats) -> _Pool:
-    """Sums over all units of one loss, solve by solve."""
-    solves = portion.count
-    weights = np.zeros((solves, portion.most))
-    total, slope, spread, count = (np.zeros(solves) for _ in range(4))
+def _pool(loss: LossFunction, parts: Parts, residuals: Floats, along: Floats, known: Floats) -> _Pool:
+    """Sums over all units of one loss, solve by solve; ``known`` (K, m) is 1 where noise is stated, else 0."""
+    solves = len(residuals)
+    weights = np.zeros(residuals.shape)
+    total, stated, slope, spread, count = (np.zeros(solves) for _ in range(5))
     traced = []
     for solve, slots in parts:
         size = slots.shape[1]
@@ -152,6 +159,7 @@ def _pool(loss: LossFunction, parts: Parts, portion: Portion, residuals: Floats,
         traces = size * weight + 2.0 * loss.slope(squares) * squares
         weights[solve[:, None], slots] = weight[:, None]
         total += size * np.bincount(solve, weights=weight, minlength=solves)
+        stated += size * np.bincount(solve, weights=weight * known[solve, slots[:, 0]], minlength=solves)
         slope += np.bincount(solve, weights=traces, minlength=solves)
         spread += np.bincount(solve, weights=weight * weight * squares, minlength=solves)
         count += size * np.bincount(solve, minlength=solves)
@@ -169,7 +177,7 @@ def _pool(loss: LossFunction, parts: Parts, portion: Portion, residuals: Floats,
         count=count,
         bend=np.where(mean > 0.0, scattered / count / np.square(mean), 0.0),
         total=total,
-        stated=total if portion.stated else np.zeros(solves),
+        stated=stated,
     )
 
 

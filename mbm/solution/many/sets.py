@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from mbm.problem.rows import Positions
 from mbm.problem.tables import CellKey, Table
-from mbm.problem.types import Problem
-from mbm.solution.selected import SelectedTables
+from mbm.problem.types import Family, Problem
+from mbm.solution.selected import SelectedTables, column_families
 from mbm.solution.selection import Divided, Part, Selection, divided, too_many
 from mbm.solution.types import Indices
 from mbm.solution.windows import Windows, windows
@@ -33,12 +34,23 @@ class Span:
         """The positions (from 0, ascending) of the rows of a solve."""
         return np.sort(self.order[int(self.first[solve]) : int(self.last[solve])])
 
+    def some(self, which: Indices) -> Span:
+        """The rows of some solves (K,), those of no other."""
+        first, last = self.first[which], self.last[which]
+        ends = np.zeros(len(self.order) + 1, dtype=np.int64)
+        np.add.at(ends, first, 1)
+        np.add.at(ends, last, -1)
+        held = np.cumsum(ends)[:-1] > 0
+        before = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(held)])
+        return Span(order=self.order[held], first=before[first], last=before[last])
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sets:
     """The rows of T solves.
 
-    ``names`` are the key columns and ``keys`` their cells in each solve; ``spans`` has the tables that are divided.
+    ``names`` are the key columns and ``keys`` their cells in each solve; ``spans`` has the tables that are divided,
+    ``families`` are those over columns, by the name of the table that is made of the distinct values.
     ``used`` (T,) counts the rows of each window that observations use (None: these are no windows).
     """
 
@@ -46,6 +58,7 @@ class Sets:
     keys: Sequence[tuple[CellKey, ...]]
     tables: Mapping[str, Table]
     spans: Mapping[str, Span]
+    families: Mapping[str, Family]
     used: Indices | None = None
 
     @property
@@ -58,26 +71,34 @@ class Sets:
         positions = {name: span.positions(number) for name, span in self.spans.items()}
         key = dict(zip(self.names, self.keys[number], strict=True))
         rows = None if self.used is None else int(self.used[number])
-        return Selection(key=key, tables=SelectedTables(self.tables, positions, {}), rows=rows)
+        return Selection(key=key, tables=SelectedTables(self.tables, positions, self.families), rows=rows)
+
+    def some(self, which: Indices) -> Sets:
+        """The rows of some solves (K,)."""
+        spans = {name: span.some(which) for name, span in self.spans.items()}
+        keys = [self.keys[number] for number in which.tolist()]
+        return replace(self, keys=keys, spans=spans, used=None if self.used is None else self.used[which])
 
 
 def sets_of(problem: Problem, tables: Mapping[str, Table]) -> Sets | None:
-    """The rows of all solves of a problem without families over columns; None where there is one solve only.
+    """The rows of all solves of a problem; None where there is one solve only.
 
     Raises:
         MbmError: more solves than can be meant, or a window's column without a number in some row.
 
     """
     columns, window = problem.request.for_each, problem.request.window
-    keyed = divided(columns, tables) if columns else None
+    families = column_families(problem)
+    base = {name: table for name, table in tables.items() if name not in families}
+    keyed = divided(columns, base) if columns else None
     if window is None:
-        return None if keyed is None else _by_key(columns, keyed, tables)
+        return None if keyed is None else _by_key(columns, keyed, base, families)
     chosen: list[tuple[tuple[CellKey, ...], Mapping[str, Positions]]] = [((), {})]
     if keyed is not None:
         chosen = list(_chosen(keyed))
-    slid = [(cells, windows(problem, window, tables, rows)) for cells, rows in chosen]
+    slid = [(cells, windows(problem, window, base, rows)) for cells, rows in chosen]
     too_many(window, sum(each.count for _, each in slid))
-    return _by_window((*columns, window.column), slid, tables)
+    return replace(_by_window((*columns, window.column), slid, base), families=families)
 
 
 def _chosen(keyed: Divided) -> Iterator[tuple[tuple[CellKey, ...], Mapping[str, Positions]]]:
@@ -85,9 +106,11 @@ def _chosen(keyed: Divided) -> Iterator[tuple[tuple[CellKey, ...], Mapping[str, 
         yield cells, {name: part.positions(number) for name, part in keyed.parts.items()}
 
 
-def _by_key(columns: tuple[str, ...], keyed: Divided, tables: Mapping[str, Table]) -> Sets:
+def _by_key(
+    columns: tuple[str, ...], keyed: Divided, tables: Mapping[str, Table], families: Mapping[str, Family]
+) -> Sets:
     spans = {name: _span(part) for name, part in keyed.parts.items()}
-    return Sets(names=columns, keys=keyed.combinations, tables=tables, spans=spans)
+    return Sets(names=columns, keys=keyed.combinations, tables=tables, spans=spans, families=families)
 
 
 def _span(part: Part) -> Span:
@@ -128,4 +151,4 @@ def _by_window(
             first=np.concatenate([none, *firsts]),
             last=np.concatenate([none, *lasts]),
         )
-    return Sets(names=names, keys=keys, tables=tables, spans=spans, used=used)
+    return Sets(names=names, keys=keys, tables=tables, spans=spans, families={}, used=used)

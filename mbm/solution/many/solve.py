@@ -6,7 +6,7 @@ Which solves a slice holds does not depend on the number of threads, nor do the 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import islice
@@ -48,11 +48,28 @@ Apart = Callable[[Selection, Solution | None], Solution | Failure | Skipped]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Past:
+    """What windows have to know of the blocks before.
+
+    ``last`` gives the solution of the last window that has one; ``spoilt`` is the number of a window that began where
+    the one before it turned out not to end (-1: none).
+    """
+
+    last: Callable[[], Solution | None]
+    spoilt: int
+
+
+NOTHING = Past(last=lambda: None, spoilt=-1)
+"""Before the first window."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Together:
     """Many solves of one problem whose equations are bound together.
 
     ``before`` (T,) is the number of the window before each, as `Chain` has it (None: these are no windows). ``form``
-    gives the closed form for all solves, None where there is none; called by one thread, it is made once.
+    gives the closed form for all solves, None where there is none; called by one thread, it is made once. ``places``
+    (T,) are the numbers of the solves among all of the problem.
     """
 
     problem: Problem
@@ -64,6 +81,7 @@ class Together:
     descent: Descent
     before: Indices | None
     form: Callable[[], Formed | None]
+    places: Indices
 
     @property
     def equations(self) -> Assembled:
@@ -75,13 +93,13 @@ class Together:
         """T."""
         return self.stack.solves
 
-    def blocks(self, workers: int | None, apart: Apart) -> Iterator[Block]:
+    def blocks(self, workers: int | None, apart: Apart, past: Past = NOTHING) -> Generator[Block, None, Past]:
         """All solves, slice by slice; ``apart`` solves those that are left to the general path.
 
-        ``workers`` threads (None: one for each processor) are at work while a block is looked at.
+        ``workers`` threads (None: one for each processor) are at work while a block is looked at. ``past`` is what is
+        to be known of the windows before these; in the end, what is to be known behind them is returned.
         """
         slices = self.stack.ranges()
-        past = _Past(last=lambda: None, spoilt=-1)
 
         def work(which: range) -> Columns:
             return answers(self.problem, self.stack, which, self.descent)
@@ -90,24 +108,25 @@ class Together:
         if threads == 1:
             for which in slices:
                 if self.settings.stopped():
-                    return
+                    return past
                 block, past = self._block(which, work(which), apart, past)
                 yield block
-            return
+            return past
         with ThreadPoolExecutor(max_workers=threads) as pool:
             ahead = iter([(which, pool.submit(work, which)) for which in slices])
             try:
                 for which, answer in ahead:
                     if self.settings.stopped():
                         answer.cancel()
-                        return
+                        return past
                     block, past = self._block(which, answer.result(), apart, past)
                     yield block
             finally:
                 for _, answer in islice(ahead, None):
                     answer.cancel()
+        return past
 
-    def _block(self, which: range, columns: Columns, apart: Apart, past: _Past) -> tuple[Block, _Past]:
+    def _block(self, which: range, columns: Columns, apart: Apart, past: Past) -> tuple[Block, Past]:
         """The block with those solved apart that need it: from their ends where these are good, else from the start.
 
         ``past`` is what is to be known of the blocks before; the answer has it for those behind.
@@ -143,9 +162,15 @@ class Together:
             make=self._maker(apart),
             layout=self.equations.layout,
             free=self.equations.free,
+            members={
+                unknown.name: self.stack.arranged.families[unknown.family.rows].keys
+                for unknown in self.problem.unknowns
+                if unknown.family is not None and unknown.family.rows in self.stack.arranged.families
+            },
+            places=self.places[which.start : which.stop],
         )
         end = which.stop
-        return block, _Past(last=lambda: self._last(end, columns, which, found, past), spoilt=spoilt)
+        return block, Past(last=lambda: self._last(end, columns, which, found, past), spoilt=spoilt)
 
     def _last(
         self,
@@ -153,7 +178,7 @@ class Together:
         columns: Columns,
         which: range,
         found: Mapping[int, Solution | Failure | Skipped],
-        past: _Past,
+        past: Past,
     ) -> Solution | None:
         """The solution of the window before one in or just behind a block that has such a thing; None without one."""
         if self.before is None:
@@ -201,7 +226,8 @@ class Together:
         found = np.ones((len(which), len(self.problem.blocks)), dtype=np.int64)
         for number, block in enumerate(self.problem.blocks):
             if block.table is not None:
-                found[:, number] = self.sets.spans[block.table].sizes[which.start : which.stop]
+                rows = self.stack.arranged.rows(block.table)
+                found[:, number] = rows if isinstance(rows, int) else rows[which.start : which.stop]
         return found
 
     def _stands(self, number: int, columns: Columns, place: int) -> bool:
@@ -263,18 +289,6 @@ class Together:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Past:
-    """What windows have to know of the blocks before.
-
-    ``last`` gives the solution of the last window that has one; ``spoilt`` is the number of a window that began where
-    the one before it turned out not to end (-1: none).
-    """
-
-    last: Callable[[], Solution | None]
-    spoilt: int
-
-
 def _alike(found: Solution | Failure | Skipped, point: Floats) -> bool:
     """Whether a window ended at a point (N,), as far as what it hands on matters."""
     if not isinstance(found, Solution):
@@ -293,7 +307,7 @@ def _behind(before: Indices, number: int) -> int:
 def _minimum(equations: Assembled, columns: Columns, place: int) -> Minimum:
     """The end of one solve."""
     point = columns.points[place]
-    return Minimum(
+    found = Minimum(
         point=point,
         residuals=equations.residuals(point),
         jacobian=equations.jacobian(point),
@@ -304,3 +318,12 @@ def _minimum(equations: Assembled, columns: Columns, place: int) -> Minimum:
         offset=float(columns.offset[place]),
         at_bound=np.zeros(equations.dimension, dtype=np.int8),
     )
+    if columns.limits is None:
+        return found
+    # Loaded by problems with constraints only, so that the others start at once.
+    from mbm.solution.constrained.answer import constraint_state
+    from mbm.solution.constrained.linearise import linearise
+
+    multipliers = columns.limits.multipliers[place, : len(equations.equality)]
+    state = constraint_state(equations.equality, linearise(equations, point), multipliers)
+    return replace(found, constraints=state)

@@ -12,11 +12,14 @@ import numpy as np
 from mbm.kernels.types import KernelSet
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem
-from mbm.solution.assembly import Assembled, blank
-from mbm.solution.binding import Binder, EvaluationCache, Group
+from mbm.solution.assembling import blank
+from mbm.solution.assembly import Assembled
+from mbm.solution.binder import Binder
+from mbm.solution.binding import EvaluationCache, Group
 from mbm.solution.layout import Layout
-from mbm.solution.many.sets import Sets
+from mbm.solution.many.arranged import Arranged
 from mbm.solution.many.types import Kept, Which
+from mbm.solution.scatter import Scatter, scatter
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.solution.whitening import Whitener
 from mbm.values import dataclass
@@ -28,21 +31,29 @@ if TYPE_CHECKING:
 ROWS_AT_ONCE = 30_000
 """Rows of a slice: what is worked on stays in the processor's cache, and there are enough slices for all threads."""
 
+FEW_COORDINATES = 8
+"""Coordinates up to which that many rows are worked on at once: their Jacobians are dense."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stack:
     """The equations of T solves.
 
     ``equations`` hold the rows of all of them; ``first`` and ``rows`` (groups, T) say where the rows of each solve
-    begin in a group, and how many there are; windows share rows. A group without a table has one row, which all solves
-    share. ``derived`` are the groups of the derived quantities. ``tables`` have their rows in the order of the solves.
+    begin in a group, and how many there are, in groups of residuals, then of constraints; windows share rows. A group
+    without a table has one row, which all solves share. ``derived`` are the groups of the derived quantities.
     """
 
     equations: Assembled
     first: Indices
     rows: Indices
     derived: tuple[tuple[Group, ...], ...]
-    tables: Mapping[str, Table]
+    arranged: Arranged
+
+    @property
+    def tables(self) -> Mapping[str, Table]:
+        """The tables, those that are divided in the order of the solves."""
+        return self.arranged.tables
 
     @property
     def solves(self) -> int:
@@ -75,8 +86,9 @@ class Stack:
         return solve[order], np.concatenate(groups)[order], np.concatenate(units)[order]
 
     def slices(self, which: Which) -> list[slice]:
-        """Stretches of some solves with about as many rows each."""
-        number = np.cumsum(self.rows[:, places_of(which)].sum(axis=0)) // ROWS_AT_ONCE
+        """Stretches of some solves with about as many rows each, fewer where there are many unknowns."""
+        most = max(ROWS_AT_ONCE * FEW_COORDINATES // max(self.equations.dimension, FEW_COORDINATES), 1)
+        number = np.cumsum(self.rows[:, places_of(which)].sum(axis=0)) // most
         cuts = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(which)]
         return [slice(begin, end) for begin, end in pairwise(cuts) if end > begin]
 
@@ -87,36 +99,46 @@ class Stack:
     @property
     def residuals(self) -> Indices:
         """Scalar residuals of each solve (T,)."""
-        outputs = np.array([group.kernel.outputs for group in self.equations.groups], dtype=np.int64)
-        return np.asarray(outputs @ self.rows)
+        return _scalars(self.equations.groups, self.rows)
+
+    @property
+    def limits(self) -> Indices:
+        """Scalar constraints of each solve (T,)."""
+        return _scalars(self.equations.constraints, self.rows[len(self.equations.groups) :])
 
 
-def stack(problem: Problem, kernels: KernelSet, sets: Sets, layout: Layout, cache: EvaluationCache) -> Stack:
-    """The equations of all solves, with one layout for all.
+def _scalars(groups: Sequence[Group], rows: Indices) -> Indices:
+    """Scalars (T,) that the groups have in each solve, of ``rows``, those of further groups behind them."""
+    outputs = np.array([group.kernel.outputs for group in groups], dtype=np.int64)
+    return np.asarray(outputs @ rows[: len(groups)])
+
+
+def stack(
+    problem: Problem, kernels: KernelSet, solves: int, tables: Arranged, layout: Layout, cache: EvaluationCache
+) -> Stack:
+    """The equations of all ``solves``, with one layout for all.
 
     Raises:
-        MbmError: weights that are none, in some row.
+        MbmError: weights that are none, or keys that are no members, in some row.
 
     """
-    sorted_tables = dict(sets.tables)
-    for name, span in sets.spans.items():
-        table, order = sets.tables[name], span.order
-        in_place = len(order) == len(table) and bool((order == np.arange(len(order))).all())
-        sorted_tables[name] = table if in_place else table.take(order)
-    binder = Binder(problem=problem, layout=layout, tables=sorted_tables, cache=cache)
+    binder = Binder(problem=problem, layout=layout, tables=tables.tables, cache=cache, pick=tables.pick)
     equations = blank(binder, kernels)
-    first = np.zeros((len(equations.groups), sets.count), dtype=np.int64)
-    rows = np.ones((len(equations.groups), sets.count), dtype=np.int64)
-    for number, group in enumerate(equations.groups):
+    groups = (*equations.groups, *equations.constraints)
+    first = np.zeros((len(groups), solves), dtype=np.int64)
+    rows = np.ones((len(groups), solves), dtype=np.int64)
+    for number, group in enumerate(groups):
         table_name = problem.blocks[group.kernel.owner].table
-        if table_name is not None and group.positions is not None:
-            span = sets.spans[table_name]
+        span = None if table_name is None else tables.spans.get(table_name)
+        if span is None or group.positions is None:
+            rows[number] = group.rows
+        else:
             first[number] = np.searchsorted(group.positions, span.first)
             rows[number] = np.searchsorted(group.positions, span.last) - first[number]
     derived = tuple(binder.derived(kernels, owner) for owner in range(len(problem.derived)))
-    for group in (*equations.groups, *chain.from_iterable(derived)):
+    for group in (*groups, *chain.from_iterable(derived)):
         cache.stream(group.number, group.kernel)  # made here, so that threads find it there
-    return Stack(equations=equations, first=first, rows=rows, derived=derived, tables=sorted_tables)
+    return Stack(equations=equations, first=first, rows=rows, derived=derived, arranged=tables)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -125,7 +147,8 @@ class _Lines:
 
     ``counts`` (K,) of each solve, ``solve`` (R,) of each row, ``slots`` (R, outputs) among the residuals of its solve,
     of which ``kept`` (R, outputs) count, ``whiteners`` and ``inputs`` of these rows: what is data in them stays, the
-    numbers of the unknowns are put there.
+    numbers of the unknowns are put there, from the places ``index`` (R, variables), or (1, variables) for all rows.
+    ``scatter`` says where derivatives go.
     """
 
     group: Group
@@ -134,22 +157,23 @@ class _Lines:
     slots: Indices
     kept: Mask
     whiteners: tuple[Whitener, ...]
+    index: Indices
+    scatter: Scatter
     inputs: Floats
 
 
 class Portion:
     """The equations of some solves, at one point for each: arrays (K, …) over the solves.
 
-    ``most`` m is the largest number of residuals of a solve; what a solve has less is 0. ``kept`` and ``factors`` as
-    `Ends` has them: the latter divide residuals. ``stated`` says that no noise was estimated with the loss.
+    ``most`` m is the largest number of residuals of a solve, ``most_limits`` of constraints; what a solve has less is
+    0. ``kept`` and ``factors`` as `Ends` has them: the latter divide residuals.
     """
 
     def __init__(self, stack: Stack, which: Which, kept: Kept | None = None, factors: Floats | None = None) -> None:
         self.count = len(which)
-        self.stated = factors is None
         self.most = int(stack.residuals[places_of(which)].max(initial=0))
         self.equations = stack.equations
-        self._columns = _columns(stack.equations)
+        columns = _columns(stack.equations)
         self._lines = []
         taken = np.zeros(self.count, dtype=np.int64)
         for number, group in enumerate(stack.equations.groups):
@@ -157,8 +181,15 @@ class Portion:
             lines = stack.lines(number, which)
             outputs = None if kept is None else kept.outputs[number]
             weight = None if factors is None else 1.0 / factors[:, group.kernel.owner][lines[0]]
-            self._lines.append(_lines(group, counts, lines, taken, outputs, weight))
+            self._lines.append(_lines(group, counts, lines, taken, outputs, weight, columns))
             taken += counts * group.kernel.outputs
+        self._limits = []
+        taken = np.zeros(self.count, dtype=np.int64)
+        for number, group in enumerate(stack.equations.constraints, len(stack.equations.groups)):
+            counts = stack.rows[number, places_of(which)]
+            self._limits.append(_lines(group, counts, stack.lines(number, which), taken, None, None, columns))
+            taken += counts * group.kernel.outputs
+        self.most_limits = int(taken.max(initial=0))
 
     def block_slots(self, owner: int) -> tuple[Indices, Indices]:
         """Solve (P,) and place (P,) of the residuals of a block that count."""
@@ -193,6 +224,11 @@ class Portion:
             for whitener, loss in zip(each.whiteners, each.group.losses, strict=False):
                 yield loss, each.solve, each.slots[:, whitener.first : whitener.last]
 
+    def values(self, number: int, points: Floats) -> Floats:
+        """What a group says (R, outputs) at points (K, N), not whitened."""
+        each = self._lines[number]
+        return each.group.cache.stream(each.group.number, each.group.kernel).values(_inputs(each, points))
+
     def residuals(self, points: Floats) -> Floats:
         """Whitened residuals (K, m) at points (K, N), without losses."""
         result = np.zeros((self.count, self.most))
@@ -206,11 +242,7 @@ class Portion:
         width = self.equations.dimension
         result, slopes = np.zeros((self.count, self.most)), np.zeros((self.count, self.most, width))
         for each in self._lines:
-            group = each.group
-            found = group.cache.stream(group.number, group.kernel)
-            values, nonzeros = found.values_and_jacobian(_inputs(each, points))
-            dense = np.zeros((len(values), group.kernel.outputs, width))
-            group.scatter(self._columns).add(nonzeros, dense)
+            values, dense = self._sloped(each, points)
             for whitener in each.whiteners:
                 part = dense[:, whitener.first : whitener.last]
                 weights = whitener.weights
@@ -221,6 +253,28 @@ class Portion:
             place = each.solve[:, None]
             result[place, each.slots], slopes[place, each.slots] = _whitened(each, values), dense
         return result, slopes
+
+    def limits(self) -> Iterator[tuple[Group, Indices, Indices]]:
+        """Each group of constraints, with solve (R,) and places (R, outputs) of its rows."""
+        return ((each.group, each.solve, each.slots) for each in self._limits)
+
+    def constrained(self, points: Floats) -> tuple[Floats, Floats]:
+        """Values (K, c) of the constraints at points (K, N), and their derivatives by a step (K, c, n)."""
+        values = np.zeros((self.count, self.most_limits))
+        slopes = np.zeros((self.count, self.most_limits, self.equations.dimension))
+        for each in self._limits:
+            place = each.solve[:, None]
+            values[place, each.slots], slopes[place, each.slots] = self._sloped(each, points)
+        return values, slopes
+
+    def _sloped(self, each: _Lines, points: Floats) -> tuple[Floats, Floats]:
+        """What a group says (R, outputs) at points (K, N), and its derivatives by a step (R, outputs, n)."""
+        group = each.group
+        found = group.cache.stream(group.number, group.kernel)
+        values, nonzeros = found.values_and_jacobian(_inputs(each, points))
+        dense = np.zeros((len(values), group.kernel.outputs, self.equations.dimension))
+        each.scatter.add(nonzeros, dense)
+        return values, dense
 
 
 def places_of(which: Which) -> Indices | slice:
@@ -235,11 +289,12 @@ def _lines(
     taken: Indices,
     kept: Mask | None,
     weight: Floats | None,
+    columns: Indices,
 ) -> _Lines:
     """The rows of some solves, ``counts`` (K,) of each; ``taken`` (K,) residuals stand before those of this group.
 
     ``lines`` as `Stack.lines` has them; ``kept`` (R, outputs) says which outputs count (None: all), ``weight`` (R,)
-    multiplies the rows (None: 1).
+    multiplies the rows (None: 1); ``columns`` (M,) is the column of each coordinate, -1 where it is not free.
     """
     solve, places = lines
     own = np.arange(len(solve)) - (np.cumsum(counts) - counts)[solve]
@@ -252,6 +307,8 @@ def _lines(
         slots=slots,
         kept=np.ones(slots.shape, dtype=bool) if kept is None else kept,
         whiteners=tuple(_taken(each, places, kept, weight) for each in group.whiteners),
+        index=group.places if all(group.shared) else group.index[places],
+        scatter=_scatter(group, group.touched if all(group.shared_columns) else group.columns[places], columns),
         inputs=_blank(group, group.parameters[places]),
     )
 
@@ -267,6 +324,12 @@ def _taken(whitener: Whitener, places: Indices | slice, kept: Mask | None, weigh
     return replace(whitener, weights=weights, exact=None)
 
 
+def _scatter(group: Group, touched: Indices, columns: Indices) -> Scatter:
+    """Where derivatives of rows go that depend on the coordinates ``touched`` (R or 1, tangents)."""
+    kernel = group.kernel
+    return scatter(kernel.jacobian_rows, kernel.jacobian_columns, touched, group.shared_columns, columns)
+
+
 def _blank(group: Group, parameters: Floats) -> Floats:
     """Inputs of the kernel, the numbers of the unknowns still to be put there."""
     return np.hstack([np.zeros((len(parameters), group.index.shape[1])), parameters])
@@ -274,9 +337,11 @@ def _blank(group: Group, parameters: Floats) -> Floats:
 
 def _inputs(lines: _Lines, points: Floats) -> Floats:
     """Inputs of the kernel, each row with the numbers of its solve; valid until the next call."""
-    group = lines.group
-    if len(group.index):
-        lines.inputs[:, : group.index.shape[1]] = np.repeat(points[:, group.index[0]], lines.counts, axis=0)
+    index = lines.index
+    if len(index):
+        same = all(lines.group.shared)
+        numbers = np.repeat(points[:, index[0]], lines.counts, axis=0) if same else points[lines.solve[:, None], index]
+        lines.inputs[:, : index.shape[1]] = numbers
     return lines.inputs
 
 
@@ -318,5 +383,7 @@ def _once(group: Group, solves: int) -> _Lines:
         slots=np.zeros((solves, 1), dtype=np.int64),
         kept=np.ones((solves, 1), dtype=bool),
         whiteners=(),
+        index=group.places,
+        scatter=Scatter(fixed=(), varying=()),
         inputs=_blank(group, np.repeat(group.parameters, solves, axis=0)),
     )

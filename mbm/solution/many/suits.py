@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mbm.expression.nodes import Column, Component, Expression, RowChoice, leaves
+from mbm.expression.nodes import Column, Component, Expression, LiteralMember, Member, RowChoice, leaves
 from mbm.kernels.types import KernelSet
-from mbm.problem.types import BlockRole, Method, Problem
-from mbm.solution.layouts import reads_tables
+from mbm.problem.types import Method, Problem, Unknown
+from mbm.solution.layouts import columns_of
 from mbm.solution.sampling import samplings
 from mbm.solution.settings import Settings
 from mbm.symbolic.types import ColumnInput
@@ -16,19 +16,15 @@ from mbm.symbolic.types import ColumnInput
 def suits(problem: Problem, kernels: KernelSet, split: frozenset[str]) -> bool:
     """Whether the equations of all solves can be bound together; ``split`` names the tables that are divided by key.
 
-    Then each row of a divided table gives equations that are the same in the whole table as in its own solve, and what
-    is the same for all solves looks at no divided table. Problems with constraints or errors in measured columns, and
-    with losses of unknown noise beside other equations, are left to the general path.
+    Then each row of a divided table gives equations that are the same in the whole table as in its own solve, but for
+    the numbers of members, and what is the same for all solves looks at no divided table. Problems with errors in
+    measured columns are left to the general path.
     """
-    if any(reads_tables(unknown) for unknown in problem.unknowns):
+    if not all(_readable(unknown, split) for unknown in problem.unknowns):
         return False
     for block in problem.blocks:
-        if block.role is BlockRole.CONSTRAINT or block.errors or block.distinct:
+        if block.errors or block.distinct:
             return False
-        if block.loss is not None and block.unknown_factor and len(problem.blocks) > 1:
-            return False
-    if any(block.table is not None and block.table not in split for block in problem.blocks):
-        return False
     if any(derived.table is not None for derived in problem.derived):
         return False
     if any(samplings(kernel) for kernel in kernels.kernels):
@@ -42,14 +38,43 @@ def asks_for_one_search(settings: Settings) -> bool:
 
 
 def _one_row_at_a_time(problem: Problem, kernels: KernelSet, split: frozenset[str]) -> bool:
+    own = frozenset(u.name for u in problem.unknowns if u.family is not None and u.family.rows in split)
     for owner, nodes in _expressions(problem):
         for leaf in leaves(nodes):
-            if isinstance(leaf, Component) and leaf.member is not None:
+            if isinstance(leaf, Component) and not _picks(leaf.member, owner, split, own=leaf.unknown in own):
                 return False
-            if isinstance(leaf, Column) and not _local(leaf.table, leaf.row, owner, split):
+            if isinstance(leaf, Column) and not (
+                _local(leaf.table, leaf.row, owner, split) and _picks(leaf.member, owner, split, own=False)
+            ):
                 return False
     inputs = (p for kernel in kernels.kernels for p in kernel.parameters if isinstance(p, ColumnInput))
     return all(p.row is RowChoice.EACH or p.table not in split for p in inputs)
+
+
+def _readable(unknown: Unknown, split: frozenset[str]) -> bool:
+    """Whether what is stated of an unknown follows from the rows of its members, or from tables that are whole."""
+    rows = None if unknown.family is None else unknown.family.rows
+    options = (
+        unknown.start,
+        unknown.lower,
+        unknown.upper,
+        unknown.start_lower,
+        unknown.start_upper,
+        unknown.fixed,
+    )
+    columns = (column for option in options if option is not None for column in columns_of(option))
+    return all(_local(column.table, column.row, rows, split) for column in columns)
+
+
+def _picks(member: Member | None, owner: str | None, split: frozenset[str], *, own: bool) -> bool:
+    """Whether a key follows from the row at hand; ``own``: it names a member of those that each solve has."""
+    if member is None:
+        return True
+    if isinstance(member, LiteralMember):
+        return not own
+    if member.row is RowChoice.EACH:
+        return owner in split or not own
+    return not own and member.table not in split
 
 
 def _local(table: str, row: RowChoice, owner: str | None, split: frozenset[str]) -> bool:

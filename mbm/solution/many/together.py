@@ -11,19 +11,21 @@ import numpy as np
 
 from mbm.kernels.types import KernelSet
 from mbm.problem.tables import Table
-from mbm.problem.types import Problem
+from mbm.problem.types import ConstraintMethod, Problem
 from mbm.solution.assembly import Assembled
-from mbm.solution.binding import EvaluationCache
-from mbm.solution.estimate import assemble
-from mbm.solution.many.chain import NOT_SOLVED, Chain
+from mbm.solution.binding import EvaluationCache, affine
+from mbm.solution.many.chain import NOT_SOLVED, Chain, places_before
 from mbm.solution.many.components import components_solver, estimated_on_the_way, several_noises
 from mbm.solution.many.consensus import consensus_solver, loss_solver
 from mbm.solution.many.descent import solver_of
+from mbm.solution.many.parts import Part, bound_parts
 from mbm.solution.many.sets import Sets, sets_of
+from mbm.solution.many.several import Several
 from mbm.solution.many.solve import Together
-from mbm.solution.many.stack import Stack, stack
+from mbm.solution.many.stack import Stack
 from mbm.solution.many.suits import asks_for_one_search, suits
 from mbm.solution.many.types import Begun, Descent, Ends, Solver
+from mbm.solution.selected import column_families
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.text.types import MbmError
@@ -42,7 +44,7 @@ def together(
     settings: Settings,
     cache: EvaluationCache,
     starts: Begun,
-) -> Together | None:
+) -> Together | Several | None:
     """The solves of a problem to be made together; None where they are to be made one by one.
 
     Raises:
@@ -53,43 +55,71 @@ def together(
     names = problem.request.for_each if window is None else (*problem.request.for_each, window.column)
     if not names or not asks_for_one_search(settings):
         return None
-    split = frozenset(name for name, table in tables.items() if any(c in table.columns for c in names))
-    if not suits(problem, kernels, split):
+    if not suits(problem, kernels, _divided(problem, tables, names)):
         return None
     sets = sets_of(problem, tables)
     if sets is None or sets.count <= FEW:
         return None
     try:
-        layout = cache.layouts.of(problem, tables, {})
-        points = _starts(problem, tables, cache, sets, starts)
-        bound = stack(problem, kernels, sets, layout, cache)
-        number = int(np.argmax(bound.rows.sum(axis=0)))
-        first, _ = assemble(problem, kernels, sets.selection(number).tables, {}, cache)
+        parts, left = bound_parts(problem, kernels, sets, cache, starts, FEW)
     except MbmError:
         return None  # which solve is at fault, the general path says
+    odd = settings.robust is not None or estimated_on_the_way(problem)
+    if window is not None and odd and len(parts) > 1:
+        return None  # what these hand on is found again, from the first window on
+    found = []
+    rest = [left]
+    for part in parts:
+        made = _made(problem, kernels, part, settings, cache)
+        if made is None:
+            rest.append(part.which)
+        else:
+            found.append((part.which, made))
+    if not found:
+        return None
+    if len(found[0][0]) == sets.count:
+        return found[0][1]
+    return Several(problem=problem, sets=sets, parts=tuple(found), rest=np.concatenate(rest), settings=settings)
+
+
+def _divided(problem: Problem, tables: Mapping[str, Table], names: tuple[str, ...]) -> frozenset[str]:
+    """The tables that are divided by the columns ``names``, those of the distinct values of a column with its table."""
+    families = column_families(problem)
+    split = {name for name, t in tables.items() if name not in families and any(c in t.columns for c in names)}
+    return frozenset(split | {name for name, family in families.items() if family.table in split})
+
+
+def _made(
+    problem: Problem, kernels: KernelSet, part: Part, settings: Settings, cache: EvaluationCache
+) -> Together | None:
+    """The solves of a part; None where native code does not make them."""
+    bound, window = part.bound, problem.request.window
     if bound.equations.machine_code is None or any(len(groups) != 1 for groups in bound.derived):
         return None
+    if window is not None and _idle(bound):
+        return None  # members that nothing is said of keep what they were in the window before
 
     @kept
     def form() -> Formed | None:
         from mbm.solution.many.forms import formed
 
-        return formed(bound, first, settings)
+        return formed(bound, part.first, settings)
 
-    before = None if window is None else _before(sets, window.min_rows)
-    descent = _descent(problem, bound, first, points, before, form, settings)
+    before = None if window is None else _before(part.sets, window.min_rows)
+    descent = _descent(problem, bound, part.first, part.points, before, form, settings)
     if descent is None:
         return None
     return Together(
         problem=problem,
         kernels=kernels,
-        sets=sets,
+        sets=part.sets,
         stack=bound,
         settings=settings,
         cache=cache,
         descent=descent,
         before=before,
         form=form,
+        places=part.which,
     )
 
 
@@ -106,19 +136,20 @@ def _descent(
 
     Windows (``before`` as `Chain` has it) begin where the ones before ended, but for consensus that needs no start.
     """
+    if bound.equations.constraints and not _simple(problem, bound, settings):
+        return None
     stated = settings.robust is not None or not _missing(bound, points).any()
     begun = points if stated else _begun(bound, points, form)
     if begun is None:
         return None
     solver: Solver | None
-    if several_noises(problem):
-        lossy = any(group.losses for group in bound.equations.groups)
-        odd = settings.robust is not None or lossy
-        solver = None if odd else components_solver(problem, bound, first, form, settings)
-    elif settings.robust is not None:
-        solver = consensus_solver(problem, bound, first, points, settings)
-    elif estimated_on_the_way(problem) or any(not loss.convex for g in bound.equations.groups for loss in g.losses):
+    if settings.robust is not None:
+        several = several_noises(problem)
+        solver = None if several else consensus_solver(problem, bound, first, points, settings)
+    elif _begins_at_agreement(problem, bound):
         solver = loss_solver(problem, bound, first, begun, settings)
+    elif several_noises(problem):
+        solver = components_solver(problem, bound, first, form, settings)
     else:
         solver = solver_of(bound, settings)
     if solver is None:
@@ -131,7 +162,15 @@ def _descent(
             given=None if given is None else given[which.start : which.stop],
         )
     known = settings.robust is None and not any(block.unknown_factor for block in problem.blocks)
-    ends, began = Chain(stack=bound, solve=solve, own=begun, before=before, known=known, settings=settings).ends()
+    ends, began = Chain(
+        stack=bound,
+        solve=solve,
+        own=begun,
+        before=before,
+        known=known,
+        places=places_before(bound, before),
+        settings=settings,
+    ).ends()
     if settings.robust is not None:  # what was kept is found again, slice by slice
         lost = ends.reason < 0
 
@@ -143,6 +182,25 @@ def _descent(
     if not stated:
         ends = replace(ends, given=np.zeros(bound.solves, dtype=bool))
     return ends.part
+
+
+def _simple(problem: Problem, bound: Stack, settings: Settings) -> bool:
+    """Whether constraints stand beside nothing but equations of one noise, and losses with one minimum."""
+    convex = all(loss.convex for group in bound.equations.groups for loss in group.losses)
+    odd = estimated_on_the_way(problem) or settings.robust is not None
+    return settings.constraints is ConstraintMethod.PENALTY and convex and not odd
+
+
+def _begins_at_agreement(problem: Problem, bound: Stack) -> bool:
+    """Whether losses begin where the least median of squares is: some are not convex, or of unknown noise."""
+    lossy = any(block.unknown_factor and block.loss is not None for block in problem.blocks)
+    return lossy or any(not loss.convex for group in bound.equations.groups for loss in group.losses)
+
+
+def _idle(bound: Stack) -> bool:
+    """Whether there are members that no equation mentions."""
+    layout = bound.equations.layout
+    return len(bound.equations.free) + int(layout.fixed.sum()) < len(layout.number)
 
 
 def _missing(bound: Stack, points: Floats) -> Mask:
@@ -159,9 +217,16 @@ def _begun(bound: Stack, points: Floats, form: Callable[[], Formed | None]) -> F
     equations = bound.equations
     moving = equations.moving()
     missing = _missing(bound, points)
-    if equations.linear and not _boxed(equations):
-        return np.where(np.isfinite(points), points, 0.0)  # one step leads from anywhere to the answer
-    apart = bool((missing != moving).any()) or bool((points[:, ~moving] != points[:1, ~moving]).any())
+    free = np.zeros(len(equations.layout.number), dtype=bool)
+    free[equations.free] = True
+    linear = equations.linear and all(affine(group, free) for group in equations.constraints)
+    if linear and not _boxed(equations):
+        return np.where(np.isfinite(points), points, 0.0)  # there is one minimum, which every start leads to
+    apart = (
+        bool(equations.constraints)
+        or bool((missing != moving).any())
+        or bool((points[:, ~moving] != points[:1, ~moving]).any())
+    )
     found = None if apart else form()
     if found is None:
         return None
@@ -178,17 +243,3 @@ def _before(sets: Sets, least: int) -> Indices:
     numbers = np.where(solved, np.arange(sets.count), -1)
     latest = np.maximum.accumulate(numbers)
     return np.where(solved, np.concatenate([[-1], latest[:-1]]), NOT_SOLVED)
-
-
-def _starts(problem: Problem, tables: Mapping[str, Table], cache: EvaluationCache, sets: Sets, starts: Begun) -> Floats:
-    """The point (T, N) where each solve starts; NaN where a number has none."""
-    if not callable(starts):
-        return np.tile(cache.layouts.of(problem, tables, starts).start, (sets.count, 1))
-    found: list[Floats] = []
-    last: Mapping[str, Floats] | None = None
-    for cells in sets.keys:
-        given = starts(dict(zip(sets.names, cells, strict=True)))
-        # most often all solves are given the same
-        found.append(found[-1] if given is last else cache.layouts.of(problem, tables, given).start)
-        last = given
-    return np.stack(found)

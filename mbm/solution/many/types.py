@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.problem.tables import CellKey, Table
-from mbm.solution.layout import Layout
+from mbm.solution.layout import Entry, Layout
 from mbm.solution.solution import Failure, Skipped, Solution
 from mbm.solution.types import Floats, Indices, Mask, Reason
 from mbm.values import dataclass
@@ -34,7 +34,8 @@ class Ends:
     another method is to take over; ``held`` (K,): some coordinate is at a bound; ``offset`` as `Minimum` has it.
     ``kept``: what consensus left in (None: everything). ``given`` (K,): the descent began at a stated start, which a
     closed form may challenge (None: all did). ``factors`` (K, blocks) are those of unknown noises that are several
-    (None: there is one at most).
+    (None: there is one at most). ``multipliers`` (K, k) are those of the constraints of each solve, as `Minimum` has
+    them, the first ones (None: there are no constraints).
     """
 
     points: Floats
@@ -44,6 +45,7 @@ class Ends:
     iterations: Indices
     evaluations: Indices
     held: Mask
+    multipliers: Floats | None = None
     kept: Kept | None = None
     given: Mask | None = None
     factors: Floats | None = None
@@ -68,31 +70,58 @@ class Kept:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Outliers:
-    """Rows that are taken for outliers: ``positions`` in ``table``, those of solve k from ``first[k]`` on."""
+class Rows:
+    """Rows of which something is to be said: ``positions`` in ``table``, those of solve k from ``first[k]`` on."""
 
     table: Table
     positions: Indices
     first: Indices
 
     @classmethod
-    def of_rows(cls, table: Table, positions: Indices, solve: Indices, solves: int) -> Outliers:
+    def of_rows(cls, table: Table, positions: Indices, solve: Indices, solves: int) -> Rows:
         """The ``positions`` (R,) of the rows of so many solves, each of which belongs to ``solve`` (R,), ascending."""
         ends = np.cumsum(np.bincount(solve, minlength=solves))
         return cls(table=table, positions=positions, first=np.concatenate([np.zeros(1, dtype=np.int64), ends]))
 
-    def joined(self, other: Outliers) -> Outliers:
+    def joined(self, other: Rows) -> Rows:
         """These and others of the same table."""
         solves = len(self.first) - 1
         parts = [np.repeat(np.arange(solves), np.diff(each.first)) for each in (self, other)]
         positions, solve = np.concatenate([self.positions, other.positions]), np.concatenate(parts)
         order = np.lexsort((positions, solve))
-        return Outliers.of_rows(self.table, positions[order], solve[order], solves)
+        return Rows.of_rows(self.table, positions[order], solve[order], solves)
 
     def of(self, place: int) -> list[int]:
         """The positions of one solve, ascending."""
         found: list[int] = self.positions[self.first[place] : self.first[place + 1]].tolist()
         return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Limits:
+    """The constraints of T solves, of blocks ``owners`` (k), none of them violated.
+
+    ``values`` (T, k) as `ConstraintReport` has them; ``active`` (T, k): at the limit; ``pushed`` (T, k): some
+    inequality of the block keeps the estimates from moving; ``rows`` (T, k) how often the block is there, ``at_limit``
+    the rows at their limits of inequalities over tables (None: of others). ``multipliers`` (T, c) as `Ends` has them.
+    ``dimension`` (T,), all of it determined, as `Observability` has it; ``moving`` (T,) is that without what equations
+    determine.
+    """
+
+    owners: tuple[int, ...]
+    values: Floats
+    active: Mask
+    pushed: Mask
+    rows: Indices
+    at_limit: tuple[Rows | None, ...]
+    multipliers: Floats
+    dimension: Indices
+    moving: Indices
+
+    def first(self, count: int) -> Limits:
+        """Those of the first ``count`` solves."""
+        whole = ("owners", "at_limit")  # rows are looked up by the number of a solve
+        return replace(self, **{f.name: getattr(self, f.name)[:count] for f in fields(self) if f.name not in whole})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -110,6 +139,8 @@ class Columns:
     columns hold anything. ``expected`` (T,): the fit is as good as stated noise lets expect. ``outliers`` are the rows
     of each block that were left out, or are far off under a loss (None: none are looked for). ``priors`` (T, k): how
     far estimates are from the k means that are known beforehand, not whitened, equation by equation. ``seconds`` (T,).
+    ``limits`` are the constraints (None: there are none); with these, columns of ``factor`` and ``root`` are zero for
+    the dimensions that they take away.
     """
 
     points: Floats
@@ -133,15 +164,21 @@ class Columns:
     clean: Mask
     solved: Mask
     expected: Mask
-    outliers: tuple[Outliers | None, ...]
+    outliers: tuple[Rows | None, ...]
     priors: Floats
     seconds: Floats
+    limits: Limits | None = None
 
     def first(self, count: int) -> Columns:
         """The columns of the first ``count`` solves."""
-        whole = ("derived", "outliers")  # outliers are looked up by the number of a solve
+        whole = ("derived", "outliers", "limits")  # outliers are looked up by the number of a solve
         own = {f.name: getattr(self, f.name)[:count] for f in fields(self) if f.name not in whole}
-        return replace(self, **own, derived=tuple((a[:count], b[:count], c[:count]) for a, b, c in self.derived))
+        return replace(
+            self,
+            **own,
+            derived=tuple((a[:count], b[:count], c[:count]) for a, b, c in self.derived),
+            limits=None if self.limits is None else self.limits.first(count),
+        )
 
 
 Descent: TypeAlias = Callable[[range], Ends]
@@ -156,8 +193,9 @@ class Block:
     """Some consecutive solves: those of ``which``, with their ``columns``; ``apart`` has those that are not clean.
 
     ``rows`` (solves, blocks) are the rows of the tables, used or not. ``names`` are the key columns and ``keys`` their
-    cells in all solves; ``layout`` and ``free`` say what the numbers are. ``make`` gives all that is to be said of a
-    solve whose columns are clean.
+    cells in all solves; ``layout`` and ``free`` say what the numbers are, ``members`` has the keys, solve by solve, of
+    the members of unknowns for which each solve has its own. ``make`` gives all that is to be said of a
+    solve whose columns are clean. ``places`` (solves,) are the numbers of the solves among all of the problem.
     """
 
     which: range
@@ -169,6 +207,14 @@ class Block:
     make: Callable[[int, Columns, int], Solution]
     layout: Layout
     free: Indices
+    members: Mapping[str, Sequence[CellKey]]
+    places: Indices
+
+    def member_keys(self, entry: Entry, place: int) -> tuple[CellKey, ...] | None:
+        """The keys of the members of an unknown in the solve at a place (from 0); None without a family."""
+        own = self.members.get(entry.unknown.name)
+        first = (self.which.start + place) * entry.members
+        return entry.keys if own is None else tuple(own[first : first + entry.members])
 
     def solution(self, number: int) -> Solution | Failure | Skipped:
         """One solve of ``which``, made now if it was left in the columns."""

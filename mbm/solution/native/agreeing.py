@@ -14,7 +14,7 @@ from mbm.solution.native.code import NativeCode
 from mbm.solution.native.consensus import Rooms, consensus_many
 from mbm.solution.native.consensus_forms import KnownForm, known_form
 from mbm.solution.native.consensus_rules import NO_FORM, Rules, rules_of
-from mbm.solution.native.system import native_code, system_of
+from mbm.solution.native.system import native_code, never, system_of
 from mbm.solution.robust.agree import Agreed
 from mbm.solution.robust.binding import without_losses
 from mbm.solution.settings import Settings
@@ -75,7 +75,14 @@ def agreed_natively(
     if code is None:
         return None
     ends = consensus_many(
-        system, code.consensus, rules, begun[None], forms, startless=starts is None, rooms=learnt.rooms
+        system,
+        code.consensus,
+        rules,
+        begun[None],
+        forms,
+        startless=starts is None,
+        rooms=learnt.rooms,
+        stopped=never if settings.interruption is None else settings.stopped,
     )
     if not ends.agreed[0]:
         return None
@@ -86,6 +93,7 @@ def agreed_natively(
         variances=ends.variances,
         trials=int(ends.states[0, c.TRIALS]),
         ambiguous=bool(ends.states[0, c.AMBIGUOUS]),
+        cut_short=ends.cut_short,
     )
 
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbm.solution.native.code import LANES, SolverCode
 from mbm.solution.native.consensus_rules import Rules
@@ -31,6 +34,7 @@ class ConsensusEnds:
 
     ``points`` (D, N) is where the units agree, the first start where they do not; ``states`` (D, `ANSWERS`). For each
     unit ``inside`` says whether it agrees, with squared norms up to ``limits``; ``variances`` are those of the noise.
+    ``cut_short``: the one data set there is was interrupted.
     """
 
     points: Floats
@@ -39,6 +43,7 @@ class ConsensusEnds:
     inside: Mask
     limits: Floats
     variances: Floats
+    cut_short: bool = False
 
     @property
     def agreed(self) -> Mask:
@@ -153,7 +158,8 @@ def consensus_many(
         startless: the closed form gives the starts; those given hold the other numbers.
         workers: threads; the answers do not depend on it.
         rooms: those made for such data sets before.
-        stopped: asked now and then; data sets that were not looked at by then do not agree.
+        stopped: asked now and then; data sets that were not looked at by then do not agree. Of a single one, the best
+            of the trials that were made by then is the answer.
     """
     count = len(system.rows.data)
     units_at = units_at_of(system, rules)
@@ -166,6 +172,7 @@ def consensus_many(
     table[c.STARTLESS] = startless
     points, states = np.zeros((count, numbers)), np.zeros((count, c.ANSWERS), dtype=np.int64)
     inside, limits, variances = np.zeros(total, dtype=np.int64), np.zeros(total), np.zeros(total)
+    answers = (points, states, inside, limits, variances)
     code.expect(count * TRIALS * system.expected)
     routine = code.routine("agree_many", int, int, *[object] * 3, int, *[object] * 18)
 
@@ -180,18 +187,64 @@ def consensus_many(
             routine(
                 begin, end, room.header, system.constants, system.rows.data, int(system.rows.data.shape[1]),
                 system.rows.parameters, system.rows.weights, system.rows.index, system.rows.columns,
-                table, rules.levels, units_at, known, begun, work, desk, bench, places,
-                points, states, inside, limits, variances,
+                table, rules.levels, units_at, known, begun, work, desk, bench, places, *answers,
             )  # fmt: skip
 
-    if workers <= 1 or count < 2:
-        part(0, count)
+    cut = False
+    if count == 1 and stopped is not never:
+        cut = _by_and_by(system, code, replace(room, table=table), (rules.levels, known, begun), answers, stopped)
     else:
-        from concurrent.futures import ThreadPoolExecutor  # loads what logs; one data set needs no threads
-
-        cuts = np.linspace(0, count, min(workers, count) + 1).astype(int).tolist()
-        with ThreadPoolExecutor(len(cuts) - 1) as pool:
-            list(pool.map(part, cuts[:-1], cuts[1:]))
+        _shared(part, count, workers)
     return ConsensusEnds(
-        points=points, states=states, units_at=units_at, inside=inside == 1, limits=limits, variances=variances
+        points=points,
+        states=states,
+        units_at=units_at,
+        inside=inside == 1,
+        limits=limits,
+        variances=variances,
+        cut_short=cut,
     )
+
+
+def _shared(work: Callable[[int, int], None], count: int, workers: int) -> None:
+    """``work(first, last)`` for all of ``count``, shared by so many threads."""
+    if workers <= 1 or count < 2:
+        work(0, count)
+        return
+    from concurrent.futures import ThreadPoolExecutor  # loads what logs; one data set needs no threads
+
+    cuts = np.linspace(0, count, min(workers, count) + 1).astype(int).tolist()
+    with ThreadPoolExecutor(len(cuts) - 1) as pool:
+        list(pool.map(work, cuts[:-1], cuts[1:]))
+
+
+def _by_and_by(
+    system: NativeSystem,
+    code: SolverCode,
+    room: Room,
+    given: tuple[Floats, ...],
+    answers: tuple[NDArray[Any], ...],
+    stopped: Callable[[], bool],
+) -> bool:
+    """The one data set of a system, in portions of trials; the answers are those of all trials at once.
+
+    ``given`` are the levels of units, what closed forms know of them, and the starts. Whether it was interrupted.
+    """
+    routine = code.routine("agree_by_and_by", int, int, int, *[object] * 20)
+    scratch = (np.zeros(room.work), np.zeros(room.work), np.zeros(room.bench), np.zeros(room.places, dtype=np.int64))
+    progress = scratch[3][int(c.progress_at(room.header, room.table)) :]
+    rows, most = system.rows, int(max(AT_A_TIME / system.expected, 1))
+    levels, known, begun = given
+
+    def portion(trials: int, begin: int, end: int) -> None:
+        routine(
+            trials, begin, end, room.header, system.constants, rows.data, rows.parameters, rows.weights, rows.index,
+            rows.columns, room.table, levels, known, begun, *scratch, *answers,
+        )  # fmt: skip
+
+    portion(most, 1, 0)
+    while progress[c.TRIALS_MADE] < progress[c.TRIALS_WANTED] and not stopped():
+        portion(most, 0, 0)
+    cut_short = bool(progress[c.TRIALS_MADE] < progress[c.TRIALS_WANTED])
+    portion(0, 0, 1)
+    return cut_short

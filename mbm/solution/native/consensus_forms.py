@@ -30,6 +30,9 @@ DRAWS = 6
 SPREAD = 0.3
 """Random data lie about the given ones by so much of their extent."""
 
+GROSS = 1e3
+"""Deviation from the median beside the median deviation, from which data are no example of what data may be."""
+
 EXACT = 1e-6
 """What an affine dependence may leave, beside the size of what it gives: probes are no more exact than that."""
 
@@ -117,8 +120,8 @@ def known_form(equations: Assembled, forms: Iterable[ClosedForm]) -> KnownForm |
 
 def _agrees(mine: Floats, expected: Floats) -> bool:
     known = np.isfinite(expected).all(axis=1)
-    size = np.abs(expected[known]).max(initial=1.0)
-    return bool((np.abs(mine[known] - expected[known]) <= 1e-6 * size).all())
+    size = np.abs(expected[known]).max(axis=1, initial=1.0, keepdims=True)
+    return bool((np.abs(mine[known] - expected[known]) <= EXACT * size).all())
 
 
 def _form(solver: MinimalSolver) -> Form:
@@ -152,7 +155,9 @@ def _told(solver: MinimalSolver) -> Floats:
     """What the form says of each of its rows (rows, width)."""
     data = solver.plan.data
     if isinstance(data, Spheres):
-        return np.column_stack([data.stations, data.length, data.extra, data.slope])
+        told = np.column_stack([data.stations, data.length, data.extra, data.slope])
+        told[data.weight == 0.0] = np.nan
+        return told
     return np.hstack([data.moved.points, data.bearings])
 
 
@@ -202,12 +207,22 @@ def _maps(
 
 
 def _with_random_data(group: Group, generator: np.random.Generator) -> Group:
-    """A group of equations with other data, near those that it has."""
-    given = group.parameters
+    """A group of equations with other data, near those that it has but for what is grossly wrong."""
+    given = _without_gross_ones(group.parameters)
     extent = np.ptp(given, axis=0) if len(given) else np.zeros(given.shape[1])
     typical = np.abs(given).max(initial=0.0) or 1.0
     size = np.maximum(extent, np.where(np.abs(given).max(axis=0, initial=0.0) > 0, np.abs(given).mean(axis=0), typical))
     return replace(group, parameters=given + SPREAD * size * generator.uniform(-1.0, 1.0, given.shape))
+
+
+def _without_gross_ones(given: Floats) -> Floats:
+    """Data (rows, p), those far off the others of their column brought nearer."""
+    if not len(given):
+        return given
+    middle = np.median(given, axis=0)
+    spread, level = np.median(np.abs(given - middle), axis=0), np.abs(middle)
+    size = GROSS * np.where(spread > 0.0, spread, np.where(level > 0.0, level, 1.0))
+    return np.clip(given, middle - size, middle + size)
 
 
 def _affine(data: Floats, told: Floats) -> Floats | None:

@@ -23,14 +23,20 @@ ENDINGS = {
 }
 """Ends that are believed; after any other the general path starts anew, and finds the words for it."""
 
+SAME, TINY = 1e-9, 1e-9
+"""Relative difference of costs up to which corrections that were found in two ways are the same, and the cost below
+which only rounding is left."""
+
 MEMORY = 4_000_000
 """Numbers in the Jacobians that are computed together."""
 
 
 def native_minimum(equations: Equations, start: Floats, settings: Settings) -> Minimum | None:
     """The minimum that a start (N,) leads to; None: the equations are not for the native solver, or it is not sure."""
-    system = _system(equations, settings)
-    if system is None or not isinstance(equations, Assembled):
+    if not isinstance(equations, Assembled):
+        return None
+    system = _system(equations if equations.implicit is None else equations.straightened(), settings)
+    if system is None:
         return None
     ends = system.one(start, stopped=settings.stopped if settings.interruption is not None else None)
     point = ends.numbers[0]
@@ -56,7 +62,7 @@ def native_minima(equations: Equations, starts: Floats, settings: Settings) -> I
             yield _minimum(equations, ends, k, here.copy(), slopes.copy()) if made else None
 
 
-def _system(equations: Equations, settings: Settings) -> NativeSystem | None:
+def _system(equations: Equations | None, settings: Settings) -> NativeSystem | None:
     """What the native solver is given; None where it should not take part."""
     if not isinstance(equations, Assembled) or settings.method not in (Method.AUTO, Method.MARQUARDT):
         return None
@@ -73,11 +79,14 @@ def _minimum(equations: Assembled, ends: NativeEnds, k: int, residuals: Floats, 
         return None
     if not (np.isfinite(residuals).all() and np.isfinite(jacobian).all()):
         return None
+    cost = float(residuals @ residuals)
+    if equations.implicit is not None and not abs(ends.results[k, of.COST] - cost) <= SAME * max(cost, TINY):
+        return None
     found = Minimum(
         point=ends.numbers[k],
         residuals=residuals,
         jacobian=jacobian,
-        cost=float(residuals @ residuals),
+        cost=cost,
         reason=Reason.INTERRUPTED if interrupted else ENDINGS[code],
         iterations=int(ends.states[k, of.STEPS]),
         evaluations=int(ends.states[k, of.EVALUATIONS]),

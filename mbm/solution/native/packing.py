@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import field
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -75,7 +76,7 @@ def weights_of(group: Group, factors: Floats | None, left_out: Floats | None) ->
             weights = weights / (own if weights.ndim == 2 else own[:, :, None])
         if left_out is not None:
             weights = np.where(left_out[:, k].reshape(-1, *([1] * (weights.ndim - 1))) == 0.0, 0.0, weights)
-        parts.append(weights.reshape(len(weights), int(np.prod(weights.shape[1:]))))
+        parts.append(weights.reshape(len(weights), prod(weights.shape[1:])))
     return parts[0] if len(parts) == 1 else np.hstack(parts)
 
 
@@ -96,7 +97,7 @@ def rows_of(equations: Assembled) -> Rows:
     weights: list[Floats] = []
     index: list[Indices] = []
     columns: list[Indices] = []
-    places = np.zeros(4, dtype=np.int64)
+    places = [0, 0, 0, 0]
     column = np.full(len(equations.layout.number), -1, dtype=np.int64)
     column[equations.free] = np.arange(equations.dimension)
     taken = None
@@ -105,7 +106,6 @@ def rows_of(equations: Assembled) -> Rows:
         taken[equations.rows] = 1.0
     data = [equations.count]
     for group in (*equations.groups, *equations.constraints):
-        # Arrays never end up empty: what stands at their ends may be pointed to, though it is not read.
         parts: list[NDArray[Any]] = [
             group.parameters.ravel(),
             np.zeros(0),
@@ -120,8 +120,8 @@ def rows_of(equations: Assembled) -> Rows:
             if taken is not None:
                 picked = taken[lines].reshape(shape)[:, [w.first for w in group.whiteners]]
             parts[1] = weights_of(group, factors, picked).ravel()
-        data += [*places.tolist(), group.rows]
-        places += [len(p) for p in parts]
+        data += [*places, group.rows]
+        places = [place + len(part) for place, part in zip(places, parts, strict=True)]
         parameters.append(parts[0])
         weights.append(parts[1])
         index.append(parts[2])
@@ -136,7 +136,8 @@ def rows_of(equations: Assembled) -> Rows:
 
 
 def _joined(parts: Sequence[NDArray[Any]], kind: type) -> NDArray[Any]:
-    return np.ascontiguousarray(np.concatenate([*parts, np.zeros(1)]), dtype=kind)
+    """One array, never empty: what stands at its end may be pointed to, though it is not read."""
+    return np.ascontiguousarray(np.concatenate([*parts, np.zeros(1, dtype=kind)]), dtype=kind)
 
 
 def rounded_up(rows: int) -> int:

@@ -219,7 +219,7 @@ def handled(equations: object) -> bool:
 
 def _whole_units(equations: Assembled) -> bool:
     """Whether the residuals picked are all those of some units."""
-    units = equations.everything().units
+    units = equations.every_unit
     sizes = np.bincount(units)
     found = np.bincount(units[equations.rows], minlength=len(sizes))
     return bool(((found == 0) | (found == sizes)).all())

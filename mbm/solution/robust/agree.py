@@ -18,13 +18,12 @@ from mbm.solution.robust.estimators.msac import MSAC
 from mbm.solution.robust.estimators.standard import BY_KIND
 from mbm.solution.robust.estimators.types import ConsensusEstimator
 from mbm.solution.robust.gnc import graduated
+from mbm.solution.robust.joint import joint
 from mbm.solution.robust.refine import Refined, Trimmed, Truncated, refined
-from mbm.solution.robust.scale import noise_variances
-from mbm.solution.robust.scores import STATED_CUT, cuts, variances_at
+from mbm.solution.robust.scores import cuts, variances_at
 from mbm.solution.robust.subsets import minimal_subsets
 from mbm.solution.robust.trials import Trials
 from mbm.solution.robust.units import STATED, Units, consistency, robust_variance
-from mbm.solution.robust.units import limits as deviation_limits
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.target.solver.consensus_draw import FEWEST_TRIALS, trials_for_share
 from mbm.values import dataclass
@@ -66,7 +65,7 @@ class Agreed:
 
     ``inliers`` (U,) have squared norms up to ``limits`` (U,) at ``point`` (N,); ``variances`` (U,) are those of the
     noise: 1 where it is stated, else estimated from the inliers. ``trials`` is the number of subsets; ``ambiguous``
-    says that another point explains as much.
+    says that another point explains as much, ``cut_short`` that the trials were interrupted.
     """
 
     point: Floats
@@ -75,6 +74,7 @@ class Agreed:
     variances: Floats
     trials: int
     ambiguous: bool
+    cut_short: bool = False
 
     @property
     def share(self) -> float:
@@ -123,16 +123,13 @@ def _finished(trials: Trials, units: Units, point: Floats, consensus: Consensus,
     cut = cuts(units, consensus.threshold)
     point, squares, variances = _settled(trials, units, point, cut, variances)
     limits = cut * variances
-    if consensus.threshold is None and (units.group != STATED).any():
-        point, squares, limits = _widened(trials, units, point, squares, limits, variances)
+    inliers = squares <= limits
+    if bool((units.group != STATED).any()) and bool(inliers.any()):
+        found = joint(trials, units, point, inliers, cut, variances, widening=consensus.threshold is None)
+        point, inliers, limits, variances = found.point, found.inliers, found.limits, found.noise
     return Agreed(
-        point=point,
-        inliers=squares <= limits,
-        limits=limits,
-        variances=noise_variances(squares, limits, variances, units, trials.dimension),
-        trials=0,
-        ambiguous=False,
-    )
+        point=point, inliers=inliers, limits=limits, variances=variances, trials=0, ambiguous=False
+    )  # fmt: skip
 
 
 def _until_sure(trials: Trials, units: Units, points: Floats, of: Indices, count: int, size: int, cut: Floats) -> int:
@@ -227,27 +224,6 @@ def _settled(
             fresh[stated] = wide if contradicted else variances[stated]
         variances = fresh
     return point, squares, variances
-
-
-def _widened(
-    trials: Trials, units: Units, point: Floats, squares: Floats, limits: Floats, variances: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Point, squared norms and limits with unknown noise as the inliers have it, where the median made it too small.
-
-    The robust scale of a few dozen residuals is uncertain by a tenth and more. Where it came out low, good units were
-    cut off; three standard deviations of the inliers take them back, as long as that brings any.
-    """
-    unknown = units.group != STATED
-    reach = deviation_limits(units.components, STATED_CUT)
-    for _ in range(ROUNDS):
-        noise = noise_variances(squares, limits, variances, units, trials.dimension)
-        wider = np.where(unknown, np.maximum(limits, reach * noise), limits)
-        if bool(((squares <= wider) == (squares <= limits)).all()):
-            break
-        limits = wider
-        found = refined(trials, units, point[None], Truncated(limits, noise), iterations=STEPS)
-        point, squares = found.points[0], found.squares[0]
-    return point, squares, limits
 
 
 def _contradicted(squares: Floats, units: Units, dimension: int, cut: Floats, inliers: Mask) -> bool:

@@ -14,11 +14,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Problem, RandomStarts
+from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Method, Problem, RandomStarts
 from mbm.solution.assembly import Assembled, loss_lines
 from mbm.solution.minimise import minimise
 from mbm.solution.robust import faults
 from mbm.solution.robust.agree import Agreed, agree, agree_near
+from mbm.solution.robust.beginning import told_apart
 from mbm.solution.robust.binding import trials_of, trials_of_part, units_of, without_losses
 from mbm.solution.robust.many import MANY, agree_by_losses
 from mbm.solution.robust.parts import Part, agree_in_parts, parts_of, units_of_parts
@@ -29,7 +30,7 @@ from mbm.solution.robust.units import STATED, Units
 from mbm.solution.settings import Settings
 from mbm.solution.starting import Beginning
 from mbm.solution.types import Floats, Noise, NoiseState
-from mbm.text.types import Diagnostic
+from mbm.text.types import Diagnostic, MbmError
 
 Starts: TypeAlias = Callable[[], tuple[Beginning, ...]]
 """Finds the points to start from, at least one; may raise MbmError."""
@@ -51,7 +52,7 @@ def agreeing(
     found = _startless(problem, equations, settings, consensus) if anywhere else None
     beginnings: tuple[Beginning, ...] = ()
     if found is None:
-        beginnings = starts()
+        beginnings = _told_apart(problem, equations, settings, starts, _observed)
         units = units_of(equations, problem, beginnings[0].point, _observed)
         if units.scalars <= equations.dimension or not equations.dimension:
             return Prepared(equations=equations, starts=beginnings)
@@ -75,16 +76,18 @@ def agreeing(
         noise=noise,
         truncation=_truncation(equations, units, information_left(found.limits, found.variances, units)),
         agreed=found.share >= LEAST_SHARE,
+        cut_short=found.cut_short,
         diagnostics=tuple(diagnostics),
     )
 
 
-def scaled(problem: Problem, equations: Assembled, settings: Settings, starts: tuple[Beginning, ...]) -> Prepared:
-    """All units, from where consensus finds the losses' minimum, with noise factors from there."""
+def scaled(problem: Problem, equations: Assembled, settings: Settings, search: Starts) -> Prepared:
+    """All units, from where consensus finds the losses' minimum, with noise factors from there; ``search`` as above."""
     unknown = any(block.loss is not None and block.unknown_factor for block in problem.blocks)
     convex = all(loss.convex for loss, _ in loss_lines(equations))
     if not unknown and convex:
-        return Prepared(equations=equations, starts=starts)
+        return Prepared(equations=equations, starts=search())
+    starts = _told_apart(problem, equations, settings, search, _has_loss)
     units = units_of(equations, problem, starts[0].point, _has_loss)
     if units.scalars == 0 or not equations.dimension:
         return Prepared(equations=equations, starts=starts)
@@ -102,6 +105,7 @@ def scaled(problem: Problem, equations: Assembled, settings: Settings, starts: t
         starts=starts if few else _from_agreement(found, consensus, settings, starts),
         factors=factors,
         noise=noise,
+        cut_short=found.cut_short,
         diagnostics=(faults.ambiguous_consensus(problem.span),) if found.ambiguous and not convex else (),
     )
 
@@ -170,6 +174,33 @@ def _startless(problem: Problem, equations: Assembled, settings: Settings, conse
     if equations.whole > SAMPLE or (equations.dimension > 1 and len(parts_of(equations)) > 1):
         return None
     return _natively(problem, equations, settings, consensus, _observed, None)
+
+
+def _told_apart(
+    problem: Problem,
+    equations: Assembled,
+    settings: Settings,
+    starts: Starts,
+    ruled: Callable[[Block], bool],
+) -> tuple[Beginning, ...]:
+    """Starts at which the units that are ``ruled`` tell the unknowns apart, if closed forms give any.
+
+    Raises:
+        MbmError: there is no start, of whatever kind.
+
+    """
+    asked = settings.starts is not None or settings.method is Method.CLOSED_FORM
+    if asked or equations.implicit is not None or not _without_start(equations) or equations.whole > SAMPLE:
+        return starts()
+    units = units_of(equations, problem, equations.numbers, ruled)
+    try:
+        found = starts()
+    except MbmError:  # one row whose square has no value, and the cost has none at any start
+        found = told_apart(equations, units, (), settings.closed_forms)
+        if not found:
+            raise
+        return found
+    return told_apart(equations, units, found, settings.closed_forms)
 
 
 def _without_start(equations: Assembled) -> bool:
@@ -245,7 +276,7 @@ def _loss_noise(
         redundancy = count * (1.0 - equations.dimension / total) if total else 0.0
         variance = float(found.variances[mine].mean())
         factor = sqrt(variance)
-        exact = variance <= units.rounding[mine].max()
+        exact = variance <= units.rounding[mine & found.inliers].max(initial=0.0)
         state = NoiseState.NO_REDUNDANCY if redundancy <= 0.0 else NoiseState.EXACT if exact else NoiseState.ESTIMATED
         if state is not NoiseState.ESTIMATED:
             factor = 1.0

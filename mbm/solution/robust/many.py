@@ -16,7 +16,7 @@ from mbm.solution.minimise import minimise
 from mbm.solution.robust.agree import Agreed
 from mbm.solution.robust.losses.function import LossFunction
 from mbm.solution.robust.losses.geman_mcclure import GEMAN_MCCLURE
-from mbm.solution.robust.scale import noise_variances
+from mbm.solution.robust.scale import noise_and_limits
 from mbm.solution.robust.scores import cuts, variances_at
 from mbm.solution.robust.units import STATED, Units
 from mbm.solution.settings import Settings
@@ -81,11 +81,12 @@ def _settled(
         point = minimise(weighted, point, settings, problem.span).point
         squares = units.squares(plain.plain_residuals(point))
     limits = cut * variances
+    noise, _ = noise_and_limits(squares, squares <= limits, variances, units, plain.dimension, cut, None)
     return Agreed(
         point=point,
         inliers=inliers,
         limits=limits,
-        variances=noise_variances(squares, limits, variances, units, plain.dimension),
+        variances=noise,
         trials=0,
         ambiguous=False,
     )

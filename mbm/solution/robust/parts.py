@@ -32,8 +32,9 @@ def parts_of(equations: Assembled) -> tuple[Part, ...]:
     place = np.full(len(equations.layout.number), -1, dtype=np.int64)
     place[equations.free] = np.arange(equations.dimension)
     touched = [place[group.touched] for group in (*equations.groups, *equations.constraints)]
-    label = np.arange(equations.dimension)
-    while True:
+    joined = any(_touches_all(columns, equations.dimension) for columns in touched)
+    label = np.zeros(equations.dimension, dtype=np.int64) if joined else np.arange(equations.dimension)
+    while not joined:
         before = label.copy()
         for columns in touched:
             lowest = _lowest(label, columns)
@@ -52,6 +53,11 @@ def parts_of(equations: Assembled) -> tuple[Part, ...]:
         Part(columns=equations.free[label == each], rows=np.flatnonzero(of_row == each))
         for each in np.unique(label).tolist()
     )
+
+
+def _touches_all(columns: Indices, dimension: int) -> bool:
+    """Whether rows that are all the same touch every coordinate."""
+    return len(columns) == 1 and len(set(columns[0].tolist()) - {-1}) == dimension
 
 
 def _lowest(label: Indices, columns: Indices) -> Indices:

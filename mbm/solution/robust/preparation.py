@@ -30,7 +30,7 @@ def prepared(
 
     if settings.robust is not None:
         return agreeing(problem, equations, settings, settings.robust, starts)
-    return scaled(problem, equations, settings, starts())
+    return scaled(problem, equations, settings, starts)
 
 
 def outliers(equations: Assembled, whole: Floats) -> Mask | None:

@@ -25,11 +25,14 @@ def cuts(units: Units, threshold: float | None) -> Floats:
 
 
 def variances_at(squares: Floats, units: Units, dimension: int) -> Floats:
-    """The variance (U,) of each unit's noise at a point: 1 where it is stated, else the robust one of its group."""
+    """The variance (U,) of each unit's noise at a point: 1 where it is stated, else the robust one of its group.
+
+    It is no smaller than what rounding makes of most of them: that of a unit that is grossly wrong says nothing.
+    """
     found = np.ones(units.count)
     for group in np.unique(units.group).tolist():
         if group != STATED:
             mine = units.group == group
-            least = float(units.rounding[mine].max())
+            least = float(np.median(units.rounding[mine]))
             found[mine] = max(robust_variance(squares, units, dimension, mine), least, 1e-300)
     return found

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import field, replace
 from types import MappingProxyType
 
 import numpy as np
 
 from mbm.solution.assembly import Assembled
 from mbm.solution.starting import Beginning
-from mbm.solution.types import Floats, Noise
+from mbm.solution.types import Floats, Minimum, Noise, Reason
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
@@ -20,7 +20,8 @@ class Prepared:
     """What to minimise, and where to begin.
 
     ``factors`` (all residuals,) and ``noise`` belong to blocks with a loss whose factor is unknown. ``truncation`` (all
-    residuals,) is κ of the rows that consensus kept (None: no consensus). ``agreed`` is False where too few agree.
+    residuals,) is κ of the rows that consensus kept (None: no consensus). ``agreed`` is False where too few agree,
+    ``cut_short`` True where the search for those that do was interrupted.
     """
 
     equations: Assembled
@@ -29,7 +30,14 @@ class Prepared:
     noise: Mapping[int, Noise] = field(default_factory=lambda: MappingProxyType({}))
     truncation: Floats | None = None
     agreed: bool = True
+    cut_short: bool = False
     diagnostics: tuple[Diagnostic, ...] = ()
+
+    def judged(self, minimum: Minimum) -> Minimum:
+        """The minimum with what the agreement, or the lack of it, says of it."""
+        if self.cut_short:
+            return replace(minimum, reason=Reason.INTERRUPTED)
+        return minimum if self.agreed else replace(minimum, reason=Reason.NO_AGREEMENT)
 
     def informing(self, jacobian: Floats) -> Floats | None:
         """The Jacobian (m, n) that holds the information there is: κ of that of the kept rows; None: as it is."""

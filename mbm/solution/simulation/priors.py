@@ -10,8 +10,9 @@ import numpy as np
 from mbm.kernels.types import KernelSet
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import BlockRole, Problem
-from mbm.solution.assembly import blank
-from mbm.solution.binding import Binder, EvaluationCache
+from mbm.solution.assembling import blank
+from mbm.solution.binder import Binder
+from mbm.solution.binding import EvaluationCache
 from mbm.solution.layout import Layout
 from mbm.solution.simulation.noise import stream
 from mbm.solution.types import Floats

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mbm.target.solver.beginning import begin, constraint_count, solve_directly
-from mbm.target.solver.constraints import HELD, LAMBDA, SIGNIFICANCE, begin_rounds, next_round, set_held
+from mbm.target.solver.constraints import SIGNIFICANCE, begin_rounds, next_round, set_held
 from mbm.target.solver.covariance import set_covariance, undetermined
 from mbm.target.solver.description import (
     BLOCK,
@@ -59,21 +59,27 @@ from mbm.target.solver.workspace import (
     EVALUATIONS_DONE,
     FREE,
     FULL,
+    HELD,
     HERE,
     ITERATIONS_DONE,
+    LAMBDA,
     LOADED,
+    LOOSE,
     PENALISED,
+    RANK,
     ROUND,
     SLOT,
     STOP,
     STOPPED,
     TOLERANCE_NOW,
+    TOUCHED,
     WORST,
     X,
     multipliers_at,
     place_at,
     residuals_at,
     scalars_at,
+    step_at,
     triangle_at,
     vector_at,
 )
@@ -198,24 +204,28 @@ def finish_solve(
     results[COST] = here[AT_COST]
     results[VIOLATION] = 0.0
     filled(system[MULTIPLIERS], 0.0, multipliers)
-    set_sides(system, constants, here, sides)
     copied((n + 1) * (n + 1), here[triangle_at(system) :], triangle)
     residuals = work[residuals_at(system, 0) :]
     point = here[AT_POINT:]
     count = constraint_count(system, data)
-    holding = 0
     if flags[STOP] == NOT_FINITE_AT_START:
-        filled(n * n, 0.0, covariance)
+        for j in range(n):
+            sides[j] = 0
         states[FREEDOM] = 0
+        states[DEFICIENT] = 1
         results[PLAIN_COST] = here[AT_COST]
-        results[CONDITION] = 0.0
+        results[CONDITION] = undetermined(n, sides, covariance)
+        filled(n, 1.0, work[step_at(system, TOUCHED) :])
+        flags[RANK] = 0
+        flags[LOOSE] = 0
         return
+    set_sides(system, constants, here, sides)
     if flags[PENALISED] == 1:
         size = residuals_at_point(system, constants, data, index, point, 1, 0, work, residuals)
         results[COST] = dot(size, residuals, residuals)
         sweep(system, constants, data, index, columns, point, 0, 0, work, constants, triangle)
         results[VIOLATION] = work[scalars_at(system) + WORST]
-        holding = set_held(system, data, results[COST], work)
+        set_held(system, data, results[COST], work)
         copied(count, work[multipliers_at(system, LAMBDA) :], multipliers)
     else:
         if LANES > 1 and here[AT_SQUARE] > SURE:
@@ -226,14 +236,10 @@ def finish_solve(
     if lossy(system) == 1:
         size = residuals_at_point(system, constants, data, index, point, 0, 0, work, residuals)
         results[PLAIN_COST] = dot(size, residuals, residuals)
-    moving = n
-    for j in range(n):
-        if sides[j] != 0:
-            moving -= 1
-    states[FREEDOM] = data[DATA_COUNT] - moving + holding
     count = count if flags[PENALISED] == 1 else 0
     held = work[multipliers_at(system, HELD) :]
     results[CONDITION] = set_covariance(system, triangle, sides, count, held, work, flags, covariance)
+    states[FREEDOM] = data[DATA_COUNT] - flags[RANK]
     if flags[PENALISED] == 1 and states[FREEDOM] <= 0 and results[COST] > SIGNIFICANCE * SIGNIFICANCE:
         # Residuals are perpendicular to all columns at a minimum: what remains of so few leaves a column too many.
         results[CONDITION] = undetermined(n, sides, covariance)

@@ -6,14 +6,13 @@ best of those brought to the fixed point of fit, noise and inliers.
 
 from __future__ import annotations
 
+from mbm.target.solver.consensus_begin import begin_agreement
 from mbm.target.solver.consensus_description import (
     AGREED,
     AMBIGUOUS,
     ANSWERS,
     FEW_STARTS,
     FIRST,
-    FORM,
-    FORM_AT,
     FORM_WIDTH,
     GROUP_OF,
     GROUPS,
@@ -24,38 +23,31 @@ from mbm.target.solver.consensus_description import (
     MEDIANS,
     NOISE,
     OBJECTIVE,
+    POINTS_MADE,
     ROUNDINGS,
     SORTED,
-    SPHERES,
-    STARTLESS,
     STARTS,
+    SUBSET_SIZE,
     TRIALS,
+    TRIALS_WANTED,
+    UNITS_LISTED,
     VARIANCES,
     begun_at,
     candidate_at,
-    form_scratch_at,
-    one_side_at,
     place_vector_at,
     point_at,
-    slot_at,
+    progress_at,
     small_at,
-    small_places_at,
     trials_at,
     unit_vector_at,
 )
-from mbm.target.solver.consensus_forms import points_in_closed_form
 from mbm.target.solver.consensus_graduate import graduated
 from mbm.target.solver.consensus_improve import best_candidate, improve, scored_candidates
-from mbm.target.solver.consensus_judge import empty_lists
 from mbm.target.solver.consensus_order import variances_at
-from mbm.target.solver.consensus_planes import one_sided
-from mbm.target.solver.consensus_rows import linearised
 from mbm.target.solver.consensus_scores import GNC
 from mbm.target.solver.consensus_settle import finished, rival
-from mbm.target.solver.consensus_trials import fit_trials, size_of_subsets
-from mbm.target.solver.consensus_units import judge_rounding, list_units, norm_directions
+from mbm.target.solver.consensus_trials import fit_trials
 from mbm.target.solver.description import COORDINATES, NUMBERS
-from mbm.target.solver.equations import load_rows
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 
@@ -77,30 +69,6 @@ def put_trials(
     for k in range(rules[STARTS]):
         put_trial(system, rules, number + k, points[k * system[NUMBERS] :], bench)
     return number + rules[STARTS]
-
-
-def begin_anywhere(
-    system: ConstantIntegers,
-    rules: ConstantIntegers,
-    forms: ConstantReals,
-    units: Integer,
-    bench: Reals,
-    places: Integers,
-) -> Integer:
-    """The first point that units one behind the other give in closed form as the start in the bench; 0 if none do."""
-    begun = bench[begun_at(system, rules) :]
-    target = begun[rules[STARTS] * system[NUMBERS] :]
-    chosen = places[small_places_at(system, rules, 0) :]
-    size = 3
-    if rules[FORM] == SPHERES:
-        size = rules[rules[FORM_AT]] + rules[rules[FORM_AT] + 1]
-    for first in range(units - size + 1):
-        for k in range(size):
-            chosen[k] = first + k
-        if points_in_closed_form(system, rules, forms, size, chosen, begun, bench, places, target) > 0:
-            copied(system[NUMBERS], target, begun)
-            return 1
-    return 0
 
 
 def graduate_trials(
@@ -184,6 +152,51 @@ def settle_candidate(
         states[AGREED] = 1
 
 
+def end_agreement(
+    system: ConstantIntegers,
+    constants: ConstantReals,
+    data: ConstantIntegers,
+    index: ConstantIntegers,
+    columns: ConstantIntegers,
+    rules: ConstantIntegers,
+    work: Reals,
+    bench: Reals,
+    places: Integers,
+    states: Integers,
+) -> None:
+    """The best of the trials that were made, improved and brought to its fixed point."""
+    progress = places[progress_at(system, rules) :]
+    units = progress[UNITS_LISTED]
+    size = progress[SUBSET_SIZE]
+    if size == 0:
+        return
+    scalars = places[place_vector_at(rules, FIRST) + units]
+    answer = bench[small_at(system, rules, OBJECTIVE) :]
+    begun = bench[begun_at(system, rules) :]
+    judged = progress[POINTS_MADE]
+    count = 0
+    # fmt: off
+    if rules[KIND] != GNC:
+        count = put_trials(system, rules, judged, begun, bench)
+    if rules[KIND] == GNC or size >= LARGE_SUBSET:
+        count = graduate_trials(
+            count, units, scalars, system, constants, data, index, columns, rules, work, bench, places, answer
+        )
+    count = scored_candidates(
+        units, scalars, size, judged, count, system, constants, data, index, rules, work, bench, places
+    )
+    count = improve(
+        units, scalars, size, count, system, constants, data, index, columns, rules, work, bench, places, answer
+    )
+    # fmt: on
+    if count == 0:
+        return
+    best = best_candidate(count, system, data, index, columns, rules, begun, work, bench)
+    settle_candidate(
+        best, count, units, scalars, system, constants, data, index, columns, rules, work, bench, places, answer, states
+    )
+
+
 def agree(
     system: ConstantIntegers,
     constants: ConstantReals,
@@ -207,52 +220,90 @@ def agree(
     Point 0 of the bench is where they agree, `INSIDE`, `LIMITS` and `NOISE` say of each unit whether it does, its limit
     and its variance. ``states`` (ANSWERS,); `AGREED` is 0 where another method should take over.
     """
-    for k in range(ANSWERS):
-        states[k] = 0
-    load_rows(system, data, parameters, weights, work)
-    units = list_units(system, data, rules, levels, bench, places)
-    scalars = places[place_vector_at(rules, FIRST) + units]
-    answer = bench[small_at(system, rules, OBJECTIVE) :]
-    begun = bench[begun_at(system, rules) :]
-    places[one_side_at(system, rules)] = one_sided(rules, units, forms, bench[form_scratch_at(system, rules) :])
-    copied(rules[STARTS] * system[NUMBERS], starts, begun)
-    if rules[STARTLESS] == 1 and begin_anywhere(system, rules, forms, units, bench, places) == 0:
-        return units
-    linearised(system, data, index, columns, begun, work, bench[slot_at(system, rules, 0) :])
-    judge_rounding(system, rules, units, begun, bench, places)
-    empty_lists(system, rules, places)
-    size = system[COORDINATES]
-    count = 0
-    judged = 0
     # fmt: off
-    if rules[KIND] != GNC:
-        norm_directions(system, rules, units, bench, places)
-        size = size_of_subsets(system, rules, units, bench, places)
-        if size == 0:
-            return units
-        judged = fit_trials(
-            system, constants, data, parameters, weights, index, columns, rules, forms, begun, units, size, work, desk,
-            bench, places, states[TRIALS:],
-        )
-        count = put_trials(system, rules, judged, begun, bench)
-    if rules[KIND] == GNC or size >= LARGE_SUBSET:
-        count = graduate_trials(
-            count, units, scalars, system, constants, data, index, columns, rules, work, bench, places, answer
-        )
-    count = scored_candidates(
-        units, scalars, size, judged, count, system, constants, data, index, rules, work, bench, places
+    begin_agreement(
+        system, data, parameters, weights, index, columns, rules, levels, forms, starts, work, bench, places, states
     )
-    count = improve(
-        units, scalars, size, count, system, constants, data, index, columns, rules, work, bench, places, answer
+    progress = places[progress_at(system, rules) :]
+    fit_trials(
+        progress[TRIALS_WANTED], system, constants, data, parameters, weights, index, columns, rules, forms,
+        bench[begun_at(system, rules) :], work, desk, bench, places, states[TRIALS:],
     )
+    end_agreement(system, constants, data, index, columns, rules, work, bench, places, states)
     # fmt: on
-    if count == 0:
-        return units
-    best = best_candidate(count, system, data, index, columns, rules, begun, work, bench)
-    settle_candidate(
-        best, count, units, scalars, system, constants, data, index, columns, rules, work, bench, places, answer, states
-    )
-    return units
+    return progress[UNITS_LISTED]
+
+
+def put_answers(
+    units: Integer,
+    system: ConstantIntegers,
+    rules: ConstantIntegers,
+    starts: ConstantReals,
+    bench: ConstantReals,
+    places: ConstantIntegers,
+    states: ConstantIntegers,
+    numbers: Reals,
+    inside: Integers,
+    limits: Reals,
+    variances: Reals,
+) -> None:
+    """What one data set agrees on, from the bench: its point, the first start where it does not, and its units."""
+    if states[AGREED] == 1:
+        copied(system[NUMBERS], bench[point_at(system, rules, 0) :], numbers)
+    else:
+        copied(system[NUMBERS], starts, numbers)
+    for u in range(units):
+        inside[u] = places[place_vector_at(rules, INSIDE) + u]
+        limits[u] = bench[unit_vector_at(rules, LIMITS) + u]
+        variances[u] = bench[unit_vector_at(rules, NOISE) + u]
+
+
+def agree_by_and_by(
+    most: Integer,
+    begin: Integer,
+    end: Integer,
+    system: ConstantIntegers,
+    constants: ConstantReals,
+    data: ConstantIntegers,
+    parameters: ConstantReals,
+    weights: ConstantReals,
+    index: ConstantIntegers,
+    columns: ConstantIntegers,
+    rules: ConstantIntegers,
+    levels: ConstantReals,
+    forms: ConstantReals,
+    starts: ConstantReals,
+    work: Reals,
+    desk: Reals,
+    bench: Reals,
+    places: Integers,
+    numbers: Reals,
+    states: Integers,
+    inside: Integers,
+    limits: Reals,
+    variances: Reals,
+) -> None:
+    """One data set in portions of ``most`` trials, the first of which has ``begin`` 1, as `agree_many` takes it whole.
+
+    ``end`` 1: no more trials, but the best of those there are. Between calls everything stays in the scratch arrays.
+    """
+    # fmt: off
+    if begin == 1:
+        begin_agreement(
+            system, data, parameters, weights, index, columns, rules, levels, forms, starts, work, bench, places, states
+        )
+    progress = places[progress_at(system, rules) :]
+    if end == 0:
+        fit_trials(
+            most, system, constants, data, parameters, weights, index, columns, rules, forms,
+            bench[begun_at(system, rules) :], work, desk, bench, places, states[TRIALS:],
+        )
+    else:
+        end_agreement(system, constants, data, index, columns, rules, work, bench, places, states)
+        put_answers(
+            progress[UNITS_LISTED], system, rules, starts, bench, places, states, numbers, inside, limits, variances
+        )
+    # fmt: on
 
 
 def agree_many(
@@ -308,14 +359,22 @@ def agree_many(
             places,
             states[k * ANSWERS :],
         )
-        if states[k * ANSWERS + AGREED] == 1:
-            copied(system[NUMBERS], bench[point_at(system, rules, 0) :], numbers[k * system[NUMBERS] :])
-        else:
-            copied(system[NUMBERS], own, numbers[k * system[NUMBERS] :])
-        for u in range(units):
-            inside[at + u] = places[place_vector_at(rules, INSIDE) + u]
-            limits[at + u] = bench[unit_vector_at(rules, LIMITS) + u]
-            variances[at + u] = bench[unit_vector_at(rules, NOISE) + u]
+        # fmt: off
+        put_answers(
+            units, system, rules, own, bench, places, states[k * ANSWERS :], numbers[k * system[NUMBERS] :],
+            inside[at:], limits[at:], variances[at:],
+        )
+        # fmt: on
 
 
-ROUTINES = (put_trial, put_trials, begin_anywhere, graduate_trials, settle_candidate, agree, agree_many)
+ROUTINES = (
+    put_trial,
+    put_trials,
+    graduate_trials,
+    settle_candidate,
+    end_agreement,
+    agree,
+    put_answers,
+    agree_by_and_by,
+    agree_many,
+)

@@ -118,6 +118,21 @@ SMALL_VECTORS = 7
 
 NO_CANDIDATE = -1
 
+# --- progress of one data set -----------------------------------------------------------------------------------
+UNITS_LISTED = 0
+SUBSET_SIZE = 1
+"""Units of a subset; 0: the units do not determine the unknowns, and there are no trials."""
+TRIALS_WANTED = 2
+TRIALS_MADE = 3
+POINTS_MADE = 4
+MOST_INSIDE = 5
+"""Units that the best of the trials explains."""
+EVERY_SUBSET = 6
+"""1: trials are all subsets there are, one after the other."""
+UNTIL_ENOUGH = 7
+"""1: trials end when they are enough for what the best of them explains."""
+PROGRESS = 8
+
 
 def unit_vector_at(rules: ConstantIntegers, number: Integer) -> Integer:
     """Vector (U,) of the bench."""
@@ -260,9 +275,14 @@ def subset_index_at(system: ConstantIntegers, rules: ConstantIntegers) -> Intege
     return subset_data_at(system, rules) + 1 + 5 * (system[BLOCKS] + system[CONSTRAINTS])
 
 
+def progress_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+    """How far the trials of a data set have come, `PROGRESS` integers."""
+    return subset_index_at(system, rules) + 2 * rules[MOST_ROWS]
+
+
 def places_integers(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
     """Integers of the places."""
-    return subset_index_at(system, rules) + 2 * rules[MOST_ROWS]
+    return progress_at(system, rules) + PROGRESS
 
 
 ROUTINES = (
@@ -290,5 +310,6 @@ ROUTINES = (
     one_side_at,
     subset_data_at,
     subset_index_at,
+    progress_at,
     places_integers,
 )

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from math import exp, fabs, log
 
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real
 
 LOG_ROOT_PI = 0.5723649429247001
 TERMS = 100000
 SMALL = 1e-300
 
-ROUNDS = 20
-"""Rounds of variance and truncation in turn; each takes away most of what is left."""
+ROUNDS = 60
+"""Steps of the secant at most; six to eight are the rule."""
+
+LEAST_SHARE = 0.1
+"""Of their variance, inliers keep this share at least: limits that leave less say nothing of it."""
+
+ROUNDED = 4e-16
+"""Relative accuracy to which the variance is solved for."""
 
 
 def log_gamma_of_half(dof: Integer) -> Real:
@@ -73,74 +79,77 @@ def consistency(limit: Real, components: Integer) -> Real:
     return 1.0
 
 
+def share_left(
+    units: Integer,
+    group: Integer,
+    wide: Integer,
+    variance: Real,
+    limits: ConstantReals,
+    reaches: ConstantReals,
+    components: ConstantIntegers,
+    groups: ConstantIntegers,
+    inside: ConstantIntegers,
+) -> Real:
+    """Share of their variance that a group's inliers keep inside their limits, or ``reaches`` if these are wider.
+
+    ``wide`` 1: the limits are three standard deviations at least; 0: they are as they are.
+    """
+    share = 0.0
+    total = 0.0
+    last_limit = -1.0
+    last_size = 0
+    left = 1.0
+    for u in range(units):
+        if groups[u] == group and inside[u] == 1:
+            limit = limits[u] / variance
+            if wide == 1:
+                limit = max(limit, reaches[u])
+            if limit != last_limit or components[u] != last_size:
+                last_limit = limit
+                last_size = components[u]
+                left = consistency(last_limit, last_size)
+            share += float(components[u]) * left
+            total += float(components[u])
+    return max(share / total, LEAST_SHARE)
+
+
 def untruncated(
     units: Integer,
     group: Integer,
+    wide: Integer,
     raw: Real,
-    squares: ConstantReals,
     limits: ConstantReals,
+    reaches: ConstantReals,
     components: ConstantIntegers,
     groups: ConstantIntegers,
+    inside: ConstantIntegers,
 ) -> Real:
-    """The variance of the noise whose part inside the limits has the variance ``raw``, from a group's inliers."""
-    variance = raw
-    for _ in range(ROUNDS):
-        share = 0.0
-        total = 0.0
-        last_limit = -1.0
-        last_size = 0
-        left = 1.0
-        for u in range(units):
-            if groups[u] == group and squares[u] <= limits[u]:
-                if limits[u] != last_limit or components[u] != last_size:
-                    last_limit = limits[u]
-                    last_size = components[u]
-                    left = consistency(last_limit / variance, last_size)
-                share += float(components[u]) * left
-                total += float(components[u])
-        updated = raw / max(share / total, 0.1)
-        if fabs(updated - variance) <= 1e-10 * variance:
-            break
-        variance = updated
-    return variance
+    """The variance v of the noise whose part inside the limits has the variance ``raw``, from a group's inliers.
 
-
-def noise_variances(
-    units: Integer,
-    dimension: Integer,
-    groups_count: Integer,
-    squares: ConstantReals,
-    limits: ConstantReals,
-    components: ConstantIntegers,
-    groups: ConstantIntegers,
-    rounding: ConstantReals,
-    variances: Reals,
-) -> None:
-    """The variance (U,) of the noise, in place: as it is, or ``SSE/((n − p) κ)`` of the inliers with unknown noise.
-
-    ``squares`` (U,) at the fit are inside ``limits`` (U,) for inliers; unknowns are shared out by number of residuals.
+    What is left inside, ``v κ(v)``, grows with v: a secant on its logarithm, kept inside of what brackets the solution.
     """
-    total = 0
-    for u in range(units):
-        if squares[u] <= limits[u]:
-            total += components[u]
-    for group in range(groups_count):
-        count = 0
-        summed = 0.0
-        least = 1e-300
-        for u in range(units):
-            if groups[u] == group and squares[u] <= limits[u]:
-                count += components[u]
-                summed += squares[u]
-                least = max(least, rounding[u])
-        if count > 0:
-            freedom = float(count) * (1.0 - float(dimension) / float(total))
-            if freedom > 0.0:
-                raw = max(summed / freedom, least)
-                found = untruncated(units, group, raw, squares, limits, components, groups)
-                for u in range(units):
-                    if groups[u] == group:
-                        variances[u] = found
+    before = raw
+    left = share_left(units, group, wide, raw, limits, reaches, components, groups, inside)
+    off_before = left - 1.0
+    low = raw
+    high = raw / LEAST_SHARE
+    variance = raw / left
+    for _ in range(ROUNDS):
+        left = share_left(units, group, wide, variance, limits, reaches, components, groups, inside)
+        off = variance / raw * left - 1.0
+        if off <= 0.0:
+            low = variance
+        else:
+            high = variance
+        if fabs(off) <= ROUNDED or fabs(variance - before) <= ROUNDED * variance or off == off_before:
+            break
+        following = variance - off * (variance - before) / (off - off_before)
+        if not (low < following and following < high):
+            following = 0.5 * (low + high)
+        before = variance
+        off_before = off
+        variance = following
+    return variance
 
 
 def mark_inliers(units: Integer, squares: ConstantReals, limits: ConstantReals, inliers: Integers) -> Integer:
@@ -160,7 +169,7 @@ ROUTINES = (
     log_gamma_of_half,
     chi_square_tail,
     consistency,
+    share_left,
     untruncated,
-    noise_variances,
     mark_inliers,
 )

@@ -5,11 +5,13 @@ from __future__ import annotations
 from mbm.target.from_python import module_of
 from mbm.target.solver import (
     consensus,
+    consensus_begin,
     consensus_description,
     consensus_draw,
     consensus_forms,
     consensus_graduate,
     consensus_improve,
+    consensus_joint,
     consensus_judge,
     consensus_laws,
     consensus_order,
@@ -61,6 +63,8 @@ PARTS = (
     consensus_subset,
     consensus_graduate,
     consensus_trials,
+    consensus_begin,
+    consensus_joint,
     consensus_settle,
     consensus_improve,
     consensus,
@@ -71,4 +75,4 @@ PARTS = (
 def consensus_module(lanes: int) -> Module:
     """Consensus for kernels that take ``lanes`` rows at a time: beside the solver, for few problems ask it."""
     functions = [function for part in PARTS for function in part.ROUTINES]
-    return module_of("consensus", functions, public=("agree_many",), constants={"LANES": lanes})
+    return module_of("consensus", functions, public=("agree_many", "agree_by_and_by"), constants={"LANES": lanes})

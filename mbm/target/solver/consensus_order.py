@@ -101,15 +101,22 @@ def variances_at(
     scratch: Reals,
     variances: Reals,
 ) -> None:
-    """The variance (U,) of each unit's noise at a point: 1 where it is stated, else the robust one of its group."""
+    """The variance (U,) of each unit's noise at a point: 1 where it is stated, else the robust one of its group.
+
+    It is no smaller than what rounding makes of most of them: that of a unit that is grossly wrong says nothing.
+    """
     for u in range(units):
         variances[u] = 1.0
     for group in range(groups_count):
         found = robust_variance(units, scalars, dimension, squares, medians, groups, group, scratch)
         found = max(found, 1e-300)
+        count = 0
         for u in range(units):
             if groups[u] == group:
-                found = max(found, rounding[u])
+                scratch[count] = rounding[u]
+                count += 1
+        if count > 0:
+            found = max(found, median(count, scratch))
         for u in range(units):
             if groups[u] == group:
                 variances[u] = found

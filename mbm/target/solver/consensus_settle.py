@@ -14,17 +14,16 @@ from mbm.target.solver.consensus_description import (
     LIMITS,
     MEDIANS,
     NOISE,
-    REACHES,
     ROUNDINGS,
     SORTED,
     SQUARES,
-    THRESHOLDED,
     VARIANCES,
     candidate_at,
     place_vector_at,
     unit_vector_at,
 )
-from mbm.target.solver.consensus_laws import consistency, mark_inliers, noise_variances
+from mbm.target.solver.consensus_joint import joined
+from mbm.target.solver.consensus_laws import consistency, mark_inliers
 from mbm.target.solver.consensus_order import STATED, robust_variance, variances_at
 from mbm.target.solver.consensus_refine import STILL, refined
 from mbm.target.solver.consensus_rules import TRUNCATED
@@ -158,71 +157,6 @@ def settled(
     set_limits(rules, units, bench)
 
 
-def widened(
-    units: Integer,
-    system: ConstantIntegers,
-    constants: ConstantReals,
-    data: ConstantIntegers,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    rules: ConstantIntegers,
-    work: Reals,
-    bench: Reals,
-    places: Integers,
-    answer: Reals,
-) -> None:
-    """Point 0 with unknown noise as the inliers have it, where the median made it too small.
-
-    Three standard deviations of the inliers take units back that were cut off, as long as that brings any. The
-    variances that the scale gave stay; those of the inliers are put down as `NOISE`.
-    """
-    groups = places[place_vector_at(rules, GROUP_OF) :]
-    components = places[place_vector_at(rules, COMPONENTS) :]
-    squares = bench[unit_vector_at(rules, SQUARES) :]
-    limits = bench[unit_vector_at(rules, LIMITS) :]
-    reaches = bench[unit_vector_at(rules, REACHES) :]
-    variances = bench[unit_vector_at(rules, VARIANCES) :]
-    noise = bench[unit_vector_at(rules, NOISE) :]
-    kept = bench[unit_vector_at(rules, FRESH) :]
-    rounding = bench[unit_vector_at(rules, ROUNDINGS) :]
-    n = system[COORDINATES]
-    for _ in range(ROUNDS):
-        copied(units, variances, noise)
-        noise_variances(units, n, rules[GROUPS], squares, limits, components, groups, rounding, noise)
-        more = 0
-        for u in range(units):
-            wide = max(limits[u], reaches[u] * noise[u]) if groups[u] != STATED else limits[u]
-            if squares[u] <= wide and not squares[u] <= limits[u]:
-                more = 1
-        if more == 0:
-            break
-        for u in range(units):
-            if groups[u] != STATED:
-                limits[u] = max(limits[u], reaches[u] * noise[u])
-        copied(units, variances, kept)
-        copied(units, noise, variances)
-        refined(
-            TRUNCATED,
-            STEPS,
-            STILL,
-            0,
-            units,
-            0,
-            0,
-            system,
-            constants,
-            data,
-            index,
-            columns,
-            rules,
-            work,
-            bench,
-            places,
-            answer,
-        )
-        copied(units, kept, variances)
-
-
 def finished(
     units: Integer,
     scalars: Integer,
@@ -242,26 +176,12 @@ def finished(
     `LIMITS` and `INSIDE` hold at it, `NOISE` is the variance of the noise.
     """
     settled(units, scalars, system, constants, data, index, columns, rules, work, bench, places, answer)
-    groups = places[place_vector_at(rules, GROUP_OF) :]
     inside = places[place_vector_at(rules, INSIDE) :]
     squares = bench[unit_vector_at(rules, SQUARES) :]
-    limits = bench[unit_vector_at(rules, LIMITS) :]
-    if rules[THRESHOLDED] == 0 and rules[GROUPS] > 0:
-        widened(units, system, constants, data, index, columns, rules, work, bench, places, answer)
-    mark_inliers(units, squares, limits, inside)
-    noise = bench[unit_vector_at(rules, NOISE) :]
-    copied(units, bench[unit_vector_at(rules, VARIANCES) :], noise)
-    noise_variances(
-        units,
-        system[COORDINATES],
-        rules[GROUPS],
-        squares,
-        limits,
-        places[place_vector_at(rules, COMPONENTS) :],
-        groups,
-        bench[unit_vector_at(rules, ROUNDINGS) :],
-        noise,
-    )
+    mark_inliers(units, squares, bench[unit_vector_at(rules, LIMITS) :], inside)
+    copied(units, bench[unit_vector_at(rules, VARIANCES) :], bench[unit_vector_at(rules, NOISE) :])
+    if rules[GROUPS] > 0:
+        joined(units, scalars, system, constants, data, index, columns, rules, work, bench, places)
     count = 0
     for u in range(units):
         count += inside[u]
@@ -301,4 +221,4 @@ def rival(
     return 0
 
 
-ROUTINES = (contradicted, renew_variances, set_limits, settled, widened, finished, rival)
+ROUTINES = (contradicted, renew_variances, set_limits, settled, finished, rival)

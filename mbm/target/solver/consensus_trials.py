@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
-from math import inf
-
 from mbm.target.solver.consensus_description import (
     COMPONENTS,
     CUTS,
+    EVERY_SUBSET,
     FIRST,
     FIRST_STATE,
     FORM,
     GROUPS,
     KIND,
     LIMITS,
+    MOST_INSIDE,
     MOST_POINTS,
     ORDER,
+    POINTS_MADE,
     SECOND_STATE,
     STARTS,
+    SUBSET_SIZE,
     TRIALS_AT,
+    TRIALS_MADE,
+    TRIALS_WANTED,
+    UNITS_LISTED,
+    UNTIL_ENOUGH,
     UNTIL_SURE,
     basis_at,
     directions_at,
     place_vector_at,
+    progress_at,
     small_places_at,
     trials_at,
     unit_vector_at,
@@ -146,7 +153,33 @@ def fit_subset(
     return done
 
 
+def begin_trials(
+    system: ConstantIntegers, rules: ConstantIntegers, units: Integer, size: Integer, bench: Reals, places: Integers
+) -> None:
+    """None is made yet: the number that is wanted, and the generator or the first combination."""
+    progress = places[progress_at(system, rules) :]
+    trials = rules[rules[TRIALS_AT] + size]
+    most = combinations_of(units, size, trials)
+    progress[EVERY_SUBSET] = 0
+    progress[UNTIL_ENOUGH] = rules[UNTIL_SURE]
+    if most <= trials:
+        trials = most
+        progress[UNTIL_ENOUGH] = 0
+        progress[EVERY_SUBSET] = all_alike(rules, units, places)
+    progress[TRIALS_WANTED] = trials
+    progress[TRIALS_MADE] = 0
+    progress[POINTS_MADE] = 0
+    progress[MOST_INSIDE] = 0
+    state = places[small_places_at(system, rules, 2) :]
+    state[0] = rules[FIRST_STATE]
+    state[1] = rules[SECOND_STATE]
+    for i in range(size):
+        places[small_places_at(system, rules, 1) + i] = i
+    copied(units, bench[unit_vector_at(rules, CUTS) :], bench[unit_vector_at(rules, LIMITS) :])
+
+
 def fit_trials(
+    most: Integer,
     system: ConstantIntegers,
     constants: ConstantReals,
     data: ConstantIntegers,
@@ -157,42 +190,31 @@ def fit_trials(
     rules: ConstantIntegers,
     forms: ConstantReals,
     starts: ConstantReals,
-    units: Integer,
-    size: Integer,
     work: Reals,
     desk: Reals,
     bench: Reals,
     places: Integers,
     answer: Integers,
-) -> Integer:
-    """Points that fit subsets, from the ``starts`` (STARTS, N) where no closed form does: how many.
+) -> None:
+    """``most`` trials more: points that fit subsets, from the ``starts`` (STARTS, N) where no closed form does.
 
-    Where the noise is stated they are judged as they are made, and end when they are enough. ``answer`` (1,) is the
-    number of subsets.
+    Where the noise is stated they are judged as they are made, and end when they are enough. ``answer`` (1,) counts
+    the subsets; the progress is among the places.
     """
-    trials = rules[rules[TRIALS_AT] + size]
-    most = combinations_of(units, size, trials)
-    every = 0
-    until_sure = rules[UNTIL_SURE]
-    if most <= trials:
-        trials = most
-        every = all_alike(rules, units, places)
-        until_sure = 0
-    state = places[small_places_at(system, rules, 2) :]
-    state[0] = rules[FIRST_STATE]
-    state[1] = rules[SECOND_STATE]
-    for i in range(size):
-        places[small_places_at(system, rules, 1) + i] = i
-    copied(units, bench[unit_vector_at(rules, CUTS) :], bench[unit_vector_at(rules, LIMITS) :])
-    done = 0
-    subsets = 0
-    inside = 0
-    enough = inf
-    for trial in range(trials):
-        count = next_subset(every, size, system, rules, units, bench, places)
-        before = done
+    progress = places[progress_at(system, rules) :]
+    units = progress[UNITS_LISTED]
+    size = progress[SUBSET_SIZE]
+    trials = progress[TRIALS_WANTED]
+    first = progress[TRIALS_MADE]
+    last = first + most
+    if last > trials:
+        last = trials
+    for trial in range(first, last):
+        count = next_subset(progress[EVERY_SUBSET], size, system, rules, units, bench, places)
+        before = progress[POINTS_MADE]
+        done = before
         if count > 0 and done < rules[MOST_POINTS] - 4:
-            subsets += 1
+            answer[0] += 1
             # fmt: off
             done = fit_subset(
                 trial, trials, count, done, system, constants, data, parameters, weights, index, columns, rules, forms,
@@ -203,13 +225,22 @@ def fit_trials(
             here = judge_trials(
                 rules[KIND], before, done, size, units, system, constants, data, index, rules, work, bench, places
             )
-            if here > inside:
-                inside = here
-                enough = trials_for_share(inside, units, size)
-        if until_sure == 1 and trial + 1 >= FEWEST_TRIALS and float(trial + 1) >= enough:
+            if here > progress[MOST_INSIDE]:
+                progress[MOST_INSIDE] = here
+        progress[POINTS_MADE] = done
+        progress[TRIALS_MADE] = trial + 1
+        if enough_made(system, rules, places) == 1:
+            progress[TRIALS_WANTED] = trial + 1
             break
-    answer[0] = subsets
-    return done
 
 
-ROUTINES = (size_of_subsets, next_subset, all_alike, fit_subset, fit_trials)
+def enough_made(system: ConstantIntegers, rules: ConstantIntegers, places: ConstantIntegers) -> Integer:
+    """Whether one of the trials made has met only units of a solution as good as the best, or better."""
+    progress = places[progress_at(system, rules) :]
+    made = progress[TRIALS_MADE]
+    if progress[UNTIL_ENOUGH] == 0 or made < FEWEST_TRIALS or progress[MOST_INSIDE] == 0:
+        return 0
+    return float(made) >= trials_for_share(progress[MOST_INSIDE], progress[UNITS_LISTED], progress[SUBSET_SIZE])
+
+
+ROUTINES = (size_of_subsets, next_subset, all_alike, fit_subset, begin_trials, enough_made, fit_trials)

@@ -10,70 +10,50 @@ from __future__ import annotations
 from math import fabs, sqrt
 
 from mbm.target.solver.beginning import begin, constraint_count
+from mbm.target.solver.constraint_values import linearise, set_units
 from mbm.target.solver.description import (
     BLOCK,
-    BLOCK_COLUMNS,
     BLOCK_EQUALITY_AT,
-    BLOCK_JACOBIAN,
-    BLOCK_NONZEROS,
-    BLOCK_NONZEROS_AT,
     BLOCK_OUTPUTS,
-    BLOCK_PARAMETERS,
-    BLOCK_VARIABLES,
     BLOCKS,
     BLOCKS_AT,
     CONSTRAINTS,
-    COORDINATES,
     DATA_BLOCK,
-    DATA_COLUMNS,
     DATA_HEAD,
-    DATA_INDEX,
     DATA_ROWS,
     FLAT,
     INFEASIBLE,
     LANES,
-    NONZERO,
-    NONZERO_OUTPUT,
-    NONZERO_TANGENT,
     NOT_FINITE_AT_START,
     NUMBERS,
-    PLACES_AT,
     TOLERANCE,
 )
-from mbm.target.solver.equations import gather, groups_of, portion, weights_width
+from mbm.target.solver.equations import groups_of, weights_width
 from mbm.target.solver.linear_algebra import copied, filled
+from mbm.target.solver.polishing import HOLDS, polish
 from mbm.target.solver.united import rows_apart
+from mbm.target.solver.working import EXACT
 from mbm.target.solver.workspace import (
     AT_POINT,
     EVALUATIONS_DONE,
+    HELD,
     HERE,
-    NORMS,
+    LAMBDA,
     PENALISED,
     ROUND,
+    ROUNDINGS,
     STOP,
     TOLERANCE_NOW,
+    UNITS,
+    VALUES,
     WEIGHT,
     WORST,
-    X,
-    inputs_at,
     multipliers_at,
-    outputs_at,
     place_at,
     scalars_at,
-    slopes_at,
-    vector_at,
     weights_at,
 )
-from mbm.target.words import (
-    ConstantIntegers,
-    ConstantReals,
-    Integer,
-    Integers,
-    Real,
-    Reals,
-    call_kernel,
-    distinct_arrays,
-)
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 ROUNDS = 30
 FIRST_WEIGHT = 3.0
@@ -91,118 +71,8 @@ LOOSE = 1e-2
 TIGHTER = 0.03
 """Standard deviations to which the first round is solved, and each after it."""
 
-EXACT = 1e-12
-"""A constraint holds where its violation is below this share of its unit, or rounding."""
-
-HOLDS = 1e-8
-"""… and where rounds get no better, below this: far below any standard deviation."""
-
 SIGNIFICANCE = 1e-6
 """What the data would gain, in standard deviations, by which they push against a constraint; less is none."""
-
-EPSILON = 2.220446049250313e-16
-NOISE = 4.0
-
-LAMBDA = 0
-UNITS = 1
-VALUES = 2
-ROUNDINGS = 3
-HELD = 4
-"""Vectors (K,) of scratch: multipliers, units, values, their roundings, and units of those that hold (else 0)."""
-
-
-@distinct_arrays
-def add_slopes(
-    system: ConstantIntegers,
-    block: ConstantIntegers,
-    columns: ConstantIntegers,
-    first: Integer,
-    rows: Integer,
-    outputs: ConstantReals,
-    values: Reals,
-    slopes: Reals,
-) -> None:
-    """Values and derivatives of the constraints of one portion: row by row, output by output."""
-    n = system[COORDINATES]
-    lines = block[BLOCK_OUTPUTS]
-    width = lines + block[BLOCK_NONZEROS]
-    for row in range(rows):
-        group = row // LANES
-        lane = row % LANES
-        for i in range(lines):
-            values[row * lines + i] = outputs[(group * width + i) * LANES + lane]
-        for k in range(block[BLOCK_NONZEROS]):
-            nonzero = system[block[BLOCK_NONZEROS_AT] + k * NONZERO :]
-            column = columns[(first + row) * block[BLOCK_COLUMNS] + nonzero[NONZERO_TANGENT]]
-            if column >= 0:
-                value = outputs[(group * width + lines + k) * LANES + lane]
-                slopes[(row * lines + nonzero[NONZERO_OUTPUT]) * n + column] += value
-
-
-def linearise(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    point: ConstantReals,
-    work: Reals,
-) -> None:
-    """Values and slopes of all constraints at a point."""
-    n = system[COORDINATES]
-    values = work[multipliers_at(system, VALUES) :]
-    slopes = work[slopes_at(system) :]
-    outputs = work[outputs_at(system) :]
-    filled(constraint_count(system, data) * n, 0.0, slopes)
-    inputs = inputs_at(system)
-    done = 0
-    for b in range(system[BLOCKS] + system[CONSTRAINTS]):
-        block = system[system[BLOCKS_AT] + b * BLOCK :]
-        at = DATA_HEAD + b * DATA_BLOCK
-        rows = rows_apart(system, data, b, work) if LANES > 1 else data[at + DATA_ROWS]
-        width = (block[BLOCK_VARIABLES] + block[BLOCK_PARAMETERS]) * LANES
-        if b >= system[BLOCKS]:
-            gather(block, rows, index[data[at + DATA_INDEX] :], point, work[inputs:])
-            first = 0
-            while first < rows:
-                count = portion(system, block) * LANES
-                if first + count > rows:
-                    count = rows - first
-                call_kernel(block[BLOCK_JACOBIAN], work[inputs + first // LANES * width :], outputs, groups_of(count))
-                own = columns[data[at + DATA_COLUMNS] :]
-                add_slopes(system, block, own, first, count, outputs, values[done:], slopes[done * n :])
-                done += count * block[BLOCK_OUTPUTS]
-                first += count
-        inputs += groups_of(rows) * width
-
-
-def set_units(
-    system: ConstantIntegers, data: ConstantIntegers, place: ConstantReals, first: Integer, work: Reals
-) -> None:
-    """Units and roundings of the constraints at a place; at ``first`` its norms alone are the measure."""
-    n = system[COORDINATES]
-    norms = place[vector_at(system, NORMS) :]
-    x = place[vector_at(system, X) :]
-    units = work[multipliers_at(system, UNITS) :]
-    values = work[multipliers_at(system, VALUES) :]
-    roundings = work[multipliers_at(system, ROUNDINGS) :]
-    slopes = work[slopes_at(system) :]
-    for c in range(constraint_count(system, data)):
-        square = 0.0
-        terms = fabs(values[c])
-        longest = 0.0
-        for j in range(n):
-            slope = fabs(slopes[c * n + j])
-            size = fabs(x[j]) if system[system[PLACES_AT] + j] >= 0 else 1.0
-            terms += slope * size
-            if slope > longest:
-                longest = slope
-            if norms[j] > 0.0:
-                square += slope / norms[j] * (slope / norms[j])
-        if first == 1:
-            units[c] = sqrt(square) if square > 0.0 else longest
-            if not units[c] > 0.0:
-                units[c] = 1.0
-        roundings[c] = NOISE * EPSILON * terms
 
 
 def set_penalties(system: ConstantIntegers, data: ConstantIntegers, work: Reals) -> None:
@@ -311,6 +181,10 @@ def next_round(
     set_units(system, data, here, 0, work)
     worst = update_multipliers(system, data, work)
     flags[ROUND] += 1
+    if polish(system, constants, data, index, columns, work, flags) == 1:
+        return 0
+    linearise(system, data, index, columns, here[AT_POINT:], work)
+    set_units(system, data, here, 0, work)
     settled = scalars[TOLERANCE_NOW] <= constants[TOLERANCE] and flags[STOP] != FLAT
     stalled = not worst <= SHRINKS * scalars[WORST]
     over = settled and (worst <= EXACT or (stalled and worst <= HOLDS and scalars[WEIGHT] >= ENOUGH))
@@ -335,12 +209,11 @@ def next_round(
     return 1
 
 
-def set_held(system: ConstantIntegers, data: ConstantIntegers, cost: Real, work: Reals) -> Integer:
-    """Mark the constraints that hold the estimates, by their units; how many they are."""
+def set_held(system: ConstantIntegers, data: ConstantIntegers, cost: Real, work: Reals) -> None:
+    """Mark the constraints that hold the estimates, by their units; the others have no multiplier."""
     multipliers = work[multipliers_at(system, LAMBDA) :]
     units = work[multipliers_at(system, UNITS) :]
     held = work[multipliers_at(system, HELD) :]
-    found = 0
     done = 0
     for b in range(system[BLOCKS], system[BLOCKS] + system[CONSTRAINTS]):
         block = system[system[BLOCKS_AT] + b * BLOCK :]
@@ -353,16 +226,10 @@ def set_held(system: ConstantIntegers, data: ConstantIntegers, cost: Real, work:
             if system[block[BLOCK_EQUALITY_AT] + k % lines] == 0 and not pushed:
                 held[c] = 0.0
                 multipliers[c] = 0.0
-            if held[c] != 0.0:
-                found += 1
         done += count
-    return found
 
 
 ROUTINES = (
-    add_slopes,
-    linearise,
-    set_units,
     set_penalties,
     update_multipliers,
     begin_rounds,

@@ -5,13 +5,17 @@ JᵀJ is never formed. Only movements along the surface count: `tangent` turns t
 
 from __future__ import annotations
 
-from math import fabs, inf, sqrt
+from math import inf, sqrt
 
+from mbm.target.solver.deficient import decided_rank, set_determined, singular_values
 from mbm.target.solver.description import COORDINATES
 from mbm.target.solver.linear_algebra import append_rows, copied, dot, filled, inverted_upper
 from mbm.target.solver.tangent import along_surface, from_surface, turn_constraints
 from mbm.target.solver.workspace import (
     FLAGS,
+    LOOSE,
+    RANK,
+    TOUCHED,
     matrix_at,
     slopes_at,
     small_rows_at,
@@ -20,13 +24,8 @@ from mbm.target.solver.workspace import (
 )
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
-DEPENDENT = 1e-12
-"""A pivot of the column-scaled triangle below this share of the largest is none."""
-
-SUSPECT = 1e-9
-GAP = 1e4
-"""Between DEPENDENT and SUSPECT it is none where a gap this wide parts it from the larger ones: the derivatives of
-large coordinates, and a point a rounding away from the surface, leave dependences with such errors."""
+SURE = 1e9
+"""A condition up to which there is nothing to decide: no singular value is below 1e-9 of the largest."""
 
 
 def set_covariance(
@@ -40,6 +39,9 @@ def set_covariance(
     covariance: Reals,
 ) -> Real:
     """The covariance (n, n), and the condition of the column-scaled triangle; infinite where it is deficient.
+
+    The covariance is then that in the directions which are determined; `mask_undetermined` says for which coordinates
+    that is nothing. `RANK` is how many directions along the surface are determined, `LOOSE` how many are not.
 
     ``triangle`` (n + 1, n + 1) of ``[J r]``; ``sides`` (n,) not 0 where a bound holds a coordinate. Of
     the first constraints, as many as ``holding`` says, hold where ``held[k]`` is their unit; 0: it does not.
@@ -68,23 +70,25 @@ def set_covariance(
                 small[i * (n + 1) + k] = triangle[i * (n + 1) + k] / scale[k]
     else:
         rows = work[small_rows_at(system) :]
-        set_reduced(n, count, turned, chosen, triangle, scale, reflections, line, rows, small)
-    if full_rank(width, small) == 0:
-        return undetermined(n, sides, covariance)
-    for i in range(width):
-        for k in range(width):
-            part[i * width + k] = small[i * (width + 1) + k]
-    inverted_upper(width, part, inverse)
-    condition = sqrt(float(count) * dot(width * width, inverse, inverse))
+        across = work[step_at(system, 13) :]
+        right = work[step_at(system, 14) :]
+        filled(n, 0.0, across)
+        filled(n, 0.0, right)
+        set_reduced(n, count, turned, chosen, triangle, scale, reflections, across, right, line, rows, small)
+    filled(n, 0.0, work[step_at(system, TOUCHED) :])
+    flags[RANK] = width
+    flags[LOOSE] = 0
+    condition = condition_of(count, width, small, part, inverse)
+    if condition > SURE:
+        singular = work[step_at(system, 13) :]
+        singular_values(width, small, part, inverse, singular)
+        rank = decided_rank(width, singular)
+        if rank < width:
+            set_determined(system, count, turned, rank, scale, singular, work, flags, covariance)
+            return inf
+        condition_of(count, width, small, part, inverse)
     if turned > 0:
-        for k in range(width):
-            filled(count, 0.0, line)
-            for i in range(k + 1):
-                line[turned + i] = inverse[i * width + k]
-            from_surface(count, turned, reflections, line)
-            for i in range(count):
-                part[i * width + k] = line[i]
-        copied(count * width, part, inverse)
+        turn_back(count, turned, reflections, line, part, inverse)
     for i in range(count):
         for k in range(i + 1):
             first = i if turned == 0 else 0
@@ -93,6 +97,21 @@ def set_covariance(
             covariance[chosen[i] * n + chosen[k]] = value
             covariance[chosen[k] * n + chosen[i]] = value
     return condition
+
+
+def turn_back(
+    count: Integer, turned: Integer, reflections: ConstantReals, line: Reals, spare: Reals, inverse: Reals
+) -> None:
+    """The inverse triangle (width, width) along the surface as lines (count, width) of the chosen coordinates."""
+    width = count - turned
+    for k in range(width):
+        filled(count, 0.0, line)
+        for i in range(k + 1):
+            line[turned + i] = inverse[i * width + k]
+        from_surface(count, turned, reflections, line)
+        for i in range(count):
+            spare[i * width + k] = line[i]
+    copied(count * width, spare, inverse)
 
 
 def set_scales(
@@ -128,11 +147,16 @@ def set_reduced(
     triangle: ConstantReals,
     scale: ConstantReals,
     reflections: ConstantReals,
+    across: ConstantReals,
+    right: ConstantReals,
     line: Reals,
     rows: Reals,
     small: Reals,
 ) -> None:
-    """``small`` (w + 1, w + 1), w = count - turned: the triangle of the chosen columns, scaled, along the surface."""
+    """``small`` (w + 1, w + 1), w = count - turned: the triangle of the chosen columns, scaled, along the surface.
+
+    Its last column stands for ``right`` (n,) after the movement ``across`` (turned,) towards the surface.
+    """
     width = count - turned
     for i in range(n):
         for k in range(count):
@@ -140,31 +164,24 @@ def set_reduced(
         along_surface(count, turned, reflections, line)
         for k in range(width):
             rows[k * n + i] = line[turned + k]
-    filled(n, 0.0, rows[width * n :])
+        rows[width * n + i] = right[i] + dot(turned, line, across)
     filled((width + 1) * (width + 1), 0.0, small)
     append_rows(width + 1, n, n, rows, small)
 
 
-def full_rank(width: Integer, small: ConstantReals) -> Integer:
-    """0 where a pivot of ``small`` (width + 1, width + 1) is none; see `DEPENDENT` and `GAP`."""
-    largest = 0.0
+def condition_of(count: Integer, width: Integer, small: ConstantReals, part: Reals, inverse: Reals) -> Real:
+    """Upper estimate of the condition of ``small`` (w + 1, w + 1), and its ``inverse`` (w, w); infinite: there is none.
+
+    ``part`` (w, w) is scratch.
+    """
     for i in range(width):
-        pivot = fabs(small[i * (width + 1) + i])
-        if pivot > largest:
-            largest = pivot
-    for i in range(width):
-        pivot = fabs(small[i * (width + 1) + i])
-        if not pivot > DEPENDENT * largest:
-            return 0
-        if pivot <= SUSPECT * largest:
-            above = largest
-            for k in range(width):
-                other = fabs(small[k * (width + 1) + k])
-                if other > pivot and other < above:
-                    above = other
-            if pivot * GAP <= above:
-                return 0
-    return 1
+        if small[i * (width + 1) + i] == 0.0:
+            return inf
+        for k in range(width):
+            part[i * width + k] = small[i * (width + 1) + k]
+    inverted_upper(width, part, inverse)
+    found = sqrt(float(count) * dot(width * width, inverse, inverse))
+    return found if found < inf else inf
 
 
 def undetermined(n: Integer, sides: ConstantIntegers, covariance: Reals) -> Real:
@@ -176,4 +193,4 @@ def undetermined(n: Integer, sides: ConstantIntegers, covariance: Reals) -> Real
     return inf
 
 
-ROUTINES = (set_scales, set_reduced, full_rank, undetermined, set_covariance)
+ROUTINES = (set_scales, set_reduced, condition_of, undetermined, turn_back, set_covariance)

@@ -35,7 +35,8 @@ Per solve come back (arrays of the whole batch; a solve writes its own part only
 * ``triangle`` (n + 1, n + 1) row by row: the upper triangular factor of ``[J r]``, whitened, with losses in square-root
   form and without constraints, at the point. ``RᵀR = JᵀJ`` for its leading (n, n) part;
 * ``covariance`` (n, n): inverse of ``JᵀJ`` on the surface of the bounds and constraints that hold, 0 for what they
-  hold; times nothing (a common unknown factor s² is ``cost / freedom``);
+  hold, in the directions that are determined (see `mask_undetermined`); times nothing (a common unknown factor s² is
+  ``cost / freedom``);
 * ``multipliers`` (``MULTIPLIERS``,) of ``cost/2 + Σ λ c``; 0 where a constraint does not hold anything.
 
 The entry of a batch (`batch`), which solves ``first … last`` of it::
@@ -220,10 +221,10 @@ STEPS = 1
 """Iterations."""
 EVALUATIONS = 2
 FREEDOM = 3
-"""Degrees of freedom: residuals and equations among the constraints, less the coordinates not held by bounds (and
-inequalities with a force)."""
+"""Degrees of freedom: residuals, less the directions that they determine along the surface of the bounds and
+constraints that hold."""
 DEFICIENT = 4
-"""1: the Jacobian is not of full rank there, as far as this solver can tell."""
+"""1: the Jacobian is not of full rank there."""
 ROUNDS = 5
 """Rounds of the penalties or of the variance components."""
 STATES = 8

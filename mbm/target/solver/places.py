@@ -22,7 +22,7 @@ from mbm.target.solver.description import (
 from mbm.target.solver.linear_algebra import filled, times_transposed
 from mbm.target.solver.manifolds import coordinates_of
 from mbm.target.solver.newton import newton_step
-from mbm.target.solver.steps import boxed_step, norm_of, undamped_step
+from mbm.target.solver.steps import boxed_step, norm_of, undamped_step, without_dependent
 from mbm.target.solver.workspace import (
     AT_COST,
     AT_LENGTH,
@@ -73,9 +73,6 @@ this share of the largest, but with at most so many times its own scale."""
 
 ROUNDED = 1e-13
 """A column of a rotation below this share of the largest one is rounding: derivatives carry a few 1e-16."""
-
-INDEPENDENT = 1e-11
-"""A column whose part across those before it is below this share of the largest column is as good as dependent."""
 
 TINY = 1e-140
 HUGE = 1e150
@@ -129,21 +126,11 @@ def set_metric(system: ConstantIntegers, x: ConstantReals, peak: ConstantReals, 
 @distinct_arrays
 def set_factor(n: Integer, triangle: ConstantReals, scale: ConstantReals, factor: Reals, image: Reals) -> Integer:
     """The scaled triangle and the image; how many columns are as good as dependent on those before them."""
-    longest = 0.0
     for j in range(n):
-        square = 0.0
         for i in range(n):
             factor[i * n + j] = triangle[i * (n + 1) + j] / scale[j] if i <= j else 0.0
-            square += factor[i * n + j] * factor[i * n + j]
         image[j] = triangle[j * (n + 1) + n]
-        if square > longest:
-            longest = square
-    deficient = 0
-    for j in range(n):
-        if not fabs(factor[j * n + j]) > INDEPENDENT * sqrt(longest):
-            factor[j * n + j] = 0.0
-            deficient += 1
-    return deficient
+    return without_dependent(n, factor)
 
 
 @distinct_arrays

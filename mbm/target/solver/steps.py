@@ -40,6 +40,9 @@ from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers,
 ROUNDING_OF_BOUNDS = 8.881784197001252e-16
 """Relative error of a bound minus a number plus that number: four roundings."""
 
+INDEPENDENT = 1e-11
+"""A column whose part across those before it is below this share of the largest column is as good as dependent."""
+
 KEEP = 0.1
 """A coordinate of type `positive` keeps at least this part of its value in one step (fraction to the boundary)."""
 
@@ -172,6 +175,23 @@ def chosen_columns(
         part_image[i] = triangle[i * width + count]
 
 
+def without_dependent(n: Integer, factor: Reals) -> Integer:
+    """The diagonal of a scaled triangle becomes 0 where it is none: `INDEPENDENT`; how often."""
+    longest = 0.0
+    for j in range(n):
+        square = 0.0
+        for i in range(j + 1):
+            square += factor[i * n + j] * factor[i * n + j]
+        if square > longest:
+            longest = square
+    found = 0
+    for j in range(n):
+        if not fabs(factor[j * n + j]) > INDEPENDENT * sqrt(longest):
+            factor[j * n + j] = 0.0
+            found += 1
+    return found
+
+
 def step_of_part(
     system: ConstantIntegers, count: Integer, radius: Real, limited: Integer, image: ConstantReals, work: Reals
 ) -> None:
@@ -234,6 +254,7 @@ def boxed_step(
         else:
             triangle = work[small_triangle_at(system) :]
             chosen_columns(n, factor, rest, count, chosen, work[small_rows_at(system) :], triangle, part, part_image)
+            without_dependent(count, part)
         step_of_part(system, count, remaining, limited, part_image, work)
         first = first_to_leave(system, constants, x, scale, count, chosen, trial)
         if first < 0:
@@ -306,6 +327,7 @@ ROUTINES = (
     project,
     land,
     chosen_columns,
+    without_dependent,
     step_of_part,
     first_to_leave,
     judge_step,

@@ -84,7 +84,11 @@ WHOLE = 22
 """1: the step tried is the undamped one."""
 SUMMED = 23
 """1: triangles come from sums of products, as long as the condition allows it."""
-FLAGS = 24
+RANK = 24
+"""Directions along the surface that the residuals determine, as the last covariance has found …"""
+LOOSE = 25
+"""… and those that they do not."""
+FLAGS = 26
 
 # --- reals of the iteration --------------------------------------------------------------------------------------
 RADIUS = 0
@@ -105,6 +109,8 @@ SCALARS = 16
 
 STEP_VECTORS = 16
 """Vectors (n,) of scratch."""
+TOUCHED = 15
+"""The one of them that says which coordinates the last covariance leaves undetermined: not 0."""
 MATRICES = 4
 """Matrices (n, n) of scratch."""
 
@@ -165,11 +171,19 @@ def small_rows_at(system: ConstantIntegers) -> Integer:
 
 
 def multipliers_at(system: ConstantIntegers, number: Integer) -> Integer:
-    """Vector (K,) of the constraints."""
+    """Vector (K,) of the constraints: `LAMBDA` and so on."""
     return matrix_at(system, MATRICES + 3) + 3 * system[COORDINATES] + 1 + number * system[MULTIPLIERS]
 
 
+LAMBDA = 0
+UNITS = 1
+VALUES = 2
+ROUNDINGS = 3
+HELD = 4
+FORCES = 5
 MULTIPLIER_VECTORS = 6
+"""Vectors (K,) of the constraints: multipliers, units, values, their roundings, units of those that hold (else 0), and
+the multipliers at a place on their surface."""
 
 
 def slopes_at(system: ConstantIntegers) -> Integer:

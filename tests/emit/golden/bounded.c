@@ -469,6 +469,8 @@ static void answer(struct frame *f, bounded_result *result)
     const long n = f->system[1], all = f->firsts[2];
     long c;
 
+    if (f->states[4] != 0)
+        mask_undetermined(f->system, f->work, f->covariance);
     for (c = 0; c < all; c++)
         f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
     for (c = 0; c < n; c++) {
@@ -532,9 +534,10 @@ int bounded_solve(const bounded_data *data, bounded_result *result, bounded_work
         f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
         f->multipliers, f->kappa, factors, f->spare);
     result->cost = f->results[2];
-    if (f->states[4] == 0
+    if (f->states[0] != 7
         && !sandwich(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index,
-            f->columns, f->point, f->sides, f->spare, f->covariance))
+            f->columns, f->point, f->sides, f->states[4] != 0 ? f->flags[24] : -1,
+            f->work + matrix_at(f->system, 1), f->spare, f->covariance))
         f->states[4] = 1;
     result->status = status_of(f);
     result->iterations = f->states[1];
@@ -558,7 +561,7 @@ int bounded_begin(const bounded_data *data, bounded_result *result, bounded_work
         return result->status;
     n = f->system[1];
     for (c = 0; c < n * n; c++)
-        f->covariance[c] = -1.0;
+        f->covariance[c] = NAN;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
     f->states[4] = 0;
@@ -608,8 +611,10 @@ int bounded_covariance(const bounded_data *data, const double *point, double *co
         f->triangle);
     for (c = 0; c < f->system[1]; c++)
         f->sides[c] = 0;
-    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
         < 1e300;
+    mask_undetermined(f->system, f->work, covariance);
+    return (int)c;
 }
 
 const char *bounded_status_text(int status)

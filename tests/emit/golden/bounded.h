@@ -50,7 +50,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     const double *a;          /* (1) real */
     const double *a_sigma;    /* (1) */
@@ -86,7 +86,7 @@ void bounded_residuals(const bounded_data *data, const double *point, double *re
 void bounded_jacobian(const bounded_data *data, const double *point, double *jacobian,
     bounded_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int bounded_covariance(const bounded_data *data, const double *point, double *covariance,
     bounded_workspace *workspace);
 

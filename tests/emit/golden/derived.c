@@ -334,10 +334,12 @@ static double spread_of(const struct frame *f, long row, long count, const long 
         else if (!f->fixed[place])
             return -1.0;
     }
+    if (f->states[4] != 0 && !determines(f->system, gradient, f->work, f->flags))
+        return -1.0;
     for (i = 0; i < n; i++) {
         if (gradient[i] == 0.0)
             continue;
-        if (f->states[4] != 0 || !(f->covariance[i * n + i] >= 0.0))
+        if (!(f->covariance[i * n + i] >= 0.0))
             return -1.0;
         for (j = 0; j < n; j++)
             if (gradient[j] != 0.0)
@@ -492,6 +494,21 @@ static void answer(struct frame *f, derived_result *result)
     const long n = f->system[1], all = f->firsts[1];
     long c;
 
+    if (!derive_climb(f))
+        result->status = DERIVED_UNKNOWN_CASE;
+    result->climb = f->derived_climb;
+    result->climb_sigma = f->derived_climb_sigma;
+    result->climb_rows = f->derived_climb_count;
+    if (!derive_top(f))
+        result->status = DERIVED_UNKNOWN_CASE;
+    result->top = f->derived_top;
+    result->top_sigma = f->derived_top_sigma;
+    if (!derive_both(f))
+        result->status = DERIVED_UNKNOWN_CASE;
+    result->both = f->derived_both;
+    result->both_sigma = f->derived_both_sigma;
+    if (f->states[4] != 0)
+        mask_undetermined(f->system, f->work, f->covariance);
     for (c = 0; c < all; c++)
         f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
     for (c = 0; c < n; c++) {
@@ -508,19 +525,6 @@ static void answer(struct frame *f, derived_result *result)
     result->h_rows = f->marks_members;
     result->h = f->point + f->offsets[0];
     result->h_sigma = f->sigma + f->firsts[0];
-    if (!derive_climb(f))
-        result->status = DERIVED_UNKNOWN_CASE;
-    result->climb = f->derived_climb;
-    result->climb_sigma = f->derived_climb_sigma;
-    result->climb_rows = f->derived_climb_count;
-    if (!derive_top(f))
-        result->status = DERIVED_UNKNOWN_CASE;
-    result->top = f->derived_top;
-    result->top_sigma = f->derived_top_sigma;
-    if (!derive_both(f))
-        result->status = DERIVED_UNKNOWN_CASE;
-    result->both = f->derived_both;
-    result->both_sigma = f->derived_both_sigma;
 }
 
 /* What the reason of the solver means to the caller. */
@@ -587,7 +591,7 @@ int derived_begin(const derived_data *data, derived_result *result, derived_work
         return result->status;
     n = f->system[1];
     for (c = 0; c < n * n; c++)
-        f->covariance[c] = -1.0;
+        f->covariance[c] = NAN;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
     f->states[4] = 0;
@@ -637,8 +641,10 @@ int derived_covariance(const derived_data *data, const double *point, double *co
         f->triangle);
     for (c = 0; c < f->system[1]; c++)
         f->sides[c] = 0;
-    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
         < 1e300;
+    mask_undetermined(f->system, f->work, covariance);
+    return (int)c;
 }
 
 const char *derived_status_text(int status)

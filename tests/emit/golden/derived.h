@@ -53,7 +53,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     long h_members;
     const long *h_rows;    /* (members) the row of the table that names each */
@@ -96,7 +96,7 @@ void derived_residuals(const derived_data *data, const double *point, double *re
 void derived_jacobian(const derived_data *data, const double *point, double *jacobian,
     derived_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int derived_covariance(const derived_data *data, const double *point, double *covariance,
     derived_workspace *workspace);
 

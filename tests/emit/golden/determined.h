@@ -48,7 +48,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     const double *p;          /* (3) vector */
     const double *p_sigma;    /* (3) */
@@ -82,7 +82,7 @@ void determined_residuals(const determined_data *data, const double *point, doub
 void determined_jacobian(const determined_data *data, const double *point, double *jacobian,
     determined_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int determined_covariance(const determined_data *data, const double *point, double *covariance,
     determined_workspace *workspace);
 

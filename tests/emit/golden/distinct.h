@@ -50,7 +50,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     const double *k;          /* (1) real */
     const double *k_sigma;    /* (1) */
@@ -88,7 +88,7 @@ void distinct_residuals(const distinct_data *data, const double *point, double *
 void distinct_jacobian(const distinct_data *data, const double *point, double *jacobian,
     distinct_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int distinct_covariance(const distinct_data *data, const double *point, double *covariance,
     distinct_workspace *workspace);
 

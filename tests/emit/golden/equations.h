@@ -47,7 +47,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     const double *q;          /* (3) array */
     const double *q_sigma;    /* (3) */
@@ -81,7 +81,7 @@ void equations_residuals(const equations_data *data, const double *point, double
 void equations_jacobian(const equations_data *data, const double *point, double *jacobian,
     equations_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int equations_covariance(const equations_data *data, const double *point, double *covariance,
     equations_workspace *workspace);
 

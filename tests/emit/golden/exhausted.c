@@ -402,6 +402,8 @@ static void answer(struct frame *f, exhausted_result *result)
     const long n = f->system[1], all = f->firsts[2];
     long c;
 
+    if (f->states[4] != 0)
+        mask_undetermined(f->system, f->work, f->covariance);
     for (c = 0; c < all; c++)
         f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
     for (c = 0; c < n; c++) {
@@ -465,9 +467,10 @@ int exhausted_solve(const exhausted_data *data, exhausted_result *result, exhaus
         f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
         f->multipliers, f->kappa, factors, f->spare);
     result->cost = f->results[2];
-    if (f->states[4] == 0
+    if (f->states[0] != 7
         && !sandwich(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index,
-            f->columns, f->point, f->sides, f->spare, f->covariance))
+            f->columns, f->point, f->sides, f->states[4] != 0 ? f->flags[24] : -1,
+            f->work + matrix_at(f->system, 1), f->spare, f->covariance))
         f->states[4] = 1;
     result->status = status_of(f);
     result->iterations = f->states[1];
@@ -491,7 +494,7 @@ int exhausted_begin(const exhausted_data *data, exhausted_result *result, exhaus
         return result->status;
     n = f->system[1];
     for (c = 0; c < n * n; c++)
-        f->covariance[c] = -1.0;
+        f->covariance[c] = NAN;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
     f->states[4] = 0;
@@ -541,8 +544,10 @@ int exhausted_covariance(const exhausted_data *data, const double *point, double
         f->triangle);
     for (c = 0; c < f->system[1]; c++)
         f->sides[c] = 0;
-    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
         < 1e300;
+    mask_undetermined(f->system, f->work, covariance);
+    return (int)c;
 }
 
 const char *exhausted_status_text(int status)

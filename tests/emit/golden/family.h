@@ -53,7 +53,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     long h_members;
     const long *h_rows;    /* (members) the row of the table that names each */
@@ -89,7 +89,7 @@ void family_residuals(const family_data *data, const double *point, double *resi
 void family_jacobian(const family_data *data, const double *point, double *jacobian,
     family_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int family_covariance(const family_data *data, const double *point, double *covariance,
     family_workspace *workspace);
 

@@ -47,7 +47,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     const double *m;          /* (1) real */
     const double *m_sigma;    /* (1) */
@@ -81,7 +81,7 @@ void for_each_residuals(const for_each_data *data, const double *point, double *
 void for_each_jacobian(const for_each_data *data, const double *point, double *jacobian,
     for_each_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int for_each_covariance(const for_each_data *data, const double *point, double *covariance,
     for_each_workspace *workspace);
 

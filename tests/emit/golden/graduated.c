@@ -470,6 +470,8 @@ static void answer(struct frame *f, graduated_result *result)
     const long n = f->system[1], all = f->firsts[2];
     long c;
 
+    if (f->states[4] != 0)
+        mask_undetermined(f->system, f->work, f->covariance);
     for (c = 0; c < all; c++)
         f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
     for (c = 0; c < n; c++) {
@@ -542,7 +544,7 @@ int graduated_solve(const graduated_data *data, graduated_result *result, gradua
     /* one unknown factor counts as 1 in the cost */
     result->cost += (factors[0] * factors[0] - 1.0) * spread_of_group(f->system, f->data_set, f->parameters, f->weights, f->index, f->columns, f->point,
         f->covariance, f->kappa, 0, 2, f->spare);
-    if (f->states[4] == 0
+    if (f->states[0] != 7
         && !inform(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index, f->columns, f->point,
             f->kappa, f->sides, f->work, f->flags, f->triangle, f->covariance))
         f->states[4] = 1;
@@ -568,7 +570,7 @@ int graduated_begin(const graduated_data *data, graduated_result *result, gradua
         return result->status;
     n = f->system[1];
     for (c = 0; c < n * n; c++)
-        f->covariance[c] = -1.0;
+        f->covariance[c] = NAN;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
     f->states[4] = 0;
@@ -618,8 +620,10 @@ int graduated_covariance(const graduated_data *data, const double *point, double
         f->triangle);
     for (c = 0; c < f->system[1]; c++)
         f->sides[c] = 0;
-    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
         < 1e300;
+    mask_undetermined(f->system, f->work, covariance);
+    return (int)c;
 }
 
 const char *graduated_status_text(int status)

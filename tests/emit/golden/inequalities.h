@@ -48,7 +48,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     const double *a;          /* (1) real */
     const double *a_sigma;    /* (1) */
@@ -84,7 +84,7 @@ void inequalities_residuals(const inequalities_data *data, const double *point, 
 void inequalities_jacobian(const inequalities_data *data, const double *point, double *jacobian,
     inequalities_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int inequalities_covariance(const inequalities_data *data, const double *point, double *covariance,
     inequalities_workspace *workspace);
 

@@ -325,6 +325,8 @@ static void answer(struct frame *f, joined_result *result)
     const long n = f->system[1], all = f->firsts[1];
     long c;
 
+    if (f->states[4] != 0)
+        mask_undetermined(f->system, f->work, f->covariance);
     for (c = 0; c < all; c++)
         f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
     for (c = 0; c < n; c++) {
@@ -405,7 +407,7 @@ int joined_begin(const joined_data *data, joined_result *result, joined_workspac
         return result->status;
     n = f->system[1];
     for (c = 0; c < n * n; c++)
-        f->covariance[c] = -1.0;
+        f->covariance[c] = NAN;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
     f->states[4] = 0;
@@ -455,8 +457,10 @@ int joined_covariance(const joined_data *data, const double *point, double *cova
         f->triangle);
     for (c = 0; c < f->system[1]; c++)
         f->sides[c] = 0;
-    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
         < 1e300;
+    mask_undetermined(f->system, f->work, covariance);
+    return (int)c;
 }
 
 const char *joined_status_text(int status)

@@ -51,7 +51,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     const double *p;          /* (2) vector, shown in cm */
     const double *p_sigma;    /* (2) */
@@ -85,7 +85,7 @@ void joined_residuals(const joined_data *data, const double *point, double *resi
 void joined_jacobian(const joined_data *data, const double *point, double *jacobian,
     joined_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int joined_covariance(const joined_data *data, const double *point, double *covariance,
     joined_workspace *workspace);
 

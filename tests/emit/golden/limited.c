@@ -496,6 +496,8 @@ static void answer(struct frame *f, limited_result *result)
     const long n = f->system[1], all = f->firsts[3];
     long c;
 
+    if (f->states[4] != 0)
+        mask_undetermined(f->system, f->work, f->covariance);
     for (c = 0; c < all; c++)
         f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
     for (c = 0; c < n; c++) {
@@ -567,7 +569,7 @@ int limited_solve(const limited_data *data, limited_result *result, limited_work
         f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
         f->multipliers, f->kappa, factors, f->spare);
     result->cost = f->results[2];
-    if (f->states[4] == 0
+    if (f->states[0] != 7
         && !inform(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index, f->columns, f->point,
             f->kappa, f->sides, f->work, f->flags, f->triangle, f->covariance))
         f->states[4] = 1;
@@ -593,7 +595,7 @@ int limited_begin(const limited_data *data, limited_result *result, limited_work
         return result->status;
     n = f->system[1];
     for (c = 0; c < n * n; c++)
-        f->covariance[c] = -1.0;
+        f->covariance[c] = NAN;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
     f->states[4] = 0;
@@ -643,8 +645,10 @@ int limited_covariance(const limited_data *data, const double *point, double *co
         f->triangle);
     for (c = 0; c < f->system[1]; c++)
         f->sides[c] = 0;
-    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
         < 1e300;
+    mask_undetermined(f->system, f->work, covariance);
+    return (int)c;
 }
 
 const char *limited_status_text(int status)

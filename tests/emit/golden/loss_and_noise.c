@@ -407,6 +407,8 @@ static void answer(struct frame *f, loss_and_noise_result *result)
     const long n = f->system[1], all = f->firsts[2];
     long c;
 
+    if (f->states[4] != 0)
+        mask_undetermined(f->system, f->work, f->covariance);
     for (c = 0; c < all; c++)
         f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
     for (c = 0; c < n; c++) {
@@ -470,9 +472,10 @@ int loss_and_noise_solve(const loss_and_noise_data *data, loss_and_noise_result 
     /* one unknown factor counts as 1 in the cost */
     result->cost += (factors[0] * factors[0] - 1.0) * spread_of_group(f->system, f->data_set, f->parameters, f->weights, f->index, f->columns, f->point,
         f->covariance, f->kappa, 0, 2, f->spare);
-    if (f->states[4] == 0
+    if (f->states[0] != 7
         && !sandwich(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index,
-            f->columns, f->point, f->sides, f->spare, f->covariance))
+            f->columns, f->point, f->sides, f->states[4] != 0 ? f->flags[24] : -1,
+            f->work + matrix_at(f->system, 1), f->spare, f->covariance))
         f->states[4] = 1;
     result->status = status_of(f);
     result->iterations = f->states[1];
@@ -496,7 +499,7 @@ int loss_and_noise_begin(const loss_and_noise_data *data, loss_and_noise_result 
         return result->status;
     n = f->system[1];
     for (c = 0; c < n * n; c++)
-        f->covariance[c] = -1.0;
+        f->covariance[c] = NAN;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
     f->states[4] = 0;
@@ -546,8 +549,10 @@ int loss_and_noise_covariance(const loss_and_noise_data *data, const double *poi
         f->triangle);
     for (c = 0; c < f->system[1]; c++)
         f->sides[c] = 0;
-    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
         < 1e300;
+    mask_undetermined(f->system, f->work, covariance);
+    return (int)c;
 }
 
 const char *loss_and_noise_status_text(int status)

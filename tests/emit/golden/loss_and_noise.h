@@ -50,7 +50,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     const double *a;          /* (1) real */
     const double *a_sigma;    /* (1) */
@@ -86,7 +86,7 @@ void loss_and_noise_residuals(const loss_and_noise_data *data, const double *poi
 void loss_and_noise_jacobian(const loss_and_noise_data *data, const double *point, double *jacobian,
     loss_and_noise_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int loss_and_noise_covariance(const loss_and_noise_data *data, const double *point, double *covariance,
     loss_and_noise_workspace *workspace);
 

@@ -51,7 +51,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     long units, inliers;   /* equations of rows that were looked at, and those that agree */
     int ambiguous;         /* 1: another solution explains the data as well */
@@ -90,7 +90,7 @@ void matrices_residuals(const matrices_data *data, const double *point, double *
 void matrices_jacobian(const matrices_data *data, const double *point, double *jacobian,
     matrices_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int matrices_covariance(const matrices_data *data, const double *point, double *covariance,
     matrices_workspace *workspace);
 

@@ -343,6 +343,8 @@ static void answer(struct frame *f, noise_result *result)
     const long n = f->system[1], all = f->firsts[2];
     long c;
 
+    if (f->states[4] != 0)
+        mask_undetermined(f->system, f->work, f->covariance);
     for (c = 0; c < all; c++)
         f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
     for (c = 0; c < n; c++) {
@@ -416,8 +418,7 @@ int noise_solve(const noise_data *data, noise_result *result, noise_workspace *w
     for (c = 0; c < n * n; c++)
         f->covariance[c] *= result->freedom > 0 ? scatter / (double)result->freedom : 0.0;
     if (result->freedom <= 0)
-        for (c = 0; c < n; c++)
-            f->covariance[c * n + c] = -1.0;
+        undetermined(n, f->sides, f->covariance);
     answer(f, result);
     return result->status;
 }
@@ -433,7 +434,7 @@ int noise_begin(const noise_data *data, noise_result *result, noise_workspace *w
         return result->status;
     n = f->system[1];
     for (c = 0; c < n * n; c++)
-        f->covariance[c] = -1.0;
+        f->covariance[c] = NAN;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
     f->states[4] = 0;
@@ -483,8 +484,10 @@ int noise_covariance(const noise_data *data, const double *point, double *covari
         f->triangle);
     for (c = 0; c < f->system[1]; c++)
         f->sides[c] = 0;
-    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
         < 1e300;
+    mask_undetermined(f->system, f->work, covariance);
+    return (int)c;
 }
 
 const char *noise_status_text(int status)

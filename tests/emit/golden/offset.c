@@ -444,6 +444,8 @@ static void answer(struct frame *f, offset_result *result)
     const long n = f->system[1], all = f->firsts[2];
     long c;
 
+    if (f->states[4] != 0)
+        mask_undetermined(f->system, f->work, f->covariance);
     for (c = 0; c < all; c++)
         f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
     for (c = 0; c < n; c++) {
@@ -517,7 +519,7 @@ int offset_solve(const offset_data *data, offset_result *result, offset_workspac
     /* all residuals share one unknown factor: the noise is as large as the residuals say */
     scatter = spread_of_group(f->system, f->data_set, f->parameters, f->weights, f->index, f->columns, f->point,
         f->covariance, f->kappa, -1, 0, f->spare);
-    if (f->states[4] == 0
+    if (f->states[0] != 7
         && !inform(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index, f->columns, f->point,
             f->kappa, f->sides, f->work, f->flags, f->triangle, f->covariance))
         f->states[4] = 1;
@@ -530,8 +532,7 @@ int offset_solve(const offset_data *data, offset_result *result, offset_workspac
     for (c = 0; c < n * n; c++)
         f->covariance[c] *= result->freedom > 0 ? scatter / (double)result->freedom : 0.0;
     if (result->freedom <= 0)
-        for (c = 0; c < n; c++)
-            f->covariance[c * n + c] = -1.0;
+        undetermined(n, f->sides, f->covariance);
     answer(f, result);
     return result->status;
 }
@@ -547,7 +548,7 @@ int offset_begin(const offset_data *data, offset_result *result, offset_workspac
         return result->status;
     n = f->system[1];
     for (c = 0; c < n * n; c++)
-        f->covariance[c] = -1.0;
+        f->covariance[c] = NAN;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
     f->states[4] = 0;
@@ -597,8 +598,10 @@ int offset_covariance(const offset_data *data, const double *point, double *cova
         f->triangle);
     for (c = 0; c < f->system[1]; c++)
         f->sides[c] = 0;
-    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
         < 1e300;
+    mask_undetermined(f->system, f->work, covariance);
+    return (int)c;
 }
 
 const char *offset_status_text(int status)

@@ -52,7 +52,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     long units, inliers;   /* equations of rows that were looked at, and those that agree */
     int ambiguous;         /* 1: another solution explains the data as well */
@@ -91,7 +91,7 @@ void offset_residuals(const offset_data *data, const double *point, double *resi
 void offset_jacobian(const offset_data *data, const double *point, double *jacobian,
     offset_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int offset_covariance(const offset_data *data, const double *point, double *covariance,
     offset_workspace *workspace);
 

@@ -48,7 +48,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     const double *a;          /* (1) real: slope */
     const double *a_sigma;    /* (1) */
@@ -84,7 +84,7 @@ void plain_residuals(const plain_data *data, const double *point, double *residu
 void plain_jacobian(const plain_data *data, const double *point, double *jacobian,
     plain_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int plain_covariance(const plain_data *data, const double *point, double *covariance,
     plain_workspace *workspace);
 

@@ -54,7 +54,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     const double *T;          /* (7) pose, shown in m */
     const double *T_sigma;    /* (6) */
@@ -90,7 +90,7 @@ void pose_residuals(const pose_data *data, const double *point, double *residual
 void pose_jacobian(const pose_data *data, const double *point, double *jacobian,
     pose_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int pose_covariance(const pose_data *data, const double *point, double *covariance,
     pose_workspace *workspace);
 

@@ -50,7 +50,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     const double *c;          /* (2) vector */
     const double *c_sigma;    /* (2) */
@@ -94,7 +94,7 @@ void rim_residuals(const rim_data *data, const double *point, double *residuals,
 void rim_jacobian(const rim_data *data, const double *point, double *jacobian,
     rim_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int rim_covariance(const rim_data *data, const double *point, double *covariance,
     rim_workspace *workspace);
 

@@ -50,7 +50,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     long units, inliers;   /* equations of rows that were looked at, and those that agree */
     int ambiguous;         /* 1: another solution explains the data as well */
@@ -87,7 +87,7 @@ void sights_residuals(const sights_data *data, const double *point, double *resi
 void sights_jacobian(const sights_data *data, const double *point, double *jacobian,
     sights_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int sights_covariance(const sights_data *data, const double *point, double *covariance,
     sights_workspace *workspace);
 

@@ -49,7 +49,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     const double *S;          /* (4) similarity */
     const double *S_sigma;    /* (4) */
@@ -83,7 +83,7 @@ void similarity_residuals(const similarity_data *data, const double *point, doub
 void similarity_jacobian(const similarity_data *data, const double *point, double *jacobian,
     similarity_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int similarity_covariance(const similarity_data *data, const double *point, double *covariance,
     similarity_workspace *workspace);
 

@@ -394,6 +394,8 @@ static void answer(struct frame *f, startless_result *result)
     const long n = f->system[1], all = f->firsts[1];
     long c;
 
+    if (f->states[4] != 0)
+        mask_undetermined(f->system, f->work, f->covariance);
     for (c = 0; c < all; c++)
         f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
     for (c = 0; c < n; c++) {
@@ -461,7 +463,7 @@ int startless_solve(const startless_data *data, startless_result *result, startl
         f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
         f->multipliers, f->kappa, factors, f->spare);
     result->cost = f->results[2];
-    if (f->states[4] == 0
+    if (f->states[0] != 7
         && !inform(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index, f->columns, f->point,
             f->kappa, f->sides, f->work, f->flags, f->triangle, f->covariance))
         f->states[4] = 1;
@@ -487,7 +489,7 @@ int startless_begin(const startless_data *data, startless_result *result, startl
         return result->status;
     n = f->system[1];
     for (c = 0; c < n * n; c++)
-        f->covariance[c] = -1.0;
+        f->covariance[c] = NAN;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
     f->states[4] = 0;
@@ -537,8 +539,10 @@ int startless_covariance(const startless_data *data, const double *point, double
         f->triangle);
     for (c = 0; c < f->system[1]; c++)
         f->sides[c] = 0;
-    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
         < 1e300;
+    mask_undetermined(f->system, f->work, covariance);
+    return (int)c;
 }
 
 const char *startless_status_text(int status)

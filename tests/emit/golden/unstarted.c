@@ -396,6 +396,8 @@ static void answer(struct frame *f, unstarted_result *result)
     const long n = f->system[1], all = f->firsts[1];
     long c;
 
+    if (f->states[4] != 0)
+        mask_undetermined(f->system, f->work, f->covariance);
     for (c = 0; c < all; c++)
         f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
     for (c = 0; c < n; c++) {
@@ -470,8 +472,7 @@ int unstarted_solve(const unstarted_data *data, unstarted_result *result, unstar
     for (c = 0; c < n * n; c++)
         f->covariance[c] *= result->freedom > 0 ? scatter / (double)result->freedom : 0.0;
     if (result->freedom <= 0)
-        for (c = 0; c < n; c++)
-            f->covariance[c * n + c] = -1.0;
+        undetermined(n, f->sides, f->covariance);
     answer(f, result);
     return result->status;
 }
@@ -487,7 +488,7 @@ int unstarted_begin(const unstarted_data *data, unstarted_result *result, unstar
         return result->status;
     n = f->system[1];
     for (c = 0; c < n * n; c++)
-        f->covariance[c] = -1.0;
+        f->covariance[c] = NAN;
     for (c = 0; c < f->system[0]; c++)
         f->point[c] = f->start[c];
     f->states[4] = 0;
@@ -537,8 +538,10 @@ int unstarted_covariance(const unstarted_data *data, const double *point, double
         f->triangle);
     for (c = 0; c < f->system[1]; c++)
         f->sides[c] = 0;
-    return set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
         < 1e300;
+    mask_undetermined(f->system, f->work, covariance);
+    return (int)c;
 }
 
 const char *unstarted_status_text(int status)

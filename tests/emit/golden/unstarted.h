@@ -52,7 +52,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     const double *p;          /* (2) vector */
     const double *p_sigma;    /* (2) */
@@ -86,7 +86,7 @@ void unstarted_residuals(const unstarted_data *data, const double *point, double
 void unstarted_jacobian(const unstarted_data *data, const double *point, double *jacobian,
     unstarted_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int unstarted_covariance(const unstarted_data *data, const double *point, double *covariance,
     unstarted_workspace *workspace);
 

@@ -49,7 +49,7 @@ typedef struct {
     const double *point;   /* (N) the estimates, unknown after unknown, member after member */
     long free;             /* n, estimated coordinates */
     const long *coordinates;     /* (n) their places among all coordinates */
-    const double *covariance;    /* (n, n) row by row */
+    const double *covariance;    /* (n, n) row by row; NaN: not determined */
     const double *sigmas;        /* of all coordinates; 0: it stays, negative: not determined */
     const double *p;          /* (2) vector */
     const double *p_sigma;    /* (2) */
@@ -83,7 +83,7 @@ void weights_residuals(const weights_data *data, const double *point, double *re
 void weights_jacobian(const weights_data *data, const double *point, double *jacobian,
     weights_workspace *workspace);
 
-/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: it does not exist. */
+/* The covariance (n, n) if `point` were the estimate and the noise as stated; 0: some of it is NaN. */
 int weights_covariance(const weights_data *data, const double *point, double *covariance,
     weights_workspace *workspace);
 

@@ -14,9 +14,6 @@ from tests.solution.native.conftest import sigmas
 PROBLEMS = Path(__file__).parents[3] / "problems"
 FILES = sorted(PROBLEMS.glob("*/*.mbm"))
 NAMES = [(file, name) for file in FILES for name in mbm.load(file).names]
-HANDED_OVER = {"rim"}
-"""Errors in measured columns are eliminated by the general path alone."""
-
 TOGETHER = {"tags"}
 """The solves of ``for-each`` go in one batch and ask for no single minimum."""
 
@@ -60,10 +57,7 @@ def agree(pair):
 def test_problems(file, name, both):
     mbm.load(file).named(name).solve(backend="native")
     for pair in minima(both.found):
-        if name in HANDED_OVER:
-            assert pair[4] is None
-        else:
-            agree(pair)
+        agree(pair)
 
 
 @pytest.mark.parametrize(("file", "name"), [each for each in NAMES if each[1] in TOGETHER])

@@ -41,17 +41,3 @@ def test_constraints_that_repeat_one_another_count_once(solver):
     basis, count, _ = turned(solver, slopes, np.ones(3), np.ones(4))
     assert count == 1
     np.testing.assert_allclose(basis[:, 1:].T @ slopes[0], np.zeros(3), rtol=0, atol=CLOSE * 20)
-
-
-def test_a_gap_parts_pivots_that_are_none(solver):
-    def ranked(*pivots):
-        small = np.zeros((len(pivots) + 1, len(pivots) + 1))
-        small[np.arange(len(pivots)), np.arange(len(pivots))] = pivots
-        return solver("full_rank", len(pivots), small)
-
-    assert ranked(1.0, -1e-8) == 1
-    assert ranked(1.0, 1e-10) == 0
-    # a polynomial of high degree: the pivots fall step by step
-    assert ranked(1.0, 1e-3, 1e-6, 1e-8, 1e-10) == 1
-    assert ranked(1.0, 1e-13) == 0
-    assert ranked() == 1

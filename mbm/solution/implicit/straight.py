@@ -1,0 +1,100 @@
+"""Equations with errors in measured columns as equations without: kernels that eliminate the corrections themselves.
+
+Where no two rows share a measured value, each row's corrections are a matter of that row, and its kernel can find them
+(`mbm.target.elimination`). What is left are equations like others, which the native solver takes and which go to many
+points at once. They have no finite value where finding the corrections takes more care than a few of Newton's steps:
+there `Elimination` has the answer, as it has where rows share values.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.kernels.types import Kernel
+from mbm.solution.binding import Group
+from mbm.solution.implicit.system import Part, System
+from mbm.solution.whitening import Whitener
+from mbm.values import dataclass
+
+KEPT = "eliminated"
+"""Where `EvaluationCache.native` has the kernels that were made."""
+
+NUMBERS = 1_000_000
+"""Kernels that were made are numbered from here on: beyond all others."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Made:
+    """Kernels by the number of the one they were made of and by its noise; None: not to be had."""
+
+    kernels: dict[tuple[int, tuple[tuple[int, int, bool], ...]], tuple[int, Kernel | None]]
+
+    def of(self, group: Group) -> tuple[int, Kernel | None]:
+        """The kernel for a group, and its number."""
+        noises = tuple((w.first, w.last, w.weights.ndim == 3) for w in group.whiteners)
+        key = (group.number, noises)
+        if key not in self.kernels:
+            # Loaded where it is needed first, as most problems are without.
+            from mbm.kernels.eliminated import eliminated_kernel
+
+            self.kernels[key] = (NUMBERS + len(self.kernels), eliminated_kernel(group.kernel, noises))
+        return self.kernels[key]
+
+
+def straight_groups(groups: tuple[Group, ...], systems: tuple[System, ...]) -> tuple[Group, ...] | None:
+    """The groups, with kernels that eliminate the corrections of ``systems`` themselves; None: it cannot be done so.
+
+    Their residuals and Jacobian are not finite where the corrections need a search.
+    """
+    parts = _parts(groups, systems)
+    if parts is None or any(group.sampled for group in groups):
+        return None
+    kept = groups[0].cache.native
+    made = kept.setdefault(KEPT, _Made({}))
+    if not isinstance(made, _Made):
+        raise TypeError(KEPT)
+    found = []
+    for number, group in enumerate(groups):
+        part = parts.get(number)
+        changed = group if part is None else _group(group, part, made)
+        if changed is None:
+            return None
+        found.append(changed)
+    return tuple(found)
+
+
+def _parts(groups: tuple[Group, ...], systems: tuple[System, ...]) -> dict[int, Part] | None:
+    """The rows of each group with corrections; None where some rows hang together, or the roots are others."""
+    found: dict[int, Part] = {}
+    of_first = {group.first: number for number, group in enumerate(groups) if group.rows}
+    for system in systems:
+        part = system.parts[0]
+        _, k = system.noisy.shape
+        if len(system.parts) > 1 or not part.alone or k > system.corrections:
+            return None
+        number = of_first.get(part.group.first)
+        if number is None or part.group.rows != groups[number].rows:
+            return None
+        found[number] = part
+    wanted = {n for n, group in enumerate(groups) if group.kernel.corrections is not None}
+    return found if set(found) == wanted else None
+
+
+def _group(group: Group, part: Part, made: _Made) -> Group | None:
+    """The group with its kernel replaced."""
+    number, kernel = made.of(group)
+    if kernel is None:
+        return None
+    rows = group.rows
+    weights = [w.weights.reshape(rows, -1) for w in group.whiteners]
+    own = [w.noisy.astype(np.float64) for w in group.whiteners]
+    return replace(
+        group,
+        number=number,
+        kernel=kernel,
+        evaluation=group.cache.evaluation(number, kernel, rows),
+        parameters=np.hstack([group.parameters, part.sigma, *weights, *own]),
+        whiteners=tuple(Whitener(w.first, w.last, np.ones((rows, w.last - w.first))) for w in group.whiteners),
+    )

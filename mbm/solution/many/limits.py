@@ -1,0 +1,75 @@
+"""Constraints of many solves in columns: what of each that the problem states is to be said in each solve."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.problem.kinds import ConstraintKind
+from mbm.problem.types import Problem
+from mbm.solution.many.stack import Portion, Stack
+from mbm.solution.many.surface import Held, Tangents
+from mbm.solution.many.types import Limits, Rows
+from mbm.solution.types import Floats, Mask
+
+
+def limits(
+    problem: Problem, stack: Stack, which: range, portion: Portion, found: Held, along: Tangents, multipliers: Floats
+) -> Limits:
+    """The constraints of some solves."""
+    owners = tuple(dict.fromkeys(group.kernel.owner for group in stack.equations.constraints))
+    return Limits(
+        owners=owners,
+        values=np.stack([_value(problem, portion, found, owner) for owner in owners], axis=1),
+        active=np.stack([(found.active & _mine(portion, owner)).any(axis=1) for owner in owners], axis=1),
+        pushed=np.stack(
+            [(found.forcing & ~found.equality & _mine(portion, owner)).any(axis=1) for owner in owners], axis=1
+        ),
+        rows=_rows(portion, owners),
+        at_limit=tuple(_at_limit(problem, stack, which, portion, found, owner) for owner in owners),
+        multipliers=multipliers,
+        dimension=stack.equations.dimension - along.taken + along.equalities,
+        moving=stack.equations.dimension - along.taken,
+    )
+
+
+def _mine(portion: Portion, owner: int) -> Mask:
+    """Which constraints (K, c) are those of a block."""
+    found = np.zeros((portion.count, portion.most_limits), dtype=bool)
+    for group, solve, slots in portion.limits():
+        if group.kernel.owner == owner:
+            found[solve[:, None], slots] = True
+    return found
+
+
+def _value(problem: Problem, portion: Portion, found: Held, owner: int) -> Floats:
+    """What is left to the limit (K,), of equations the difference of their sides, the worst of several; 0 of none."""
+    mine = _mine(portion, owner)
+    equation = problem.blocks[owner].constraint is ConstraintKind.EQUAL
+    badness = np.where(mine, np.abs(found.values) if equation else found.values, -np.inf)
+    worst = np.take_along_axis(found.values, badness.argmax(axis=1)[:, None], axis=1)[:, 0]
+    worst = np.where(mine.any(axis=1), worst, 0.0)
+    return worst if equation else 0.0 - worst
+
+
+def _rows(portion: Portion, owners: tuple[int, ...]) -> np.ndarray:
+    """How often (K, owners) each block of constraints is there."""
+    found = np.zeros((portion.count, len(owners)), dtype=np.int64)
+    for group, solve, _ in portion.limits():
+        found[:, owners.index(group.kernel.owner)] += np.bincount(solve, minlength=portion.count)
+    return found
+
+
+def _at_limit(problem: Problem, stack: Stack, which: range, portion: Portion, found: Held, owner: int) -> Rows | None:
+    """The rows that are at their limit, of inequalities over a table."""
+    block = problem.blocks[owner]
+    if block.table is None or block.constraint is ConstraintKind.EQUAL:
+        return None
+    result: Rows | None = None
+    for number, (group, solve, slots) in enumerate(portion.limits(), len(stack.equations.groups)):
+        if group.kernel.owner != owner or group.positions is None:
+            continue
+        reached = found.active[solve[:, None], slots].any(axis=1)
+        lines = stack.lines(number, which)[1]
+        mine = Rows.of_rows(stack.tables[block.table], group.positions[lines][reached], solve[reached], len(which))
+        result = mine if result is None else result.joined(mine)
+    return result

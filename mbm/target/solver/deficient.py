@@ -1,0 +1,179 @@
+"""What a normal matrix that is not of full rank determines: singular values, the rank, and the covariance of the rest.
+
+The rule of rank is that of `solution.observability`. Singular values come from one-sided rotations (Hestenes 1958),
+which find small ones to their own relative accuracy as far as the triangle has it.
+"""
+
+from __future__ import annotations
+
+from math import fabs, inf, sqrt
+
+from mbm.target.solver.description import COORDINATES
+from mbm.target.solver.linear_algebra import copied, dot, filled
+from mbm.target.solver.tangent import from_surface
+from mbm.target.solver.workspace import FLAGS, LOOSE, RANK, TOUCHED, matrix_at, step_at
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+
+CERTAIN = 1e-12
+SUSPECT = 1e-9
+GAP = 1e4
+"""A singular value is none below CERTAIN of the largest, and below SUSPECT where it lies below GAP of the one before:
+the derivatives of large coordinates, and a point a rounding away from the surface, leave such dependences."""
+
+SHARE = 1e-6
+"""A coordinate whose share in the free directions is below this is not touched by them."""
+
+SIZES = 10
+"""Vector of scratch: one over the scales of the coordinates (n,)."""
+
+SWEEPS = 40
+EPSILON = 2.220446049250313e-16
+NEGLIGIBLE = 1e-28
+"""A product of two columns below this share of the largest square turns nothing that could be seen."""
+
+
+def rotate(width: Integer, cosine: Real, sine: Real, a: Reals, b: Reals) -> None:
+    """A rotation of two vectors (width,)."""
+    for k in range(width):
+        value = cosine * a[k] - sine * b[k]
+        b[k] = sine * a[k] + cosine * b[k]
+        a[k] = value
+
+
+def singular_values(width: Integer, small: ConstantReals, lines: Reals, right: Reals, singular: Reals) -> None:
+    """The singular values (w,) of a triangle, the largest first, and the right singular vectors, one to a row.
+
+    ``small`` (w + 1, w + 1); ``lines`` (w, w) is scratch.
+    """
+    largest = 0.0
+    for k in range(width):
+        for i in range(width):
+            lines[k * width + i] = small[i * (width + 1) + k] if i <= k else 0.0
+            right[k * width + i] = 1.0 if i == k else 0.0
+        square = dot(width, lines[k * width :], lines[k * width :])
+        if square > largest:
+            largest = square
+    turning = 1
+    for _ in range(SWEEPS):
+        if turning == 0:
+            break
+        turning = 0
+        for k in range(width):
+            for i in range(k):
+                a = dot(width, lines[i * width :], lines[i * width :])
+                b = dot(width, lines[k * width :], lines[k * width :])
+                along = dot(width, lines[i * width :], lines[k * width :])
+                if fabs(along) > EPSILON * sqrt(a) * sqrt(b) and fabs(along) > NEGLIGIBLE * largest:
+                    turning = 1
+                    ratio = 0.5 * (b - a) / along
+                    tangent = 1.0 / (fabs(ratio) + sqrt(1.0 + ratio * ratio))
+                    if ratio < 0.0:
+                        tangent = -tangent
+                    cosine = 1.0 / sqrt(1.0 + tangent * tangent)
+                    rotate(width, cosine, cosine * tangent, lines[i * width :], lines[k * width :])
+                    rotate(width, cosine, cosine * tangent, right[i * width :], right[k * width :])
+    for k in range(width):
+        singular[k] = sqrt(dot(width, lines[k * width :], lines[k * width :]))
+    for k in range(width):
+        best = k
+        for i in range(k + 1, width):
+            if singular[i] > singular[best]:
+                best = i
+        if best != k:
+            value = singular[k]
+            singular[k] = singular[best]
+            singular[best] = value
+            rotate(width, 0.0, 1.0, right[k * width :], right[best * width :])
+
+
+def decided_rank(width: Integer, singular: ConstantReals) -> Integer:
+    """How many of the singular values (descending) count."""
+    if width == 0 or not singular[0] > 0.0:
+        return 0
+    for rank in range(1, width):
+        value = singular[rank] / singular[0]
+        before = singular[rank - 1] / singular[0]
+        if value <= CERTAIN or (value <= SUSPECT and value * GAP <= before):
+            return rank
+    return width
+
+
+def set_determined(
+    system: ConstantIntegers,
+    count: Integer,
+    turned: Integer,
+    rank: Integer,
+    scale: ConstantReals,
+    singular: ConstantReals,
+    work: Reals,
+    flags: Integers,
+    covariance: Reals,
+) -> None:
+    """The covariance (n, n) in the directions that are determined, and which coordinates the others touch, `TOUCHED`.
+
+    Scratch matrix 3 has the right singular vectors along the surface, 2 the reflections; 1 becomes a factor of the
+    covariance, ``rank`` rows (n,), with the free directions below it, `LOOSE` rows.
+    """
+    n = system[COORDINATES]
+    width = count - turned
+    chosen = flags[FLAGS:]
+    right = work[matrix_at(system, 3) :]
+    reflections = work[matrix_at(system, 2) :]
+    factor = work[matrix_at(system, 1) :]
+    line = work[step_at(system, 12) :]
+    touched = work[step_at(system, TOUCHED) :]
+    filled(n * n, 0.0, factor)
+    for a in range(width):
+        filled(count, 0.0, line)
+        copied(width, right[a * width :], line[turned:])
+        from_surface(count, turned, reflections, line)
+        for k in range(count):
+            if a < rank:
+                factor[a * n + chosen[k]] = line[k] / (singular[a] * scale[k])
+            else:
+                factor[a * n + chosen[k]] = line[k] / scale[k]
+                touched[chosen[k]] += line[k] * line[k]
+    flags[RANK] = rank
+    flags[LOOSE] = width - rank
+    sizes = work[step_at(system, SIZES) :]
+    filled(n, 0.0, sizes)
+    for k in range(count):
+        sizes[chosen[k]] = 1.0 / scale[k]
+    for j in range(n):
+        touched[j] = 1.0 if touched[j] > SHARE * SHARE else 0.0
+    for i in range(n):
+        for k in range(n):
+            total = 0.0
+            for a in range(rank):
+                total += factor[a * n + i] * factor[a * n + k]
+            covariance[i * n + k] = total
+
+
+def determines(
+    system: ConstantIntegers, gradient: ConstantReals, work: ConstantReals, flags: ConstantIntegers
+) -> Integer:
+    """1 where a quantity with the ``gradient`` (n,) does not feel the free directions of the last covariance."""
+    n = system[COORDINATES]
+    loose = work[matrix_at(system, 1) + flags[RANK] * n :]
+    sizes = work[step_at(system, SIZES) :]
+    length = 0.0
+    along = 0.0
+    for a in range(flags[LOOSE]):
+        share = dot(n, loose[a * n :], gradient)
+        along += share * share
+    for j in range(n):
+        length += gradient[j] * sizes[j] * gradient[j] * sizes[j]
+    return 1 if along <= SHARE * SHARE * length else 0
+
+
+def mask_undetermined(system: ConstantIntegers, work: ConstantReals, covariance: Reals) -> None:
+    """NaN for what the free directions of the last covariance touch."""
+    n = system[COORDINATES]
+    touched = work[step_at(system, TOUCHED) :]
+    for i in range(n):
+        for k in range(n):
+            if touched[i] != 0.0 or touched[k] != 0.0:
+                covariance[i * n + k] = inf - inf
+
+
+ROUTINES = (rotate, singular_values, decided_rank, set_determined, determines, mask_undetermined)

@@ -1,0 +1,262 @@
+"""A point on the surface of the constraints that hold: its multipliers, and Newton's step of the Lagrange function.
+
+The null-space method (Nocedal and Wright 2006, 16.2 and 18.1): a step in scaled coordinates is ``Q (y, z)`` with
+``C Q = [L 0]``; y brings the constraints to zero, z lowers ``‖r‖²/2 + Σ λ c`` along the surface. The multipliers are
+those of least squares, ``Lᵀ λ = -Yᵀ Jᵀ r``. The rows of the residuals stand in their triangle, never squared.
+"""
+
+from __future__ import annotations
+
+from math import fabs, sqrt
+
+from mbm.target.solver.beginning import constraint_count
+from mbm.target.solver.covariance import set_reduced, set_scales
+from mbm.target.solver.description import COORDINATES, DATA_COUNT, PLACES_AT
+from mbm.target.solver.linear_algebra import cholesky, dot, filled, solve_transposed, solve_upper
+from mbm.target.solver.places import EPSILON, NOISE, relative_offset
+from mbm.target.solver.steps import without_dependent
+from mbm.target.solver.tangent import REPEATED, along_surface, from_surface, turn_constraints
+from mbm.target.solver.workspace import (
+    AT_COST,
+    AT_LENGTH,
+    AT_NOISE,
+    AT_OFFSET,
+    AT_PREDICTED,
+    FLAGS,
+    FORCES,
+    FREE,
+    FULL,
+    HELD,
+    VALUES,
+    X,
+    curvature_at,
+    matrix_at,
+    multipliers_at,
+    slopes_at,
+    small_rows_at,
+    small_triangle_at,
+    step_at,
+    triangle_at,
+    vector_at,
+)
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
+
+SCALE = 11
+LINE = 12
+ALONG = 13
+GRADIENT = 14
+IMAGE_THERE = 10
+"""Vectors of scratch: of the coordinates that may move, one after the other."""
+
+
+def choose_free(system: ConstantIntegers, place: ConstantReals, flags: Integers) -> Integer:
+    """The coordinates that no bound holds, and how many they are."""
+    free = place[vector_at(system, FREE) :]
+    chosen = flags[FLAGS:]
+    count = 0
+    for j in range(system[COORDINATES]):
+        if free[j] != 0.0:
+            chosen[count] = j
+            count += 1
+    return count
+
+
+def turn_place(
+    system: ConstantIntegers,
+    data: ConstantIntegers,
+    place: ConstantReals,
+    count: Integer,
+    work: Reals,
+    flags: Integers,
+) -> Integer:
+    """Scales, reflections and L at a place; how many constraints turn. Of those that repeat others `HELD` becomes 0.
+
+    Then y in `ALONG`, and the multipliers in `FORCES`.
+    """
+    n = system[COORDINATES]
+    chosen = flags[FLAGS:]
+    triangle = place[triangle_at(system) :]
+    held = work[multipliers_at(system, HELD) :]
+    values = work[multipliers_at(system, VALUES) :]
+    forces = work[multipliers_at(system, FORCES) :]
+    slopes = work[slopes_at(system) :]
+    scale = work[step_at(system, SCALE) :]
+    line = work[step_at(system, LINE) :]
+    along = work[step_at(system, ALONG) :]
+    gradient = work[step_at(system, GRADIENT) :]
+    reflections = work[matrix_at(system, 2) :]
+    lower = work[matrix_at(system, 3) :]
+    holding = constraint_count(system, data)
+    set_scales(n, count, chosen, triangle, holding, held, slopes, scale)
+    turned = turn_constraints(n, count, chosen, scale, holding, held, slopes, reflections)
+    found = 0
+    for c in range(holding):
+        forces[c] = 0.0
+        if held[c] != 0.0:
+            for k in range(count):
+                line[k] = slopes[c * n + chosen[k]] / scale[k]
+            length = sqrt(dot(count, line, line))
+            along_surface(count, turned, reflections, line)
+            if found < turned and fabs(line[found]) > REPEATED * length:
+                along[found] = (-values[c] - dot(found, line, along)) / line[found]
+                for k in range(turned):
+                    lower[found * turned + k] = line[k]
+                found += 1
+            else:
+                held[c] = 0.0
+    for k in range(count):
+        total = 0.0
+        for i in range(chosen[k] + 1):
+            total += triangle[i * (n + 1) + chosen[k]] * triangle[i * (n + 1) + n]
+        gradient[k] = total / scale[k]
+    along_surface(count, turned, reflections, gradient)
+    last = found
+    for back in range(holding):
+        c = holding - 1 - back
+        if held[c] != 0.0:
+            last -= 1
+            total = -gradient[last]
+            for k in range(last + 1, found):
+                total -= lower[k * turned + last] * line[k]
+            line[last] = total / lower[last * turned + last]
+            forces[c] = line[last]
+    return found
+
+
+def surface_step(
+    system: ConstantIntegers,
+    data: ConstantIntegers,
+    count: Integer,
+    turned: Integer,
+    curved: Integer,
+    place: Reals,
+    work: Reals,
+    flags: Integers,
+) -> Integer:
+    """The step of a place that `turn_place` has seen, its length and offset; 0 where it is not determined.
+
+    ``curved`` 1: with the second-order term.
+    """
+    n = system[COORDINATES]
+    width = count - turned
+    chosen = flags[FLAGS:]
+    triangle = place[triangle_at(system) :]
+    scale = work[step_at(system, SCALE) :]
+    line = work[step_at(system, LINE) :]
+    along = work[step_at(system, ALONG) :]
+    there = work[step_at(system, IMAGE_THERE) :]
+    reflections = work[matrix_at(system, 2) :]
+    factor = work[matrix_at(system, 1) :]
+    small = work[small_triangle_at(system) :]
+    rows = work[small_rows_at(system) :]
+    for i in range(n):
+        there[i] = triangle[i * (n + 1) + n]
+    set_reduced(n, count, turned, chosen, triangle, scale, reflections, along, there, line, rows, small)
+    for i in range(width):
+        for k in range(width):
+            factor[i * width + k] = small[i * (width + 1) + k]
+        line[i] = -small[i * (width + 1) + width]
+    if without_dependent(width, factor) > 0:
+        return 0
+    if curved == 1 and bent_right(system, count, turned, work, flags) == 0:
+        return 0
+    solve_upper(width, factor, line)
+    for k in range(width):
+        along[turned + k] = line[k]
+    from_surface(count, turned, reflections, along)
+    set_step(system, data, count, width, place, work, flags)
+    return 1
+
+
+def bent_right(system: ConstantIntegers, count: Integer, turned: Integer, work: Reals, flags: Integers) -> Integer:
+    """The right side in `LINE` with the second-order term S: ``(I + T⁻ᵀ Zᵀ S Z T⁻¹)⁻¹ (-t - T⁻ᵀ Zᵀ S Y y)``.
+
+    0 where the Hessian on the surface is not positive definite.
+    """
+    n = system[COORDINATES]
+    width = count - turned
+    chosen = flags[FLAGS:]
+    curvature = work[curvature_at(system) :]
+    scale = work[step_at(system, SCALE) :]
+    line = work[step_at(system, LINE) :]
+    along = work[step_at(system, ALONG) :]
+    gradient = work[step_at(system, GRADIENT) :]
+    reflections = work[matrix_at(system, 2) :]
+    factor = work[matrix_at(system, 1) :]
+    inner = work[matrix_at(system, 0) :]
+    for i in range(count):
+        for k in range(count):
+            inner[i * count + k] = curvature[chosen[i] * n + chosen[k]] / (scale[i] * scale[k])
+        along_surface(count, turned, reflections, inner[i * count :])
+    transposed(count, inner)
+    for i in range(count):
+        along_surface(count, turned, reflections, inner[i * count :])
+    for i in range(width):
+        gradient[i] = dot(turned, inner[(turned + i) * count :], along)
+    for i in range(width):
+        for k in range(width):
+            inner[i * width + k] = inner[(turned + i) * count + turned + k]
+    for i in range(width):
+        solve_transposed(width, factor, inner[i * width :])
+    transposed(width, inner)
+    for i in range(width):
+        solve_transposed(width, factor, inner[i * width :])
+        inner[i * width + i] += 1.0
+    solve_transposed(width, factor, gradient)
+    if cholesky(width, inner) == 0:
+        return 0
+    for i in range(width):
+        line[i] = (line[i] - gradient[i] - dot(i, inner[i * width :], line)) / inner[i * width + i]
+    for back in range(width):
+        i = width - 1 - back
+        total = line[i]
+        for k in range(i + 1, width):
+            total -= inner[k * width + i] * line[k]
+        line[i] = total / inner[i * width + i]
+    return 1
+
+
+def transposed(n: Integer, matrix: Reals) -> None:
+    """``matrix`` (n, n) becomes its transpose."""
+    for i in range(n):
+        for k in range(i):
+            value = matrix[i * n + k]
+            matrix[i * n + k] = matrix[k * n + i]
+            matrix[k * n + i] = value
+
+
+def set_step(
+    system: ConstantIntegers,
+    data: ConstantIntegers,
+    count: Integer,
+    width: Integer,
+    place: Reals,
+    work: Reals,
+    flags: Integers,
+) -> None:
+    """The scaled step in `ALONG` as that of the place: in all coordinates, its length, offset and rounding."""
+    n = system[COORDINATES]
+    chosen = flags[FLAGS:]
+    triangle = place[triangle_at(system) :]
+    full = place[vector_at(system, FULL) :]
+    x = place[vector_at(system, X) :]
+    scale = work[step_at(system, SCALE) :]
+    along = work[step_at(system, ALONG) :]
+    filled(n, 0.0, full)
+    terms = 0.0
+    for k in range(count):
+        full[chosen[k]] = along[k] / scale[k]
+        size = fabs(x[chosen[k]]) if system[system[PLACES_AT] + chosen[k]] >= 0 else 1.0
+        terms += scale[k] * size * scale[k] * size
+    inside = 0.0
+    for i in range(n):
+        moved = dot(n - i, triangle[i * (n + 1) + i :], full[i:])
+        inside += moved * moved
+    outside = place[AT_COST] - inside
+    place[AT_LENGTH] = sqrt(dot(count, along, along))
+    place[AT_PREDICTED] = inside
+    place[AT_OFFSET] = relative_offset(inside, outside if outside > 0.0 else 0.0, width, data[DATA_COUNT] - width)
+    place[AT_NOISE] = NOISE * EPSILON * (sqrt(terms) + sqrt(place[AT_COST]))
+
+
+ROUTINES = (choose_free, turn_place, transposed, bent_right, set_step, surface_step)

@@ -1,0 +1,64 @@
+"""Generated solvers with constraints on data that they were not made with, against the general path's exact method."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+
+import numpy as np
+import pytest
+
+import mbm
+from tests.emit.making import of_text, written
+
+KINDS = {
+    "circle": ("(exp (+ (* a x) b))", "(= (+ (* a a) (* b b)) 0.3)", "ab"),
+    "linear": ("(exp (+ (* a x) b))", "(= (+ a b) 0.6)", "ab"),
+    "active": ("(exp (+ (* a x) b))", "(<= (* a b) 0.03)", "ab"),
+    "several": (
+        "(+ (* a (exp (* -1 b x))) (* q x) w)",
+        "(= (* a b) (+ 0.5 q)) (<= (+ (* q q) (* w w)) 0.4) (<= a 3)",
+        "abqw",
+    ),
+}
+STARTS = {"a": 0.5, "b": 0.5, "q": 0.3, "w": 0.3}
+QUICK = ("circle",)
+
+MADE_WITH = "(0.1 1.6) (0.4 1.9) (0.6 2.2) (0.8 2.3) (1.0 2.8) (1.2 3.0) (1.4 3.6)"
+
+
+def text(kind, rows):
+    """The problem with data of its own (``rows`` None: external ones)."""
+    model, constraints, names = KINDS[kind]
+    unknowns = " ".join(f"({name} :init {STARTS[name]})" for name in names)
+    data = "external" if rows is None else f"(table (x y) {rows})"
+    solve = "(solve :constraints exact)"
+    observed = f"(observe d (= y {model}) :sigma 0.05)"
+    return f"(problem {kind} (data d {data}) (unknowns {unknowns}) {observed} (constraints {constraints}) {solve})"
+
+
+@pytest.mark.parametrize("kind", [k if k in QUICK else pytest.param(k, marks=pytest.mark.slow) for k in KINDS])
+def test_random_data(kind, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    folder = written(of_text(text(kind, MADE_WITH), "python"), tmp_path)
+    spec = importlib.util.spec_from_file_location(f"constrained_{kind}", folder / f"{kind}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    compared = 0
+    for seed in range(8):
+        generator = np.random.default_rng(seed)
+        x = np.sort(generator.uniform(0.1, 1.5, 12))
+        y = np.exp(0.6 * x + 0.4) + 0.05 * generator.standard_normal(12)
+        found = module.solve({"d": {"x": x, "y": y}})
+        wanted = mbm.loads(text(kind, None)).solve(data={"d": {"x": x, "y": y}}, backend="casadi")
+        assert found["status"] == wanted.solves[0].status.value[0].replace("_", "-") == "converged"
+        assert found["freedom"] == wanted.solves[0].dof
+        if abs(found["cost"] - wanted.solves[0].cost) > 1e-6 * found["cost"]:
+            continue  # another minimum: both methods go their own way from the start
+        compared += 1
+        for name in KINDS[kind][2]:
+            value, sigma = found["estimates"][name]["value"].item(), found["estimates"][name]["sigma"].item()
+            size = max(abs(wanted[name].value), wanted[name].sigma)
+            assert abs(value - wanted[name].value) <= 1e-9 * size
+            assert sigma == pytest.approx(wanted[name].sigma, rel=1e-8, abs=1e-9 * size)
+    assert compared >= 6

@@ -1,0 +1,99 @@
+"""Generated solvers where the data leave something free: the rest has the standard deviations of the general path."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import shutil
+import sys
+
+import numpy as np
+import pytest
+
+import mbm
+from tests.emit.making import of_text, run, written
+
+POINTS = "(data d (table (x y) (0 1.1) (1 2.9) (2 5.2) (3 6.8) (4 9.1) (5 12)))"
+OTHERS = "(data e (table (u) (2.1) (1.9) (2.3)))"
+LINE = "(observe d (= y (+ (* a x) b c)) :sigma 0.2)"
+THREE = "(unknowns (a :init 1) (b :init 0) (c :init 2))"
+FOUR = "(unknowns (a :init 1) (b :init 0) (c :init 2) (q :init 1))"
+
+TEXTS = {
+    "sums": f"{POINTS} {FOUR} {LINE}",
+    "unfelt": f"{POINTS} {THREE} (observe d (= y (+ (* a x) b (* 0 c))) :sigma 0.2)",
+    "products": f"{POINTS} {THREE} (observe d (= y (+ (* a b x) c)) :sigma 0.2)",
+    "noise": f"{POINTS} {THREE} (observe d (= y (+ (* a x) b c)) :sigma unknown)",
+    "noises": f"{POINTS} {OTHERS} {THREE} (observe d (= y (+ (* a x) b c)) :sigma unknown) "
+    "(observe e (= u a) :sigma unknown)",
+    "loss": f"{POINTS} {THREE} (observe d (= y (+ (* a x) b c)) :sigma 0.2 :loss (huber 1))",
+    "losses": f"{POINTS} {OTHERS} {THREE} (observe d (= y (+ (* a x) b c)) :sigma 0.2 :loss (huber 1)) "
+    "(observe e (= u a) :sigma 0.3 :loss soft-l1)",
+    "bound": f"{POINTS} (unknowns (a :init 1 :in (0 2)) (b :init 0) (c :init 2)) {LINE}",
+    "equation": f"{POINTS} {FOUR} {LINE} (constraints (= (+ a q) 3))",
+    "inequality": f"{POINTS} {THREE} {LINE} (constraints (<= a 2))",
+    "few": "(data d (table (x y) (1 2))) (unknowns (a :init 1) (b :init 0)) (observe d (= y (+ (* a x) b)) :sigma 0.2)",
+    "beside": "(data d (table (x y z) (1 2 5))) (unknowns (a :init 1) (b :init 0) (c :init 1)) "
+    "(observe d (= y (+ (* a x) b)) :sigma 0.2) (observe d (= z c) :sigma 0.5)",
+    "derived": f"{POINTS} {THREE} {LINE} (derive (s (* 2 a)) (t (+ b c)) (u b))",
+}
+QUICK = ("noises", "losses", "derived")
+CHOSEN = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in TEXTS]
+
+CLOSE = 1e-9
+"""What generated solvers promise; the singular values of both paths lie far apart here."""
+
+
+def solved(name):
+    """What the general path makes of the problem."""
+    return mbm.loads(f"(problem {name} {TEXTS[name]})").solve(backend="casadi")
+
+
+def same(found, wanted) -> bool:
+    """Equal standard deviations, 0 for what bounds hold (the document has none for it), NaN where there is none."""
+    found, wanted = np.ravel(found), np.ravel(wanted)
+    held = found == 0.0
+    agreed = np.isclose(found, wanted, rtol=CLOSE, atol=0.0, equal_nan=True)
+    return bool((agreed | (held & ~(wanted > 0.0))).all())
+
+
+@pytest.mark.parametrize("name", CHOSEN)
+def test_python(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    folder = written(of_text(f"(problem {name} {TEXTS[name]})", "python"), tmp_path)
+    spec = importlib.util.spec_from_file_location(f"undetermined_{name}", folder / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    found = module.solve(module.read_tables([str(folder / "data" / f"{table}.csv") for table in module.COLUMNS]))
+    wanted = solved(name)
+    assert found["status"] == "unobservable"
+    assert wanted.solves[0].status.value[0] == "unobservable"
+    assert found["freedom"] == wanted.solves[0].dof >= 0
+    for unknown, each in found["estimates"].items():
+        assert same(each["sigma"], wanted[unknown].sigma), unknown
+    for quantity, each in found["derived"].items():
+        assert same(each["sigma"], wanted[quantity].sigma), quantity
+    assert run(sys.executable, f"test_{name}.py", folder=folder).returncode == 0
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) is here")
+@pytest.mark.parametrize("name", CHOSEN)
+def test_c(name, tmp_path):
+    folder = written(of_text(f"(problem {name} {TEXTS[name]})", "c"), tmp_path)
+    made = run("make", "all", "test", "CFLAGS=-O0", folder=folder)
+    assert made.returncode == 0, made.stdout + made.stderr
+    tables = [f"data/{table}.csv" for table in ("d", "e") if (folder / "data" / f"{table}.csv").exists()]
+    found = run(f"./{name}", *tables, folder=folder)
+    assert found.returncode == 1
+    wanted = solved(name)
+    assert f"{wanted.solves[0].dof} degrees of freedom" in found.stderr
+    rows = list(csv.DictReader(found.stdout.splitlines()))
+    assert rows
+    for row in rows:
+        sigma = float(row["sigma"]) if row["sigma"] else np.nan
+        assert same(sigma, wanted[row["name"]].sigma), row["name"]
+
+
+def test_the_general_path_counts_no_degree_of_freedom_below_zero():
+    """By hand: one row, which determines one combination of two unknowns."""
+    assert solved("few").solves[0].dof == 0
