@@ -62,6 +62,15 @@ def spoilt(count: int) -> dict[str, Columns]:
     return tables(count, 0.1)
 
 
+def points(count: int) -> dict[str, Columns]:
+    """24 points (10 mm of noise) of a rim of 1 m that moves a millimetre an epoch."""
+    generator = np.random.default_rng(3)
+    epoch, angle = np.repeat(np.arange(count), 24), np.tile(np.linspace(0.0, 6.0, 24), count)
+    x = 1.75 + np.cos(epoch / 1000) + np.cos(angle) + 0.01 * generator.standard_normal(len(epoch))
+    y = 1.75 + np.sin(epoch / 1000) + np.sin(angle) + 0.01 * generator.standard_normal(len(epoch))
+    return {"points": {"epoch": epoch, "x": x, "y": y}}
+
+
 @dataclass(frozen=True)
 class Kind:
     """A problem, and what makes its tables for a number of epochs."""
@@ -90,15 +99,26 @@ KINDS = {
     "windows, LMedS": Kind(text(rest=LMEDS, each="(window epoch :length 1 :step 1)"), spoilt),
     "Huber's loss": Kind(text(noise=":sigma 10mm :loss huber"), spoilt),
     "Huber's loss, unknown noise": Kind(text(noise=":loss huber"), spoilt),
+    "Huber's loss, unknown noise, two tables": Kind(text(noise=":loss huber", data=HEIGHTS, rest=STATED), spoilt),
+    "Huber's loss, unknown noises": Kind(
+        text(noise=":loss huber", data=HEIGHTS, rest=HEIGHT.format(noise="")),
+        spoilt,
+    ),
     "Huber's loss, two tables": Kind(text(noise=":sigma 10mm :loss huber", data=HEIGHTS, rest=STATED), spoilt),
     "Cauchy's loss": Kind(text(noise=":sigma 10mm :loss cauchy"), spoilt),
     "LMedS": Kind(text(rest=LMEDS), spoilt),
     "LMedS, unknown noise": Kind(text(noise="", rest=LMEDS), spoilt),
+    "LMedS, unknown noises": Kind(text(noise="", data=HEIGHTS, rest=HEIGHT.format(noise="") + LMEDS), spoilt),
     "LMedS, two tables": Kind(text(data=HEIGHTS, rest=STATED + LMEDS), spoilt),
     "LMedS, a prior": Kind(text(more=BIASED, measured="(- range b)", rest=LMEDS), spoilt),
     "an inequality": Kind(text(rest="(constraints (<= (p 3) 2.5m))")),
     "an equality": Kind(text(more="(q :init 1m)", rest="(constraints (= q (p 1)))")),
     "an inequality at its limit": Kind(text(rest="(constraints (<= (distance [(p 1) (p 2)] [1.75m 1.75m]) 1m))")),
+    "errors in columns": Kind(
+        """(problem rims (data points external) (unknowns (p (vector 2) :init [1.75m 1.75m]) (r positive :init 0.5m))
+  (observe points (= (distance [x y] p) r) :errors ((x 10mm) (y 10mm))) (for-each epoch))""",
+        points,
+    ),
     "a family": Kind(
         text(more="(b :per receivers :init 0m :sigma 1cm)", measured="(- range (b receiver))"),
     ),

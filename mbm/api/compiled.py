@@ -65,9 +65,10 @@ class Kept:
 
     def mentioned(self, problem: Problem) -> tuple[Mentioned, ...]:
         """What the equations mention of the data, worked out for the first data set."""
-        if self._mentioned is None or self._mentioned[0].blocks is not problem.blocks:
-            self._mentioned = (problem, mentioned(problem))
-        return self._mentioned[1]
+        known = self._mentioned
+        if known is None or known[0].blocks is not problem.blocks or known[0].derived is not problem.derived:
+            known = self._mentioned = (problem, mentioned(problem))
+        return known[1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -252,6 +252,8 @@ def estimator(compilation: Compilation, origin: Origin, inputs: Inputs, columns:
     _one_descent(problem)
     starts = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
     equations, _ = assemble(problem, compilation.kernels, tables, starts, compilation.cache)
+    if equations.implicit is not None:
+        equations = equations.straightened() or equations
     chosen = varied(problem, tables, (*equations.groups, *equations.constraints), columns)
     general = General(compilation=compilation, origin=origin, inputs=inputs)
     first = general.report()

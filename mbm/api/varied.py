@@ -93,8 +93,9 @@ def _used(groups: tuple[Group, ...]) -> tuple[Name, ...]:
 
 
 def _measured(problem: Problem) -> set[Name]:
-    """Columns on the measured side of an equation."""
-    return {
+    """Columns on the measured side of an equation, and those of its rows that have errors of their own."""
+    uncertain = {(e.table, e.column) for block in problem.blocks for e in block.errors if e.key is None}
+    return uncertain | {
         (block.table, column)
         for block in problem.blocks
         if block.table is not None
@@ -200,8 +201,9 @@ def _of_block(block: Block) -> Iterator[tuple[Name, str]]:
     for column in block.distinct:
         yield (table, column), "which rows count"
     for error in block.errors:
-        yield (table, error.name), "a correction"
-        yield (error.table, error.column), "a correction"
+        if error.key is not None:
+            yield (table, error.name), "a correction"
+            yield (error.table, error.column), "a correction"
         yield from _columns(error.sigma, "the noise")
     for case in block.cases:
         for column, _ in case.static:

@@ -32,6 +32,7 @@ from mbm.kernels.types import Kernel, KernelSet
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.kinds import Relation
 from mbm.problem.manifold import Manifold, Piece
+from mbm.problem.naming import PRIOR
 from mbm.problem.types import Block, BlockRole, Derived, Equation, Loss, Problem, RowValues, Unknown, UnknownKind
 from mbm.symbolic.printing import printed
 from mbm.symbolic.types import Purpose, ResidualBlock, Slot, SymbolicModel
@@ -210,7 +211,7 @@ class _Drafting:
         if block.table is not None:
             distinct = tuple(self.places.cell(block.table, name) for name in block.distinct)
         return BlockShape(
-            name=block.name.removeprefix("prior "),
+            name=block.name.removeprefix(PRIOR),
             identifier=identifier,
             role=block.role,
             table=block.table,

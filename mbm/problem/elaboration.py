@@ -171,7 +171,7 @@ class Workspace:
 
         cases = self.cases(table, evaluate, form.span)
         return RowValues(
-            table=table.name if table else None,
+            table=table.name if table is not None else None,
             cases=tuple(ValueCase(static=s, values=v) for s, v in cases),
             span=form.span,
         )
@@ -191,7 +191,7 @@ class Workspace:
 
         cases = self.cases(table, evaluate, form.span)
         return RowValues(
-            table=table.name if table else None,
+            table=table.name if table is not None else None,
             cases=tuple(ValueCase(static=s, values=v) for s, v in cases),
             span=form.span,
         )

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from mbm.problem.tables import CellKey
 
+PRIOR = "prior "
+"""What the name of the prior begins with that an unknown states for itself; the unknown's name follows."""
+
 EXACT_INTEGERS = 2**53
 """From here on a double no longer tells whole numbers apart."""
 

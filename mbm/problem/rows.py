@@ -164,8 +164,12 @@ def _gap(values: RowValues, tables: Mapping[str, Table], row: int) -> Diagnostic
         for leaf in leaves(case.values):
             if isinstance(leaf, Column):
                 value = lookup(table, None, tables)(leaf)
-                number = float(value[row]) if isinstance(value, np.ndarray) else float(value)
-                if np.isnan(number):
-                    owner = table if table is not None and leaf.table == table.name else tables[leaf.table]
-                    return faults.not_finite_cell(owner.place(row, leaf.name), leaf.name, number, leaf.span)
+                position = 0 if leaf.row is RowChoice.FIRST else -1
+                if isinstance(value, np.ndarray):
+                    position = row
+                    value = value[row]
+                owner = table if table is not None and leaf.table == table.name else tables[leaf.table]
+                number = float(value)
+                if np.isnan(number) and len(owner):
+                    return faults.not_finite_cell(owner.place(position, leaf.name), leaf.name, number, leaf.span)
     return faults.undecided(values.span)

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from mbm.problem.types import BlockRole
-from mbm.report.blocks import BlockReports
+from mbm.report.blocks import BlockReports, kept
 from mbm.report.constraints import limit_reports
 from mbm.report.elements import plain_key, shown_sigma
 from mbm.report.filled import conditions, own_names, prior_names
 from mbm.report.geometric import GEOMETRIC
 from mbm.report.geometric import written as written_geometry
-from mbm.report.solve_document import constraint_document, solve_document, solve_key
+from mbm.report.solve_document import constraint_document, corrections_document, solve_document, solve_key
 from mbm.report.types import CovarianceMatrix, DerivedValue, Estimate, Floats, Mask
 from mbm.solution.many.types import REASONS
 
@@ -49,7 +49,8 @@ class _Filled:
         self._observed = [i for i, b in enumerate(reports.problem.blocks) if b.role is BlockRole.OBSERVATION]
         self._priors, self._known = columns.priors.tolist(), reports.model.priors
         self._noise = columns.noise.tolist()
-        self._rms, self._rows, self._used = columns.rms.tolist(), block.rows.tolist(), columns.used.tolist()
+        self._rms = np.where(columns.used == 0, np.array(None), columns.rms).tolist()
+        self._rows, self._used = block.rows.tolist(), columns.used.tolist()
         items = [(item, _Item(item)) for item in reports.items]
         self._estimates = {i.quantity.name: each for i, each in items if isinstance(i, Estimate)}
         self._derived = {i.quantity.name: each for i, each in items if isinstance(i, DerivedValue)}
@@ -69,7 +70,9 @@ class _Filled:
         found = reports.from_columns.copy()
         for name in self._numbers:
             found &= np.isfinite(getattr(columns, name))
-        found &= np.isfinite(columns.rms[:, self._observed]).all(axis=1) & np.isfinite(columns.priors).all(axis=1)
+        unused = columns.used[:, self._observed] == 0  # and said so by the model of the kind
+        found &= (unused | np.isfinite(columns.rms[:, self._observed])).all(axis=1)
+        found &= np.isfinite(columns.priors).all(axis=1)
         found &= np.isfinite(self._condition) & np.isfinite(columns.noise).all(axis=1)
         if columns.limits is not None:
             found &= np.isfinite(columns.limits.values).all(axis=1)
@@ -98,7 +101,8 @@ class _Filled:
             if matrices is not None:
                 written[name] = {**model[name], "matrix": matrices(place)}
         if block.members and written["covariance"] is not None:
-            written["covariance"] |= {"names": list(own_names(self._reports.problem, block, place))}
+            names = list(own_names(self._reports.problem, block, place))
+            written["covariance"] = {**written["covariance"], "names": names}
         if model["observability"] is not None:
             written["observability"] = {**model["observability"], "condition": self._condition[place]}
             if limits is not None:
@@ -107,6 +111,9 @@ class _Filled:
         if limits is not None:
             reports = limit_reports(self._reports.problem, limits, place)
             written["constraints"] = [constraint_document(report) for report in reports]
+        corrections = self._reports.corrected(place)
+        if corrections:
+            written["corrections"] = corrections_document(corrections)
         noises, residuals = {}, {}
         for i, (name, summary) in zip(self._observed, model["residuals"].items(), strict=True):
             noises[name] = None if model["noise"][name] is None else self._noise[place][i]
@@ -132,7 +139,8 @@ class _Filled:
         kind = self._reports.kind(place)
         found = self._models.get(kind)
         if found is None:
-            found = self._models[kind] = solve_document(self._reports.like(place))
+            found = solve_document(self._reports.like(place))
+            kept(self._models, kind, found)
         return found
 
 

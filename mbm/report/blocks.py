@@ -9,15 +9,19 @@ from typing import TypeVar, overload
 
 import numpy as np
 
-from mbm.problem.types import Problem
+from mbm.problem.types import BlockRole, Problem
 from mbm.report.elements import element_names, shown_sigma, shown_values
 from mbm.report.filled import families, filled
 from mbm.report.from_solution import report_of
-from mbm.report.types import DerivedValue, Estimate, Floats, Key, Mask, SolveReport, SolveStatus
-from mbm.solution.many.types import Block
+from mbm.report.residuals import column_corrections
+from mbm.report.types import CorrectionReport, DerivedValue, Estimate, Floats, Key, Mask, SolveReport, SolveStatus
+from mbm.solution.many.types import Block, Corrections
 from mbm.solution.types import Indices
 
 T = TypeVar("T")
+
+MOST_KINDS = 100
+"""Kinds of solves whose models are kept: where members are told by name, each solve may be of its own."""
 
 
 class BlockReports:
@@ -47,7 +51,15 @@ class BlockReports:
             return found
         if not self.from_columns[place] or not self.complete:
             return self._made(place)
-        return filled(self.like(place), self.items, self.problem, self.block, place)
+        return filled(self.like(place), self.items, self.corrected(place), self.problem, self.block, place)
+
+    def corrected(self, place: int) -> tuple[CorrectionReport, ...]:
+        """The corrections of measured values in the solve at a place."""
+        return column_corrections(self._corrections, place)
+
+    @cached_property
+    def _corrections(self) -> tuple[Corrections, ...]:
+        return self.block.corrections()
 
     def _made(self, place: int) -> SolveReport:
         """The report of a solve, from all that is to be said of it."""
@@ -56,8 +68,11 @@ class BlockReports:
 
     @cached_property
     def complete(self) -> bool:
-        """Whether columns have what is to be said of priors."""
-        return len(self.model.priors) == int(self.block.columns.priors.shape[1])
+        """Whether columns have what is to be said of priors: these have no rows of which some solves have fewer."""
+        columns = self.block.columns
+        stated = [number for number, each in enumerate(self.problem.blocks) if each.role is BlockRole.PRIOR]
+        used = columns.used[self.from_columns][:, stated]
+        return bool((used == used[:1]).all()) and len(self.model.priors) == int(columns.priors.shape[1])
 
     @cached_property
     def model(self) -> SolveReport:
@@ -65,14 +80,22 @@ class BlockReports:
         return self._made(self._first)
 
     def kind(self, place: int) -> bytes:
-        """What solves ``from_columns`` are told apart by: the constraints that are pushed against, and, where more than
-        numbers is said of members, who they are.
+        """What solves ``from_columns`` are told apart by: the equations that they have rows of, the constraints that
+        are pushed against, and, where more than numbers is said of members, who they are.
         """
         limits, block = self.block.columns.limits, self.block
         pushed = b"" if limits is None else limits.pushed[place].tobytes()
-        if not block.members or not (any(pushed) or self._idle):
-            return pushed
-        return repr([pushed, *(block.member_keys(entry, place) for entry in block.layout.entries)]).encode()
+        if not block.members or not self._idle:
+            return self._there[place] + pushed
+        members = (block.member_keys(entry, place) for entry in block.layout.entries)
+        return repr([self._there[place], pushed, *members]).encode()
+
+    @cached_property
+    def _there(self) -> list[bytes]:
+        """Which equations and constraints have rows in use, solve by solve."""
+        columns = self.block.columns
+        rows = columns.used if columns.limits is None else np.hstack([columns.used, columns.limits.rows])
+        return [line.tobytes() for line in rows > 0]
 
     @cached_property
     def _idle(self) -> bool:
@@ -86,7 +109,8 @@ class BlockReports:
         kind = self.kind(place)
         found = self._models.get(kind)
         if found is None:
-            found = self._models[kind] = self.model if kind == self.kind(self._first) else self._made(place)
+            found = self.model if kind == self.kind(self._first) else self._made(place)
+            kept(self._models, kind, found)
         return found
 
     @property
@@ -215,3 +239,10 @@ def block_reports(problem: Problem, block: Block, *, covariance_full: bool) -> B
     """A block, with reports of what was solved apart."""
     apart = {number: report_of(problem, each, covariance_full=covariance_full) for number, each in block.apart.items()}
     return BlockReports(problem, replace(block, apart={}), apart, covariance_full=covariance_full)
+
+
+def kept(models: dict[bytes, T], kind: bytes, model: T) -> None:
+    """The ``model`` among those that are kept; all others are forgotten where these are too many."""
+    if len(models) >= MOST_KINDS:
+        models.clear()
+    models[kind] = model

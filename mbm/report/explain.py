@@ -8,6 +8,7 @@ from mbm.expression.nodes import Number
 from mbm.kernels.types import KernelSet, WithoutMachineCode
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.kinds import ConstraintKind
+from mbm.problem.naming import PRIOR
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, NoiseKind, Problem, UncertainColumn, Unknown, UnknownKind
 from mbm.report.robust import consensus_text, loss_text
@@ -84,7 +85,7 @@ def _block(
     number: int, block: Block, tables: Mapping[str, Table], model: SymbolicModel, *, latex: bool
 ) -> Iterator[str]:
     word = "observe" if block.role is BlockRole.OBSERVATION else block.role.value
-    name = block.name.removeprefix("prior ")
+    name = block.name.removeprefix(PRIOR)
     over = f" for each of {len(tables[block.table])} rows of {block.table}" if block.table else ""
     yield f"{word} {name}{over}"
     if block.role is not BlockRole.CONSTRAINT:

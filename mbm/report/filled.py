@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mbm.problem.naming import PRIOR
 from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report.constraints import limit_reports
 from mbm.report.elements import element_names
@@ -15,6 +16,7 @@ from mbm.report.pictures import plot_data
 from mbm.report.quantities import derived_quantity, quantity_of
 from mbm.report.residuals import file_rows, residual_rows
 from mbm.report.types import (
+    CorrectionReport,
     CovarianceMatrix,
     DerivedValue,
     Estimate,
@@ -28,9 +30,6 @@ from mbm.report.types import (
 from mbm.solution.many.types import REASONS, Block, Columns
 from mbm.solution.solution import Solution
 from mbm.solution.types import Indices
-
-PRIOR = "prior "
-"""What the names of priors begin with that are stated with the unknown, whose name follows."""
 
 
 def families(problem: Problem, block: Block) -> Iterator[Estimate | DerivedValue]:
@@ -66,11 +65,17 @@ def families(problem: Problem, block: Block) -> Iterator[Estimate | DerivedValue
 
 
 def filled(
-    model: SolveReport, items: tuple[Estimate | DerivedValue, ...], problem: Problem, block: Block, place: int
+    model: SolveReport,
+    items: tuple[Estimate | DerivedValue, ...],
+    corrections: tuple[CorrectionReport, ...],
+    problem: Problem,
+    block: Block,
+    place: int,
 ) -> SolveReport:
     """The report of the clean solve at a ``place``: that of another one, the ``model``, with its own numbers.
 
-    ``items`` are the estimates and derived quantities as families over the solves of the block.
+    ``items`` are the estimates and derived quantities as families over the solves of the block, ``corrections`` those
+    of measured values in this solve.
     """
     columns, number = block.columns, block.which.start + place
     factor = columns.factor[place]
@@ -107,9 +112,10 @@ def filled(
         covariance=_with_matrix(_renamed(model.covariance, problem, block, place), factor),
         derived_covariance=_with_matrix(model.derived_covariance, np.vstack(images)) if images else None,
         observability=_observed(model.observability, columns, place),
-        constraints=() if columns.limits is None else limit_reports(problem, columns.limits, place),
+        constraints=model.constraints if columns.limits is None else limit_reports(problem, columns.limits, place),
         noise={name: None if estimated is None else noise[name] for name, estimated in model.noise.items()},
         residual_summaries=dict(_summaries(model, problem, block, place)),
+        corrections=corrections,
         priors=tuple(
             replace(prior, name=name, value=prior.mean + away, residual=away / prior.sigma)
             for prior, name, away in zip(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.expression.evaluate import Values, evaluate
+from mbm.problem.naming import PRIOR
 from mbm.problem.rows import lookup
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Problem
@@ -16,6 +18,9 @@ from mbm.solution.binding import Group
 from mbm.solution.solution import Solution
 from mbm.solution.types import NoiseState
 from mbm.text.types import DataPlace
+
+if TYPE_CHECKING:
+    from mbm.solution.many.types import Corrections
 
 
 @np.errstate(all="ignore")
@@ -168,6 +173,26 @@ def prior_reports(problem: Problem, solution: Solution) -> tuple[PriorReport, ..
     return tuple(found)
 
 
+def column_corrections(columns: Sequence[Corrections], place: int) -> tuple[CorrectionReport, ...]:
+    """The corrections of each uncertain column in one of many solves."""
+    found = []
+    for each in columns:
+        mine = slice(int(each.first[place]), int(each.first[place + 1]))
+        rows = tuple(row if row > 0 else None for row in each.rows[mine].tolist())
+        keys = None if each.keys is None else tuple(each.keys[mine])
+        found.append(
+            CorrectionReport(
+                table=each.table,
+                column=each.column,
+                rows=rows,
+                keys=keys,
+                value=each.value[mine],
+                sigma=each.sigma[mine],
+            )
+        )
+    return tuple(found)
+
+
 def correction_reports(solution: Solution) -> tuple[CorrectionReport, ...]:
     """The corrections of each uncertain column."""
     return tuple(
@@ -192,6 +217,6 @@ def _sigmas(weights: Floats) -> Floats:
 
 
 def _prior_name(solution: Solution, group: Group, name: str, row: int, component: int) -> str:
-    if name.startswith("prior ") and len(group.kernel.tangents) == group.kernel.outputs:
-        return f"prior {solution.layout.name(int(group.columns[row, component]))}"
+    if name.startswith(PRIOR) and len(group.kernel.tangents) == group.kernel.outputs:
+        return PRIOR + solution.layout.name(int(group.columns[row, component]))
     return name

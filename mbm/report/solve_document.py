@@ -54,7 +54,7 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
         written["robust_cost"] = _number(solve.robust_cost)
     if reasons:
         written["reasons"] = reasons
-    corrections = {"corrections": _corrections(solve.corrections)} if solve.corrections else {}
+    corrections = {"corrections": corrections_document(solve.corrections)} if solve.corrections else {}
     return written | {
         "estimates": {item.quantity.name: _estimate(item) for item in solve.estimates},
         "covariance": _covariance(solve.covariance),
@@ -72,7 +72,7 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
     }
 
 
-def _corrections(columns: tuple[CorrectionReport, ...]) -> dict[str, Any]:
+def corrections_document(columns: tuple[CorrectionReport, ...]) -> dict[str, Any]:
     """Corrections by table and column, in SI."""
     written: dict[str, Any] = {}
     for each in columns:

@@ -20,8 +20,10 @@ if TYPE_CHECKING:
     from mbm.solution.implicit.elimination import Elimination
 
 
-def blank(binder: Binder, kernels: KernelSet) -> Assembled:
+def blank(binder: Binder, kernels: KernelSet, *, corrected: bool = True) -> Assembled:
     """The equations of one data set; coordinates without a start have NaN in ``numbers``.
+
+    ``corrected``: measured values with errors are, else they are taken as exact.
 
     Raises:
         MbmError: weights that are none, keys that are no members.
@@ -30,13 +32,13 @@ def blank(binder: Binder, kernels: KernelSet) -> Assembled:
     last = binder.cache.last
     if last is not None and last[0] is binder.tables and last[1].layout is binder.layout:
         return last[1]
-    found = _assembled(binder, kernels, last[1] if last is not None else None)
-    if found.implicit is None:  # the elimination remembers the corrections that it found
+    found = _assembled(binder, kernels, last[1] if last is not None else None, corrected=corrected)
+    if all(group.kernel.corrections is None for group in found.groups):  # eliminations remember what they found
         binder.cache.last = (binder.tables, found)
     return found
 
 
-def _assembled(binder: Binder, kernels: KernelSet, last: Assembled | None) -> Assembled:
+def _assembled(binder: Binder, kernels: KernelSet, last: Assembled | None, *, corrected: bool) -> Assembled:
     """The equations anew; what they have in common with the ``last`` ones is taken from these."""
     groups, constraints = binder.equations(kernels), binder.constraints(kernels)
     places = binder.layout
@@ -53,7 +55,7 @@ def _assembled(binder: Binder, kernels: KernelSet, last: Assembled | None) -> As
         numbers=places.start,
         used=used,
         free=free,
-        implicit=_eliminated(binder, groups),
+        implicit=_eliminated(binder, groups) if corrected else None,
     )
     return found.freed(free, places.start)
 

@@ -8,9 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.solution.types import Covariance, Floats, Observability, Propagated
-
-ORTHOGONAL = 1e-6
-"""A gradient whose share along the free directions is below this does not feel them."""
+from mbm.target.decisions import SHARE
 
 
 @np.errstate(all="ignore")
@@ -58,7 +56,7 @@ def propagate(gradient: Floats, observed: Observability, estimated: Covariance) 
     weighted = gradient / observed.scale
     length = np.sqrt(np.square(weighted).sum(axis=1))
     along = np.sqrt(np.square(weighted @ observed.null_space).sum(axis=1))
-    estimable = along <= ORTHOGONAL * length
+    estimable = along <= SHARE * length
     matrix[~estimable, :] = np.nan
     matrix[:, ~estimable] = np.nan
     return Propagated(matrix=matrix, sigma=np.sqrt(np.diag(matrix)), estimable=estimable)

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.solution.types import Floats, FreeCombination, Mask
-
-TOUCHED = 1e-6
-"""A coordinate whose share in an orthonormal free direction is below this is not touched by it."""
+from mbm.target.decisions import SHARE
 
 
 def free_combinations(null_space: Floats, scale: Floats, point: Floats) -> tuple[FreeCombination, ...]:
@@ -31,7 +29,7 @@ def free_combinations(null_space: Floats, scale: Floats, point: Floats) -> tuple
 
 def free_combination(direction: Floats, scale: Floats, point: Floats) -> FreeCombination:
     """One free direction (n,) in scaled coordinates as a combination."""
-    indices = np.flatnonzero(np.abs(direction) > TOUCHED * np.abs(direction).max())
+    indices = np.flatnonzero(np.abs(direction) > SHARE * np.abs(direction).max())
     movement = direction[indices] / scale[indices]
     values = point[indices]
     significant = bool((values != 0.0).all())
@@ -58,4 +56,4 @@ def touched_by(directions: Floats) -> Mask:
     if not directions.shape[1]:
         return np.zeros(len(directions), dtype=bool)
     peaks = np.abs(directions).max(axis=0)
-    return np.asarray((np.abs(directions) > TOUCHED * peaks).any(axis=1))
+    return np.asarray((np.abs(directions) > SHARE * peaks).any(axis=1))

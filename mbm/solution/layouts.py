@@ -35,15 +35,18 @@ class Layouts:
 
 def reads_tables(unknown: Unknown) -> bool:
     """Whether members, starts, bounds or what is fixed follow from the rows of a table."""
-    options = (
-        unknown.start,
-        unknown.lower,
-        unknown.upper,
-        unknown.start_lower,
-        unknown.start_upper,
-        unknown.fixed,
-    )
-    return unknown.family is not None or any(columns_of(values) for values in options if values is not None)
+    return unknown.family is not None or any(columns_of(values) for values in stated(unknown))
+
+
+def limits(unknown: Unknown) -> tuple[RowValues, ...]:
+    """What is stated of an unknown beside its start: bounds, the range of starts, what is fixed."""
+    found = (unknown.lower, unknown.upper, unknown.start_lower, unknown.start_upper, unknown.fixed)
+    return tuple(values for values in found if values is not None)
+
+
+def stated(unknown: Unknown) -> tuple[RowValues, ...]:
+    """All that is stated of an unknown."""
+    return limits(unknown) if unknown.start is None else (unknown.start, *limits(unknown))
 
 
 def columns_of(values: RowValues) -> list[Column]:

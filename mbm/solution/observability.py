@@ -4,22 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.solution.freedom import TOUCHED, free_combinations
+from mbm.solution.freedom import free_combinations
 from mbm.solution.metric import metric
 from mbm.solution.triangle import triangle
 from mbm.solution.types import Floats, Indices, Mask, Minimum, Observability
+from mbm.target.decisions import CERTAIN, GAP, SHARE, SUSPECT
 from mbm.values import dataclass
-
-CERTAIN = 1e-12
-"""Singular values of the column-scaled Jacobian below this share of the largest are zero: derivatives carry roundings
-of a few 1e-16, sums over the rows some more, so an exact dependence shows at 1e-16 to 1e-13; the worst conditioned
-sets of StRD (Bennett5, Lanczos, MGH10) stay above 1e-8."""
-
-SUSPECT = 1e-9
-GAP = 1e4
-"""Between CERTAIN and SUSPECT they are zero where a gap this wide parts them from the larger ones: differences of large
-coordinates (grid coordinates of millions of metres) leave dependences with errors of 1e-10. An ill-conditioned but
-determined problem (a polynomial of high degree) has singular values that fall step by step, without such a gap."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,7 +68,7 @@ def observability(jacobian: Floats, point: Floats, fixed: Mask, surface: Surface
     null_space = np.zeros((n, unused.size + inner.shape[1]))
     null_space[unused, np.arange(unused.size)] = 1.0
     null_space[used, unused.size :] = inner
-    touched = np.abs(null_space).max(axis=1, initial=0.0) > TOUCHED
+    touched = np.abs(null_space).max(axis=1, initial=0.0) > SHARE
     return Observability(
         dimension=n - int(fixed.sum()) - tangent.inequalities,
         rank=rank + tangent.equalities,

@@ -164,19 +164,21 @@ class _Making:
         """Corrections u and multipliers λ: ``M u + Bᵀλ = W u₀``, ``h + B (u − u₀) = D λ`` with ``M = I + W``."""
         algebra, here = self._algebra, self._corrections
         if curvature is None:  # no multipliers yet
-            multipliers = self._solved(self._spread(slopes, transposed(slopes)), values, least=None)
+            multipliers = self._solved(self._spread(slopes, transposed(slopes)), values)
             return [algebra.negative(algebra.dot(line, multipliers)) for line in transposed(slopes)], multipliers
         one = self.merged.constant(1.0)
         second = [
             [algebra.plus(one, value) if i == j else value for j, value in enumerate(line)]
             for i, line in enumerate(curvature)
         ]
-        factors = self._factors(second, LEAST_PIVOT)
+        factors = algebra.factors(second)
+        bound = self.merged.constant(LEAST_PIVOT)
+        self._fine += [self.merged.applied(Operator.LESS, bound, pivot) for pivot in factors[1]]
         kept = algebra.solved(factors, [algebra.dot(line, here) for line in curvature])
         turned = transposed([algebra.solved(factors, line) for line in slopes])
         gaps = [algebra.minus(new, old) for new, old in zip(kept, here, strict=True)]
         left = [algebra.plus(value, algebra.dot(line, gaps)) for value, line in zip(values, slopes, strict=True)]
-        multipliers = self._solved(self._spread(slopes, turned), left, least=None)
+        multipliers = self._solved(self._spread(slopes, turned), left)
         target = [algebra.minus(k, algebra.dot(line, multipliers)) for k, line in zip(kept, turned, strict=True)]
         return target, multipliers
 
@@ -189,16 +191,8 @@ class _Making:
             found[i][i] = algebra.plus(found[i][i], own)
         return found
 
-    def _solved(self, matrix: Matrix, right: Vector, least: float | None) -> Vector:
-        return self._algebra.solved(self._factors(matrix, least), right)
-
-    def _factors(self, matrix: Matrix, least: float | None) -> tuple[Matrix, Vector]:
-        """The factors of a symmetric matrix; that its pivots are above ``least`` is demanded."""
-        found = self._algebra.factors(matrix)
-        if least is not None:
-            bound = self.merged.constant(least)
-            self._fine += [self.merged.applied(Operator.LESS, bound, pivot) for pivot in found[1]]
-        return found
+    def _solved(self, matrix: Matrix, right: Vector) -> Vector:
+        return self._algebra.solved(self._algebra.factors(matrix), right)
 
     def _shrinks(self, size: int, last: int | None) -> int:
         """The size of a step, which is demanded to be well below the last one."""

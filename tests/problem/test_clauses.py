@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import mbm
+
 EXACT = 1e-12
 """Linear problems are solved in one step; a dozen roundings remain."""
 
@@ -229,3 +231,26 @@ def test_what_comes_later_says_so_at_its_place(faults, clause):
     found = faults(f"(problem p {LINE} (unknowns (a :init 1)) (observe t (= y a) :sigma 1) {clause})")
     assert [d.code.name for d in found] == ["not-available-yet"]
     assert found[0].place.text in clause
+
+
+@pytest.mark.parametrize("rows", ["(> x 1)", "(not (< x 0))", "(= row 1)", "(and (finite x) (> x a0))"])
+def test_rows_to_use_of_a_table_without_rows(rows):
+    text = f"""(problem p (data d external) {LINE} (constants (a0 1)) (unknowns (a))
+      (observe t (= y (* a x))) (observe d (= y (* a x)) :sigma 1 :when {rows}))"""
+    empty = np.zeros(0)
+    found = mbm.loads(text).solve(data={"d": {"x": empty, "y": empty}})
+    assert float(found["a"].value) == pytest.approx(X @ Y / (X @ X), rel=EXACT)
+
+
+def test_a_condition_on_the_first_row_of_none_is_open():
+    text = "(problem p (data d external) (unknowns (a :init 1 :fixed (> (first d x) 1)) (b)) (observe (= 1 (+ a b))))"
+    with pytest.raises(mbm.MbmError) as caught:
+        mbm.loads(text).solve(data={"d": {"x": np.zeros(0)}})
+    assert caught.value.diagnostics[0].message == "this condition depends on a number that is missing"
+
+
+def test_a_gap_in_the_first_or_last_row_is_named_there():
+    text = "(problem p (data d external) (unknowns (a :init 1 :fixed (> (last d x) 1)) (b)) (observe (= 1 (+ a b))))"
+    with pytest.raises(mbm.MbmError) as caught:
+        mbm.loads(text).solve(data={"d": {"x": [1.0, 2.0, np.nan]}})
+    assert (caught.value.diagnostics[0].place.row, caught.value.diagnostics[0].place.column) == (3, "x")

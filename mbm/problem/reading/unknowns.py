@@ -22,6 +22,7 @@ from mbm.problem import faults
 from mbm.problem.elaboration import Workspace, pair_of, shaped
 from mbm.problem.joining import with_families
 from mbm.problem.manifold import Manifold, manifold_of
+from mbm.problem.naming import PRIOR
 from mbm.problem.options import Options, split_options
 from mbm.problem.reading.constants import given_value
 from mbm.problem.scopes import Entry
@@ -319,9 +320,9 @@ def _prior(work: Workspace, declaration: Declaration, table: Table | None) -> Bl
 
     cases = work.cases(table, evaluate, form.span)
     return Block(
-        name=f"prior {name}",
+        name=PRIOR + name,
         role=BlockRole.PRIOR,
-        table=table.name if table else None,
+        table=table.name if table is not None else None,
         cases=tuple(EquationCase(static=s, equations=e) for s, e in cases),
         when=None,
         unknown_factor=False,

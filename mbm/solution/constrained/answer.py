@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.solution.constrained.linearise import MET, met
+from mbm.solution.constrained.linearise import met
 from mbm.solution.constrained.minimise import Constrained
 from mbm.solution.constrained.types import ConstrainedEquations, Linearised
 from mbm.solution.solvers.state import first_bad
 from mbm.solution.types import ConstraintState, Floats, Mask, Minimum, Reason
-
-PUSHED = 1e-6
-"""What the data would gain, in standard deviations, by which they push against a constraint; less is none."""
+from mbm.target.decisions import MET, PUSHED
 
 
 def minimum_of(equations: ConstrainedEquations, found: Constrained) -> Minimum:

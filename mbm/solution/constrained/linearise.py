@@ -8,15 +8,10 @@ from mbm.solution.constrained.types import ConstrainedEquations, Linearised
 from mbm.solution.metric import metric
 from mbm.solution.solvers.scaled import EPSILON, column_norms, magnitudes
 from mbm.solution.types import Floats, Mask
+from mbm.target.decisions import MET
 
 NOISE = 4.0
 """The rounding of a value in units of ``eps · ‖terms‖``: the model has a few operations behind it."""
-
-MET = 1e-8
-"""A constraint is met where its violation is below this share of its unit: far below any standard deviation."""
-
-EXACT = 1e-12
-"""… and the iteration goes on until it is below this, as long as it gets better."""
 
 
 @np.errstate(all="ignore")

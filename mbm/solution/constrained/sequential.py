@@ -13,13 +13,14 @@ from math import inf, isfinite, sqrt
 import numpy as np
 
 from mbm.solution.constrained.curvature import lagrangian_model
-from mbm.solution.constrained.linearise import EXACT, finite, linearise, met, violations
+from mbm.solution.constrained.linearise import finite, linearise, met, violations
 from mbm.solution.constrained.quadratic import Solved, Subproblem, solve
 from mbm.solution.constrained.types import ConstrainedEquations, Linearised, Stopped, never
 from mbm.solution.solvers.box import Box, box_of
 from mbm.solution.solvers.scaled import EPSILON
 from mbm.solution.solvers.state import relative_offset
 from mbm.solution.types import Floats, Reason, TraceEntry
+from mbm.target.decisions import EXACT, POLISH, SETTLED
 from mbm.values import dataclass
 
 ACCEPT = 1e-4
@@ -40,10 +41,6 @@ NEAR = 0.1
 
 ON_BOUND = 1e-9
 """Standard deviations from a bound that holds a coordinate which are none."""
-
-POLISH = 0.5
-SETTLED = 1e-4
-"""Near the end each step must be shorter by POLISH; a step of SETTLED standard deviations ends where none is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

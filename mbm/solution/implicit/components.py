@@ -4,18 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
+from mbm.kernels.types import Evaluation, Kernel
 from mbm.problem import faults
 from mbm.problem.types import Problem
-from mbm.solution.binding import EvaluationCache, Group
+from mbm.solution.binding import Group
 from mbm.solution.implicit.measured import Measured
 from mbm.solution.implicit.sharing import Some, components, divided, values_of
 from mbm.solution.implicit.system import Part, System
 from mbm.solution.types import Indices, Mask
 from mbm.text.types import MbmError
 from mbm.values import dataclass
+
+
+class Evaluations(Protocol):
+    """Where kernels are evaluated for so many rows."""
+
+    def evaluation(self, number: int, kernel: Kernel, rows: int) -> Evaluation:
+        """The evaluation of kernel ``number`` for ``rows`` rows."""
+        ...
+
 
 LARGEST = 40_000_000
 """Numbers in the largest matrix of one component: 320 MB, and several of them are needed at once."""
@@ -44,7 +55,7 @@ class Builder:
         problem: Problem,
         groups: tuple[Group, ...],
         measured: Measured,
-        cache: EvaluationCache,
+        cache: Evaluations,
         kept: Mapping[int, Mask] | None,
     ) -> None:
         self._problem = problem
@@ -61,7 +72,7 @@ class Builder:
 
         """
         division = divided(self._measured, tuple((n, self._rows(n)) for n in self._measured.ids))
-        alone = [self._alone(number, rows) for number, rows in division.alone]
+        alone = [self.alone(number, rows) for number, rows in division.alone]
         return (*alone, *(self._system(parts) for parts in _by_size(self._connected(division.shared))))
 
     def _rows(self, number: int) -> Indices:
@@ -69,7 +80,8 @@ class Builder:
             return np.arange(self._groups[number].rows)
         return np.flatnonzero(self._kept[number].any(axis=1))
 
-    def _alone(self, number: int, rows: Indices) -> System:
+    def alone(self, number: int, rows: Indices) -> System:
+        """The system of some rows of a group that share nothing."""
         ids = self._measured.ids[number][rows]
         count, width = ids.shape
         outputs = self._groups[number].kernel.outputs
@@ -137,7 +149,7 @@ class Builder:
         if self._kept is not None:
             counts = self._kept[number][rows]
             whiteners = tuple(w.without(~counts[:, w.first]) for w in whiteners)
-        elif len(rows) == group.rows:
+        elif np.array_equal(rows, np.arange(group.rows)):
             return group
         return replace(
             group,

@@ -8,13 +8,15 @@ there `Elimination` has the answer, as it has where rows share values.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from mbm.kernels.types import Kernel
 from mbm.solution.binding import Group
-from mbm.solution.implicit.system import Part, System
+from mbm.solution.implicit.system import System
+from mbm.solution.types import Floats
 from mbm.solution.whitening import Whitener
 from mbm.values import dataclass
 
@@ -48,8 +50,17 @@ def straight_groups(groups: tuple[Group, ...], systems: tuple[System, ...]) -> t
 
     Their residuals and Jacobian are not finite where the corrections need a search.
     """
-    parts = _parts(groups, systems)
-    if parts is None or any(group.sampled for group in groups):
+    sigmas = _sigmas(groups, systems)
+    return None if sigmas is None else eliminating(groups, sigmas)
+
+
+def eliminating(groups: tuple[Group, ...], sigmas: Mapping[int, Floats]) -> tuple[Group, ...] | None:
+    """The groups, with kernels that eliminate the corrections of values that no other equation of a solve uses.
+
+    ``sigmas`` (rows, c) are the standard deviations of these values, by the numbers of the groups. None: it cannot be
+    done so.
+    """
+    if any(group.sampled for group in groups):
         return None
     kept = groups[0].cache.native
     made = kept.setdefault(KEPT, _Made({}))
@@ -57,33 +68,34 @@ def straight_groups(groups: tuple[Group, ...], systems: tuple[System, ...]) -> t
         raise TypeError(KEPT)
     found = []
     for number, group in enumerate(groups):
-        part = parts.get(number)
-        changed = group if part is None else _group(group, part, made)
+        sigma = sigmas.get(number)
+        changed = group if sigma is None else _group(group, sigma, made)
         if changed is None:
             return None
         found.append(changed)
     return tuple(found)
 
 
-def _parts(groups: tuple[Group, ...], systems: tuple[System, ...]) -> dict[int, Part] | None:
-    """The rows of each group with corrections; None where some rows hang together, or the roots are others."""
-    found: dict[int, Part] = {}
+def _sigmas(groups: tuple[Group, ...], systems: tuple[System, ...]) -> dict[int, Floats] | None:
+    """The standard deviations for each group with corrections; None where some rows hang together."""
+    found: dict[int, Floats] = {}
     of_first = {group.first: number for number, group in enumerate(groups) if group.rows}
     for system in systems:
         part = system.parts[0]
-        _, k = system.noisy.shape
-        if len(system.parts) > 1 or not part.alone or k > system.corrections:
+        if len(system.parts) > 1 or not part.alone:
             return None
         number = of_first.get(part.group.first)
         if number is None or part.group.rows != groups[number].rows:
             return None
-        found[number] = part
+        found[number] = part.sigma
     wanted = {n for n, group in enumerate(groups) if group.kernel.corrections is not None}
     return found if set(found) == wanted else None
 
 
-def _group(group: Group, part: Part, made: _Made) -> Group | None:
-    """The group with its kernel replaced."""
+def _group(group: Group, sigma: Floats, made: _Made) -> Group | None:
+    """The group with its kernel replaced; None where that is too large, or the roots of the covariances are others."""
+    if group.kernel.outputs > sigma.shape[1]:
+        return None
     number, kernel = made.of(group)
     if kernel is None:
         return None
@@ -95,6 +107,6 @@ def _group(group: Group, part: Part, made: _Made) -> Group | None:
         number=number,
         kernel=kernel,
         evaluation=group.cache.evaluation(number, kernel, rows),
-        parameters=np.hstack([group.parameters, part.sigma, *weights, *own]),
+        parameters=np.hstack([group.parameters, sigma, *weights, *own]),
         whiteners=tuple(Whitener(w.first, w.last, np.ones((rows, w.last - w.first))) for w in group.whiteners),
     )

@@ -236,7 +236,7 @@ def _priors(problem: Problem, stack: Stack, portion: Portion, points: Floats) ->
         block = problem.blocks[group.kernel.owner]
         if group.positions is None:
             found.append(stated(group, points))
-        elif block.table not in stack.arranged.spans or not _reads_columns(block):
+        elif portion.as_many_rows(number) and (block.table not in stack.arranged.spans or not _reads_columns(block)):
             found.append(portion.values(number, points).reshape(len(points), -1))
         else:
             return none

@@ -38,7 +38,8 @@ class Chain:
 
     ``own`` (T, N) are their own starts, NaN where there is none; ``before`` (T,) is the number of the window before
     each that is solved at all, -1 where there is none, `NOT_SOLVED` for windows that are not solved. ``known``: no
-    noise is estimated. ``places`` as `places_before` has them.
+    noise is estimated. ``blocks`` are the columns of `Ends.factors` (None: ends have none). ``places`` as
+    `places_before` has them.
     """
 
     stack: Stack
@@ -46,6 +47,7 @@ class Chain:
     own: Floats
     before: Indices
     known: bool
+    blocks: int | None
     places: Indices | None
     settings: Settings
 
@@ -99,7 +101,10 @@ class Chain:
         most = freedom + DEVIATIONS * np.sqrt(2.0 * np.maximum(freedom, 0))
         expected = usable & self.known & (freedom > 0) & (found.reason[before] >= 0) & (there <= most)
         startable = np.isfinite(self.own[todo]).all(axis=1)
-        return expected | (usable & startable & (there < own_costs[todo])), ~expected & ~startable, points
+        lost = ~startable
+        if self.stack.errors is not None:  # it takes a search to say what they cost
+            lost |= np.isinf(there) | np.isinf(own_costs[todo])
+        return expected | (usable & startable & (there < own_costs[todo])), ~expected & lost, points
 
     def _solved(self, which: Indices, points: Floats) -> Ends:
         """The ends of some windows, slice by slice, by several threads; those that were not made have no reason."""
@@ -131,6 +136,7 @@ class Chain:
             evaluations=none.copy(),
             held=np.zeros(count, dtype=bool),
             multipliers=np.zeros((count, limits)) if limits else None,
+            factors=None if self.blocks is None else np.ones((count, self.blocks)),
         )
 
 
@@ -163,7 +169,7 @@ def costs(stack: Stack, which: Indices, points: Floats) -> Floats:
     return np.where(np.isfinite(found), found, np.inf)
 
 
-FIELDS = ("points", "cost", "offset", "reason", "iterations", "evaluations", "held", "multipliers")
+FIELDS = ("points", "cost", "offset", "reason", "iterations", "evaluations", "held", "multipliers", "factors")
 """What is known of ends here; what consensus keeps is found again."""
 
 

@@ -12,11 +12,11 @@ from mbm.problem.types import BlockRole, Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.closed_forms.completion import plans
 from mbm.solution.closed_forms.situation import Situation
-from mbm.solution.many.descent import native_sets, plain_ends, reweighted
+from mbm.solution.many.descent import native_sets, plain_ends, weighted
 from mbm.solution.many.factor import factors
 from mbm.solution.many.losses import rooted_slopes
 from mbm.solution.many.stack import Portion, Stack
-from mbm.solution.many.types import REASONS, Ends, Solver, Which
+from mbm.solution.many.types import REASONS, Ends, Kept, Solver, Which
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.solution.variance import LEAST_REDUNDANCY, ROUNDS, SETTLED, VANISHED
@@ -80,7 +80,8 @@ def _recognised(first: Assembled, settings: Settings) -> bool:
 class Rounds:
     """Minimisations of K solves, again for each round; those that are not plain are ``lost``.
 
-    The ``factors`` (K, blocks) of the ``unknown`` blocks are 1 at first; those of other blocks stay.
+    The ``factors`` (K, blocks) of the ``unknown`` blocks are 1 at first; those of other blocks stay. ``kept`` is what
+    consensus left in (None: everything).
     """
 
     def __init__(
@@ -92,6 +93,7 @@ class Rounds:
         factors: Floats,
         places: Indices,
         points: Floats,
+        kept: Kept | None = None,
     ) -> None:
         self._stack = stack
         self._native = native
@@ -99,6 +101,8 @@ class Rounds:
         self._unknown = unknown
         self._places = places
         self._factors = factors.copy()
+        self._kept = kept
+        self._rows = [stack.lines(number, places)[0] for number in range(len(stack.equations.groups))]
         self.ends = self._minima(np.arange(len(places)), points)
         self.lost = ~_converged(self.ends)
 
@@ -106,7 +110,7 @@ class Rounds:
     def done(self) -> Ends:
         """The minima with factors that are settled."""
         first: Floats | None = None
-        active = np.flatnonzero(~self.lost)
+        active = np.flatnonzero(~self.lost & bool(len(self._unknown)))
         for number in range(ROUNDS):
             if not len(active) or self._settings.stopped():
                 break
@@ -123,7 +127,8 @@ class Rounds:
             self._minimise(active[settled & ~self.lost[active]])
             active = active[~settled & ~self.lost[active]]
         self.lost[active] = True
-        return replace(self.ends, reason=np.where(self.lost, -1, self.ends.reason), factors=self._factors)
+        reason = np.where(self.lost, -1, self.ends.reason)
+        return replace(self.ends, reason=reason, factors=self._factors, kept=self._kept)
 
     def _minimise(self, which: Indices) -> None:
         """From where the solves are, with their factors as they are now."""
@@ -149,20 +154,23 @@ class Rounds:
     def _minima(self, which: Indices, points: Floats) -> Ends:
         """The ends of some solves that begin at points (K, N), with their factors as they are now."""
         factors, places = self._factors[which], self._places[which]
-        if bool((factors == 1.0).all()):
+        if self._kept is None and bool((factors == 1.0).all()):
             return plain_ends(self._native.solve(points, places))
-        inverse: list[Floats | None] = []
-        for number, group in enumerate(self._stack.equations.groups):
-            solve, _ = self._stack.lines(number, places)
-            factor = factors[:, group.kernel.owner]
-            inverse.append(None if bool((factor == 1.0).all()) else 1.0 / factor[solve][:, None])
-        mine = reweighted(self._stack, self._native, places, inverse)
+        mine = weighted(self._stack, self._native, places, self._kept_in(which), factors)
         return plain_ends(mine.solve(points, np.arange(len(which))))
+
+    def _kept_in(self, which: Indices) -> Kept | None:
+        """What is kept in some solves."""
+        return None if self._kept is None else self._kept.of(self._rows, which)
 
     def _ratios(self, which: Indices) -> Floats:
         """By how much factors (K, unknown) miss the residuals; NaN where a group has no redundancy, or fits exactly."""
-        portion = Portion(self._stack, self._places[which], factors=self._factors[which])
+        kept = self._kept_in(which)
+        portion = Portion(self._stack, self._places[which], kept, self._factors[which])
         residuals, slopes = portion.linearised(self.ends.points[which])
+        scattered = np.square(residuals)
+        if kept is not None:  # without the loss of the tails
+            scattered /= portion.by_slot(kept.information)
         lossy = self._stack.equations.lossy
         found = factors(rooted_slopes(portion, residuals, slopes) if lossy else slopes)
         self.lost[which] |= ~found.good
@@ -171,7 +179,7 @@ class Rounds:
         for place, owner in enumerate(self._unknown.tolist()):
             solve, slot = portion.block_slots(owner)
             share = np.bincount(solve, weights=redundancy[solve, slot], minlength=len(which))
-            squares = np.bincount(solve, weights=np.square(residuals[solve, slot]), minlength=len(which))
+            squares = np.bincount(solve, weights=scattered[solve, slot], minlength=len(which))
             plain = (share > LEAST_REDUNDANCY) & (squares > 0.0)
             ratios[plain, place] = np.sqrt(squares[plain] / share[plain])
         return ratios

@@ -10,8 +10,8 @@ import numpy as np
 
 from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Problem
 from mbm.solution.assembly import Assembled
-from mbm.solution.many.components import Rounds, told_by_residuals
-from mbm.solution.many.descent import native_sets, plain_ends, reweighted
+from mbm.solution.many.components import Rounds, several_noises, told_by_residuals
+from mbm.solution.many.descent import native_sets, plain_ends, weighted
 from mbm.solution.many.stack import Portion, Stack, places_of
 from mbm.solution.many.types import Ends, Kept, Solver, Which
 from mbm.solution.settings import Settings
@@ -78,12 +78,18 @@ def consensus_solver(
     ruled = _ruled(problem, stack, first, points, settings, settings.robust, _observed)
     if ruled is None:
         return None
+    several, unknown = several_noises(problem), told_by_residuals(problem)
 
     def solve(which: Which, begun: Floats) -> Ends:
         found, owner, group = ruled.agree(which, begun)
-        kept, good = _kept(ruled, which, found, owner, group)
-        every = np.arange(len(which))
-        ends = plain_ends(_of_kept(ruled, which, kept).solve(found.points, every, stopped=settings.stopped))
+        kept, good = _kept(ruled, which, found, owner, group, estimated=bool(len(unknown)))
+        if several:
+            factors = np.ones((len(which), len(problem.blocks)))
+            rounds = Rounds(stack, ruled.native, settings, unknown, factors, np.asarray(which), found.points, kept)
+            rounds.lost |= ~good
+            return rounds.done()
+        every, mine = np.arange(len(which)), weighted(stack, ruled.native, which, kept)
+        ends = plain_ends(mine.solve(found.points, every, stopped=settings.stopped))
         return replace(ends, reason=np.where(good, ends.reason, -1), kept=kept)
 
     return solve
@@ -198,7 +204,12 @@ def _ruled(
 
 @np.errstate(all="ignore")
 def _factors(
-    ruled: _Ruled, which: Which, found: ConsensusEnds, units: tuple[Indices, Indices], scaled: Sequence[int], blocks: int
+    ruled: _Ruled,
+    which: Which,
+    found: ConsensusEnds,
+    units: tuple[Indices, Indices],
+    scaled: Sequence[int],
+    blocks: int,
 ) -> tuple[Floats, Mask]:
     """The noise factors (K, blocks) of the ``scaled`` blocks (1 of others), and where what agrees tells them for sure.
 
@@ -222,8 +233,8 @@ def _factors(
     owners = np.array([each.kernel.owner for each in equations.groups])[group]
     for owner in scaled:
         mine = np.flatnonzero(owners == owner)
-        variance = np.bincount(solve[mine], weights=found.variances[mine], minlength=count)
-        variance /= np.bincount(solve[mine], minlength=count)
+        size = np.bincount(solve[mine], minlength=count)
+        variance = np.bincount(solve[mine], weights=found.variances[mine], minlength=count) / size
         inside = np.bincount(solve[mine], weights=found.inside[mine], minlength=count)
         where, slot = portion.block_slots(owner)
         largest = np.zeros(count)
@@ -234,8 +245,10 @@ def _factors(
     return factors, told
 
 
-def _kept(ruled: _Ruled, which: Which, found: ConsensusEnds, solve: Indices, group: Indices) -> tuple[Kept, Mask]:
-    """What agrees in each solve, and the solves (K,) in which that is plainly so."""
+def _kept(
+    ruled: _Ruled, which: Which, found: ConsensusEnds, solve: Indices, group: Indices, *, estimated: bool
+) -> tuple[Kept, Mask]:
+    """What agrees in each solve, and the solves (K,) in which that is plainly so; ``estimated``: some noise is."""
     from mbm.solution.robust.consensus import LEAST_SHARE
     from mbm.solution.robust.units import consistency
     from mbm.target.solver import consensus_description as c
@@ -243,7 +256,7 @@ def _kept(ruled: _Ruled, which: Which, found: ConsensusEnds, solve: Indices, gro
     stack, count = ruled.stack, len(which)
     outputs: list[Mask | None] = []
     left: list[Floats | None] = []
-    kept, scalars = np.zeros(count), np.zeros(count)
+    kept, scalars, inliers = np.zeros(count), np.zeros(count), np.zeros(count)
     for number, (each, mine) in enumerate(zip(stack.equations.groups, ruled.acting, strict=True)):
         rows = stack.rows[number, places_of(which)]
         if not mine:
@@ -259,29 +272,15 @@ def _kept(ruled: _Ruled, which: Which, found: ConsensusEnds, solve: Indices, gro
         kappa = consistency(components, np.where(np.isfinite(ratio), ratio, 0.0))
         outputs.append(np.repeat(found.inside[units].reshape(lines), sizes, axis=1))
         left.append(np.repeat(kappa.reshape(lines), sizes, axis=1))
-        kept += np.bincount(solve[units], weights=found.inside[units] * components, minlength=count)
+        inliers += np.bincount(solve[units], weights=found.inside[units] * components, minlength=count)
         scalars += rows * int(sizes.sum())
     every = np.bincount(solve, minlength=count)
     agreeing = np.bincount(solve, weights=found.inside, minlength=count)
     good = found.agreed & (found.states[:, c.AMBIGUOUS] == 0) & (every > 0)
     good &= agreeing >= np.maximum(LEAST_SHARE * every, 1)
+    if estimated:  # what is fitted exactly has no noise, and roundings decide which of such fits is taken
+        good &= inliers > stack.equations.dimension
     if not ruled.startless:
         # a solve that no more scalars than unknowns could contradict is not asked for agreement by the general path
         good &= scalars > stack.equations.dimension
-    return Kept(outputs=tuple(outputs), information=tuple(left), count=kept.astype(np.int64)), good
-
-
-def _of_kept(ruled: _Ruled, which: Which, kept: Kept) -> NativeSystem:
-    """The data sets of these solves without what does not agree."""
-    from mbm.target.solver import description as of
-
-    scales: list[Floats | None] = []
-    for group, outputs in zip(ruled.stack.equations.groups, kept.outputs, strict=True):
-        if outputs is None:
-            scales.append(None)
-            continue
-        spread = [np.repeat(outputs[:, w.first], w.weights[0].size).reshape(len(outputs), -1) for w in group.whiteners]
-        scales.append(np.hstack(spread).astype(np.float64))
-    found = reweighted(ruled.stack, ruled.native, which, scales)
-    found.rows.data[:, of.DATA_COUNT] = kept.count
-    return found
+    return Kept(outputs=tuple(outputs), information=tuple(left), count=(kept + inliers).astype(np.int64)), good

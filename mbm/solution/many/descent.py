@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import prod
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.solution.many.stack import Stack, places_of
-from mbm.solution.many.types import REASONS, Ends, Solver, Which
+from mbm.solution.many.types import REASONS, Ends, Kept, Solver, Which
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices
 
@@ -67,6 +68,29 @@ def reweighted(stack: Stack, native: NativeSystem, which: Which, scales: Sequenc
         weights.append(part.ravel())
         taken += part.size
     return replace(native, rows=replace(native.rows, weights=np.append(np.concatenate(weights), 0.0), data=data))
+
+
+def weighted(
+    stack: Stack, native: NativeSystem, which: Which, kept: Kept | None, factors: Floats | None = None
+) -> NativeSystem:
+    """A data set for each of some solves, without what is not kept; rows are divided by ``factors`` (K, blocks)."""
+    from mbm.target.solver import description as of
+
+    scales: list[Floats | None] = []
+    for number, group in enumerate(stack.equations.groups):
+        scale = None
+        outputs = None if kept is None else kept.outputs[number]
+        if outputs is not None:
+            whole = [(outputs[:, w.first, None], prod(w.weights.shape[1:])) for w in group.whiteners]
+            scale = np.hstack([np.repeat(each, size, axis=1) for each, size in whole]).astype(np.float64)
+        if factors is not None and bool((factors[:, group.kernel.owner] != 1.0).any()):
+            inverse = 1.0 / factors[:, group.kernel.owner][stack.lines(number, which)[0]][:, None]
+            scale = inverse if scale is None else scale * inverse
+        scales.append(scale)
+    found = reweighted(stack, native, which, scales)
+    if kept is not None:
+        found.rows.data[:, of.DATA_COUNT] = kept.count
+    return found
 
 
 def plain_ends(found: NativeEnds) -> Ends:

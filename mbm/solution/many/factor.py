@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 WELL_DETERMINED = 1e7
 """Condition of the column-scaled Jacobian up to which two rounds of Cholesky decomposition give the factor to rounding
-(Yamamoto et al. 2015); far from 1e9, where the rank begins to be a matter of decision (`observability.SUSPECT`)."""
+(Yamamoto et al. 2015); far from 1e9, where the rank begins to be a matter of decision (`decisions.SUSPECT`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

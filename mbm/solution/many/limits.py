@@ -9,7 +9,7 @@ from mbm.problem.types import Problem
 from mbm.solution.many.stack import Portion, Stack
 from mbm.solution.many.surface import Held, Tangents
 from mbm.solution.many.types import Limits, Rows
-from mbm.solution.types import Floats, Mask
+from mbm.solution.types import Floats, Indices, Mask
 
 
 def limits(
@@ -17,19 +17,32 @@ def limits(
 ) -> Limits:
     """The constraints of some solves."""
     owners = tuple(dict.fromkeys(group.kernel.owner for group in stack.equations.constraints))
+    mine = {owner: _mine(portion, owner) for owner in owners}
+    pushing = found.forcing & ~found.equality
     return Limits(
         owners=owners,
-        values=np.stack([_value(problem, portion, found, owner) for owner in owners], axis=1),
-        active=np.stack([(found.active & _mine(portion, owner)).any(axis=1) for owner in owners], axis=1),
-        pushed=np.stack(
-            [(found.forcing & ~found.equality & _mine(portion, owner)).any(axis=1) for owner in owners], axis=1
-        ),
+        values=np.stack([_value(problem, found, owner, mine[owner]) for owner in owners], axis=1),
+        active=np.stack([(found.active & mine[owner]).any(axis=1) for owner in owners], axis=1),
+        pushed=np.stack([(pushing & mine[owner]).any(axis=1) for owner in owners], axis=1),
         rows=_rows(portion, owners),
         at_limit=tuple(_at_limit(problem, stack, which, portion, found, owner) for owner in owners),
-        multipliers=multipliers,
+        multipliers=_in_order(problem, stack, which, portion, multipliers),
         dimension=stack.equations.dimension - along.taken + along.equalities,
         moving=stack.equations.dimension - along.taken,
     )
+
+
+def _in_order(problem: Problem, stack: Stack, which: range, portion: Portion, multipliers: Floats) -> Floats:
+    """The multipliers (K, c) in the order of each solve by itself: windows are stacked by time, and look at rows as
+    they stand in their table.
+    """
+    found = multipliers.copy()
+    for number, (group, solve, slots) in enumerate(portion.limits(), len(stack.equations.groups)):
+        table = problem.blocks[group.kernel.owner].table
+        if table is not None and group.positions is not None:
+            rows = stack.tables[table].rows[group.positions[stack.lines(number, which)[1]]]
+            found[solve[:, None], slots] = multipliers[solve[:, None], slots[np.lexsort((rows, solve))]]
+    return found
 
 
 def _mine(portion: Portion, owner: int) -> Mask:
@@ -41,9 +54,8 @@ def _mine(portion: Portion, owner: int) -> Mask:
     return found
 
 
-def _value(problem: Problem, portion: Portion, found: Held, owner: int) -> Floats:
+def _value(problem: Problem, found: Held, owner: int, mine: Mask) -> Floats:
     """What is left to the limit (K,), of equations the difference of their sides, the worst of several; 0 of none."""
-    mine = _mine(portion, owner)
     equation = problem.blocks[owner].constraint is ConstraintKind.EQUAL
     badness = np.where(mine, np.abs(found.values) if equation else found.values, -np.inf)
     worst = np.take_along_axis(found.values, badness.argmax(axis=1)[:, None], axis=1)[:, 0]
@@ -51,7 +63,7 @@ def _value(problem: Problem, portion: Portion, found: Held, owner: int) -> Float
     return worst if equation else 0.0 - worst
 
 
-def _rows(portion: Portion, owners: tuple[int, ...]) -> np.ndarray:
+def _rows(portion: Portion, owners: tuple[int, ...]) -> Indices:
     """How often (K, owners) each block of constraints is there."""
     found = np.zeros((portion.count, len(owners)), dtype=np.int64)
     for group, solve, _ in portion.limits():

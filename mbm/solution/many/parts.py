@@ -62,7 +62,9 @@ def bound_parts(
         some = sets if all_of_them else sets.some(which)
         tables = whole if all_of_them else arranged(problem, some)
         part = _part(problem, kernels, which, some, tables, cache, starts)
-        if isinstance(part, Part):
+        if part is None:
+            left.append(which)
+        elif isinstance(part, Part):
             found.append(part)
         else:
             todo[:0] = _stretches([which[each] for each in part], which, window)
@@ -88,13 +90,24 @@ def _part(
     tables: Arranged,
     cache: EvaluationCache,
     starts: Begun,
-) -> Part | list[Indices]:
-    """The solves of one shape; where they mention other members of undivided families, those that mention the same."""
+) -> Part | list[Indices] | None:
+    """The solves of one shape; where they mention other members of undivided families, those that mention the same.
+
+    None where rows of a solve share measured values with errors.
+    """
     one = sets.selection(0).tables if tables.families else tables.tables
     bound = stack(problem, kernels, sets.count, tables, cache.layouts.of(problem, one, {}), cache)
     alike = by_use(bound)
     if len(alike) > 1:
         return alike
+    if any(block.errors for block in problem.blocks):
+        # Loaded by problems with such errors only, so that the others start at once.
+        from mbm.solution.many.corrected import straightened
+
+        corrected = straightened(problem, bound)
+        if corrected is None:
+            return None
+        bound = corrected
     points = starting_points(problem, bound.equations.layout, sets, tables, cache, starts)
     number = int(np.argmax(bound.rows.sum(axis=0)))
     first, _ = assemble(problem, kernels, sets.selection(number).tables, {}, cache)

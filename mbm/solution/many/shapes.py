@@ -8,7 +8,7 @@ import numpy as np
 
 from mbm.problem.rows import decided, row_values
 from mbm.problem.types import Problem, RowValues, Unknown, UnknownKind
-from mbm.solution.layouts import columns_of
+from mbm.solution.layouts import columns_of, limits
 from mbm.solution.many.arranged import Arranged
 from mbm.solution.many.stack import Stack
 from mbm.solution.types import Indices, Mask
@@ -67,8 +67,7 @@ def option_cells(option: RowValues, tables: Arranged, *, fixed: bool) -> np.ndar
 
 def _limits(unknown: Unknown) -> Iterator[RowValues]:
     """The options that solves which are made together have in common, where they may vary."""
-    options = (unknown.lower, unknown.upper, unknown.start_lower, unknown.start_upper, unknown.fixed)
-    return (option for option in options if option is not None and columns_of(option))
+    return (option for option in limits(unknown) if columns_of(option))
 
 
 def _together(cells: list[bytes], owner: Indices, solves: int) -> Indices:

@@ -25,7 +25,7 @@ from mbm.solution.many.chain import NOT_SOLVED, SAME
 from mbm.solution.many.components import estimated_on_the_way
 from mbm.solution.many.sets import Sets
 from mbm.solution.many.stack import Stack
-from mbm.solution.many.types import REASONS, Block, Columns, Descent
+from mbm.solution.many.types import REASONS, Block, Columns, Corrections, Descent
 from mbm.solution.robust.types import Prepared
 from mbm.solution.search import Found
 from mbm.solution.selection import Selection
@@ -168,6 +168,7 @@ class Together:
                 if unknown.family is not None and unknown.family.rows in self.stack.arranged.families
             },
             places=self.places[which.start : which.stop],
+            corrections=lambda: _corrections(self.stack, which, columns),
         )
         end = which.stop
         return block, Past(last=lambda: self._last(end, columns, which, found, past), spoilt=spoilt)
@@ -196,7 +197,8 @@ class Together:
     def _unchallenged(self, which: range, columns: Columns) -> Columns:
         """The columns, those fits being expected too that no closed form's answer is better than."""
         doubted = np.flatnonzero(columns.solved & ~columns.expected)
-        if len(doubted) <= FEW or self.equations.linear or self.settings.robust is not None:
+        apart = self.settings.robust is not None or self.stack.errors is not None
+        if len(doubted) <= FEW or self.equations.linear or apart:
             return columns
         form = self.form()
         if form is None:
@@ -287,6 +289,15 @@ class Together:
             origin=GIVEN,
             seconds=lambda: seconds,
         )
+
+
+def _corrections(stack: Stack, which: range, columns: Columns) -> tuple[Corrections, ...]:
+    """The corrections of measured values in some solves, of those that are clean."""
+    if stack.errors is None:
+        return ()
+    from mbm.solution.many.corrected import corrections
+
+    return corrections(stack, which, columns.points, columns.clean)
 
 
 def _alike(found: Solution | Failure | Skipped, point: Floats) -> bool:

@@ -18,7 +18,7 @@ from mbm.solution.binder import Binder
 from mbm.solution.binding import EvaluationCache, Group
 from mbm.solution.layout import Layout
 from mbm.solution.many.arranged import Arranged
-from mbm.solution.many.types import Kept, Which
+from mbm.solution.many.types import Errors, Kept, Which
 from mbm.solution.scatter import Scatter, scatter
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.solution.whitening import Whitener
@@ -41,7 +41,8 @@ class Stack:
 
     ``equations`` hold the rows of all of them; ``first`` and ``rows`` (groups, T) say where the rows of each solve
     begin in a group, and how many there are, in groups of residuals, then of constraints; windows share rows. A group
-    without a table has one row, which all solves share. ``derived`` are the groups of the derived quantities.
+    without a table has one row for all solves. ``derived`` are the groups of the derived quantities, ``errors`` those
+    in measured columns, which ``equations`` eliminate (None: there are none).
     """
 
     equations: Assembled
@@ -49,11 +50,16 @@ class Stack:
     rows: Indices
     derived: tuple[tuple[Group, ...], ...]
     arranged: Arranged
+    errors: Errors | None = None
 
     @property
     def tables(self) -> Mapping[str, Table]:
         """The tables, those that are divided in the order of the solves."""
         return self.arranged.tables
+
+    def exactly(self) -> Stack:
+        """The same with measured values taken as exact, to find starts with."""
+        return self if self.errors is None else replace(self, equations=self.errors.exact, errors=None)
 
     @property
     def solves(self) -> int:
@@ -116,14 +122,14 @@ def _scalars(groups: Sequence[Group], rows: Indices) -> Indices:
 def stack(
     problem: Problem, kernels: KernelSet, solves: int, tables: Arranged, layout: Layout, cache: EvaluationCache
 ) -> Stack:
-    """The equations of all ``solves``, with one layout for all.
+    """The equations of all ``solves``, with one layout for all; measured values are taken as exact.
 
     Raises:
         MbmError: weights that are none, or keys that are no members, in some row.
 
     """
     binder = Binder(problem=problem, layout=layout, tables=tables.tables, cache=cache, pick=tables.pick)
-    equations = blank(binder, kernels)
+    equations = blank(binder, kernels, corrected=False)
     groups = (*equations.groups, *equations.constraints)
     first = np.zeros((len(groups), solves), dtype=np.int64)
     rows = np.ones((len(groups), solves), dtype=np.int64)
@@ -223,6 +229,11 @@ class Portion:
         for each in self._lines if number is None else self._lines[number : number + 1]:
             for whitener, loss in zip(each.whiteners, each.group.losses, strict=False):
                 yield loss, each.solve, each.slots[:, whitener.first : whitener.last]
+
+    def as_many_rows(self, number: int) -> bool:
+        """Whether all solves have as many rows of a group."""
+        counts = self._lines[number].counts
+        return bool((counts == counts[:1]).all())
 
     def values(self, number: int, points: Floats) -> Floats:
         """What a group says (R, outputs) at points (K, N), not whitened."""

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from mbm.expression.nodes import Column, Component, Expression, LiteralMember, Member, RowChoice, leaves
 from mbm.kernels.types import KernelSet
-from mbm.problem.types import Method, Problem, Unknown
-from mbm.solution.layouts import columns_of
+from mbm.problem.types import Method, Problem, UncertainColumn, Unknown
+from mbm.solution.layouts import columns_of, stated
 from mbm.solution.sampling import samplings
 from mbm.solution.settings import Settings
 from mbm.symbolic.types import ColumnInput
@@ -17,13 +17,12 @@ def suits(problem: Problem, kernels: KernelSet, split: frozenset[str]) -> bool:
     """Whether the equations of all solves can be bound together; ``split`` names the tables that are divided by key.
 
     Then each row of a divided table gives equations that are the same in the whole table as in its own solve, but for
-    the numbers of members, and what is the same for all solves looks at no divided table. Problems with errors in
-    measured columns are left to the general path.
+    the numbers of members, and what is the same for all solves looks at no divided table.
     """
     if not all(_readable(unknown, split) for unknown in problem.unknowns):
         return False
     for block in problem.blocks:
-        if block.errors or block.distinct:
+        if block.distinct or not all(_stated(error, block.table, split) for error in block.errors):
             return False
     if any(derived.table is not None for derived in problem.derived):
         return False
@@ -54,16 +53,13 @@ def _one_row_at_a_time(problem: Problem, kernels: KernelSet, split: frozenset[st
 def _readable(unknown: Unknown, split: frozenset[str]) -> bool:
     """Whether what is stated of an unknown follows from the rows of its members, or from tables that are whole."""
     rows = None if unknown.family is None else unknown.family.rows
-    options = (
-        unknown.start,
-        unknown.lower,
-        unknown.upper,
-        unknown.start_lower,
-        unknown.start_upper,
-        unknown.fixed,
-    )
-    columns = (column for option in options if option is not None for column in columns_of(option))
+    columns = (column for option in stated(unknown) for column in columns_of(option))
     return all(_local(column.table, column.row, rows, split) for column in columns)
+
+
+def _stated(error: UncertainColumn, owner: str | None, split: frozenset[str]) -> bool:
+    """Whether the standard deviation of a measured value follows from the row at hand, or from whole tables."""
+    return error.sigma is None or all(_local(c.table, c.row, owner, split) for c in columns_of(error.sigma))
 
 
 def _picks(member: Member | None, owner: str | None, split: frozenset[str], *, own: bool) -> bool:

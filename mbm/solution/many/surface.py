@@ -7,19 +7,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.solution.constrained.answer import PUSHED
-from mbm.solution.constrained.linearise import MET, NOISE, violations
+from mbm.solution.constrained.linearise import NOISE, violations
 from mbm.solution.many.stack import Portion
-from mbm.solution.observability import CERTAIN
 from mbm.solution.solvers.scaled import EPSILON, HUGE
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.target.decisions import CERTAIN, MET, PUSHED
 from mbm.values import dataclass
 
 CLEAR = 1e-7
 """Share of the largest singular value from which on a direction of constraints counts without a look at the others;
-far above `observability.SUSPECT`. Solves with one between this and `NOTHING` are left to the general path."""
+far above `decisions.SUSPECT`. Solves with one between this and `FAINT` are left to the general path."""
 
-NOTHING = CERTAIN / 10.0
+FAINT = CERTAIN / 10.0
+"""Share up to which it is none, however the rounding of the two ways to the singular values may differ."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -139,7 +139,7 @@ def _rank(singular: Floats) -> tuple[Indices, Mask]:
     """How many singular values (K, r), descending, are something, and whether that is beyond doubt (K,)."""
     shares = singular / np.where(singular[:, :1] > 0.0, singular[:, :1], 1.0)
     there = shares >= CLEAR
-    return there.sum(axis=1), np.asarray((there | (shares <= NOTHING)).all(axis=1))
+    return there.sum(axis=1), np.asarray((there | (shares <= FAINT)).all(axis=1))
 
 
 def _kinds(portion: Portion) -> tuple[Mask, Mask]:

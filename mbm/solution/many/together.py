@@ -103,7 +103,7 @@ def _made(
     def form() -> Formed | None:
         from mbm.solution.many.forms import formed
 
-        return formed(bound, part.first, settings)
+        return formed(bound.exactly(), part.first.uncorrected(), settings)
 
     before = None if window is None else _before(part.sets, window.min_rows)
     descent = _descent(problem, bound, part.first, part.points, before, form, settings)
@@ -143,9 +143,14 @@ def _descent(
     if begun is None:
         return None
     solver: Solver | None
-    if settings.robust is not None:
-        several = several_noises(problem)
-        solver = None if several else consensus_solver(problem, bound, first, points, settings)
+    if bound.errors is not None:
+        # Loaded by problems with errors in measured columns only, so that the others start at once.
+        from mbm.solution.many.corrected import corrected_solver
+
+        odd = settings.robust is not None or _begins_at_agreement(problem, bound)
+        solver = None if odd else corrected_solver(problem, bound, first, settings)
+    elif settings.robust is not None:
+        solver = consensus_solver(problem, bound, first, points, settings)
     elif _begins_at_agreement(problem, bound):
         solver = loss_solver(problem, bound, first, begun, settings)
     elif several_noises(problem):
@@ -168,6 +173,7 @@ def _descent(
         own=begun,
         before=before,
         known=known,
+        blocks=len(problem.blocks) if estimated_on_the_way(problem) else None,
         places=places_before(bound, before),
         settings=settings,
     ).ends()
@@ -214,7 +220,7 @@ def _begun(bound: Stack, points: Floats, form: Callable[[], Formed | None]) -> F
 
     None where something else gives starts; NaN in solves of which a closed form says nothing, or several things.
     """
-    equations = bound.equations
+    equations = bound.exactly().equations
     moving = equations.moving()
     missing = _missing(bound, points)
     free = np.zeros(len(equations.layout.number), dtype=bool)

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbm.problem.tables import CellKey, Table
+from mbm.problem.types import Problem
 from mbm.solution.layout import Entry, Layout
 from mbm.solution.solution import Failure, Skipped, Solution
 from mbm.solution.types import Floats, Indices, Mask, Reason
 from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.solution.assembly import Assembled
+    from mbm.solution.implicit.measured import Measured
 
 REASONS = tuple(Reason)
 """Reasons by number: ``Columns.reason`` counts in this order."""
@@ -67,6 +72,15 @@ class Kept:
     outputs: tuple[Mask | None, ...]
     information: tuple[Floats | None, ...]
     count: Indices
+
+    def of(self, solves: Sequence[Indices], some: Indices) -> Kept:
+        """What is kept in ``some`` of the solves, ascending; ``solves`` (rows,) own the rows of each group."""
+        mine = [np.isin(solve, some) for solve in solves]
+        return Kept(
+            outputs=tuple(None if o is None else o[m] for o, m in zip(self.outputs, mine, strict=True)),
+            information=tuple(None if i is None else i[m] for i, m in zip(self.information, mine, strict=True)),
+            count=self.count[some],
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -181,6 +195,32 @@ class Columns:
         )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Errors:
+    """Errors in measured columns: the equations that take these as ``exact``, and the values that are corrected."""
+
+    problem: Problem
+    exact: Assembled
+    measured: Measured
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Corrections:
+    """The corrections of the uncertain values of one column in K solves, to be added, and their sigma, in SI.
+
+    Those of solve k stand from ``first[k]`` (K + 1,) on; ``rows`` count from 1 in the unfiltered table, ``keys`` are
+    those of the rows where the table has a key.
+    """
+
+    table: str
+    column: str
+    first: Indices
+    rows: Indices
+    keys: Sequence[CellKey] | None
+    value: Floats
+    sigma: Floats
+
+
 Descent: TypeAlias = Callable[[range], Ends]
 """Solves some consecutive solves from their starts; may be called by several threads at once."""
 
@@ -196,6 +236,7 @@ class Block:
     cells in all solves; ``layout`` and ``free`` say what the numbers are, ``members`` has the keys, solve by solve, of
     the members of unknowns for which each solve has its own. ``make`` gives all that is to be said of a
     solve whose columns are clean. ``places`` (solves,) are the numbers of the solves among all of the problem.
+    ``corrections`` finds those of the columns with errors.
     """
 
     which: range
@@ -209,6 +250,7 @@ class Block:
     free: Indices
     members: Mapping[str, Sequence[CellKey]]
     places: Indices
+    corrections: Callable[[], tuple[Corrections, ...]]
 
     def member_keys(self, entry: Entry, place: int) -> tuple[CellKey, ...] | None:
         """The keys of the members of an unknown in the solve at a place (from 0); None without a family."""

@@ -123,5 +123,5 @@ def _form(plain: Assembled, settings: Settings, learnt: Learnt) -> KnownForm | N
 def _shape(plain: Assembled) -> object:
     """What decides which closed form there is, and how its numbers stand."""
     names = tuple((entry.unknown.name, entry.members) for entry in plain.layout.entries)
-    groups = tuple((group.number, group.rows > 0) for group in plain.groups)
+    groups = tuple((group.number, group.rows) for group in plain.groups)  # few rows teach less than many
     return names, groups, plain.free.tobytes()

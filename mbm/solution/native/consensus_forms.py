@@ -36,6 +36,12 @@ GROSS = 1e3
 EXACT = 1e-6
 """What an affine dependence may leave, beside the size of what it gives: probes are no more exact than that."""
 
+SHORT = 2.0**10
+"""Coefficients are taken for multiples of 1/SHORT …"""
+
+NEARLY = 1e-9
+"""… where they differ by less, beside the size of what they give: roundings, and hardly ever anything else."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Map:
@@ -234,5 +240,15 @@ def _affine(data: Floats, told: Floats) -> Floats | None:
     found = np.linalg.lstsq(design, told, rcond=None)[0]
     if not bool((np.abs(design @ found - told) <= EXACT * np.abs(told).max(axis=0, initial=1.0)).all()):
         return None
-    slopes = found[:-1] / size[:, None]
-    return np.vstack([slopes, found[-1] - middle @ slopes])
+    reach = np.abs(told).max(axis=0, initial=0.0)
+    slopes = _short(found[:-1] / size[:, None], reach / size[:, None])
+    return np.vstack([slopes, _short(found[-1:] - middle @ slopes, reach)])
+
+
+def _short(found: Floats, size: Floats) -> Floats:
+    """Numbers of few digits, as most are, freed of the roundings of the data that they were learnt from.
+
+    So that answers do not depend on which data came first. ``size``: what changes the values by their own size.
+    """
+    short = np.round(found * SHORT) / SHORT + 0.0  # not -0
+    return np.where(np.abs(found - short) <= NEARLY * size, short, found)

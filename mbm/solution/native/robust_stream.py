@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import field, replace
+from math import prod
 
 import numpy as np
 
@@ -179,7 +180,7 @@ def robust_stream_of(
         form=NO_FORM if form is None else form.form,
     )
     sizes = [np.tile([w.last - w.first for w in group.whiteners], group.rows) for group in plain.groups]
-    wide = [np.tile([w.weights[0].size for w in group.whiteners], group.rows) for group in plain.groups]
+    wide = [np.tile([prod(w.weights.shape[1:]) for w in group.whiteners], group.rows) for group in plain.groups]
     every = np.concatenate(sizes).astype(np.int64)
     cache = plain.groups[0].cache
     agreement = _Agreement(

@@ -162,6 +162,9 @@ def stream_of(
         return None
     if settings.method not in (Method.AUTO, Method.MARQUARDT) or equations.lossy:
         return None
+    corrected = any(block.errors for block in problem.blocks)
+    if corrected and settings.robust is not None:
+        return None
     layout = equations.layout
     given = not bool((np.isnan(layout.start) | layout.guessed).any())
     if settings.robust is not None:
@@ -179,7 +182,7 @@ def stream_of(
     known = equations.groups[0].cache.without_closed_form
     # what was learnt of closed forms is not relied on where stated noise tells a bad fit
     unchallenged = bool(equations.constraints) or (kind in known and _estimated(problem))
-    alone = equations.linear or (given and unchallenged)
+    alone = not corrected and (equations.linear or (given and unchallenged))
     if not alone and _estimated(problem):
         return None
     freedom = max(equations.count - equations.dimension, 1)

@@ -1,7 +1,8 @@
-"""Where consensus begins if no start is known: where the equations tell the unknowns apart.
+"""Where consensus begins if no start is known: where most units agree best of all that a few of them give.
 
 A closed form for all rows follows those that are grossly wrong. Far off, all equations say the same in the working
-precision: no subset of them determines the unknowns there, though any subset of good ones does.
+precision, or nearly so: no subset of them determines the unknowns there, and no few steps lead from there to what a
+subset of good ones says.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.solution.assembly import Assembled
+from mbm.solution.batch import batch
 from mbm.solution.closed_forms.minimal import minimal_solver
 from mbm.solution.closed_forms.types import ClosedForm
 from mbm.solution.robust.binding import without_losses
@@ -16,33 +18,46 @@ from mbm.solution.robust.subsets import independent_columns
 from mbm.solution.robust.units import Units
 from mbm.solution.starting import Beginning, with_idle_ones
 from mbm.solution.types import Floats
-from mbm.target.solver.consensus_begin import ATTEMPTS
+from mbm.target.decisions import ATTEMPTS
+
+FAR = 3.0
+"""A start follows wrong units where what a few units give leaves most of all that many times less to explain."""
 
 
 def told_apart(
     equations: Assembled, units: Units, starts: tuple[Beginning, ...], closed_forms: tuple[ClosedForm, ...]
 ) -> tuple[Beginning, ...]:
-    """The starts, or, where the ``units`` leave unknowns open at the first of them, what a few units give instead.
+    """The starts, or what a few units give in closed form, if the first start is far off.
 
-    Those are the first ones behind one another whose closed form lies where all units determine all unknowns; where
-    there is no such, the starts stay. There may be none to begin with.
+    It is where the ``units`` leave unknowns open there, or where the median of their misfits is `FAR` times that of a
+    closed form of units behind one another, at which all units determine all unknowns. The one with the least median
+    is taken, in all its solutions; where there is no such, the starts stay. There may be none to begin with.
     """
     plain = without_losses(equations)
-    if starts and _told(plain, units, starts[0].point):
-        return starts
     solver = minimal_solver(plain, with_idle_ones(plain, plain.numbers), closed_forms)
     if solver is None:
         return starts
     size = solver.plan.minimal
-    behind = units.number[np.arange(max(units.count - size + 1, 0))[:, None] + np.arange(size)]
+    behind = units.number[np.arange(min(max(units.count - size + 1, 0), ATTEMPTS))[:, None] + np.arange(size)]
     with np.errstate(all="ignore"):
         points, which = solver.points(behind)
-        different = np.flatnonzero(np.diff(which, prepend=-1))
-        for first in different[:ATTEMPTS].tolist():
-            if _told(plain, units, points[first]):
-                mine = points[which == which[first]]
+        medians = _medians(plain, units, points)
+        far = not starts or not _told(plain, units, starts[0].point)
+        limit = np.inf if far else float(_medians(plain, units, starts[0].point[None])[0]) / FAR**2
+        for one in np.argsort(medians, kind="stable").tolist():
+            if not medians[one] < limit:
+                break
+            if _told(plain, units, points[one]):
+                mine = points[which == which[one]]
                 return tuple(Beginning(point=point, origin=solver.plan.description) for point in mine)
     return starts
+
+
+def _medians(plain: Assembled, units: Units, points: Floats) -> Floats:
+    """The median of the units' squared misfits at each point (P,); infinite where most have no value."""
+    if not len(points):
+        return np.empty(0)
+    return np.asarray(np.median(units.squares(batch(plain).residuals(points)), axis=1))
 
 
 def _told(plain: Assembled, units: Units, point: Floats) -> bool:

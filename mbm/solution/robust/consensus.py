@@ -51,14 +51,18 @@ def agreeing(
     anywhere = settings.starts is None and consensus.kind is not ConsensusKind.GNC
     found = _startless(problem, equations, settings, consensus) if anywhere else None
     beginnings: tuple[Beginning, ...] = ()
-    if found is None:
-        beginnings = _told_apart(problem, equations, settings, starts, _observed)
-        units = units_of(equations, problem, beginnings[0].point, _observed)
-        if units.scalars <= equations.dimension or not equations.dimension:
-            return Prepared(equations=equations, starts=beginnings)
+    if found is None or found.share < LEAST_SHARE:  # what it began with may have been wrong itself
+        try:
+            beginnings = _told_apart(problem, equations, settings, starts, _observed)
+        except MbmError:
+            if found is None:
+                raise
+    point = beginnings[0].point if found is None or beginnings else found.point
+    units = units_of(equations, problem, point, _observed)
+    if found is None and (units.scalars <= equations.dimension or not equations.dimension):
+        return Prepared(equations=equations, starts=beginnings)
+    if found is None or beginnings:
         found = _agreed(problem, equations, settings, consensus, units, beginnings, _observed)
-    else:
-        units = units_of(equations, problem, found.point, _observed)
     if not found.inliers.any():  # no equation has a value anywhere near: the minimisation says which
         return Prepared(equations=equations, starts=beginnings or starts())
     keep = np.ones(int(equations.units.max()) + 1, dtype=bool)

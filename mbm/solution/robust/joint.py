@@ -16,13 +16,8 @@ from mbm.solution.robust.trials import Trials
 from mbm.solution.robust.units import STATED, Units
 from mbm.solution.robust.units import limits as deviation_limits
 from mbm.solution.types import Floats, Mask
+from mbm.target.decisions import ARRIVED, JOINT_STEPS
 from mbm.values import dataclass
-
-STEPS = 100
-"""Steps at most: they converge linearly, by the share that curvature has in a step."""
-
-ARRIVED = 1e-24
-"""A step that promises no more than this, in squared deviations, changes nothing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -97,7 +92,7 @@ def _fitted(
         )
 
     found = at(point)
-    for _ in range(STEPS):
+    for _ in range(JOINT_STEPS):
         if not ARRIVED < found.promise < np.inf:
             break
         there = at(trials.moved(found.point[None], found.step[None])[0])

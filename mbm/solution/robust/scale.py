@@ -6,15 +6,7 @@ import numpy as np
 
 from mbm.solution.robust.units import STATED, Units, consistency
 from mbm.solution.types import Floats, Indices, Mask
-
-ROUNDS = 60
-"""Steps of the secant at most; six to eight are the rule."""
-
-LEAST_SHARE = 0.1
-"""Of their variance, inliers keep this share at least: limits that leave less say nothing of it."""
-
-ROUNDED = 4e-16
-"""Relative accuracy to which the variance is solved for."""
+from mbm.target.decisions import LEAST_KEPT, ROUNDED, SECANTS
 
 
 def noise_and_limits(
@@ -48,17 +40,17 @@ def noise_and_limits(
 def _untruncated(raw: float, limits: Floats, wide: Floats, components: Indices) -> float:
     """The variance v of the noise whose part inside ``max(limits, wide · v)`` has the variance ``raw``.
 
-    What is left inside, ``v κ(v)``, grows with v: a secant on its logarithm, kept inside of what brackets the solution.
+    What is left inside, ``v κ(v)``, grows with v: secants, kept inside of what brackets the solution.
     """
 
     def left(variance: float) -> float:
         kept = consistency(components, np.maximum(limits / variance, wide))
-        return max(float((components * kept).sum() / components.sum()), LEAST_SHARE)
+        return max(float((components * kept).sum() / components.sum()), LEAST_KEPT)
 
     before, off_before = raw, left(raw) - 1.0
-    low, high = raw, raw / LEAST_SHARE
+    low, high = raw, raw / LEAST_KEPT
     variance = raw / left(raw)
-    for _ in range(ROUNDS):
+    for _ in range(SECANTS):
         off = variance / raw * left(variance) - 1.0
         low, high = (variance, high) if off <= 0.0 else (low, variance)
         if abs(off) <= ROUNDED or abs(variance - before) <= ROUNDED * variance or off == off_before:

@@ -10,6 +10,7 @@ from mbm.solution.freedom import free_combination, touched_by
 from mbm.solution.sparse.rank import Decision, decided
 from mbm.solution.sparse.structure import BlockJacobian
 from mbm.solution.types import Covariance, Floats, FreeCombination, Minimum, Observability, Propagated
+from mbm.target.decisions import SHARE
 
 NAMED = 20
 """Free directions of single members that are put into words; the others are counted."""
@@ -19,9 +20,6 @@ HELD = 5000
 
 PART = 4_000_000
 """Numbers in the right sides that are solved for at once."""
-
-ORTHOGONAL = 1e-6
-"""A gradient whose share along the free directions is below this does not feel them."""
 
 
 @np.errstate(all="ignore")
@@ -115,7 +113,7 @@ def sparse_propagate(gradient: Floats, observed: Observability, estimated: Covar
         along[start : start + step] = inverse.along(part, observed.null_space)
     matrix = image @ gradient.T * estimated.variance
     matrix = (matrix + matrix.T) / 2.0
-    estimable = (along <= ORTHOGONAL) & ~(gradient[:, unused] != 0.0).any(axis=1)
+    estimable = (along <= SHARE) & ~(gradient[:, unused] != 0.0).any(axis=1)
     matrix[~estimable, :] = np.nan
     matrix[:, ~estimable] = np.nan
     return Propagated(matrix=matrix, sigma=np.sqrt(np.diag(matrix)), estimable=estimable)

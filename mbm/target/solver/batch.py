@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from mbm.target.decisions import PUSHED
 from mbm.target.solver.beginning import begin, constraint_count, solve_directly
-from mbm.target.solver.constraints import SIGNIFICANCE, begin_rounds, next_round, set_held
+from mbm.target.solver.constraints import begin_rounds, next_round, set_held
 from mbm.target.solver.covariance import set_covariance, undetermined
 from mbm.target.solver.description import (
     BLOCK,
@@ -240,7 +241,7 @@ def finish_solve(
     held = work[multipliers_at(system, HELD) :]
     results[CONDITION] = set_covariance(system, triangle, sides, count, held, work, flags, covariance)
     states[FREEDOM] = data[DATA_COUNT] - flags[RANK]
-    if flags[PENALISED] == 1 and states[FREEDOM] <= 0 and results[COST] > SIGNIFICANCE * SIGNIFICANCE:
+    if flags[PENALISED] == 1 and states[FREEDOM] <= 0 and results[COST] > PUSHED * PUSHED:
         # Residuals are perpendicular to all columns at a minimum: what remains of so few leaves a column too many.
         results[CONDITION] = undetermined(n, sides, covariance)
     states[DEFICIENT] = 0 if results[CONDITION] < 1e300 else 1

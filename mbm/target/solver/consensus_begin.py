@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbm.target.decisions import ATTEMPTS
 from mbm.target.solver.consensus_description import (
     ANSWERS,
     FORM,
@@ -33,9 +34,6 @@ from mbm.target.solver.description import COORDINATES, NUMBERS
 from mbm.target.solver.equations import load_rows
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
-
-ATTEMPTS = 100
-"""Starts of closed forms that are looked at until one is where the units determine the unknowns."""
 
 
 def begin_anywhere(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import inf, isfinite
 
+from mbm.target.decisions import ARRIVED, JOINT_STEPS
 from mbm.target.solver.consensus_description import (
     COMPONENTS,
     CUTS,
@@ -36,12 +37,6 @@ from mbm.target.solver.consensus_rows import linearised, moved, spread_weights
 from mbm.target.solver.description import COORDINATES, NUMBERS
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
-
-STEPS = 100
-"""Steps at most: they converge linearly, by the share that curvature has in a step."""
-
-ARRIVED = 1e-24
-"""A step that promises no more than this, in squared deviations, changes nothing."""
 
 
 def group_noise(
@@ -177,7 +172,7 @@ def fitted_jointly(
     count = linearised(system, data, index, columns, point, work, chunk)
     rest = measure(system, rules, places, units, count, chunk, squares, bench)
     promise = promised(0, count, rest, units, scalars, system, rules, bench, places)
-    for _ in range(STEPS):
+    for _ in range(JOINT_STEPS):
         if not (promise > ARRIVED and isfinite(promise)):
             break
         there = bench[point_at(system, rules, 1 - here) :]

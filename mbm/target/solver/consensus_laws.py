@@ -4,20 +4,12 @@ from __future__ import annotations
 
 from math import exp, fabs, log
 
+from mbm.target.decisions import LEAST_KEPT, ROUNDED, SECANTS
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real
 
 LOG_ROOT_PI = 0.5723649429247001
 TERMS = 100000
 SMALL = 1e-300
-
-ROUNDS = 60
-"""Steps of the secant at most; six to eight are the rule."""
-
-LEAST_SHARE = 0.1
-"""Of their variance, inliers keep this share at least: limits that leave less say nothing of it."""
-
-ROUNDED = 4e-16
-"""Relative accuracy to which the variance is solved for."""
 
 
 def log_gamma_of_half(dof: Integer) -> Real:
@@ -110,7 +102,7 @@ def share_left(
                 left = consistency(last_limit, last_size)
             share += float(components[u]) * left
             total += float(components[u])
-    return max(share / total, LEAST_SHARE)
+    return max(share / total, LEAST_KEPT)
 
 
 def untruncated(
@@ -126,15 +118,15 @@ def untruncated(
 ) -> Real:
     """The variance v of the noise whose part inside the limits has the variance ``raw``, from a group's inliers.
 
-    What is left inside, ``v κ(v)``, grows with v: a secant on its logarithm, kept inside of what brackets the solution.
+    What is left inside, ``v κ(v)``, grows with v: secants, kept inside of what brackets the solution.
     """
     before = raw
     left = share_left(units, group, wide, raw, limits, reaches, components, groups, inside)
     off_before = left - 1.0
     low = raw
-    high = raw / LEAST_SHARE
+    high = raw / LEAST_KEPT
     variance = raw / left
-    for _ in range(ROUNDS):
+    for _ in range(SECANTS):
         left = share_left(units, group, wide, variance, limits, reaches, components, groups, inside)
         off = variance / raw * left - 1.0
         if off <= 0.0:

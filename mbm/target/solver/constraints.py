@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from math import fabs, sqrt
 
+from mbm.target.decisions import EXACT, MET, PUSHED
 from mbm.target.solver.beginning import begin, constraint_count
 from mbm.target.solver.constraint_values import linearise, set_units
 from mbm.target.solver.description import (
@@ -30,9 +31,8 @@ from mbm.target.solver.description import (
 )
 from mbm.target.solver.equations import groups_of, weights_width
 from mbm.target.solver.linear_algebra import copied, filled
-from mbm.target.solver.polishing import HOLDS, polish
+from mbm.target.solver.polishing import polish
 from mbm.target.solver.united import rows_apart
-from mbm.target.solver.working import EXACT
 from mbm.target.solver.workspace import (
     AT_POINT,
     EVALUATIONS_DONE,
@@ -70,9 +70,6 @@ MOST = 1e6
 LOOSE = 1e-2
 TIGHTER = 0.03
 """Standard deviations to which the first round is solved, and each after it."""
-
-SIGNIFICANCE = 1e-6
-"""What the data would gain, in standard deviations, by which they push against a constraint; less is none."""
 
 
 def set_penalties(system: ConstantIntegers, data: ConstantIntegers, work: Reals) -> None:
@@ -187,12 +184,12 @@ def next_round(
     set_units(system, data, here, 0, work)
     settled = scalars[TOLERANCE_NOW] <= constants[TOLERANCE] and flags[STOP] != FLAT
     stalled = not worst <= SHRINKS * scalars[WORST]
-    over = settled and (worst <= EXACT or (stalled and worst <= HOLDS and scalars[WEIGHT] >= ENOUGH))
+    over = settled and (worst <= EXACT or (stalled and worst <= MET and scalars[WEIGHT] >= ENOUGH))
     if over or flags[ROUND] >= ROUNDS:
         scalars[WORST] = worst
         if over:
             return 0
-        flags[STOP] = FLAT if worst <= HOLDS else INFEASIBLE
+        flags[STOP] = FLAT if worst <= MET else INFEASIBLE
         return 0
     if scalars[WEIGHT] < ENOUGH or (stalled and scalars[WEIGHT] < MOST):
         scalars[WEIGHT] *= HEAVIER
@@ -222,7 +219,7 @@ def set_held(system: ConstantIntegers, data: ConstantIntegers, cost: Real, work:
         for k in range(count):
             c = done + k
             held[c] = units[c]
-            pushed = multipliers[c] * units[c] > SIGNIFICANCE * (1.0 + sqrt(cost))
+            pushed = multipliers[c] * units[c] > PUSHED * (1.0 + sqrt(cost))
             if system[block[BLOCK_EQUALITY_AT] + k % lines] == 0 and not pushed:
                 held[c] = 0.0
                 multipliers[c] = 0.0

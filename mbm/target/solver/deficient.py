@@ -8,20 +8,12 @@ from __future__ import annotations
 
 from math import fabs, inf, sqrt
 
+from mbm.target.decisions import CERTAIN, GAP, SHARE, SUSPECT
 from mbm.target.solver.description import COORDINATES
 from mbm.target.solver.linear_algebra import copied, dot, filled
 from mbm.target.solver.tangent import from_surface
 from mbm.target.solver.workspace import FLAGS, LOOSE, RANK, TOUCHED, matrix_at, step_at
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
-
-CERTAIN = 1e-12
-SUSPECT = 1e-9
-GAP = 1e4
-"""A singular value is none below CERTAIN of the largest, and below SUSPECT where it lies below GAP of the one before:
-the derivatives of large coordinates, and a point a rounding away from the surface, leave such dependences."""
-
-SHARE = 1e-6
-"""A coordinate whose share in the free directions is below this is not touched by them."""
 
 SIZES = 10
 """Vector of scratch: one over the scales of the coordinates (n,)."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from math import fabs, inf, isfinite, sqrt
 
+from mbm.target.decisions import EXACT, MET, POLISH, SETTLED
 from mbm.target.solver.beginning import constraint_count
 from mbm.target.solver.constraint_values import linearise, set_units
 from mbm.target.solver.description import (
@@ -29,7 +30,7 @@ from mbm.target.solver.manifolds import coordinates_of, retract
 from mbm.target.solver.newton import FRACTION, RELATIVE
 from mbm.target.solver.surface import SCALE, choose_free, surface_step, turn_place
 from mbm.target.solver.sweeps import sweep
-from mbm.target.solver.working import EXACT, change_working, largest_violation, pushes_on_bounds, set_working
+from mbm.target.solver.working import change_working, largest_violation, pushes_on_bounds, set_working
 from mbm.target.solver.workspace import (
     AT_COST,
     AT_LENGTH,
@@ -64,9 +65,6 @@ from mbm.target.solver.workspace import (
 )
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
-HOLDS = 1e-8
-"""… and where nothing gets better, below this: far below any standard deviation."""
-
 STEPS_AT_MOST = 20
 
 CLOSE = 0.3
@@ -74,10 +72,6 @@ CLOSE = 0.3
 
 SLOW = 0.2
 """Where the offset does not fall below this share, the second-order term is taken."""
-
-POLISH = 0.5
-SETTLED = 1e-4
-"""With that each step must be shorter by POLISH; a step of SETTLED standard deviations ends where none is."""
 
 
 def set_place(
@@ -223,10 +217,10 @@ def ending_of(
     small = offset <= constants[TOLERANCE] and sqrt(place[AT_PREDICTED]) <= constants[TOLERANCE]
     if worst <= EXACT and steps > 0 and small:
         return SMALL_OFFSET
-    if worst <= HOLDS and place[AT_LENGTH] <= place[AT_NOISE]:
+    if worst <= MET and place[AT_LENGTH] <= place[AT_NOISE]:
         return ROUNDING
     if fresh == 1 and not offset <= POLISH * before:
-        return ROUNDING if worst <= HOLDS and offset <= SETTLED else -1
+        return ROUNDING if worst <= MET and offset <= SETTLED else -1
     return RUNNING
 
 

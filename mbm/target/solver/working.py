@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from math import fabs
 
+from mbm.target.decisions import EXACT
 from mbm.target.solver.beginning import constraint_count
 from mbm.target.solver.description import (
     BLOCK,
@@ -37,9 +38,6 @@ from mbm.target.solver.workspace import (
     vector_at,
 )
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
-
-EXACT = 1e-12
-"""A constraint holds where its violation is below this share of its unit, or rounding."""
 
 
 def set_working(system: ConstantIntegers, data: ConstantIntegers, work: Reals) -> None:

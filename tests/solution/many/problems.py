@@ -143,6 +143,12 @@ PROBLEMS = {
     "fixed": (RANGES.format(more="(b :init 2.7m :fixed true)", when="", sigma="10mm", top="b"), epochs()),
     "filtered": (RANGES.format(more="", when=":when (< receiver 7)", sigma="10mm", top="2.7m"), epochs()),
     "prior": (RANGES.format(more="(h :init 0.9m :sigma 3cm)", when="", sigma="10mm", top="h"), epochs()),
+    "priors of rows": (
+        RANGES.format(more="", when="", sigma="10mm", top="2.7m").replace(
+            "(for-each", "(constraints (normal (p 3) 1m 30cm :over ranges)) (for-each"
+        ),
+        epochs(),
+    ),
     "gross errors": (RANGES.format(more="", when="", sigma="10mm", top="2.7m"), epochs(outliers=True)),
     "a loss": (LOSS, epochs(outliers=True)),
     "a loss that is wide": (LOSS.replace("huber", "(huber 5)"), epochs()),
@@ -184,6 +190,68 @@ PROBLEMS = {
         both(outliers=True),
     ),
     "a loss that is not convex": (LOSS.replace("huber", "cauchy"), epochs(outliers=True)),
+    "a loss of unknown noise beside others": (
+        BOTH.format(more="", sigma="unknown :loss huber", second="2cm", solve=""),
+        both(outliers=True),
+    ),
+    "a loss of unknown noise that is not convex beside others": (
+        BOTH.format(more="", sigma="unknown :loss cauchy", second="2cm", solve=""),
+        both(outliers=True),
+    ),
+    "a loss of unknown noise and a prior": (
+        LOSS.replace("10mm", "unknown")
+        .replace(":init [1.75m 1.75m 1m])", ":init [1.75m 1.75m 1m]) (b :init 0m :sigma 2mm)")
+        .replace("(= range (distance", "(= (- range b) (distance"),
+        epochs(outliers=True),
+    ),
+    "two losses of unknown noise": (
+        BOTH.format(more="", sigma="unknown :loss huber", second="unknown :loss soft-l1", solve=""),
+        both(outliers=True),
+    ),
+    "losses of noise known and unknown": (
+        BOTH.format(more="", sigma="unknown :loss huber", second="2cm :loss huber", solve=""),
+        both(outliers=True),
+    ),
+    "losses of unknown noise and a prior": (
+        BOTH.format(
+            more="(b :init 0m :sigma 2mm)", sigma="unknown :loss tukey", second="unknown :loss cauchy", solve=""
+        ).replace("(= range (distance", "(= (- range b) (distance"),
+        both(outliers=True),
+    ),
+    "a loss beside unknown noise": (
+        BOTH.format(more="", sigma="10mm :loss huber", second="unknown", solve=""),
+        both(outliers=True),
+    ),
+    "a loss that is not convex beside unknown noise": (
+        BOTH.format(more="", sigma="10mm :loss cauchy", second="unknown", solve=""),
+        both(outliers=True),
+    ),
+    "a loss of unknown noise beside unknown noise": (
+        BOTH.format(more="", sigma="unknown :loss huber", second="unknown", solve=""),
+        both(outliers=True),
+    ),
+    "a loss of unknown noise beside others without a start": (
+        BOTH.format(more="", sigma="unknown :loss huber", second="2cm", solve="").replace(
+            ":init [1.75m 1.75m 1m]", ":unit m"
+        ),
+        both(outliers=True),
+    ),
+    "windows of two unknown noises": (
+        BOTH.format(more="", sigma="unknown", second="unknown", solve="").replace(
+            "(for-each epoch)", "(window epoch :length 3 :step 1)"
+        ),
+        both(),
+    ),
+    "windows of a loss of unknown noise": (
+        WINDOWS.format(sigma="unknown :loss huber", each=SLID.format(length=0.3, step=0.2, least=3)),
+        track(outliers=True),
+    ),
+    "windows of a loss of unknown noise and a prior": (
+        WINDOWS.format(sigma="unknown :loss huber", each=SLID.format(length=0.3, step=0.2, least=3))
+        .replace(":init [1.75m 1.75m 1m])", ":init [1.75m 1.75m 1m]) (b :init 0m :sigma 2mm)")
+        .replace("(= range (distance", "(= (- range b) (distance"),
+        track(outliers=True),
+    ),
     "two losses that are not convex": (
         BOTH.format(more="", sigma="10mm :loss tukey", second="2cm :loss cauchy", solve=""),
         both(outliers=True),
@@ -199,6 +267,26 @@ PROBLEMS = {
         epochs(outliers=True),
     ),
     "consensus of unknown noise": (CONSENSUS.replace("10mm", "unknown"), epochs(outliers=True)),
+    "consensus of two unknown noises": (
+        BOTH.format(more="", sigma="unknown", second="unknown", solve="(solve :robust lmeds)"),
+        both(outliers=True),
+    ),
+    "consensus of one unknown noise of two": (
+        BOTH.format(more="", sigma="10mm", second="unknown", solve="(solve :robust msac)"),
+        both(outliers=True),
+    ),
+    "consensus of unknown noise with a prior": (
+        CONSENSUS.replace("10mm", "unknown")
+        .replace(":init [1.75m 1.75m 1m])", ":init [1.75m 1.75m 1m]) (b :init 0m :sigma 2mm)")
+        .replace("(= range (distance", "(= (- range b) (distance"),
+        epochs(outliers=True),
+    ),
+    "windows of consensus of two unknown noises": (
+        BOTH.format(more="", sigma="unknown", second="unknown", solve="(solve :robust lmeds)").replace(
+            "(for-each epoch)", "(window epoch :length 3 :step 1)"
+        ),
+        both(outliers=True),
+    ),
     "consensus of images": (
         IMAGES.replace("(for-each epoch)", "(solve :robust lmeds) (for-each epoch)"),
         images(outliers=True),

@@ -66,7 +66,9 @@ def test_any_number_of_workers_gives_the_same_document(name, monkeypatch):
     assert documents[1:] == documents[:-1]
 
 
-@pytest.mark.parametrize("name", ["biases, unequal", "biases, some unused", "poses, unequal", "levelling"])
+@pytest.mark.parametrize(
+    "name", ["biases, unequal", "biases, some unused", "poses, unequal", "levelling", "levelling, limits", "own limits"]
+)
 def test_documents_from_columns_are_those_of_the_reports(name):
     text, data = PROBLEMS[name]
     solved = mbm.loads(text).solve(data=data)

@@ -34,6 +34,13 @@ MADE_TOGETHER = [
     *("a loss of unknown noise", "a loss of unknown noise that is not convex"),
     *("two unknown noises", "one unknown noise of two", "unknown noise and a prior", "linear, two unknown noises"),
     *("windows of consensus", "windows of consensus without a start"),
+    *("a loss of unknown noise beside others", "a loss of unknown noise that is not convex beside others"),
+    *("a loss of unknown noise and a prior", "two losses of unknown noise", "losses of noise known and unknown"),
+    *("losses of unknown noise and a prior", "a loss beside unknown noise"),
+    *("a loss that is not convex beside unknown noise", "a loss of unknown noise beside unknown noise"),
+    *("windows of two unknown noises", "windows of a loss of unknown noise"),
+    *("windows of a loss of unknown noise and a prior", "windows of consensus of two unknown noises"),
+    *("consensus of two unknown noises", "consensus of one unknown noise of two"),
 ]
 
 
@@ -99,7 +106,14 @@ def test_columns_say_what_the_reports_say(name):
 KINDS = ["gross errors", "windows", "windows of consensus", "two unknown noises", "poses without a start"]
 
 
-@pytest.mark.parametrize("name", [*KINDS, "a loss of unknown noise", "windows with several minima"])
+LOSSES = [
+    "a loss of unknown noise",
+    "losses of unknown noise and a prior",
+    "consensus of two unknown noises",
+]
+
+
+@pytest.mark.parametrize("name", [*KINDS, *LOSSES, "windows with several minima", "windows of two unknown noises"])
 def test_any_number_of_workers_gives_the_same_document(name, monkeypatch):
     """With so few rows in a slice that there are several."""
     monkeypatch.setattr("mbm.solution.many.stack.ROWS_AT_ONCE", 60)

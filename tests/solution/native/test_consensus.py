@@ -210,12 +210,12 @@ def test_a_batch_is_its_data_sets_one_by_one_whatever_the_threads():
             np.testing.assert_array_equal(getattr(whole, name), expected)
 
 
-def test_data_sets_after_the_first_are_not_probed(monkeypatch):
+def test_data_sets_of_as_many_rows_as_the_first_are_not_probed(monkeypatch):
     compiled = mbm.loads(POSE.format(rule="msac")).compile(data=marks(1, 20, 8), backend="native")
     first = compiled.solve()
     monkeypatch.setattr("mbm.solution.native.consensus_forms.minimal_solver", None)
     monkeypatch.setattr("mbm.solution.robust.binding.minimal_solver", None)
-    second = compiled.solve(data=marks(2, 30, 12))
+    second = compiled.solve(data=marks(2, 20, 12))
     again = compiled.solve(data=marks(1, 20, 8))
     assert first.to_json() != second.to_json()
     np.testing.assert_array_equal(first.covariance.matrix, again.covariance.matrix)
@@ -242,3 +242,31 @@ def test_how_gross_one_error_is_changes_nothing(backend, gross):
     assert [each.status for each in found] == ["ok", "ok"]
     # The same rows agree, and their least squares is one point: to the solver's last step, far below sigma (1 mm).
     np.testing.assert_allclose(found[1]["p"].value, found[0]["p"].value, atol=1e-9)
+
+
+WITH_OFFSET = """
+(problem place (data ranges external) (unknowns (p (vector 3)) (b))
+  (observe d ranges (= range (+ b (norm (- p [x y z])))) :sigma (unknown 0.01))
+  (constraints (normal b 0.1 0.5))
+  (solve :robust lmeds))
+"""
+
+
+def with_offset(generator, rows):
+    stations = generator.uniform(-10.0, 10.0, (rows, 3))
+    measured = 0.1 + np.linalg.norm(stations - [1.0, 2.0, 3.0], axis=1) + generator.normal(0.0, 0.01, rows)
+    measured[0] += 3.0 if rows > 6 else 0.0
+    return {"ranges": {**dict(zip("xyz", stations.T, strict=True)), "range": measured}}
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_answers_do_not_depend_on_the_data_sets_before(turn):
+    """To the last bit, for few rows too, of which a closed form learns less."""
+    generator = np.random.default_rng(0)
+    sets = [with_offset(generator, rows) for rows in (5, 20, 5, 6, 12)]
+    compiled = mbm.loads(WITH_OFFSET).compile()
+    for data in sets[::turn]:
+        found, alone = compiled.solve(data=data).first, mbm.loads(WITH_OFFSET).solve(data=data).first
+        assert found.cost == alone.cost
+        for own, other in zip(found.estimates, alone.estimates, strict=True):
+            np.testing.assert_array_equal(own.value, other.value)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mbm.target.solver.description import HEADER
+from mbm.target.solver.description import COORDINATES, HEADER
 from mbm.target.solver.workspace import FLAGS, LOOSE, RANK, TOUCHED, step_at, work_integers, work_reals
 from tests.target.solver.test_linear_algebra import matrix
 
@@ -57,7 +57,7 @@ def covariance_of(solver, jacobian, sides):
     """Covariance, masked, condition, rank, free directions and the scratch of rows (m, n) without constraints."""
     n = jacobian.shape[1]
     system = np.zeros(HEADER, dtype=np.int64)
-    system[1] = n  # COORDINATES; nothing else matters to scratch without residuals
+    system[COORDINATES] = n  # nothing else matters to scratch without residuals
     work, flags = np.zeros(int(work_reals(system))), np.zeros(int(work_integers(system)), dtype=np.int64)
     triangle = np.zeros((n + 1, n + 1))
     upper = np.linalg.qr(np.hstack([jacobian, np.ones((len(jacobian), 1))]), mode="r")
