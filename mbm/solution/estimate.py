@@ -143,7 +143,7 @@ def answered(
         alternatives=end.others,
         tally=tally,
         origin=origin,
-        observability=observed,
+        observability=outcome.observed,
         covariance=outcome.covariance,
         derived_covariance=derived_covariance,
         derived=derived,

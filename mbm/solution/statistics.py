@@ -68,12 +68,14 @@ def statistics(
 
         plainly = blocked(equations).plain_block_jacobian(minimum.point, minimum.blocks.plan.arithmetic)
         jacobian = replace(minimum.blocks, values=plainly)
-        estimated, observed = sparse_sandwich(loss_lines(equations), plain, jacobian, observed, stated)
+        place = equations.coordinates(minimum.point)
+        estimated, observed = sparse_sandwich(loss_lines(equations), plain, jacobian, observed, stated, place)
     elif equations.lossy:
         from mbm.solution.robust.covariance import sandwich
 
         slopes = equations.plain_jacobian(minimum.point)
-        estimated = sandwich(loss_lines(equations), plain, slopes, observed, stated)
+        place = equations.coordinates(minimum.point)
+        estimated, observed = sandwich(loss_lines(equations), plain, slopes, observed, stated, place)
     else:
         estimated = covariance(observed, variance)
     alternative = _alternative(equations, minimum, noise) if factors is not None else None

@@ -299,6 +299,8 @@ class Observability:
     common motions among what is free; ``datum`` of their dimensions were settled by the minimum-norm datum, and are in
     no ``null_space`` any more: ``datum_space`` (n, k) is an orthonormal basis of what was free before, not scaled.
     ``inverse`` stands in for ``row_space`` (then empty) where there are very many coordinates.
+    ``flat`` counts the directions that the equations determine, but along which robust losses leave the cost without
+    curvature: they are in ``null_space`` and ``combinations``, though the rank counts them.
     """
 
     dimension: int
@@ -317,11 +319,12 @@ class Observability:
     datum: int = 0
     datum_space: Floats | None = None
     inverse: SparseInverse | None = field(default=None, repr=False)
+    flat: int = 0
 
     @property
     def observable(self) -> bool:
         """Every free coordinate is determined by the equations, or by the datum that was asked for."""
-        return self.rank + self.datum == self.dimension
+        return self.rank + self.datum - self.flat == self.dimension
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -38,7 +38,10 @@ SETTLED = 1e-4
 
 # --- consensus ------------------------------------------------------------------------------------------------------
 ATTEMPTS = 100
-"""Starts of closed forms that are looked at until one is where the units determine the unknowns."""
+"""Starts of closed forms that are looked at for one that fits most units, where the first is far off."""
+
+FAR = 3.0
+"""A start follows wrong units where what a few units give leaves most of all that many times less to explain."""
 
 LEAST_KEPT = 0.1
 """Of their variance, inliers keep this share at least: limits that leave less say nothing of it."""

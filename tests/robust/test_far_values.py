@@ -97,16 +97,17 @@ def rim(seed, far):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("noise", [":sigma 0.1", ""])
 @pytest.mark.parametrize("far", [100.0, 1e3])
 @pytest.mark.parametrize("seed", [20, 21])
-def test_a_circle_does_not_begin_where_wrong_points_lead(backend, seed, far):
+def test_a_circle_does_not_begin_where_wrong_points_lead(backend, seed, far, noise):
     """From thousands of radii away no few steps lead to the circle, though some arcs far off are told apart."""
     if backend == "native":
         pytest.importorskip("llvmlite")
     data, wrong = rim(seed, far)
     text = (
         "(problem rim (data points external) (unknowns (a) (b) (r positive))"
-        " (observe points (- (distance [x y] [a b]) r) :sigma 0.1) (solve :robust lmeds))"
+        f" (observe points (- (distance [x y] [a b]) r) {noise}) (solve :robust lmeds))"
     )
     found = mbm.loads(text).compile(data=data, backend=backend).solve()
     good = np.setdiff1d(np.arange(20), wrong)
@@ -115,3 +116,19 @@ def test_a_circle_does_not_begin_where_wrong_points_lead(backend, seed, far):
     assert found.status == "ok"
     # All good points lie within three stated deviations; scipy ends at 1e-8 of the unknowns, of a few units.
     np.testing.assert_allclose([float(found[name].value) for name in "abr"], known, atol=1e-6)
+
+
+def test_nor_do_the_circles_of_a_batch():
+    """Compiled code alone looks for the start of each."""
+    pytest.importorskip("llvmlite")
+    made = [rim(seed, 100.0) for seed in range(20, 60)]
+    data = {name: np.concatenate([one["points"][name] for one, _ in made]) for name in "xy"}
+    data["epoch"] = np.repeat(np.arange(len(made)), 20)
+    text = (
+        "(problem rims (data points external) (unknowns (a) (b) (r positive))"
+        " (observe points (- (distance [x y] [a b]) r)) (for-each epoch) (solve :robust lmeds))"
+    )
+    found = mbm.loads(text).compile(data={"points": data}).solve()
+    for solve in found.solves:
+        # A circle of fifteen points with errors of 0.1: 0.3 is more than five deviations of its centre and radius.
+        np.testing.assert_allclose([float(one.value) for one in solve.estimates], [3.0, 1.0, 2.0], atol=0.3)

@@ -41,6 +41,9 @@ SQUARED_TRACES = 5
 STATED = 6
 SUMS = 7
 
+FLAT = 1e-9
+"""A curvature below this share of the weights is rounding of none: no unit of the loss is inside its corner."""
+
 TOLD = 2.0
 """Degrees of freedom from which on residuals alone tell their spread; below, the stated noise counts as well."""
 
@@ -274,7 +277,7 @@ def sandwich(
                     )  # fmt: skip
                     slope = 1.0
                     if system[unit + UNIT_LOSS] != NO_LOSS:
-                        slope = sums[SLOPE] / max(sums[TOTAL], 1e-300)
+                        slope = curvature_left(sums)
                     factor = slope
                     if around == 1 and system[unit + UNIT_LOSS] != NO_LOSS:
                         factor = corrected(n, slope, sums, inverse, information, sides)
@@ -292,6 +295,12 @@ def sandwich(
                 return 0
     put_between(n, sides, inverse, spread, information, covariance)
     return good
+
+
+def curvature_left(sums: ConstantReals) -> Real:
+    """The factor of A in H."""
+    slope = sums[SLOPE] / max(sums[TOTAL], 1e-300)
+    return slope if fabs(slope) > FLAT else 0.0
 
 
 def put_between(
@@ -345,7 +354,7 @@ def corrected(
     else:
         mean = sums[TRACES] / count
         bend = 0.0
-        if mean > 0.0:
+        if slope > 0.0:
             bend = (sums[SQUARED_TRACES] / count - mean * mean) / (mean * mean)
         whole = 1.0 + share / count * bend
         found = spread * whole * whole * count / freedom
@@ -362,6 +371,7 @@ ROUTINES = (
     inverted,
     inverted_along,
     freed_of,
+    curvature_left,
     corrected,
     put_between,
     sandwich,

@@ -9,7 +9,7 @@ import numpy as np
 from mbm.solution.many.factor import filled, inverse_root
 from mbm.solution.many.stack import Portion
 from mbm.solution.nonlinearity import ORTHONORMAL
-from mbm.solution.robust.covariance import EXHAUSTED, least_spread
+from mbm.solution.robust.covariance import EXHAUSTED, curved, least_spread
 from mbm.solution.robust.losses.rooted import rooted, rooted_jacobian
 from mbm.solution.robust.scores import STATED_CUT
 from mbm.solution.robust.units import limits
@@ -86,6 +86,8 @@ def sandwiches(
     fixed = _information(_without_loss(portion), along)
     curvature = fixed + sum(pool.slope[:, None, None] * pool.information for pool in pools)
     half, sound = inverse_root(filled(curvature, gone))
+    # in these coordinates the weights leave 1 at least: where there is next to none of it, the general path decides
+    sound &= np.square(half).sum(axis=(1, 2)) < 1.0 / EXHAUSTED
     inverse = np.matmul(half, half.transpose(0, 2, 1))
     spread = fixed + sum(_corrected(pool, inverse)[:, None, None] * pool.information for pool in pools)
     whole = filled(spread, gone)
@@ -170,12 +172,13 @@ def _pool(loss: LossFunction, parts: Parts, residuals: Floats, along: Floats, kn
         off = np.square(traces / size - mean[solve])
         scattered += size * np.bincount(solve, weights=off, minlength=solves)
     safe = np.maximum(total, 1e-300)
+    factor = curved(slope / safe)
     return _Pool(
         information=_information(weights, along),
-        slope=slope / safe,
+        slope=factor,
         spread=spread / safe,
         count=count,
-        bend=np.where(mean > 0.0, scattered / count / np.square(mean), 0.0),
+        bend=np.where(factor > 0.0, scattered / count / np.square(mean), 0.0),
         total=total,
         stated=stated,
     )

@@ -18,10 +18,7 @@ from mbm.solution.robust.subsets import independent_columns
 from mbm.solution.robust.units import Units
 from mbm.solution.starting import Beginning, with_idle_ones
 from mbm.solution.types import Floats
-from mbm.target.decisions import ATTEMPTS
-
-FAR = 3.0
-"""A start follows wrong units where what a few units give leaves most of all that many times less to explain."""
+from mbm.target.decisions import ATTEMPTS, FAR
 
 
 def told_apart(

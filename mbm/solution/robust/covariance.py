@@ -8,21 +8,26 @@ number of components, ``A = Σ w JᵀJ`` is the information that the weights lea
 Residuals tell their spread as far as the weights leave more of them than unknowns. Where a loss that ends keeps no
 more rows than it takes to fit them exactly, ψ vanishes and with it G, though the next measurements scatter as ever:
 there the stated noise counts (`least_spread`).
+
+Beyond the corner of Huber's loss the cost is linear: where next to no residual is inside, ``Σ tr Dψ`` is rounding of
+zero, and what only these rows determine can be moved at no cost. Such directions count as free (`flattened`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
 from mbm.solution.covariance import in_datum
+from mbm.solution.freedom import free_combinations, touched_by
 from mbm.solution.robust.losses.function import LossFunction
 from mbm.solution.types import Covariance, Floats, Indices, Mask, Observability
 from mbm.values import dataclass
 
 EXHAUSTED = 1e-9
-"""A freedom below this share of the residuals is rounding of none."""
+"""A freedom below this share of the residuals is rounding of none; a curvature below this share of the weights too."""
 
 
 TOLD = 2.0
@@ -66,9 +71,11 @@ def sandwich(
     jacobian: Floats,
     observed: Observability,
     stated: Mask,
-) -> Covariance:
-    """The covariance of the n coordinates; ``losses`` with the places (units, k) of the residuals they act on.
+    point: Floats,
+) -> tuple[Covariance, Observability]:
+    """The covariance of the n coordinates ``point`` (n,), and ``observed`` with what losses leave free as well.
 
+    ``losses`` come with the places (units, k) of the residuals they act on.
     ``residuals`` (m,) and ``jacobian`` (m, n) are plain, whitened with the noise that the estimates hold with, which is
     ``stated`` (m,) or was estimated;
     ``observed`` is the rank decision, in whose estimable subspace the covariance lives.
@@ -85,12 +92,58 @@ def sandwich(
     curvature, spread = fixed.copy(), fixed.copy()
     for pool in pools:
         curvature += pool.slope * pool.information
+    free = flat_directions(curvature, fixed + sum(pool.information for pool in pools), observed)
+    if free is not None:
+        observed, kept = flattened(observed, free, point)
+        basis = basis @ kept
+        curvature, spread = kept.T @ curvature @ kept, kept.T @ spread @ kept
+        pools = [replace(pool, information=kept.T @ pool.information @ kept) for pool in pools]
     inverse = np.asarray(np.linalg.pinv(curvature, hermitian=True), dtype=np.float64)
     for pool in pools:
         spread += _corrected(pool, inverse) * pool.information
     lengths, axes = np.linalg.eigh(spread)
     factor = basis @ inverse @ (axes * np.sqrt(np.maximum(lengths, 0.0)))
-    return _covariance(in_datum(factor, observed), ~observed.estimable & ~observed.fixed)
+    return _covariance(in_datum(factor, observed), ~observed.estimable & ~observed.fixed), observed
+
+
+def curved(slope: float | Floats) -> Floats:
+    """The factors of A in H, 0 where they are rounding of it."""
+    return np.where(np.abs(slope) > EXHAUSTED, slope, 0.0)
+
+
+def flat_directions(curvature: Floats, weighed: Floats, observed: Observability) -> Floats | None:
+    """Directions (r, k) along which ``curvature`` (r, r) is next to nothing of what is ``weighed`` (r, r); None: none.
+
+    Both in the coordinates of ``row_space``. Divided by the singular values they are well conditioned, as the
+    derivatives of the square-root form are never larger than the weights: ``w² s/ρ ≤ w``.
+    """
+    strengths = observed.singular_values[: len(curvature)]
+    across = np.outer(strengths, strengths)
+    if not (np.isfinite(curvature).all() and np.isfinite(weighed).all()):
+        return None
+    root = np.linalg.inv(np.linalg.cholesky(weighed / across))
+    shares, axes = np.linalg.eigh(root @ (curvature / across) @ root.T)
+    flat = ~(shares > EXHAUSTED)
+    if not flat.any():
+        return None
+    found = root.T @ axes[:, flat] / strengths[:, None]
+    return np.asarray(found / np.sqrt(np.square(found).sum(axis=0)), dtype=np.float64)
+
+
+def flattened(observed: Observability, free: Floats, point: Floats) -> tuple[Observability, Floats]:
+    """The rank decision with the directions ``free`` (r, k) of its row space, and the others (r, r − k) of that."""
+    count = free.shape[1]
+    turned = np.linalg.qr(free, mode="complete")[0]
+    lost, kept = observed.row_space @ turned[:, :count], turned[:, count:]
+    changed = replace(
+        observed,
+        row_space=observed.row_space @ kept,
+        null_space=np.hstack([observed.null_space, lost]),
+        combinations=(*observed.combinations, *free_combinations(lost, observed.scale, point)),
+        estimable=observed.estimable & ~touched_by(lost),
+        flat=count,
+    )
+    return changed, kept
 
 
 def _pool(loss: LossFunction, parts: list[Indices], residuals: Floats, along: Floats, stated: Mask) -> _Pool:
@@ -112,11 +165,12 @@ def _pool(loss: LossFunction, parts: list[Indices], residuals: Floats, along: Fl
         slopes.append(np.repeat(traces / size, size))
     every = np.concatenate(slopes)
     mean = float(every.mean()) if every.size else 1.0
-    bend = float(every.var()) / mean**2 if every.size and mean > 0.0 else 0.0
     safe = max(total, 1e-300)
+    factor = float(curved(slope / safe))
+    bend = float(every.var()) / mean**2 if every.size and factor > 0.0 else 0.0
     return _Pool(
         information=information,
-        slope=slope / safe,
+        slope=factor,
         spread=spread / safe,
         count=every.size,
         bend=bend,

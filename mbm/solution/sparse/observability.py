@@ -9,7 +9,7 @@ import numpy as np
 from mbm.solution.freedom import free_combination, touched_by
 from mbm.solution.sparse.rank import Decision, decided
 from mbm.solution.sparse.structure import BlockJacobian
-from mbm.solution.types import Covariance, Floats, FreeCombination, Minimum, Observability, Propagated
+from mbm.solution.types import Covariance, Floats, FreeCombination, Mask, Minimum, Observability, Propagated
 from mbm.target.decisions import SHARE
 
 NAMED = 20
@@ -25,12 +25,16 @@ PART = 4_000_000
 @np.errstate(all="ignore")
 def sparse_observability(minimum: Minimum, blocks: BlockJacobian, point: Floats) -> Observability:
     """The rank decision at a minimum whose Jacobian comes in ``blocks``, with the coordinates ``point`` (n,)."""
-    layout = blocks.plan.structure
     fixed = minimum.at_bound != 0
-    held = np.zeros(layout.columns, dtype=bool)
-    held[layout.free] = fixed
-    found = decided(blocks.plan, blocks.values, held)
+    held = np.zeros(blocks.plan.structure.columns, dtype=bool)
+    held[blocks.plan.structure.free] = fixed
+    return described(decided(blocks.plan, blocks.values, held), point, fixed)
+
+
+def described(found: Decision, point: Floats, fixed: Mask) -> Observability:
+    """A rank decision at ``point`` (n,), of whose coordinates some are ``fixed`` (n,)."""
     inverse = found.inverse
+    layout = inverse.factors.plan.structure
     common = inverse.null[layout.free]
     unused = found.unused[layout.free]
     scale = inverse.scale[layout.free]
@@ -106,7 +110,7 @@ def sparse_propagate(gradient: Floats, observed: Observability, estimated: Covar
     image = np.empty((count, len(observed.scale)))
     along = np.empty(count)
     step = max(PART // max(image.shape[1], 1), 1)
-    unused = np.array(observed.unused, dtype=np.int64)
+    unused = np.flatnonzero(inverse.zero[inverse.factors.plan.structure.free] & ~observed.fixed)
     for start in range(0, count, step):
         part = gradient[start : start + step]
         image[start : start + step] = inverse.solve(part.T).T

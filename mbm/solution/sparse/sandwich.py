@@ -12,10 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.solution.robust.covariance import EXHAUSTED, least_spread
+from mbm.solution.freedom import free_combination, free_combinations
+from mbm.solution.robust.covariance import EXHAUSTED, curved, least_spread
 from mbm.solution.robust.losses.function import LossFunction
-from mbm.solution.sparse.observability import sparse_covariance
-from mbm.solution.sparse.rank import decided
+from mbm.solution.sparse.observability import NAMED, described, sparse_covariance
+from mbm.solution.sparse.rank import Decision, decided
 from mbm.solution.sparse.structure import BlockJacobian
 from mbm.solution.types import Covariance, Floats, Indices, Mask, Observability
 
@@ -24,9 +25,10 @@ Losses = Iterable[tuple[LossFunction, Indices]]
 
 @np.errstate(all="ignore")
 def sparse_sandwich(
-    losses: Losses, residuals: Floats, blocks: BlockJacobian, observed: Observability, stated: Mask
+    losses: Losses, residuals: Floats, blocks: BlockJacobian, observed: Observability, stated: Mask, point: Floats
 ) -> tuple[Covariance, Observability]:
-    """The covariance, and ``observed`` with the inverse that derived quantities are propagated with.
+    """The covariance at the coordinates ``point`` (n,), and ``observed`` with what losses leave free as well, and with
+    the inverse that derived quantities are propagated with.
 
     ``losses`` have the places (units, k) of the residuals that they act on; ``residuals`` (m,) and the Jacobian in
     ``blocks`` are plain, whitened with the noise that the estimates hold with, which is ``stated`` (m,) or estimated.
@@ -43,15 +45,15 @@ def sparse_sandwich(
     held = _held(blocks, observed.fixed)
     factors = weight.copy()
     for _, places in pools:
-        factors[places] *= float(slope[places].sum()) / max(float(weight[places].sum()), 1e-300)
+        factors[places] *= _factor(slope[places], weight[places])
     inverse = decided(blocks.plan, _weighted(blocks, np.sqrt(np.maximum(factors, 0.0)), every), held).inverse
     leverages = inverse.leverages(_weighted(blocks, np.sqrt(np.maximum(factors, 0.0)), every), observed.fixed)
     for _, places in pools:
         total = max(float(weight[places].sum()), 1e-300)
-        mean = float(slope[places].sum()) / total
+        mean = _factor(slope[places], weight[places])
         spread = float(np.square(weight[places] * residuals[places]).sum()) / total
         share = float(leverages[places].sum())
-        bend = float(slope[places].var()) / max(float(slope[places].mean()) ** 2, 1e-300)
+        bend = float(slope[places].var()) / float(slope[places].mean()) ** 2 if mean > 0.0 else 0.0
         if len(places) - share <= EXHAUSTED * len(places):
             spread = 1.0
         else:
@@ -59,10 +61,33 @@ def sparse_sandwich(
             known = float(weight[places][stated[places]].sum())
             spread = max(spread, float(least_spread(mean, total, known, share)))
         factors[places] = weight[places] * mean * mean / max(spread, 1e-300)
-    final = decided(blocks.plan, _weighted(blocks, np.sqrt(factors), every), held).inverse
-    estimable = observed.estimable & ~final.single()
-    settled = replace(observed, inverse=final, estimable=estimable)
+    final = decided(blocks.plan, _weighted(blocks, np.sqrt(factors), every), held)
+    settled = _settled(observed, final, point)
     return sparse_covariance(settled, 1.0), settled
+
+
+def _factor(slope: Floats, weight: Floats) -> float:
+    """The factor of A in H; the pools of sparse problems leave no information rather than less than none."""
+    return max(float(curved(float(slope.sum()) / max(float(weight.sum()), 1e-300))), 0.0)
+
+
+def _settled(observed: Observability, final: Decision, point: Floats) -> Observability:
+    """``observed`` with the inverse of the information that losses leave, and what that leaves free beside it."""
+    now = described(final, point, observed.fixed)
+    flat = observed.rank - now.rank
+    if flat <= 0:
+        return replace(observed, inverse=final.inverse, estimable=observed.estimable & ~final.inverse.single())
+    alone = sorted(set(now.unused) - set(observed.unused))[:NAMED]
+    each = tuple(free_combination(np.eye(1, len(point), place)[0], now.scale, point) for place in alone)
+    common = free_combinations(now.null_space, now.scale, point)
+    return replace(
+        observed,
+        inverse=final.inverse,
+        null_space=now.null_space,
+        combinations=(*common, *now.combinations, *each),
+        estimable=observed.estimable & now.estimable,
+        flat=flat,
+    )
 
 
 def _each(losses: list[tuple[LossFunction, Indices]]) -> list[LossFunction]:

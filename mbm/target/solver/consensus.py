@@ -222,7 +222,8 @@ def agree(
     """
     # fmt: off
     begin_agreement(
-        system, data, parameters, weights, index, columns, rules, levels, forms, starts, work, bench, places, states
+        system, constants, data, parameters, weights, index, columns, rules, levels, forms, starts, work, bench, places,
+        states,
     )
     progress = places[progress_at(system, rules) :]
     fit_trials(
@@ -290,7 +291,8 @@ def agree_by_and_by(
     # fmt: off
     if begin == 1:
         begin_agreement(
-            system, data, parameters, weights, index, columns, rules, levels, forms, starts, work, bench, places, states
+            system, constants, data, parameters, weights, index, columns, rules, levels, forms, starts, work, bench,
+            places, states,
         )
     progress = places[progress_at(system, rules) :]
     if end == 0:

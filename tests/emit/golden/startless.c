@@ -41,10 +41,7 @@ static const long MAP_PLACES[1] = {
 
 /* From the data of a row to what the closed form for subsets wants. */
 static const double MAPS[20] = {
-    1.000000000000001, 7.675594203431247e-16, 6.4311981309610965e-15, 0.0, 0.0, 1.0205161519245374e-15,
-    1.0000000000000013, 1.0541586835780159e-14, 0.0, 0.0, 4.232057494476387e-15, 4.740408162558791e-15,
-    1.000000000000038, 0.0, 0.0, -4.529709940470639e-14, -5.218048215738236e-14, -4.2810199829546036e-13, 0.0,
-    0.0
+    1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 };
 
 #define TOLERANCE 1e-10    /* of the next step, in standard deviations */
@@ -228,8 +225,8 @@ static int set_up_p(struct frame *f)
                 f->start[number + c] = data->start_p[m * 2 + c];
             continue;
         }
-        f->start[number + 0] = 0.9823859505645804;
-        f->start[number + 1] = 1.9745705563164946;
+        f->start[number + 0] = 0.9823859505645803;
+        f->start[number + 1] = 1.9745705563164953;
     }
     return 0;
 }
