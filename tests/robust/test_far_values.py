@@ -132,3 +132,24 @@ def test_nor_do_the_circles_of_a_batch():
     for solve in found.solves:
         # A circle of fifteen points with errors of 0.1: 0.3 is more than five deviations of its centre and radius.
         np.testing.assert_allclose([float(one.value) for one in solve.estimates], [3.0, 1.0, 2.0], atol=0.3)
+
+
+def test_a_far_value_may_be_all_there_is_in_its_table():
+    """Recognition of ranges leaves such rows out: then a table has none."""
+    generator = np.random.default_rng(0)
+    stations = generator.uniform(-10.0, 10.0, (8, 2))
+    measured = np.hypot(*(stations - [1.0, 2.0]).T) + generator.normal(0.0, 0.01, 8)
+    data = {
+        "near": {"x": stations[:, 0], "y": stations[:, 1], "range": measured},
+        "far": {"x": np.array([3.0]), "y": np.array([4.0]), "range": np.array([1e18])},
+    }
+    text = """
+(problem place (data near external) (data far external) (unknowns (p (vector 2)))
+  (observe own near (= range (norm (- p [x y]))) :sigma 0.01)
+  (observe other far (= range (norm (- p [x y]))) :sigma 0.01)
+  (solve :robust lmeds))
+"""
+    found = mbm.loads(text).solve(data=data).first
+    assert found.status.label == "converged"
+    # Five times the sigma of a place from eight ranges of 1 cm around it.
+    np.testing.assert_allclose(found.estimates[0].value, [1.0, 2.0], atol=0.05)

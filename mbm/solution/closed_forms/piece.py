@@ -50,7 +50,8 @@ class Piece:
             roles=np.tile(self.roles, (count, 1)),
         )
         values, slopes = every._linearised(every._alone(every._given(points.repeat(rows, axis=0))), width)
-        return values.reshape(count, rows, -1), slopes.reshape(count, rows, -1, width)
+        outputs = values.shape[1]  # there may be no rows to tell it
+        return values.reshape(count, rows, outputs), slopes.reshape(count, rows, outputs, width)
 
     def _linearised(self, filled: tuple[Evaluation, Indices | slice], width: int) -> tuple[Floats, Floats]:
         evaluation, rows = filled
