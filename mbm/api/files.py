@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from mbm import compiler
 from mbm.api.problem import load, opened
 from mbm.compiler import Inputs, SolveSettings
+from mbm.files.source import read_file
 from mbm.problem.types import Override
-from mbm.text.files import read_file
 from mbm.text.types import Diagnostic, Source
 
 if TYPE_CHECKING:

@@ -15,9 +15,9 @@ from mbm.api.compiled import CompiledProblem, Origin, as_json, compiled
 from mbm.api.reading import Reading
 from mbm.api.recall import Text
 from mbm.compiler import Inputs
+from mbm.files.source import read_file
 from mbm.problem.types import Override
 from mbm.registry import Registry, standard_registry
-from mbm.text.files import read_file
 from mbm.text.types import Diagnostic, MbmError, Source
 from mbm.values import dataclass
 

@@ -24,9 +24,9 @@ from typing import TYPE_CHECKING, Any
 
 from mbm import compiler
 from mbm.compiler import Inputs
+from mbm.files.source import read_file
 from mbm.problem.elaborated import Consulted, Elaborated
 from mbm.problem.types import Problem
-from mbm.text.files import read_file
 from mbm.text.types import MbmError, Source
 from mbm.values import dataclass
 from mbm.version import __version__

@@ -5,11 +5,10 @@ from __future__ import annotations
 from hashlib import sha256
 from io import BufferedIOBase, BytesIO
 from pathlib import Path
-from stat import S_ISREG
 
 from mbm.data import faults
-from mbm.text.faults import missing_file
-from mbm.text.types import DataPlace, MbmError, Place
+from mbm.files import reading
+from mbm.text.types import DataPlace, MbmError
 
 LARGEST_FILE = 2_000_000_000
 """The size in bytes from which on a file is refused: its table would not fit the memory of an ordinary machine."""
@@ -22,41 +21,14 @@ COMPRESSED = (".gz", ".bz2", ".xz")
 """Endings of compressed files; the ending before it tells the format."""
 
 
-def check_file(path: Path, place: Place, *, largest: int = LARGEST_FILE) -> None:
-    """Check that ``path`` is an ordinary file of bounded size; a fault stands at ``place``.
-
-    Pipes and devices are refused: reading them may never end.
-    Raises MbmError: missing-file, not-a-file, unreadable-file, file-too-large.
-    """
-    shown = path.as_posix()
-    try:
-        status = path.stat()
-    except (FileNotFoundError, NotADirectoryError):
-        raise MbmError(missing_file(path, place)) from None
-    except OSError as error:
-        raise MbmError(faults.unreadable_file(place, shown, error.strerror or str(error))) from None
-    except ValueError:  # a NUL character in the name: no such file can exist
-        raise MbmError(missing_file(path, place)) from None
-    if not S_ISREG(status.st_mode):
-        raise MbmError(faults.not_a_file(place, shown, folder=path.is_dir()))
-    if status.st_size > largest:
-        raise MbmError(faults.file_too_large(place, shown, status.st_size, largest))
-
-
 def read_bytes(path: Path, *, largest: int = LARGEST_FILE) -> tuple[bytes, str]:
     """The content of a file, read once and unpacked, and the SHA-256 digest of its bytes in hexadecimal.
 
-    Raises MbmError as ``check_file`` does, and empty-file, damaged-archive.
+    Raises MbmError as `mbm.files.reading.read_bytes` does, and empty-file, damaged-archive; file-too-large also for
+    what it unpacks to.
     """
     place = DataPlace(file=path.as_posix())
-    check_file(path, place, largest=largest)
-    try:
-        with path.open("rb") as stream:
-            content = stream.read(largest + 1)
-    except OSError as error:
-        raise MbmError(faults.unreadable_file(place, place.file, error.strerror or str(error))) from None
-    if len(content) > largest:  # it grew since it was checked
-        raise MbmError(faults.file_too_large(place, place.file, len(content), largest))
+    content = reading.read_bytes(path, place, largest=largest)
     if not content:
         raise MbmError(faults.empty_file(place))
     digest = sha256(content).hexdigest()

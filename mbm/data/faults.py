@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from mbm.files import faults as file_faults
 from mbm.problem.tables import CellKey
 from mbm.text.suggest import closest
 from mbm.text.types import Code, DataPlace, Diagnostic, Label, Place
@@ -11,21 +12,6 @@ from mbm.text.types import Code, DataPlace, Diagnostic, Label, Place
 LONGEST_CELL_SHOWN = 40
 MOST_NAMES_SHOWN = 12
 
-NOT_A_FILE = Code(
-    "not-a-file",
-    "A data path leads to a folder, a pipe or a device. Only ordinary files are read, because others may never end.",
-    "Name a file; write what comes through a pipe to a file first.",
-)
-UNREADABLE_FILE = Code(
-    "unreadable-file",
-    "The operating system does not let the file be read.",
-    "Look at the permissions of the file and of the folders above it.",
-)
-FILE_TOO_LARGE = Code(
-    "file-too-large",
-    "A data file is larger than the bound that keeps a slip from filling the memory.",
-    "Split the file, leave out columns that are not used, or hand over the table through the Python API.",
-)
 EMPTY_FILE = Code(
     "empty-file",
     "A data file holds nothing, not even the names of its columns.",
@@ -152,27 +138,10 @@ def _names(names: Iterable[str]) -> str:
     return ", ".join(every[:MOST_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
-def not_a_file(place: Place, path: str, *, folder: bool) -> Diagnostic:
-    """``path`` leads to something that is no ordinary file."""
-    what = "a folder" if folder else "a pipe or a device"
-    return Diagnostic(code=NOT_A_FILE, message=f"`{path}` is {what}, not a file", place=place)
-
-
-def unreadable_file(place: Place, path: str, reason: str) -> Diagnostic:
-    """The operating system refuses; ``reason`` is what it says."""
-    return Diagnostic(code=UNREADABLE_FILE, message=f"the file `{path}` cannot be read: {reason}", place=place)
-
-
-def file_too_large(place: Place, path: str, size: int, largest: int) -> Diagnostic:
-    """``size`` bytes, where ``largest`` are allowed."""
-    message = f"the file `{path}` holds {size:,} bytes of data, more than the {largest:,} that are read"
-    return Diagnostic(code=FILE_TOO_LARGE, message=message, place=place)
-
-
 def unpacks_too_large(place: DataPlace, packed: int, largest: int) -> Diagnostic:
     """A compressed file of ``packed`` bytes with more than ``largest`` bytes in it."""
     message = f"the {packed:,} bytes of `{place.file}` unpack to more than the {largest:,} that are read of them"
-    return Diagnostic(code=FILE_TOO_LARGE, message=message, place=place)
+    return Diagnostic(code=file_faults.FILE_TOO_LARGE, message=message, place=place)
 
 
 def empty_file(place: DataPlace) -> Diagnostic:

@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import TypeAlias
 
 from mbm.data import faults
-from mbm.data.content import COMPRESSED, check_file
+from mbm.data.content import COMPRESSED, LARGEST_FILE
 from mbm.data.given import table_from_given
 from mbm.data.inline import table_from_inline
 from mbm.data.shaping import shape
 from mbm.data.types import ManyReader, RawTable, Reader, asked
+from mbm.files.faults import unreadable_file
+from mbm.files.reading import check_ordinary
 from mbm.problem.tables import EXTERNAL, Table, TableDeclaration
 from mbm.text.types import Diagnostic, Label, MbmError, Span
 
@@ -147,7 +149,7 @@ def _read(
     """Read a file that lies where it may; whether it is there is said of the place that names it."""
     if sandbox is not None:
         _check_confined(path, declaration, sandbox)
-    check_file(path, declaration.span)
+    check_ordinary(path, declaration.span, largest=LARGEST_FILE)
     if isinstance(reader, Reader):
         return reader.read(path)
     found = parts.get((reader.name, path))
@@ -164,6 +166,6 @@ def _check_confined(path: Path, declaration: TableDeclaration, sandbox: Path) ->
         confined = path.resolve().is_relative_to(sandbox.resolve())
     except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a name too long, a NUL in it
         reason = str(error)
-        raise MbmError(faults.unreadable_file(declaration.span, path.as_posix(), reason)) from None
+        raise MbmError(unreadable_file(path, reason, declaration.span)) from None
     if not confined:
         raise MbmError(faults.outside_sandbox(declaration.span, path.as_posix(), sandbox.as_posix()))

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import field
 from pathlib import Path
 
+from mbm.files.source import read_file
 from mbm.language import faults
 from mbm.language.functions import Definition, parse_definition
 from mbm.language.limits import Limits
 from mbm.language.parameters import Parameters, parse_parameters
-from mbm.text.files import read_file
 from mbm.text.reader import read
 from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Source, Span, Symbol, Text
 from mbm.values import dataclass

@@ -9,12 +9,12 @@ from posixpath import normpath
 
 from mbm.data.pose_graphs import with_measurements
 from mbm.data.writers import WRITERS
+from mbm.files.source import read_file
 from mbm.language.program import Program
 from mbm.problem.clauses import effective_clauses, select_problem
 from mbm.problem.tables import Column, TableDeclaration
 from mbm.problem.types import Problem
 from mbm.report.simulated import Simulated, SimulatedTable
-from mbm.text.files import read_file
 from mbm.text.reader import read
 from mbm.text.types import Numeral, Sequence, Source, Span, Symbol, Text
 from mbm.values import dataclass

@@ -7,6 +7,9 @@ import numpy as np
 from mbm.solution.types import Floats, FreeCombination, Mask
 from mbm.target.decisions import SHARE
 
+TIED = 1e-6
+"""Relative difference of two pivots that may be rounding: the first of them is taken, on every processor."""
+
 
 def free_combinations(null_space: Floats, scale: Floats, point: Floats) -> tuple[FreeCombination, ...]:
     """A readable basis of the free directions: few coordinates in each, separate groups apart.
@@ -17,7 +20,8 @@ def free_combinations(null_space: Floats, scale: Floats, point: Floats) -> tuple
     rows = np.array(null_space.T)
     pivots: list[int] = []
     for done in range(rows.shape[0]):
-        best, column = divmod(int(np.argmax(np.abs(rows[done:]))), rows.shape[1])
+        sizes = np.abs(rows[done:])
+        best, column = divmod(int(np.argmax(sizes >= (1.0 - TIED) * sizes.max())), rows.shape[1])
         rows[[done, done + best]] = rows[[done + best, done]]
         rows[done] /= rows[done, column]
         others = np.flatnonzero(np.arange(rows.shape[0]) != done)

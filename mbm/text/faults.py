@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import islice
 from pathlib import Path
 
-from mbm.text.suggest import closest
 from mbm.text.types import Code, DataPlace, Diagnostic, Label, Place, Span
 
 UNCLOSED_BRACKET = Code(
@@ -83,22 +81,10 @@ MORE_FAULTS = Code(
     "The text has more faults than are worth printing; only the first are shown.",
     "Mend the ones shown first. If the file is no .mbm file, name the right one.",
 )
-MISSING_FILE = Code(
-    "missing-file",
-    "A file that is to be read does not exist. Paths in a problem are relative to the problem file, paths on the "
-    "command line to the folder that the command runs in.",
-    "Correct the path; a table can also be given with `--data NAME=PATH`.",
-)
 MISSING_EXTRA = Code(
     "missing-extra",
     "What was asked for needs a library that the core installation leaves out.",
     "Install mbm with the extra that the message names.",
-)
-NOT_A_FILE = Code("not-a-file", "A path that is to be read as a file is a directory.", "Name a file in it.")
-UNREADABLE_FILE = Code(
-    "unreadable-file",
-    "The system refuses to read a file.",
-    "Check the permissions of the file and of the folders above it.",
 )
 NOT_TEXT = Code(
     "not-text",
@@ -110,12 +96,6 @@ TEXT_TOO_LARGE = Code(
     "The text is larger than a problem file can reasonably be.",
     'Keep measurements in data files and name them: `(data ranges (csv "ranges.csv"))`.',
 )
-
-NEIGHBOURS_LOOKED_AT = 1000
-"""Files of a folder that a missing file's name is compared with."""
-
-LONGEST_PATH = 400
-"""Characters of a path that a message shows: a path cut short is of little use."""
 
 _PARTNER = {"(": ")", "[": "]"}
 
@@ -286,34 +266,6 @@ def more_faults(count: int, place: Place | None) -> Diagnostic:
         message=f"{count} more {'fault' if count == 1 else 'faults'} from here on",
         place=place,
         hint="mend the ones above first",
-    )
-
-
-def missing_file(path: Path, place: Place) -> Diagnostic:
-    """``place`` is where the file was asked for; the hint names a file of its folder that is spelt much the same."""
-    name = shown(path.as_posix(), LONGEST_PATH)
-    try:
-        neighbours = [entry.name for entry in islice(path.parent.iterdir(), NEIGHBOURS_LOOKED_AT)]
-    except (OSError, ValueError):  # the folder is missing too, or its name cannot be one
-        message, near = f"the file `{name}` does not exist, nor does its folder", None
-    else:
-        message, near = f"the file `{name}` does not exist", closest(path.name, neighbours)
-    hint = "check the path" if near is None else f"did you mean `{near}`?"
-    return Diagnostic(code=MISSING_FILE, message=message, place=place, hint=hint)
-
-
-def not_a_file(path: Path, place: Place) -> Diagnostic:
-    """A directory where a file is wanted."""
-    return Diagnostic(code=NOT_A_FILE, message=f"`{shown(path)}` is a directory", place=place, hint="name a file in it")
-
-
-def unreadable_file(path: Path, reason: str, place: Place) -> Diagnostic:
-    """``reason`` is what the system says."""
-    return Diagnostic(
-        code=UNREADABLE_FILE,
-        message=f"`{shown(path)}` cannot be read: {reason}",
-        place=place,
-        hint="check the permissions",
     )
 
 

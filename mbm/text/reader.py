@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from mbm.text import faults
 from mbm.text.atoms import atom, span_of, token_faults
+from mbm.text.characters import check_characters
 from mbm.text.comments import Comment, blank_blocks, find_comments
-from mbm.text.files import check_characters
 from mbm.text.grammar import parse, tokenize
 from mbm.text.structure import nesting_faults
 from mbm.text.types import (

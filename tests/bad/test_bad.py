@@ -55,7 +55,7 @@ ELSEWHERE = {
     "unclear-measurement": "simulation/test_measurements.py",
     "unknown-backend": "bad/test_made.py",
     "unknown-observation": "simulation/test_measurements.py",
-    "unreadable-file": "text/test_syntax_errors.py",
+    "unreadable-file": "files/test_reading.py",
     "values-against-constraint": "simulation/test_measurements.py",
     "wrong-argument": "api/test_arguments.py",
     "wrong-input": "api/test_estimator.py",

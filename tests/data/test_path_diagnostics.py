@@ -7,10 +7,10 @@ import os
 
 import pytest
 
-from mbm.data.content import check_file, read_bytes
+from mbm.data.content import read_bytes
 from mbm.data.loader import load
 from mbm.data.readers import READERS
-from mbm.text.types import DataPlace, Span
+from mbm.text.types import Span
 
 
 def path_fault(faults_of, declaration, base, **more):
@@ -65,7 +65,7 @@ def test_a_file_that_the_system_refuses(tmp_path, declare, faults_of, monkeypatc
     def refuse(*_arguments, **_options):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("pathlib.Path.open", refuse)  # permissions do not bind the superuser
+    monkeypatch.setattr("os.open", refuse)  # permissions do not bind the superuser
     (fault,) = faults_of(load, declare(), base=tmp_path, given={}, paths={}, sandbox=None, readers=READERS)
     assert fault.code.name == "unreadable-file"
     assert "cannot be read: Permission denied" in fault.message
@@ -88,11 +88,11 @@ def test_a_file_too_large(tmp_path, declare, faults_of):
 def test_a_file_that_grows_while_it_is_read(tmp_path, monkeypatch, faults_of):
     path = tmp_path / "d.csv"
     path.write_text("x\n1\n")
-    monkeypatch.setattr("mbm.data.content.check_file", lambda *_arguments, **_options: None)
-    (fault,) = faults_of(read_bytes, path, largest=3)
+    with monkeypatch.context() as looked_at_before:
+        looked_at_before.setattr("mbm.files.reading.check_ordinary", lambda *_arguments, **_options: None)
+        (fault,) = faults_of(read_bytes, path, largest=3)
     assert fault.code.name == "file-too-large"
-    monkeypatch.undo()
-    check_file(path, DataPlace(file="d.csv"), largest=4)
+    assert read_bytes(path, largest=4)[0] == b"x\n1\n"
 
 
 def test_a_small_file_that_unpacks_to_fill_the_memory(tmp_path, faults_of):

@@ -5,8 +5,8 @@ import re
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mbm.files.source import read_file
 from mbm.text.comments import find_comments
-from mbm.text.files import read_file
 from mbm.text.formatter import format_text
 from mbm.text.printer import print_form
 from mbm.text.reader import read

@@ -3,9 +3,9 @@
 import pytest
 
 from mbm.text import faults
-from mbm.text.files import LARGEST_TEXT, read_file
+from mbm.text.characters import LARGEST_TEXT
 from mbm.text.reader import MOST_FAULTS, read
-from mbm.text.types import Code, DataPlace, MbmError, Source
+from mbm.text.types import Code, MbmError, Source
 
 
 def diagnostics_of(text):
@@ -48,7 +48,7 @@ def test_each_code_points_at_its_place_and_comes_alone(code):
 
 def test_every_code_of_the_stage_has_a_test():
     codes = {value.name for value in vars(faults).values() if isinstance(value, Code)}
-    elsewhere = {"missing-file", "not-a-file", "unreadable-file", "text-too-large", "more-faults", "missing-extra"}
+    elsewhere = {"text-too-large", "more-faults", "missing-extra"}
     assert codes == CASES.keys() | elsewhere
 
 
@@ -115,58 +115,3 @@ def test_half_a_surrogate_pair_is_no_text():
 def test_a_text_beyond_the_limit_is_refused():
     (diagnostic,) = diagnostics_of(" " * (LARGEST_TEXT + 1))
     assert diagnostic.code is faults.TEXT_TOO_LARGE
-
-
-def file_diagnostic(path):
-    with pytest.raises(MbmError) as caught:
-        read_file(path, "f.mbm")
-    (diagnostic,) = caught.value.diagnostics
-    return diagnostic
-
-
-def test_a_missing_file(tmp_path):
-    diagnostic = file_diagnostic(tmp_path / "none.mbm")
-    assert diagnostic.code is faults.MISSING_FILE
-    assert diagnostic.place == DataPlace(file="f.mbm")
-
-
-def test_a_directory(tmp_path):
-    assert file_diagnostic(tmp_path).code is faults.NOT_A_FILE
-
-
-@pytest.mark.parametrize("name", ["a\0b", "a" * 5000])
-def test_a_name_that_no_file_can_have(tmp_path, name):
-    assert file_diagnostic(tmp_path / name).code is faults.UNREADABLE_FILE
-
-
-def test_bytes_that_are_no_text(tmp_path):
-    path = tmp_path / "binary.mbm"
-    path.write_bytes(b"(a\n b \xff\xfe)")
-    diagnostic = file_diagnostic(path)
-    assert diagnostic.code is faults.NOT_TEXT
-    assert (diagnostic.place.line, diagnostic.place.column) == (2, 4)
-
-
-def test_a_file_with_nul_characters(tmp_path):
-    path = tmp_path / "nul.mbm"
-    path.write_bytes(b"(a)\n\0\0")
-    assert file_diagnostic(path).code is faults.NOT_TEXT
-
-
-def test_a_file_beyond_the_limit(tmp_path):
-    path = tmp_path / "large.mbm"
-    path.write_bytes(b" " * (LARGEST_TEXT + 1))
-    assert file_diagnostic(path).code is faults.TEXT_TOO_LARGE
-
-
-def test_an_error_points_at_the_form_that_asked_for_the_file(tmp_path):
-    (form,) = read(Source("main.mbm", '\n(use "x.mbm")'))
-    with pytest.raises(MbmError) as caught:
-        read_file(tmp_path / "x.mbm", "x.mbm", form.span)
-    assert caught.value.diagnostics[0].place == form.span
-
-
-def test_a_byte_order_mark_and_windows_line_breaks_are_allowed(tmp_path):
-    path = tmp_path / "windows.mbm"
-    path.write_bytes(b"\xef\xbb\xbf(a\r\n b)\r\n")
-    assert read_file(path, "w").text == "(a\n b)\n"

@@ -45,7 +45,7 @@ def command(files: tuple[str, ...], check: bool) -> int:
 
 def _file(path: Path, check: bool) -> bool:
     """Whether the file changes; rewrites it unless ``check``."""
-    from mbm.text.files import read_file
+    from mbm.files.source import read_file
     from mbm.text.formatter import format_text
 
     source = read_file(path, str(path))

@@ -20,6 +20,7 @@ from mbm.data.columns import check_names, counted_table
 from mbm.data.content import LARGEST_FILE, read_bytes
 from mbm.data.readers import faults as format_faults
 from mbm.data.types import RawTable, Reader
+from mbm.files.faults import file_too_large
 from mbm.text.types import DataPlace, MbmError
 
 ARRAY_SUFFIX = ".npy"
@@ -53,7 +54,7 @@ def _arrays(content: bytes, path: str, largest: int) -> list[tuple[str, NDArray[
         members = archive.infolist()
         size = sum(member.file_size for member in members)
         if size > largest:
-            raise MbmError(faults.file_too_large(place, path, size, largest))
+            raise MbmError(file_too_large(Path(path), size, largest, place))
         names = check_names([member.filename.removesuffix(ARRAY_SUFFIX) for member in members], place)
         arrays = []
         for name, member in zip(names, members, strict=True):

@@ -1,0 +1,69 @@
+"""The bytes of one file: an ordinary file, of bounded size, opened without waiting."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from stat import S_ISDIR, S_ISREG
+from typing import NoReturn
+
+from mbm.files import faults
+from mbm.text.types import MbmError, Place
+
+_PLAIN = os.O_RDONLY | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+_FLAGS = _PLAIN | getattr(os, "O_NONBLOCK", 0)
+"""A pipe that nobody writes to is opened at once, and then refused; so is one that takes a file's place meanwhile."""
+
+STREAMS = ("/dev/stdin", "/dev/fd/")
+"""Beginnings of the paths by which a shell hands over a stream that is open already."""
+
+
+def read_bytes(path: Path, place: Place, *, largest: int, streams: bool = False) -> bytes:
+    """The content of a file, ``largest`` bytes at most; faults stand at ``place``.
+
+    Pipes and devices are refused, for reading them may never end; but where the path comes from the person who runs
+    mbm and not from a file (``streams``), what the shell has opened (``/dev/stdin``, ``/dev/fd/63``) is read to its
+    end or to the bound.
+
+    Raises:
+        MbmError: missing-file, not-a-file, unreadable-file, file-too-large.
+
+    """
+    handed_over = streams and path.as_posix().startswith(STREAMS)
+    if not handed_over:  # looked at before it is opened: opening a device may do something
+        check_ordinary(path, place, largest=largest)
+    try:
+        with open(os.open(path, _PLAIN if handed_over else _FLAGS), "rb") as stream:  # noqa: PTH123 - with these flags
+            status = os.fstat(stream.fileno())
+            if not handed_over and not S_ISREG(status.st_mode):  # it changed since it was looked at
+                raise MbmError(faults.not_a_file(path, place, folder=S_ISDIR(status.st_mode)))
+            content = stream.read(largest + 1)
+    except (OSError, ValueError) as error:
+        _refuse(path, place, error)
+    if len(content) > largest:
+        raise MbmError(faults.file_too_large(path, max(status.st_size, len(content)), largest, place))
+    return content
+
+
+def check_ordinary(path: Path, place: Place, *, largest: int) -> None:
+    """Check that ``path`` leads to an ordinary file of ``largest`` bytes at most, without opening it.
+
+    Raises:
+        MbmError: missing-file, not-a-file, unreadable-file, file-too-large.
+
+    """
+    try:
+        status = path.stat()
+    except (OSError, ValueError) as error:
+        _refuse(path, place, error)
+    if not S_ISREG(status.st_mode):
+        raise MbmError(faults.not_a_file(path, place, folder=S_ISDIR(status.st_mode)))
+    if status.st_size > largest:
+        raise MbmError(faults.file_too_large(path, status.st_size, largest, place))
+
+
+def _refuse(path: Path, place: Place, error: OSError | ValueError) -> NoReturn:
+    """Raise what the system objects to, or that no file can have this name (a NUL in it), as a diagnostic."""
+    if isinstance(error, FileNotFoundError | NotADirectoryError | ValueError):
+        raise MbmError(faults.missing_file(path, place)) from None
+    raise MbmError(faults.unreadable_file(path, error.strerror or type(error).__name__, place)) from None
