@@ -5,32 +5,8 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Iterable, Sequence
-from enum import StrEnum
-
-from mbm.values import dataclass
 
 _WHOLE_PART = r"\(?[+-]?[0-9]+"
-
-
-class Style(StrEnum):
-    """What a stretch of text is; the value is its ANSI code."""
-
-    HEADING = "1"
-    GOOD = "1;32"
-    BAD = "1;31"
-    WARNING = "33"
-    QUIET = "2"
-
-
-@dataclass(frozen=True, slots=True)
-class Paint:
-    """Colours a text for a terminal, or leaves it as it is."""
-
-    color: bool
-
-    def __call__(self, text: str, style: Style) -> str:
-        """The text in a style."""
-        return f"\x1b[{style.value}m{text}\x1b[0m" if self.color and text else text
 
 
 def aligned(texts: Sequence[str]) -> list[str]:

@@ -8,12 +8,13 @@ from itertools import chain
 
 from mbm.problem.naming import key_text
 from mbm.report.blocks import ManyReports
-from mbm.report.columns import Paint, Style, aligned, left, right, wrapped
+from mbm.report.columns import aligned, left, right, wrapped
 from mbm.report.digits import Measured, measured, plain
 from mbm.report.elements import Scalar, solve_scalars, unit_text
 from mbm.report.sentences import diagnostic_sentence, observability_sentences
 from mbm.report.solve_columns import solve_columns
 from mbm.report.types import SolveReport, SolveStatus
+from mbm.text.shown import Paint, Style
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from itertools import chain
 from math import pi
 
-from mbm.report.columns import Paint, Style, aligned, left, wrapped
+from mbm.report.columns import aligned, left, wrapped
 from mbm.report.digits import Measured, measured, plain
 from mbm.report.elements import Scalar, scalars, unit_text
 from mbm.report.others import search_sentences
@@ -20,6 +20,7 @@ from mbm.report.sentences import (
     residual_sentences,
 )
 from mbm.report.types import DerivedValue, Estimate, Kind, Result, SolveReport, SolveStatus
+from mbm.text.shown import Paint, Style
 
 MOST_SCALARS = 24
 """Rows of one vector, array or family that are shown; the table says how many more there are."""

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import unicodedata
 
-from mbm.text.types import Diagnostic, Place, Span
+from mbm.text.shown import Paint, Style, one_line
+from mbm.text.types import Diagnostic, Place, Severity, Span
 
 WIDEST = 100
 """Columns of an excerpt; longer lines are cut around the place."""
 
 _TAB = 4
 _LONGEST_SIDE_HINT = 60
-_RESET = "\x1b[0m"
-_COLORS = {"error": "\x1b[1;31m", "warning": "\x1b[1;33m", "note": "\x1b[1;34m", "bold": "\x1b[1m"}
+_STYLES = {Severity.ERROR: Style.BAD, Severity.WARNING: Style.WARNING}
 
 
 def render(diagnostic: Diagnostic, *, color: bool = False) -> str:
@@ -21,26 +21,28 @@ def render(diagnostic: Diagnostic, *, color: bool = False) -> str:
     The hint stands behind the carets if there is room for it, else on a ``= help:`` line. With ``color``, ANSI
     escapes for a terminal. Control characters of the source are replaced, so no file can write to the terminal.
     """
-    paint = _Paint(color)
-    severity = diagnostic.severity.value
-    head = paint(f"{severity}[{diagnostic.code.name}]", severity) + paint(f": {_clean(diagnostic.message)}", "bold")
+    paint = Paint(color)
+    style = _STYLES[diagnostic.severity]
+    head = paint(f"{diagnostic.severity.value}[{diagnostic.code.name}]", style) + paint(
+        f": {one_line(diagnostic.message)}", Style.HEADING
+    )
     gutter = _gutter(diagnostic)
     lines = [head]
-    place, hint = diagnostic.place, None if diagnostic.hint is None else _clean(diagnostic.hint)
+    place, hint = diagnostic.place, None if diagnostic.hint is None else one_line(diagnostic.hint)
     if isinstance(place, Span):
         beside = hint if hint is not None and _fits_beside(place, hint, gutter) else None
-        lines.extend(_excerpt(place, beside, "^", gutter, paint, severity))
+        lines.extend(_excerpt(place, beside, "^", gutter, paint, style))
         hint = None if beside is not None else hint
     elif place is not None:
         lines.append(_arrow(place, gutter, paint))
     for label in diagnostic.labels:
-        message = _clean(label.message)
+        message = one_line(label.message)
         if isinstance(label.place, Span):
-            lines.extend(_excerpt(label.place, message, "-", gutter, paint, "note"))
+            lines.extend(_excerpt(label.place, message, "-", gutter, paint, Style.NOTE))
         else:
             lines.append(f"{_arrow(label.place, gutter, paint)}: {message}")
     if hint is not None:
-        lines.append(f"{' ' * gutter} {paint('=', 'note')} {paint('help', 'bold')}: {hint}")
+        lines.append(f"{' ' * gutter} {paint('=', Style.NOTE)} {paint('help', Style.HEADING)}: {hint}")
     return "\n".join(lines)
 
 
@@ -68,39 +70,29 @@ def as_json(diagnostic: Diagnostic) -> dict[str, str | int | None]:
     return document
 
 
-class _Paint:
-    """Colours words, or leaves them."""
-
-    def __init__(self, color: bool) -> None:
-        self._color = color
-
-    def __call__(self, words: str, kind: str) -> str:
-        return f"{_COLORS[kind]}{words}{_RESET}" if self._color else words
-
-
 def _gutter(diagnostic: Diagnostic) -> int:
     places = (diagnostic.place, *(label.place for label in diagnostic.labels))
     return max([2, *(len(str(place.line)) for place in places if isinstance(place, Span))])
 
 
-def _arrow(place: Place, gutter: int, paint: _Paint) -> str:
-    arrow = " " * gutter + paint("-->", "note")
+def _arrow(place: Place, gutter: int, paint: Paint) -> str:
+    arrow = " " * gutter + paint("-->", Style.NOTE)
     if isinstance(place, Span):
-        return f"{arrow} {_clean(place.source.name)}:{place.line}:{place.column}"
+        return f"{arrow} {one_line(place.source.name)}:{place.line}:{place.column}"
     row = "" if place.row is None else f":{place.row}"
-    column = "" if place.column is None else f" (column {_clean(place.column)})"
-    return f"{arrow} {_clean(place.file)}{row}{column}"
+    column = "" if place.column is None else f" (column {one_line(place.column)})"
+    return f"{arrow} {one_line(place.file)}{row}{column}"
 
 
-def _excerpt(place: Span, words: str | None, mark: str, gutter: int, paint: _Paint, kind: str) -> list[str]:
+def _excerpt(place: Span, words: str | None, mark: str, gutter: int, paint: Paint, style: Style) -> list[str]:
     shown, indent, width = _window(place, WIDEST - gutter - 3)
-    bar = paint("|", "note")
+    bar = paint("|", Style.NOTE)
     under = mark * width if words is None else f"{mark * width} {words}"
     return [
         _arrow(place, gutter, paint),
         f"{' ' * gutter} {bar}",
-        f"{paint(str(place.line).rjust(gutter), 'note')} {bar} {shown}".rstrip(),
-        f"{' ' * gutter} {bar} {' ' * indent}{paint(under, kind)}",
+        f"{paint(str(place.line).rjust(gutter), Style.NOTE)} {bar} {shown}".rstrip(),
+        f"{' ' * gutter} {bar} {' ' * indent}{paint(under, style)}",
     ]
 
 
@@ -126,7 +118,7 @@ def _window(place: Span, room: int) -> tuple[str, int, int]:
 
 
 def _columns(text: str) -> str:
-    return _clean(text.replace("\t", " " * _TAB))
+    return one_line(text.replace("\t", " " * _TAB))
 
 
 def _cut(text: str, room: int) -> str:
@@ -151,12 +143,4 @@ def _width(text: str) -> int:
     return sum(
         0 if unicodedata.combining(character) else 2 if unicodedata.east_asian_width(character) in "WF" else 1
         for character in text
-    )
-
-
-def _clean(text: str) -> str:
-    if text.isprintable():
-        return text
-    return "".join(
-        character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text.replace("\n", " ")
     )
