@@ -11,6 +11,7 @@ from mbm.emit.types import BlockCase, BlockShape, Blueprint, EquationShape
 from mbm.problem.kinds import LossKind
 from mbm.problem.manifold import Piece
 from mbm.problem.types import BlockRole, NoiseKind
+from mbm.target.records import slot
 from mbm.target.solver import description as at
 from mbm.values import dataclass
 
@@ -80,22 +81,22 @@ def static_system(blueprint: Blueprint) -> StaticSystem:
     scaled = len(unknown) == 1 and not robust and all(b.unknown_factor for b, _ in measured)
     noises = () if scaled else (*unknown, *robust)
     prefix = [0] * at.HEADER + [0] * (at.BLOCK * len(cases))
-    prefix[at.BLOCKS], prefix[at.CONSTRAINTS] = len(measured), len(cases) - len(measured)
-    prefix[at.BLOCKS_AT] = at.HEADER
-    prefix[at.ITERATIONS] = blueprint.settings.max_iterations
-    prefix[at.NOISES] = 0 if scaled else len(unknown)
+    prefix[at.Problem.residual_blocks], prefix[at.Problem.constraint_blocks] = len(measured), len(cases) - len(measured)
+    prefix[slot(at.Problem, "blocks")] = at.HEADER
+    prefix[at.Problem.iterations] = blueprint.settings.max_iterations
+    prefix[at.Problem.noises] = 0 if scaled else len(unknown)
     lossy = any(b.loss is not None for b, _ in measured)
     every = [np.ones(len(c.tangents), dtype=bool) for _, c in measured]
     linear = not lossy and all(c.kernel.affine_in(mask) for (_, c), mask in zip(measured, every, strict=True))
-    prefix[at.LINEAR] = int(linear)
-    prefix[at.DIRECT] = int(linear and len(measured) == len(cases))
+    prefix[at.Problem.linear] = int(linear)
+    prefix[at.Problem.direct] = int(linear and len(measured) == len(cases))
     largest = max(c.kernel.outputs for _, c in cases)
-    prefix[at.CHUNK] = max(SMALLEST_CHUNK, 4 * (-(-largest // 4)))
+    prefix[at.Problem.chunk] = max(SMALLEST_CHUNK, 4 * (-(-largest // 4)))
     losses: list[float] = []
     for number, (block, case) in enumerate(cases):
         _block(prefix, number, block, case, varies(blueprint, case), losses)
         group = noises.index(block.name) if block.unknown_factor and block.name in noises else -1
-        prefix[at.HEADER + number * at.BLOCK + at.BLOCK_NOISE] = group
+        prefix[at.HEADER + number * at.BLOCK + at.Block.noise] = group
     return StaticSystem(
         prefix=tuple(prefix), unknowns=_unknowns(blueprint), losses=tuple(losses), noises=noises, scaled=scaled
     )
@@ -107,18 +108,18 @@ def _block(
     kernel = case.kernel
     constraint = block.role is BlockRole.CONSTRAINT
     head = at.HEADER + number * at.BLOCK
-    prefix[head + at.BLOCK_VALUES], prefix[head + at.BLOCK_JACOBIAN] = 2 * number, 2 * number + 1
-    prefix[head + at.BLOCK_OUTPUTS] = kernel.outputs
-    prefix[head + at.BLOCK_VARIABLES] = len(case.variables)
-    prefix[head + at.BLOCK_PARAMETERS] = len(case.parameters)
-    prefix[head + at.BLOCK_TANGENTS] = len(case.tangents)
-    prefix[head + at.BLOCK_NONZEROS] = len(kernel.jacobian_rows)
-    prefix[head + at.BLOCK_INDEX] = len(case.variables) if moving else 0
-    prefix[head + at.BLOCK_COLUMNS] = len(case.tangents) if moving else 0
-    prefix[head + at.BLOCK_WEIGHTS] = 0 if constraint else weights_width(case)
+    prefix[head + at.Block.values], prefix[head + at.Block.jacobian] = 2 * number, 2 * number + 1
+    prefix[head + at.Block.outputs] = kernel.outputs
+    prefix[head + at.Block.variables] = len(case.variables)
+    prefix[head + at.Block.parameters] = len(case.parameters)
+    prefix[head + at.Block.tangents] = len(case.tangents)
+    prefix[head + at.Block.nonzero_count] = len(kernel.jacobian_rows)
+    prefix[head + at.Block.index] = len(case.variables) if moving else 0
+    prefix[head + at.Block.columns] = len(case.tangents) if moving else 0
+    prefix[head + at.Block.weights] = 0 if constraint else weights_width(case)
     places = [-1] * kernel.outputs
-    prefix[head + at.BLOCK_UNITS] = 0 if constraint else len(case.equations)
-    prefix[head + at.BLOCK_UNITS_AT] = len(prefix)
+    prefix[head + at.Block.unit_count] = 0 if constraint else len(case.equations)
+    prefix[head + slot(at.Block, "units")] = len(prefix) - head
     weight = 0
     for equation in () if constraint else case.equations:
         matrix = _TRIANGLES[equation.noise_kind]
@@ -130,10 +131,10 @@ def _block(
         for output in range(equation.first, equation.last):
             places[output] = -1 if matrix else weight + output - equation.first
         weight += _weights(equation)
-    prefix[head + at.BLOCK_NONZEROS_AT] = len(prefix)
+    prefix[head + slot(at.Block, "nonzeros")] = len(prefix) - head
     for output, tangent in zip(kernel.jacobian_rows, kernel.jacobian_columns, strict=True):
         prefix += [int(output), int(tangent), places[int(output)]]
-    prefix[head + at.BLOCK_EQUALITY_AT] = len(prefix)
+    prefix[head + slot(at.Block, "equality")] = len(prefix) - head
     if constraint:
         prefix += [int(e.equality) for e in case.equations for _ in range(e.first, e.last)]
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
 
+from mbm.target.kinds import Held, Kind, Member, Record, Records, Type
 from mbm.target.tree import (
     Assign,
     Binary,
@@ -16,6 +18,7 @@ from mbm.target.tree import (
     Convert,
     Element,
     Expression,
+    Field,
     For,
     Function,
     If,
@@ -30,7 +33,7 @@ from mbm.target.tree import (
     Primitive,
     Return,
     Statement,
-    Type,
+    View,
     While,
 )
 
@@ -61,13 +64,54 @@ _ATOM = 9
 _UNARY = 8
 
 
+def type_of(kind: Kind) -> str:
+    """The type in C, as it stands before a name."""
+    if isinstance(kind, Record | Records):
+        return f"struct {(kind if isinstance(kind, Record) else kind.element).name} *"
+    return TYPES[kind]
+
+
+def structs(module: Module) -> Iterator[str]:
+    """The records of a module, and functions for the tables behind them that are asked for."""
+    tables = {(of.record.type, of.member) for f in module.functions for of in _fields(f.body)}
+    for record in module.records:
+        yield f"/* {record.doc} */" if record.doc else ""
+        yield f"struct {record.name} {{"
+        for member in record.members:
+            if member.held is Held.INSIDE and isinstance(member.type, Record):
+                yield f"    struct {member.type.name} {member.name};"
+            elif member.held is not Held.BEHIND:
+                yield f"    {'long ' if member.held is Held.TABLE else type_of(member.type)}{member.name};"
+        yield "};\n"
+    for record in module.records:
+        for member in record.members:
+            if member.held in (Held.TABLE, Held.BEHIND) and (record, member) in tables:
+                kind = type_of(member.type).replace("const ", "")
+                start = f"record->{member.name}" if member.held is Held.TABLE else f"{record.slots}"
+                yield f"static {kind}{member.name}_of_{record.name}(struct {record.name} *record)"
+                yield f"{{\n    return ({kind})((long *)record + {start});\n}}\n"
+
+
+def _fields(node: object) -> Iterator[Field]:
+    """All fields that a statement or an expression names, or several of them do."""
+    if isinstance(node, Field):
+        yield node
+    if isinstance(node, tuple):
+        for each in node:
+            yield from _fields(each)
+    elif is_dataclass(node) and not isinstance(node, Member):
+        for each in (getattr(node, one.name) for one in fields(node)):
+            if isinstance(each, tuple) or is_dataclass(each):
+                yield from _fields(each)
+
+
 def declaration(function: Function) -> str:
     """The head of a function, without semicolon or brace."""
     restrict = "restrict " if function.distinct else ""
     parameters = ", ".join(
-        f"{TYPES[p.type]}{restrict if p.type.is_pointer else ''}{p.name}" for p in function.parameters
+        f"{type_of(p.type)}{restrict if p.type.is_pointer else ''}{p.name}" for p in function.parameters
     )
-    result = "void " if function.returns is None else TYPES[function.returns]
+    result = "void " if function.returns is None else type_of(function.returns)
     return f"{'' if function.public else 'static '}{result}{function.name}({parameters or 'void'})"
 
 
@@ -78,7 +122,7 @@ def definition(function: Function) -> str:
         lines.append("/* " + function.doc.replace("*/", "* /").replace("\n", "\n * ") + " */")
     lines.append(declaration(function))
     lines.append("{")
-    lines += [f"    {TYPES[v.type]}{v.name};" for v in function.locals]
+    lines += [f"    {type_of(v.type)}{v.name};" for v in function.locals]
     for statement in function.body:
         lines += _statement(statement, 1)
     lines.append("}")
@@ -86,8 +130,9 @@ def definition(function: Function) -> str:
 
 
 def text(module: Module) -> str:
-    """All functions of a module but the external ones, which the caller brings."""
-    return "\n\n".join(definition(f) for f in module.functions if not f.external) + "\n"
+    """The records of a module, and its functions but the external ones, which the caller brings."""
+    functions = "\n\n".join(definition(f) for f in module.functions if not f.external)
+    return "\n".join([*structs(module), functions]) + "\n"
 
 
 def _statement(node: Statement, depth: int) -> Iterator[str]:
@@ -142,9 +187,14 @@ def _expression(node: Expression) -> tuple[str, int]:
         case Name():
             return node.name, _ATOM
         case Element():
-            return f"{_at(node.array, _ATOM)}[{_at(node.index)}]", _ATOM
+            one = f"{_at(node.array, _ATOM)}[{_at(node.index)}]"
+            return (f"&{one}", _UNARY) if isinstance(node.type, Record) else (one, _ATOM)
         case Offset():
             return f"{_at(node.array, 5)} + {_at(node.index, 6)}", 5
+        case View():
+            return f"({type_of(node.type)})({_at(node.array)})", _UNARY
+        case Field(member=member):
+            return _field(node), _UNARY if member.held is Held.INSIDE else _ATOM
         case Binary():
             operator = "/" if node.operator == "//" else node.operator
             level = _PRECEDENCE[operator]
@@ -165,6 +215,18 @@ def _expression(node: Expression) -> tuple[str, int]:
             return _primitive(node), _ATOM
         case Call():
             return f"{node.function}({', '.join(_at(a) for a in node.arguments)})", _ATOM
+
+
+def _field(node: Field) -> str:
+    """A number, an array, or the reference of a record."""
+    member, owner = node.member, node.record
+    if member.held in (Held.TABLE, Held.BEHIND) and isinstance(owner.type, Record):
+        return f"{member.name}_of_{owner.type.name}({_at(owner)})"
+    if isinstance(owner, Element) or (isinstance(owner, Field) and owner.member.held is Held.INSIDE):
+        found = f"{_at(owner).removeprefix('&')}.{member.name}"
+    else:
+        found = f"{_at(owner, _ATOM)}->{member.name}"
+    return f"&{found}" if member.held is Held.INSIDE else found
 
 
 def _logical(node: Logical) -> tuple[str, int]:

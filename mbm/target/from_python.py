@@ -16,22 +16,23 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from operator import add, eq, floordiv, ge, gt, le, lt, mod, mul, ne, sub
 from types import FunctionType, MappingProxyType
 
+from mbm.target import records
 from mbm.target.definitions import Definitions
+from mbm.target.folding import COMPARISONS, OPERATORS, assigns_or_leaves, compared, folded
+from mbm.target.kinds import Held, Kind, Member, Record, Records, Type
 from mbm.target.tree import (
     EXTERNAL,
     Assign,
-    Binary,
     Break,
     Call,
     Choose,
-    Compare,
     Continue,
     Convert,
     Element,
     Expression,
+    Field,
     For,
     Function,
     If,
@@ -46,50 +47,18 @@ from mbm.target.tree import (
     Primitive,
     Return,
     Statement,
-    Type,
+    View,
     While,
 )
 from mbm.target.words import distinct_arrays
 
-_ANNOTATIONS: Mapping[str, Type] = {
+ANNOTATIONS: Mapping[str, Kind] = {
     "Real": Type.REAL,
     "Integer": Type.INTEGER,
     "Reals": Type.REALS,
     "Integers": Type.INTEGERS,
     "ConstantReals": Type.CONSTANT_REALS,
     "ConstantIntegers": Type.CONSTANT_INTEGERS,
-}
-_OPERATORS: Mapping[type[ast.operator], str] = {
-    ast.Add: "+",
-    ast.Sub: "-",
-    ast.Mult: "*",
-    ast.Div: "/",
-    ast.FloorDiv: "//",
-    ast.Mod: "%",
-}
-_COMPARISONS: Mapping[type[ast.cmpop], str] = {
-    ast.Lt: "<",
-    ast.LtE: "<=",
-    ast.Gt: ">",
-    ast.GtE: ">=",
-    ast.Eq: "==",
-    ast.NotEq: "!=",
-}
-
-_COMPUTE: Mapping[str, Callable[[int, int], int]] = {
-    "+": add,
-    "-": sub,
-    "*": mul,
-    "//": floordiv,
-    "%": mod,
-}
-_DECIDE: Mapping[str, Callable[[float, float], bool]] = {
-    "<": lt,
-    "<=": le,
-    ">": gt,
-    ">=": ge,
-    "==": eq,
-    "!=": ne,
 }
 
 
@@ -112,7 +81,7 @@ def module_of(
     reading = _Reading(constants)
     asked = {reading.function(each).name for each in roots}
     functions = (replace(f, public=public and f.name in asked) for f in reading.found.values())
-    return Module(name=name, functions=tuple(functions))
+    return Module(name=name, functions=tuple(functions), records=tuple(reading.records.values()))
 
 
 class _Reading:
@@ -122,6 +91,7 @@ class _Reading:
         self.given = given
         self.definitions = Definitions()
         self.found: dict[str, Function] = {}
+        self.records: dict[type, Record] = {}
         self._texts: dict[str, Callable[..., object]] = {}
 
     def function(self, source: Callable[..., object]) -> Function:
@@ -134,6 +104,28 @@ class _Reading:
             found = _Reader(self, source).function() if external is None else external
             self.found[name] = found
         return self.found[name]
+
+    def record(self, cls: type) -> Record:
+        """The type of a record, behind those of the records in it."""
+        if cls not in self.records:
+            members = tuple(
+                Member(name=p.name, type=self._kind(cls, p.text), held=p.held, slot=p.slot, size=p.size)
+                for p in records.plans_of(cls)
+            )
+            name, doc = records.name_of(cls), (cls.__doc__ or "").strip()
+            self.records[cls] = Record(name=name, doc=doc, members=members, slots=records.slots_of(cls))
+        return self.records[cls]
+
+    def class_of(self, kind: Kind | None) -> type:
+        """The class that a record is read from."""
+        return next(cls for cls, found in self.records.items() if found is kind)
+
+    def _kind(self, cls: type, text: str) -> Kind:
+        named = records.named(cls, text)
+        if named is None:
+            return ANNOTATIONS[text]
+        found = self.record(named)
+        return Records(element=found) if text.startswith("Records") else found
 
 
 class _Reader:
@@ -166,10 +158,13 @@ class _Reader:
             distinct=any(isinstance(d, ast.Name) and d.id == distinct_arrays.__name__ for d in tree.decorator_list),
         )
 
-    def _annotation(self, node: ast.expr | None, where: ast.AST) -> Type:
-        if not isinstance(node, ast.Name) or node.id not in _ANNOTATIONS:
-            raise self._refuse(where)
-        return _ANNOTATIONS[node.id]
+    def _annotation(self, node: ast.expr | None, where: ast.AST) -> Kind:
+        if isinstance(node, ast.Name) and node.id in ANNOTATIONS:
+            return ANNOTATIONS[node.id]
+        named = self._globals.get(node.id) if isinstance(node, ast.Name) else None
+        if isinstance(named, type) and records.is_record(named):
+            return self._reading.record(named)
+        raise self._refuse(where)
 
     def _block(self, nodes: list[ast.stmt]) -> tuple[Statement, ...]:
         found: list[Statement] = []
@@ -186,7 +181,7 @@ class _Reader:
                 if isinstance(test, Literal):
                     return self._block(node.body if test.value else node.orelse)
             case ast.For(target=ast.Name(id=name), iter=ast.Call(func=ast.Name(id="range"), args=[stop])):
-                if self._expression(stop) == Literal(1) and not _assigns_or_leaves(node.body, name):
+                if self._expression(stop) == Literal(1) and not assigns_or_leaves(node.body, name):
                     held = self._names.pop(name, None)
                     self._fixed[name] = Literal(0)
                     body = self._block(node.body)
@@ -203,7 +198,7 @@ class _Reader:
                 return Assign(self._target(target, value), value)
             case ast.AugAssign():
                 place = self._expression(node.target)
-                value = self._arithmetic(_OPERATORS[type(node.op)], place, self._expression(node.value), node)
+                value = self._arithmetic(OPERATORS[type(node.op)], place, self._expression(node.value), node)
                 return Assign(self._target(node.target, value), value)
             case ast.For(target=ast.Name(id=name), iter=ast.Call(func=ast.Name(id="range"), args=arguments)):
                 bounds = [self._expression(a) for a in arguments]
@@ -228,17 +223,21 @@ class _Reader:
                     return Perform(call)
         raise self._refuse(node)
 
-    def _target(self, node: ast.expr, value: Expression) -> Name | Element:
+    def _target(self, node: ast.expr, value: Expression) -> Name | Element | Field:
         if isinstance(node, ast.Name):
             if value.type is None:
                 raise self._refuse(node)
             return self._local(node.id, value.type, node)
         place = self._expression(node)
-        if not isinstance(place, Element) or place.type is not value.type:
+        if isinstance(place, Field) and place.member.held in (Held.VALUE, Held.SIZED):
+            value_type = _as_wanted(value.type, place.type)
+        else:
+            value_type = value.type if isinstance(place, Element) and isinstance(place.type, Type) else None
+        if not isinstance(place, Element | Field) or place.type is not value_type:
             raise self._refuse(node)
         return place
 
-    def _local(self, name: str, kind: Type, node: ast.AST) -> Name:
+    def _local(self, name: str, kind: Kind, node: ast.AST) -> Name:
         known = self._names.get(name)
         if known is None:
             known = self._names[name] = Name(name, kind)
@@ -261,13 +260,15 @@ class _Reader:
                 return Literal(value)
             case ast.Name():
                 return self._name(node)
+            case ast.Attribute():
+                return self._field(node)
             case ast.Subscript(slice=ast.Slice(lower=lower, upper=None, step=None)) if lower is not None:
                 return Offset(self._array(node.value), self._expression(lower))
             case ast.Subscript():
                 return Element(self._array(node.value), self._expression(node.slice))
             case ast.BinOp():
                 left, right = self._expression(node.left), self._expression(node.right)
-                return self._arithmetic(_OPERATORS[type(node.op)], left, right, node)
+                return self._arithmetic(OPERATORS[type(node.op)], left, right, node)
             case ast.UnaryOp(op=ast.USub()):
                 inner = self._expression(node.operand)
                 return Literal(-inner.value) if isinstance(inner, Literal) else Negate(inner)
@@ -280,9 +281,20 @@ class _Reader:
                     return first
                 return Logical("and" if both else "or", (first, *map(self._condition, node.values[1:])))
             case ast.Compare(ops=[operator], comparators=[other]):
-                return self._compare(_COMPARISONS[type(operator)], node.left, other)
+                return self._compare(COMPARISONS[type(operator)], node.left, other)
             case ast.IfExp():
                 return self._choose(node)
+            case ast.Call(func=ast.Name(id="view"), args=[kind, array]):
+                found = self._annotation(kind, node)
+                if not isinstance(found, Record) or found.number is None:
+                    raise self._refuse(node)
+                return View(self._array(array), found)
+            case ast.Call(func=ast.Name(id="slot"), args=[ast.Name(id=kind), ast.Constant(value=str(field))]):
+                named = self._globals.get(kind)
+                if isinstance(named, type) and records.is_record(named):
+                    return Literal(records.slot(named, field))
+            case ast.Call(func=ast.Name(id="lay_out" | "reals_in" | "integers_in" as word)):
+                return self._room(word, node)
             case ast.Call(func=ast.Name(id=name)):
                 return self._call(name, tuple(self._expression(a) for a in node.args), node)
         raise self._refuse(node)
@@ -297,6 +309,13 @@ class _Reader:
             return Literal(value)
         raise self._refuse(node)
 
+    def _field(self, node: ast.Attribute) -> Expression:
+        owner = self._expression(node.value)
+        member = owner.type.member(node.attr) if isinstance(owner.type, Record) else None
+        if member is None:
+            raise self._refuse(node)
+        return Field(owner, member)
+
     def _array(self, node: ast.expr) -> Expression:
         found = self._expression(node)
         if found.type is None or not found.type.is_pointer:
@@ -308,7 +327,7 @@ class _Reader:
             raise self._refuse(node)
         if (operator in ("//", "%")) is not (left.type is Type.INTEGER) and operator in ("//", "%", "/"):
             raise self._refuse(node)
-        return _folded(operator, left, right)
+        return folded(operator, left, right)
 
     def _choose(self, node: ast.IfExp) -> Expression:
         test = self._condition(node.test)
@@ -323,9 +342,7 @@ class _Reader:
         a, b = self._expression(left), self._expression(right)
         if a.type is not b.type:
             raise self._refuse(left)
-        if isinstance(a, Literal) and isinstance(b, Literal) and a.type is Type.INTEGER:
-            return Literal(int(_DECIDE[operator](a.value, b.value)))
-        return Compare(operator, a, b)
+        return compared(operator, a, b)
 
     def _call(self, name: str, arguments: tuple[Expression, ...], node: ast.AST) -> Expression:
         if name == "float" and len(arguments) == 1:
@@ -336,6 +353,24 @@ class _Reader:
         source = self._globals.get(name)
         if not isinstance(source, FunctionType):
             raise self._refuse(node)
+        return self._called(source, arguments, node)
+
+    def _room(self, word: str, node: ast.Call) -> Expression:
+        """`lay_out`, `reals_in` and `integers_in`: calls of the function that is made for the records."""
+        if word != "lay_out":
+            kind = self._globals.get(node.args[0].id) if isinstance(node.args[0], ast.Name) else None
+            sizes = self._expression(node.args[1])
+            if not isinstance(kind, type):
+                raise self._refuse(node)
+            made = records.need(kind, self._reading.class_of(sizes.type), word.removesuffix("_in"))
+            return self._called(made, (sizes,), node)
+        arguments = tuple(self._expression(a) for a in node.args)
+        of, sizes_type = (self._reading.class_of(a.type) for a in arguments[:2])
+        wanted = records.arrays_of(of)
+        given = [a for a, name in zip(arguments[2:], ("reals", "integers"), strict=True) if name in wanted]
+        return self._called(records.layout(of, sizes_type), (*arguments[:2], *given), node)
+
+    def _called(self, source: Callable[..., object], arguments: tuple[Expression, ...], node: ast.AST) -> Expression:
         known = self._reading.function(source)
         if [p.type for p in known.parameters] != [
             _as_wanted(a.type, p.type) for a, p in zip(arguments, known.parameters, strict=False)
@@ -348,32 +383,7 @@ class _Reader:
         return NotInTargetLanguageError(f"line {line}: {ast.unparse(node)}")
 
 
-def _folded(operator: str, left: Expression, right: Expression) -> Expression:
-    """``left operator right``, where the integers in it decide it without computation."""
-    if left.type is Type.INTEGER:
-        match operator, left, right:
-            case _, Literal(value=int(a)), Literal(value=int(b)) if b or operator in "+-*":
-                return Literal(_COMPUTE[operator](a, b))
-            case ("*" | "//", _, Literal(value=1)) | ("+" | "-", _, Literal(value=0)):
-                return left
-            case ("*", Literal(value=1), _) | ("+", Literal(value=0), _):
-                return right
-            case "%", _, Literal(value=1):
-                return Literal(0)
-    return Binary(operator, left, right)
-
-
-def _assigns_or_leaves(body: list[ast.stmt], name: str) -> bool:
-    """Whether the body of a loop assigns its variable, or holds a ``break`` or ``continue``."""
-    for node in (inner for statement in body for inner in ast.walk(statement)):
-        if isinstance(node, ast.Break | ast.Continue):
-            return True
-        if isinstance(node, ast.Name) and node.id == name and isinstance(node.ctx, ast.Store):
-            return True
-    return False
-
-
-def _as_wanted(given: Type | None, wanted: Type) -> Type | None:
+def _as_wanted(given: Kind | None, wanted: Kind) -> Kind | None:
     """An array may be passed where a constant one is wanted."""
     constant = {Type.REALS: Type.CONSTANT_REALS, Type.INTEGERS: Type.CONSTANT_INTEGERS}
-    return wanted if given is not None and constant.get(given) is wanted else given
+    return wanted if isinstance(given, Type) and constant.get(given) is wanted else given

@@ -7,6 +7,7 @@ from typing import Any
 
 from llvmlite import ir
 
+from mbm.target.kinds import Held, Kind, Record, Records, Type
 from mbm.target.tree import (
     EXTERNAL,
     Assign,
@@ -20,6 +21,7 @@ from mbm.target.tree import (
     Convert,
     Element,
     Expression,
+    Field,
     For,
     Function,
     If,
@@ -34,7 +36,7 @@ from mbm.target.tree import (
     Primitive,
     Return,
     Statement,
-    Type,
+    View,
     While,
 )
 
@@ -51,10 +53,12 @@ _INTRINSICS: Mapping[Intrinsic, str] = {
 """What LLVM does itself; the others are functions of the C library."""
 
 
-def type_of(kind: Type | None) -> ir.Type:
-    """The type in LLVM."""
+def type_of(kind: Kind | None) -> ir.Type:
+    """The type in LLVM. References to records are those to their first slot: each has eight bytes."""
     if kind is None:
         return ir.VoidType()
+    if isinstance(kind, Record | Records):
+        return INTEGER.as_pointer()
     if kind.is_pointer:
         return type_of(kind.element).as_pointer()
     return REAL if kind is Type.REAL else INTEGER
@@ -134,7 +138,9 @@ class _Lowering:
         builder = self._builder
         match node:
             case Assign():
-                builder.store(self._value(node.value), self._place(node.target))
+                stored = builder.store(self._value(node.value), self._place(node.target))
+                if not isinstance(node.target, Name):
+                    self._marked(stored, node.target)
             case For():
                 self._for(node)
             case While():
@@ -206,10 +212,34 @@ class _Lowering:
                 builder.branch(after)
         builder.position_at_end(after)
 
-    def _place(self, node: Name | Element) -> Any:
+    def _place(self, node: Name | Element | Field) -> Any:
+        builder = self._builder
         if isinstance(node, Name):
             return self._places[node.name]
-        return self._builder.gep(self._value(node.array), [self._value(node.index)])
+        if isinstance(node, Field):
+            slot = builder.gep(self._value(node.record), [INTEGER(node.member.slot)])
+            return builder.bitcast(slot, type_of(node.type).as_pointer())
+        return builder.gep(self._value(node.array), [self._value(node.index)])
+
+    def _field(self, node: Field) -> Any:
+        """What a field holds, or where the array or record is that it stands for."""
+        builder, member = self._builder, node.member
+        if member.held in (Held.VALUE, Held.SIZED):
+            return self._marked(builder.load(self._place(node)), node)
+        start = INTEGER(member.slot)
+        owner = self._value(node.record)
+        if member.held is Held.TABLE:
+            start = self._marked(builder.load(builder.gep(owner, [start])), Literal(0))
+        return builder.bitcast(builder.gep(owner, [start]), type_of(member.type))
+
+    def _marked(self, access: Any, node: Expression) -> Any:
+        """A load or store of what has the type of ``node``: reals, integers and pointers do not overlap one another."""
+        names = {Type.REAL: "real", Type.INTEGER: "integer"}
+        name = names.get(node.type, "pointer") if isinstance(node.type, Type) else "pointer"
+        root = self._target.add_metadata(["mbm"])
+        kind = self._target.add_metadata([name, root, INTEGER(0)])
+        access.set_metadata("tbaa", self._target.add_metadata([kind, kind, INTEGER(0)]))
+        return access
 
     def _test(self, node: Expression) -> Any:
         """A condition as one bit."""
@@ -254,8 +284,15 @@ class _Lowering:
                 return REAL(node.value) if isinstance(node.value, float) else INTEGER(node.value)
             case Name():
                 return builder.load(self._places[node.name])
+            case Element(type=Record(slots=slots)):
+                index = builder.mul(self._value(node.index), INTEGER(slots))
+                return builder.gep(self._value(node.array), [index])
             case Element():
-                return builder.load(self._place(node))
+                return self._marked(builder.load(self._place(node)), node)
+            case Field():
+                return self._field(node)
+            case View():
+                return builder.bitcast(self._value(node.array), type_of(node.type))
             case Offset():
                 return builder.gep(self._value(node.array), [self._value(node.index)])
             case Binary():

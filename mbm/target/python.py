@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from mbm.target.kinds import Held, Kind, Record, Records, Type
 from mbm.target.tree import (
     Assign,
     Binary,
@@ -20,6 +21,7 @@ from mbm.target.tree import (
     Convert,
     Element,
     Expression,
+    Field,
     For,
     Function,
     If,
@@ -34,7 +36,7 @@ from mbm.target.tree import (
     Primitive,
     Return,
     Statement,
-    Type,
+    View,
     While,
 )
 
@@ -59,9 +61,21 @@ def definition(function: Function) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
+def struct(record: Record) -> str:
+    """A record that is no view on an array, as a class."""
+    lines = [f"class {record.name.title()}:", f'    """{record.doc}"""', "", "    def __init__(self):"]
+    for member in record.members:
+        value = {Type.REAL: "0.0", Type.INTEGER: "0"}.get(member.type) if isinstance(member.type, Type) else None
+        if member.held is Held.INSIDE and isinstance(member.type, Record):
+            value = f"{member.type.name.title()}()"
+        lines.append(f"        self.{member.name} = {value}")
+    return "\n".join(lines)
+
+
 def text(module: Module) -> str:
-    """All functions of a module but the external ones, which the caller brings."""
-    return "\n\n\n".join(definition(f) for f in module.functions if not f.external) + "\n"
+    """The records of a module, and its functions but the external ones, which the caller brings."""
+    structs = [struct(r) for r in module.records if r.number is None]
+    return "\n\n\n".join([*structs, *(definition(f) for f in module.functions if not f.external)]) + "\n"
 
 
 def _block(body: tuple[Statement, ...], depth: int) -> Iterator[str]:
@@ -137,10 +151,10 @@ def _expression(node: Expression) -> tuple[str, int]:
             return _literal(node.value), _UNARY if node.value < 0 else _ATOM
         case Name():
             return node.name, _ATOM
-        case Element():
-            return f"{_at(node.array, _ATOM)}[{_at(node.index)}]", _ATOM
-        case Offset():
-            return f"{_at(node.array, _ATOM)}[{_at(node.index)}:]", _ATOM
+        case View():
+            return _expression(node.array)
+        case Element() | Offset() | Field():
+            return _access(node), _ATOM
         case Binary():
             level = _PRECEDENCE[node.operator]
             return f"{_at(node.left, level)} {node.operator} {_at(node.right, level + 1)}", level
@@ -158,6 +172,43 @@ def _expression(node: Expression) -> tuple[str, int]:
             return f"{name}({', '.join(_at(a) for a in node.arguments)})", _ATOM
         case Call():
             return f"{node.function}({', '.join(_number(a) for a in node.arguments)})", _ATOM
+
+
+def _access(node: Element | Offset | Field) -> str:
+    """An element, a field, or the part of an array that begins with it: flat records are arrays."""
+    if isinstance(node, Field) and not _flat(node.record.type):
+        return f"{_at(node.record, _ATOM)}.{node.member.name}"
+    array, terms = _begins(node)
+    where = " + ".join(terms or ["0"])
+    whole = isinstance(node, Offset) or (isinstance(node.type, Record | Records) or node.type not in _NUMBERS)
+    return f"{array}[{where}:]" if whole else f"{array}[{where}]"
+
+
+_NUMBERS = (Type.REAL, Type.INTEGER)
+
+
+def _begins(node: Expression) -> tuple[str, list[str]]:
+    """The array in which an element, an array or a flat record stands, and the terms of where it begins there."""
+    match node:
+        case View():
+            return _begins(node.array)
+        case Field(member=member, record=owner) if _flat(owner.type):
+            array, terms = _begins(owner)
+            place = str(member.slot)
+            if member.held is Held.TABLE:
+                return array, [*terms, f"{array}[{' + '.join([*terms, place])}]"]
+            return array, [*terms, place] if member.slot or not terms else terms
+        case Element(array=inner, index=index) | Offset(array=inner, index=index):
+            array, terms = _begins(inner)
+            step = node.type.slots if isinstance(node, Element) and isinstance(node.type, Record) else 1
+            more = _at(index, 5) if step == 1 else f"{_at(index, 6)} * {step}"
+            return array, [*terms, more] if index != Literal(0) or not terms else terms
+        case _:
+            return _at(node, _ATOM), []
+
+
+def _flat(kind: Kind | None) -> bool:
+    return isinstance(kind, Record) and kind.number is not None
 
 
 def _literal(value: float | int) -> str:

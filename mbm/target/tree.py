@@ -1,7 +1,8 @@
 """A small imperative language as a tree: what solvers are written in, before they become C, Python or LLVM.
 
 Numbers are doubles (REAL) and 64-bit integers (INTEGER), arrays are pointers to them; conditions are INTEGER 0 and 1.
-There is no allocation: scratch space is passed in. A function is a straight list of statements with loops and branches.
+There is no allocation: scratch space is passed in. A record is passed by reference. A function is a straight list of
+statements with loops and branches.
 """
 
 from __future__ import annotations
@@ -9,32 +10,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import TypeAlias
 
+from mbm.target.kinds import Kind, Member, Record, Type
 from mbm.values import dataclass
-
-
-class Type(Enum):
-    """Types of values: numbers, and pointers to them (constant: what they point to is only read)."""
-
-    REAL = "real"
-    INTEGER = "integer"
-    REALS = "reals"
-    INTEGERS = "integers"
-    CONSTANT_REALS = "constant reals"
-    CONSTANT_INTEGERS = "constant integers"
-
-    @property
-    def element(self) -> Type:
-        """What a pointer points to."""
-        if self in (Type.REALS, Type.CONSTANT_REALS):
-            return Type.REAL
-        if self in (Type.INTEGERS, Type.CONSTANT_INTEGERS):
-            return Type.INTEGER
-        raise TypeError(self)
-
-    @property
-    def is_pointer(self) -> bool:
-        """Whether it is an array."""
-        return self not in (Type.REAL, Type.INTEGER)
 
 
 class Intrinsic(Enum):
@@ -95,7 +72,7 @@ class Name:
     """A parameter or local variable."""
 
     name: str
-    type: Type
+    type: Kind
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +83,7 @@ class Element:
     index: Expression
 
     @property
-    def type(self) -> Type | None:
+    def type(self) -> Kind | None:
         """What the array holds."""
         return None if self.array.type is None else self.array.type.element
 
@@ -119,9 +96,30 @@ class Offset:
     index: Expression
 
     @property
-    def type(self) -> Type | None:
+    def type(self) -> Kind | None:
         """That of the array."""
         return self.array.type
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """``record.member``."""
+
+    record: Expression
+    member: Member
+
+    @property
+    def type(self) -> Kind:
+        """That of the member."""
+        return self.member.type
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """An array of numbers as a flat record, from its beginning on; written ``view(Record, array)``."""
+
+    array: Expression
+    type: Record
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +131,7 @@ class Binary:
     right: Expression
 
     @property
-    def type(self) -> Type | None:
+    def type(self) -> Kind | None:
         """That of the arguments."""
         return self.left.type
 
@@ -145,7 +143,7 @@ class Negate:
     argument: Expression
 
     @property
-    def type(self) -> Type | None:
+    def type(self) -> Kind | None:
         """That of the argument."""
         return self.argument.type
 
@@ -186,7 +184,7 @@ class Choose:
     otherwise: Expression
 
     @property
-    def type(self) -> Type | None:
+    def type(self) -> Kind | None:
         """That of both."""
         return self.then.type
 
@@ -222,11 +220,24 @@ class Call:
 
     function: str
     arguments: tuple[Expression, ...]
-    type: Type | None
+    type: Kind | None
 
 
 Expression: TypeAlias = (
-    Literal | Name | Element | Offset | Binary | Negate | Compare | Logical | Choose | Convert | Primitive | Call
+    Literal
+    | Name
+    | Element
+    | Offset
+    | Field
+    | View
+    | Binary
+    | Negate
+    | Compare
+    | Logical
+    | Choose
+    | Convert
+    | Primitive
+    | Call
 )
 
 
@@ -234,7 +245,7 @@ Expression: TypeAlias = (
 class Assign:
     """``target = value``; the first assignment to a name declares it."""
 
-    target: Name | Element
+    target: Name | Element | Field
     value: Expression
 
 
@@ -309,7 +320,7 @@ class Function:
 
     name: str
     parameters: tuple[Name, ...]
-    returns: Type | None
+    returns: Kind | None
     body: tuple[Statement, ...]
     locals: tuple[Name, ...]
     doc: str = ""
@@ -375,10 +386,11 @@ EXTERNAL = (CALL_KERNEL, CALL_UNITED, CALL_NORMAL)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Module:
-    """Functions, those that are called before those that call them."""
+    """Functions, those that are called before those that call them, and the records that they use, likewise."""
 
     name: str
     functions: tuple[Function, ...]
+    records: tuple[Record, ...] = ()
 
     def function(self, name: str) -> Function:
         """A function by name."""

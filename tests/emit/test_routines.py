@@ -8,17 +8,18 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from mbm.emit.routines.rooms import MANY, connected
+from mbm.target.records import slot, view
 from mbm.target.solver import description as at
 
 
-def system_with(n: int, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def system_with(n: int, columns: np.ndarray) -> tuple[at.Problem, at.DataSet]:
     """``system`` and ``data`` of one block whose rows have derivatives by ``columns`` (rows, k)."""
     system = np.zeros(at.HEADER + at.BLOCK, dtype=np.int64)
-    system[at.COORDINATES], system[at.BLOCKS], system[at.BLOCKS_AT] = n, 1, at.HEADER
-    system[at.HEADER + at.BLOCK_TANGENTS] = system[at.HEADER + at.BLOCK_COLUMNS] = columns.shape[1]
+    system[at.Problem.n], system[at.Problem.residual_blocks], system[slot(at.Problem, "blocks")] = n, 1, at.HEADER
+    system[at.HEADER + at.Block.tangents] = system[at.HEADER + at.Block.columns] = columns.shape[1]
     data = np.zeros(at.DATA_HEAD + at.DATA_BLOCK, dtype=np.int64)
-    data[at.DATA_HEAD + at.DATA_ROWS] = len(columns)
-    return system, data
+    data[at.DATA_HEAD + at.DataBlock.rows] = len(columns)
+    return view(at.Problem, system), view(at.DataSet, data)
 
 
 @pytest.mark.parametrize("rows", [3, 6, 9, 12])

@@ -41,7 +41,8 @@ def agreement_constants(agreement: Agreement) -> str:
 
 def agreement_fields() -> Iterator[str]:
     """Arrays of the frame."""
-    yield "    long *rules, *wide, *places;    /* of consensus: what is asked for, the equations, scratch */"
+    yield "    long *rules, *places;    /* of consensus: what is asked for, scratch */"
+    yield "    struct problem *wide;    /* the equations with all rows side by side */"
     yield "    double *desk, *bench, *known;    /* scratch, and what the closed form knows of the units */"
     yield f"    long agreement[{c.ANSWERS}], units;"
     yield "    int startless;"
@@ -57,15 +58,15 @@ def agreement_room(blueprint: Blueprint, agreement: Agreement, prefix: int) -> I
     yield f"        long room[{c.HEADER}] = {{{head}}};"
     yield "        long units = 1, rows = 1;"
     constraints = sum(block.role is BlockRole.CONSTRAINT for block, _ in blueprint.cases)
-    yield f"        header[{at.BLOCKS}] = {len(cases) - constraints};"
-    yield f"        header[{at.CONSTRAINTS}] = {constraints};"
-    yield f"        if (header[{at.CHUNK}] < residuals)"
-    yield f"            header[{at.CHUNK}] = (residuals + 3) / 4 * 4;"
+    yield f"        header.residual_blocks = {len(cases) - constraints};"
+    yield f"        header.constraint_blocks = {constraints};"
+    yield "        if (header.chunk < residuals)"
+    yield "            header.chunk = (residuals + 3) / 4 * 4;"
     for _, _, case in cases:
         lines = case.kernel.outputs
-        wide = f"{lines + len(case.kernel.jacobian_rows)} * (header[{at.CHUNK}] / {lines} + 1)"
-        yield f"        if (header[{at.OUTPUTS}] < {wide})"
-        yield f"            header[{at.OUTPUTS}] = {wide};"
+        wide = f"{lines + len(case.kernel.jacobian_rows)} * (header.chunk / {lines} + 1)"
+        yield f"        if (header.most_outputs < {wide})"
+        yield f"            header.most_outputs = {wide};"
     for block in blueprint.blocks:
         own = [(i, k) for i, b, k in cases if b is block]
         if block.role is not BlockRole.CONSTRAINT and own:
@@ -73,10 +74,10 @@ def agreement_room(blueprint: Blueprint, agreement: Agreement, prefix: int) -> I
     yield f"        room[{c.MOST_UNITS}] = units;"
     yield f"        room[{c.MOST_ROWS}] = rows;"
     yield f"        f->rules = integers_of(a, {len(agreement.rules)});"
-    yield f"        f->wide = integers_of(a, {prefix} + (2 + {at.PIECE}) * n);"
-    yield "        f->places = integers_of(a, places_integers(header, room));"
-    yield "        f->bench = reals_of(a, bench_reals(header, room));"
-    yield "        f->desk = reals_of(a, work_reals(header));"
+    yield f"        f->wide = (struct problem *)integers_of(a, {prefix} + (2 + {at.PIECE}) * n);"
+    yield "        f->places = integers_of(a, places_integers(&header, room));"
+    yield "        f->bench = reals_of(a, bench_reals(&header, room));"
+    yield "        f->desk = reals_of(a, work_reals(&header));"
     yield f"        f->known = reals_of(a, units * {max(width, 1)});"
     yield "    }"
 
@@ -110,11 +111,11 @@ def agreement_function(blueprint: Blueprint, agreement: Agreement, prefix: int) 
     lines += ["static int agree_on(struct frame *f, double *factors)", "{"]
     lines += ["    long scalars;", ""]
     lines += ["    if (!f->startless)", "        return 0;"] if agreement.begins else []
-    lines += [f"    if (f->system[{at.COORDINATES}] > 1"]
+    lines += ["    if (f->system->n > 1"]
     lines += ["        && !connected(f->system, f->data_set, f->columns, f->places))"]
     lines += [f"        return {cells.status('NOT_CONNECTED')};"]
     lines += ["    scalars = set_room(f->system, f->data_set, f->rules);"]
-    lines += [f"    side_by_side(f->system, {prefix} + (2 + {at.PIECE}) * f->system[{at.COORDINATES}], f->wide);"]
+    lines += [f"    side_by_side((long *)f->system, {prefix} + (2 + {at.PIECE}) * f->system->n, (long *)f->wide);"]
     lines += [f"    f->rules[{c.STARTLESS}] = f->startless;"]
     if agreement.rules[c.FORM]:
         lines += ["    known_units(f->system, f->data_set, f->rules, MAP_PLACES, MAPS,"]

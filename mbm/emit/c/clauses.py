@@ -8,7 +8,6 @@ from mbm.emit.c.cells import Cells
 from mbm.emit.system import varies
 from mbm.emit.types import BlockCase, BlockShape, Blueprint, ColumnValue, SlotPlace
 from mbm.problem.types import NoiseKind
-from mbm.target.solver import description as at
 
 
 def clause_functions(blueprint: Blueprint) -> str:
@@ -71,26 +70,26 @@ def _same(cells: Cells, value: ColumnValue) -> str:
 
 
 def _case(blueprint: Blueprint, cells: Cells, block: BlockShape, case: BlockCase, number: int) -> Iterator[str]:
-    head = at.DATA_HEAD + at.DATA_BLOCK * number
     yield f"/* Parameters, weights and unknowns of the rows of {case.identifier}: kernel {number}. */"
     yield f"static int {case.identifier}_assemble(struct frame *f, long count)"
     yield "{"
     yield f"    const {blueprint.identifier}_data *data = f->data;"
     if case.noise is not None:
         yield f"    double inputs[{max(len(case.noise.inputs), 1)}], noise[{len(case.noise.program.outputs)}];"
+    yield f"    struct data_block *own = &blocks_of_data_set(f->data_set)[{number}];"
     yield "    long i, rows = 0;"
     yield ""
     yield "    (void)data;"
     if case.noise is not None and not case.noise.inputs:
         yield "    inputs[0] = 0.0;"
-    for place, used in enumerate(("parameters", "weights", "index", "columns")):
-        yield f"    f->data_set[{head + place}] = f->{used}_used;"
+    for used in ("parameters", "weights", "index", "columns"):
+        yield f"    own->{used} = f->{used}_used;"
     yield "    for (i = 0; i < count; i++) {"
     if block.table is not None:
         yield "        const long row = f->chosen[i];"
     yield from (f"        {line}" for line in _row(blueprint, cells, case))
     yield "    }"
-    yield f"    f->data_set[{head + at.DATA_ROWS}] = rows;"
+    yield "    own->rows = rows;"
     yield "    return (int)rows;"
     yield "}"
     yield ""

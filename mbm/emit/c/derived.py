@@ -14,7 +14,7 @@ _SPREAD = """/* The standard deviation of a quantity with the derivatives `slope
 static double spread_of(const struct frame *f, long row, long count, const long *rows, const long *columns,
     const long *places, const double *slopes, double *gradient)
 {{
-    const long n = f->system[{coordinates}];
+    const long n = f->system->n;
     double variance = 0.0;
     long i, j, k;
 
@@ -63,7 +63,7 @@ def derived_functions(blueprint: Blueprint) -> str:
     if not blueprint.derived:
         return ""
     cells = Cells(blueprint)
-    spread = _SPREAD.format(coordinates=at.COORDINATES, deficient=at.DEFICIENT)
+    spread = _SPREAD.format(deficient=at.DEFICIENT)
     return "\n".join([spread, *("\n".join(_function(cells, each)) for each in blueprint.derived)])
 
 

@@ -61,7 +61,7 @@ def _struct(blueprint: Blueprint) -> Iterator[str]:
     yield f"    long members[{count}];        /* of each unknown; 1 without a family */"
     yield f"    long offsets[{count + 1}];        /* where the numbers of each unknown begin */"
     yield f"    long firsts[{count + 1}];         /* where its coordinates begin */"
-    yield f"    long data_set[{at.DATA_HEAD + at.DATA_BLOCK * kernels}];      /* as the solver wants it */"
+    yield f"    long data_numbers[{at.DATA_HEAD + at.DATA_BLOCK * kernels}];      /* of `data_set` */"
     for table in blueprint.tables:
         if table.where is not None:
             yield f"    long *kept_of_{table.identifier};    /* the rows that the problem keeps */"
@@ -74,7 +74,9 @@ def _struct(blueprint: Blueprint) -> Iterator[str]:
     for family in blueprint.families:
         yield f"    long *{family.identifier};    /* a row of `{family.table}` for each member */"
         yield f"    long {family.identifier}_count;"
-    yield "    long *chosen, *fixed, *used, *column, *index, *columns, *system, *sides, *flags, *coordinates;"
+    yield "    long *chosen, *fixed, *used, *column, *index, *columns, *sides, *flags, *coordinates;"
+    yield "    struct problem *system;"
+    yield "    struct data_set *data_set;    /* as the solver wants it */"
     yield "    long parameters_used, weights_used, index_used, columns_used;"
     yield "    double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;"
     yield "    double *triangle, *covariance, *multipliers, *work, *spare;"
@@ -96,7 +98,7 @@ def _layout(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield "{"
     yield "    long n, numbers, residuals = 4, inputs = 0, weights = 0, multipliers = 0, i;"
     yield "    long parameters = 0, index = 0, columns = 0, chosen = 1;"
-    yield f"    long header[{at.HEADER}] = {{0}};"
+    yield "    struct problem header = {0};"
     yield ""
     yield "    f->data = data;"
     for table in blueprint.tables:
@@ -120,7 +122,7 @@ def _layout(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
         yield f"    f->{name} = integers_of(a, {size} + 1);"
     for name in ("fixed", "used", "column", "sides", "coordinates"):
         yield f"    f->{name} = integers_of(a, n + 1);"
-    yield f"    f->system = integers_of(a, {len(static.prefix)} + (2 + {at.PIECE}) * n);"
+    yield f"    f->system = (struct problem *)integers_of(a, {len(static.prefix)} + (2 + {at.PIECE}) * n);"
     yield "    f->parameters = reals_of(a, parameters + 1);"
     yield "    f->weights = reals_of(a, weights + 1);"
     yield f"    f->scratch = reals_of(a, {_widest_matrix(blueprint)});"
@@ -133,25 +135,26 @@ def _layout(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield "    f->triangle = reals_of(a, (n + 1) * (n + 1));"
     yield "    f->covariance = reals_of(a, n * n);"
     yield "    f->multipliers = reals_of(a, multipliers + 1);"
-    yield f"    header[{at.NUMBERS}] = numbers;"
-    yield f"    header[{at.COORDINATES}] = n;"
-    yield f"    header[{at.MULTIPLIERS}] = multipliers;"
-    yield f"    header[{at.RESIDUALS}] = residuals;"
-    yield f"    header[{at.INPUTS}] = inputs;"
-    yield f"    header[{at.WEIGHTS}] = weights + 2 * multipliers;"
-    yield f"    header[{at.CHUNK}] = {static.prefix[at.CHUNK]};"
-    yield f"    header[{at.OUTPUTS}] = {outputs_capacity(blueprint, static)};"
+    yield "    header.numbers = numbers;"
+    yield "    header.n = n;"
+    yield "    header.most_multipliers = multipliers;"
+    yield "    header.most_residuals = residuals;"
+    yield "    header.most_inputs = inputs;"
+    yield "    header.most_weights = weights + 2 * multipliers;"
+    yield f"    header.chunk = {static.prefix[at.Problem.chunk]};"
+    yield f"    header.most_outputs = {outputs_capacity(blueprint, static)};"
     if blueprint.agreement is not None:
         yield from agreement_room(blueprint, blueprint.agreement, len(static.prefix))
-    yield "    f->work = reals_of(a, work_reals(header));"
+    yield "    f->work = reals_of(a, work_reals(&header));"
     yield f"    f->spare = reals_of(a, {spare_size(blueprint, static)});"
     for derived in blueprint.derived:
         for suffix in ("", "_sigma"):
             yield f"    f->derived_{derived.identifier}{suffix} = reals_of(a, {capacity(cells, derived)} + 1);"
-    yield "    f->flags = integers_of(a, work_integers(header));"
+    yield "    f->flags = integers_of(a, work_integers(&header));"
     yield "    f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;"
     yield f"    for (i = 0; i < {at.DATA_HEAD + at.DATA_BLOCK * len(blueprint.cases)}; i++)"
-    yield "        f->data_set[i] = 0;"
+    yield "        f->data_numbers[i] = 0;"
+    yield "    f->data_set = (struct data_set *)f->data_numbers;"
     yield "}"
 
 

@@ -32,5 +32,5 @@ def spare_size(blueprint: Blueprint, static: StaticSystem) -> str:
 
 def outputs_capacity(blueprint: Blueprint, static: StaticSystem) -> int:
     """Numbers that the kernels put out at a time, at most."""
-    chunk = static.prefix[at.CHUNK]
+    chunk = static.prefix[at.Problem.chunk]
     return max(chunk // c.kernel.outputs * (c.kernel.outputs + len(c.kernel.jacobian_rows)) for _, c in blueprint.cases)

@@ -40,8 +40,8 @@ _ROOTS = (
     "spread_of_group", "mask_undetermined", "matrix_at", "determines",
 )  # fmt: skip
 _DESCRIPTION = (
-    "HEADER", "BLOCK", "PIECE", "BOUNDS_AT", "MULTIPLIERS", "DATA_HEAD", "DATA_BLOCK", "DATA_COUNT",
-    "DATA_COLUMNS", "DATA_ROWS", "RESULTS", "COST", "PLAIN_COST", "STATES", "REASON", "STEPS", "EVALUATIONS", "FREEDOM",
+    "HEADER", "BLOCK", "PIECE", "BOUNDS_AT", "DATA_HEAD", "DATA_BLOCK", "RESULTS",
+    "COST", "PLAIN_COST", "STATES", "REASON", "STEPS", "EVALUATIONS", "FREEDOM",
     "DEFICIENT", "SMALL_OFFSET", "ONE_STEP", "NOT_FINITE_AT_START", "INFEASIBLE",
 )  # fmt: skip
 _ERROR_FUNCTION = '''error_function = np.vectorize(math.erf, otypes=[float])
@@ -134,6 +134,8 @@ def _constants(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     lines += [f"KINDS = {max(kinds_of_units(blueprint), 1)}", *_assigned("NOISY", static.noises, "Unknown noise.")]
     yield "\n".join(lines)
     values = [(name, getattr(description, name)) for name in _DESCRIPTION]
+    values += [("MULTIPLIERS", description.Problem.most_multipliers), ("DATA_COUNT", description.DataSet.count)]
+    values += [("DATA_COLUMNS", description.DataBlock.columns), ("DATA_ROWS", description.DataBlock.rows)]
     values += [("SCATTER", SCATTER), ("SQUARES", SQUARES), ("RANK", RANK)]
     if blueprint.agreement is None:
         yield "KEPT = False"

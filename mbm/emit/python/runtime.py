@@ -130,7 +130,7 @@ class Prepared:
         for b in range(len(CASES)):
             own = self.data[DATA_HEAD + DATA_BLOCK * b :]
             block = self.system[HEADER + BLOCK * b :]
-            mark_used(self.system, block, own[DATA_ROWS], self.columns[own[DATA_COLUMNS] :], self.used)
+            mark_used(block, own[DATA_ROWS], self.columns[own[DATA_COLUMNS] :], self.used)
         self.free = free_coordinates(
             UNKNOWNS, count, self.members, self.firsts, self.used, self.fixed, self.column
         )

@@ -31,29 +31,7 @@ from mbm.target.solver.consensus_description import (
 from mbm.target.solver.consensus_laws import consistency
 from mbm.target.solver.consensus_order import STATED
 from mbm.target.solver.covariance import set_covariance
-from mbm.target.solver.description import (
-    BLOCK,
-    BLOCK_NOISE,
-    BLOCK_UNITS,
-    BLOCK_UNITS_AT,
-    BLOCK_WEIGHTS,
-    BLOCKS,
-    COORDINATES,
-    DATA_BLOCK,
-    DATA_COUNT,
-    DATA_HEAD,
-    DATA_ROWS,
-    DATA_WEIGHTS,
-    NO_LOSS,
-    NUMBERS,
-    UNIT,
-    UNIT_FIRST,
-    UNIT_LAST,
-    UNIT_LOSS,
-    UNIT_MATRIX,
-    UNIT_WEIGHTS,
-)
-from mbm.target.solver.description import BLOCKS_AT as SYSTEM_BLOCKS_AT
+from mbm.target.solver.description import NO_LOSS, DataSet, Problem, Unit
 from mbm.target.solver.equations import load_rows
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.solver.sweeps import sweep
@@ -62,36 +40,34 @@ from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers,
 
 
 def weigh_unit(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     b: Integer,
     row: Integer,
-    unit: ConstantIntegers,
+    unit: Unit,
     factor: Real,
     weights: Reals,
 ) -> None:
     """The weights of a unit times a factor; 0: it takes no part any more."""
-    size = unit[UNIT_LAST] - unit[UNIT_FIRST]
-    if unit[UNIT_MATRIX] != 0:
+    size = unit.last - unit.first
+    if unit.matrix != 0:
         size = size * size
-    step = system[system[SYSTEM_BLOCKS_AT] + b * BLOCK + BLOCK_WEIGHTS]
-    first = data[DATA_HEAD + b * DATA_BLOCK + DATA_WEIGHTS] + row * step + unit[UNIT_WEIGHTS]
+    step = system.blocks[b].weights
+    first = data.blocks[b].weights + row * step + unit.weights
     for i in range(size):
         weights[first + i] *= factor
 
 
-def weigh_units(
-    system: ConstantIntegers, data: ConstantIntegers, b: Integer, u: Integer, factor: Real, weights: Reals
-) -> None:
+def weigh_units(system: Problem, data: DataSet, b: Integer, u: Integer, factor: Real, weights: Reals) -> None:
     """The same for unit ``u`` of all rows of a block."""
-    unit = system[system[system[SYSTEM_BLOCKS_AT] + b * BLOCK + BLOCK_UNITS_AT] + u * UNIT :]
-    for row in range(data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]):
+    unit = system.blocks[b].units[u]
+    for row in range(data.blocks[b].rows):
         weigh_unit(system, data, b, row, unit, factor, weights)
 
 
 def leave_out(
-    system: ConstantIntegers,
-    data: Integers,
+    system: Problem,
+    data: DataSet,
     rules: ConstantIntegers,
     bench: ConstantReals,
     places: ConstantIntegers,
@@ -101,18 +77,18 @@ def leave_out(
     """Take out the units that do not agree, and set κ of the others; a loss sees the tails itself, so it has 1."""
     n = 0
     first = 0
-    for b in range(system[BLOCKS]):
-        at = system[SYSTEM_BLOCKS_AT] + b * BLOCK
-        count = system[at + BLOCK_UNITS]
+    for b in range(system.residual_blocks):
+        block = system.blocks[b]
+        count = block.unit_count
         if rules[rules[BLOCKS_AT] + b * RULED + RULED_TYPE] >= 0:
-            for row in range(data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]):
+            for row in range(data.blocks[b].rows):
                 for u in range(count):
-                    unit = system[system[at + BLOCK_UNITS_AT] + u * UNIT :]
+                    unit = block.units[u]
                     components = places[place_vector_at(rules, COMPONENTS) + n]
                     if places[place_vector_at(rules, INSIDE) + n] == 0:
                         weigh_unit(system, data, b, row, unit, 0.0, weights)
-                        data[DATA_COUNT] -= components
-                    elif unit[UNIT_LOSS] == NO_LOSS:
+                        data.count -= components
+                    elif unit.loss == NO_LOSS:
                         limit = bench[unit_vector_at(rules, LIMITS) + n]
                         left = consistency(limit / bench[unit_vector_at(rules, NOISE) + n], components)
                         kappa[first + u] = left
@@ -149,8 +125,8 @@ def factor_of_loss(
 
 def scale_losses(
     units: Integer,
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     rules: ConstantIntegers,
     bench: ConstantReals,
     places: ConstantIntegers,
@@ -158,24 +134,24 @@ def scale_losses(
     weights: Reals,
 ) -> None:
     """Weights of blocks with a loss and unknown noise, by the noise that the units that agree show."""
-    for b in range(system[BLOCKS]):
-        at = system[SYSTEM_BLOCKS_AT] + b * BLOCK
+    for b in range(system.residual_blocks):
+        block = system.blocks[b]
         own = rules[rules[BLOCKS_AT] + b * RULED :]
-        lossy = system[system[at + BLOCK_UNITS_AT] + UNIT_LOSS] != NO_LOSS
+        lossy = block.units[0].loss != NO_LOSS
         if own[RULED_TYPE] >= 0 and own[RULED_GROUP] != STATED and lossy:
-            factor = factor_of_loss(own[RULED_GROUP], units, system[COORDINATES], rules, bench, places)
-            factors[system[at + BLOCK_NOISE]] = factor
-            for u in range(system[at + BLOCK_UNITS]):
+            factor = factor_of_loss(own[RULED_GROUP], units, system.n, rules, bench, places)
+            factors[block.noise] = factor
+            for u in range(block.unit_count):
                 weigh_units(system, data, b, u, 1.0 / factor, weights)
 
 
 def come_to_agreement(
     kept: Integer,
     scalars: Integer,
-    system: ConstantIntegers,
-    wide: ConstantIntegers,
+    system: Problem,
+    wide: Problem,
     constants: ConstantReals,
-    data: Integers,
+    data: DataSet,
     parameters: ConstantReals,
     weights: Reals,
     index: ConstantIntegers,
@@ -198,7 +174,7 @@ def come_to_agreement(
     ``wide`` is ``system`` with room for all rows in one chunk. ``states`` (ANSWERS,) say how it went, as `agree`.
     """
     states[AGREED] = 0
-    n = system[COORDINATES]
+    n = system.n
     if n == 0 or scalars == 0 or (kept == 1 and rules[STARTLESS] == 0 and scalars <= n):
         return 0
     units = agree(
@@ -206,7 +182,7 @@ def come_to_agreement(
         places, states,
     )  # fmt: skip
     if states[AGREED] == 1:
-        copied(system[NUMBERS], bench[point_at(wide, rules, 0) :], start)
+        copied(system.numbers, bench[point_at(wide, rules, 0) :], start)
         scale_losses(units, system, data, rules, bench, places, factors, weights)
         if kept == 1:
             leave_out(system, data, rules, bench, places, kappa, weights)
@@ -214,9 +190,9 @@ def come_to_agreement(
 
 
 def inform(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     parameters: ConstantReals,
     weights: Reals,
     index: ConstantIntegers,
@@ -234,8 +210,8 @@ def inform(
     The weights are multiplied by √κ, so that nothing but the covariance should be asked for afterwards.
     """
     first = 0
-    for b in range(system[BLOCKS]):
-        count = system[system[SYSTEM_BLOCKS_AT] + b * BLOCK + BLOCK_UNITS]
+    for b in range(system.residual_blocks):
+        count = system.blocks[b].unit_count
         for u in range(count):
             if kappa[first + u] != 1.0:
                 weigh_units(system, data, b, u, sqrt(kappa[first + u]), weights)

@@ -8,25 +8,8 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from mbm.target.solver.consensus_description import (
-    BLOCKS_AT,
-    FORM,
-    FORM_WIDTH,
-    RULED,
-    RULED_TYPE,
-    SIGHTS,
-)
-from mbm.target.solver.description import (
-    BLOCK,
-    BLOCK_PARAMETERS,
-    BLOCK_UNITS,
-    BLOCKS,
-    DATA_BLOCK,
-    DATA_HEAD,
-    DATA_PARAMETERS,
-    DATA_ROWS,
-)
-from mbm.target.solver.description import BLOCKS_AT as SYSTEM_BLOCKS_AT
+from mbm.target.solver.consensus_description import BLOCKS_AT, FORM, FORM_WIDTH, RULED, RULED_TYPE, SIGHTS
+from mbm.target.solver.description import DataSet, Problem
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 
 
@@ -44,8 +27,8 @@ def known_unit(
 
 
 def known_units(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     rules: ConstantIntegers,
     map_places: ConstantIntegers,
     maps: ConstantReals,
@@ -56,14 +39,14 @@ def known_units(
     """``forms`` of all units (units, width); lines of sight are of length 1, turned by ``sign``."""
     width = rules[FORM_WIDTH]
     units = 0
-    for b in range(system[BLOCKS]):
-        at = system[SYSTEM_BLOCKS_AT] + b * BLOCK
+    for b in range(system.residual_blocks):
+        block = system.blocks[b]
         first = rules[rules[BLOCKS_AT] + b * RULED + RULED_TYPE]
-        count = system[at + BLOCK_PARAMETERS]
-        begin = data[DATA_HEAD + b * DATA_BLOCK + DATA_PARAMETERS]
+        count = block.parameters
+        begin = data.blocks[b].parameters
         if first >= 0:
-            for row in range(data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]):
-                for u in range(system[at + BLOCK_UNITS]):
+            for row in range(data.blocks[b].rows):
+                for u in range(block.unit_count):
                     own = forms[units * width :]
                     known_unit(width, count, parameters[begin + row * count :], map_places[first + u], maps, own)
                     if rules[FORM] == SIGHTS:

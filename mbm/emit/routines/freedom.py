@@ -2,19 +2,8 @@
 
 from __future__ import annotations
 
-from mbm.emit.routines.description import (
-    UNKNOWN,
-    UNKNOWN_FAMILY,
-    UNKNOWN_FREEDOM,
-    UNKNOWN_SIZE,
-)
-from mbm.target.solver.description import (
-    BLOCK_COLUMNS,
-    BLOCK_NONZEROS,
-    BLOCK_NONZEROS_AT,
-    NONZERO,
-    NONZERO_TANGENT,
-)
+from mbm.emit.routines.description import UNKNOWN, UNKNOWN_FAMILY, UNKNOWN_FREEDOM, UNKNOWN_SIZE
+from mbm.target.solver.description import Block
 from mbm.target.words import ConstantIntegers, Integer, Integers
 
 
@@ -29,17 +18,15 @@ def place_unknowns(
         firsts[u + 1] = firsts[u] + members[u] * unknowns[u * UNKNOWN + UNKNOWN_FREEDOM]
 
 
-def mark_used(
-    system: ConstantIntegers, block: ConstantIntegers, rows: Integer, columns: ConstantIntegers, used: Integers
-) -> None:
+def mark_used(block: Block, rows: Integer, columns: ConstantIntegers, used: Integers) -> None:
     """Mark the coordinates that the derivatives of a block's rows belong to."""
     lines = rows
-    if block[BLOCK_COLUMNS] == 0 and rows > 1:
+    if block.columns == 0 and rows > 1:
         lines = 1
-    for k in range(block[BLOCK_NONZEROS]):
-        tangent = system[block[BLOCK_NONZEROS_AT] + k * NONZERO + NONZERO_TANGENT]
+    for k in range(block.nonzero_count):
+        tangent = block.nonzeros[k].tangent
         for row in range(lines):
-            used[columns[row * block[BLOCK_COLUMNS] + tangent]] = 1
+            used[columns[row * block.columns + tangent]] = 1
 
 
 def free_coordinates(

@@ -34,4 +34,5 @@ def emitted_module(called: Iterable[str]) -> Module:
     """The functions of these names with all that they call, none of them public; a kernel takes a row at a time."""
     known = {name: f for part in PARTS for name, f in vars(part).items() if isinstance(f, FunctionType)}
     found = module_of("solver", [known[name] for name in called], public=False, constants={"LANES": 1})
-    return Module(name=found.name, functions=tuple(f for f in found.functions if f.name != CALL_KERNEL.name))
+    functions = tuple(f for f in found.functions if f.name != CALL_KERNEL.name)
+    return Module(name=found.name, functions=functions, records=found.records)

@@ -6,29 +6,7 @@ from math import fabs, sqrt
 
 from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
 from mbm.target.solver.batch import finish_solve, go_on, start_solve
-from mbm.target.solver.description import (
-    BLOCK,
-    BLOCK_NOISE,
-    BLOCK_OUTPUTS,
-    BLOCK_UNITS,
-    BLOCK_UNITS_AT,
-    BLOCK_WEIGHTS,
-    BLOCKS,
-    BLOCKS_AT,
-    COORDINATES,
-    DATA_BLOCK,
-    DATA_HEAD,
-    DATA_ROWS,
-    DATA_WEIGHTS,
-    ITERATIONS,
-    NOISES,
-    NOT_FINITE_AT_START,
-    NUMBERS,
-    REASON,
-    UNIT,
-    UNIT_FIRST,
-    UNIT_LAST,
-)
+from mbm.target.solver.description import NOT_FINITE_AT_START, REASON, DataSet, Problem
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 ROUNDS_AT_MOST = 200
@@ -44,14 +22,14 @@ SQUARES = 2
 FOUND = 3
 
 
-def rescale(system: ConstantIntegers, data: ConstantIntegers, group: Integer, ratio: Reals, weights: Reals) -> None:
+def rescale(system: Problem, data: DataSet, group: Integer, ratio: Reals, weights: Reals) -> None:
     """Divide the weights of a group by the change of its factor, ``ratio`` (groups,)."""
-    for b in range(system[BLOCKS]):
-        at = system[BLOCKS_AT] + b * BLOCK
-        if system[at + BLOCK_NOISE] == group:
-            head = DATA_HEAD + b * DATA_BLOCK
-            first = data[head + DATA_WEIGHTS]
-            for i in range(data[head + DATA_ROWS] * system[at + BLOCK_WEIGHTS]):
+    for b in range(system.residual_blocks):
+        block = system.blocks[b]
+        if block.noise == group:
+            part = data.blocks[b]
+            first = part.weights
+            for i in range(part.rows * block.weights):
                 weights[first + i] /= ratio[group]
 
 
@@ -65,8 +43,8 @@ def quadratic_form(n: Integer, matrix: ConstantReals, vector: ConstantReals) -> 
 
 
 def share_of_group(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     parameters: ConstantReals,
     weights: ConstantReals,
     index: ConstantIntegers,
@@ -84,32 +62,32 @@ def share_of_group(
     ``kappa`` is the share of its variance that a unit of each kind has left, where limits cut its tails off. The
     redundancy is that of Förstner (1979).
     """
-    n = system[COORDINATES]
+    n = system.n
     for i in range(FOUND):
         found[i] = 0.0
     kinds = 0
-    for b in range(system[BLOCKS]):
-        at = system[BLOCKS_AT] + b * BLOCK
-        lines = system[at + BLOCK_OUTPUTS]
-        if system[at + BLOCK_NOISE] == group:
-            for row in range(data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]):
+    for b in range(system.residual_blocks):
+        block = system.blocks[b]
+        lines = block.outputs
+        if block.noise == group:
+            for row in range(data.blocks[b].rows):
                 evaluate_row(
                     system, data, parameters, weights, index, columns, point, b, row, scratch, line, line[lines:]
                 )
-                for u in range(system[at + BLOCK_UNITS]):
-                    unit = system[system[at + BLOCK_UNITS_AT] + u * UNIT :]
+                for u in range(block.unit_count):
+                    unit = block.units[u]
                     if takes_part(system, data, weights, b, row, unit) == 1:
-                        for i in range(unit[UNIT_FIRST], unit[UNIT_LAST]):
+                        for i in range(unit.first, unit.last):
                             leverage = quadratic_form(n, covariance, line[lines + i * n :])
                             found[SCATTER] += line[i] * line[i] / kappa[kinds + u]
                             found[REDUNDANCY] += max(0.0, min(1.0, 1.0 - leverage))
                             found[SQUARES] += line[i] * line[i]
-        kinds += system[at + BLOCK_UNITS]
+        kinds += block.unit_count
 
 
 def factors_left(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     parameters: ConstantReals,
     weights: ConstantReals,
     index: ConstantIntegers,
@@ -120,7 +98,7 @@ def factors_left(
     spare: Reals,
 ) -> Real:
     """The factors by which the residuals say that the noise is still wrong, into ``spare``; how far they are from 1."""
-    groups = system[NOISES]
+    groups = system.noises
     found = spare[groups:]
     scratch = spare[groups + FOUND :]
     line = scratch[row_scratch(system) :]
@@ -137,13 +115,13 @@ def factors_left(
 
 
 def solve_noises(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
     parameters: ConstantReals,
     weights: Reals,
     index: ConstantIntegers,
     columns: ConstantIntegers,
-    data: ConstantIntegers,
+    data: DataSet,
     start: ConstantReals,
     work: Reals,
     flags: Integers,
@@ -162,17 +140,17 @@ def solve_noises(
 
     ``factors`` (groups,) become the factors; ``spare``: (groups,), `FOUND`, what `evaluate_row` and a row of it want.
     """
-    groups = system[NOISES]
+    groups = system.noises
     for g in range(groups):
         factors[g] = 1.0
-    for i in range(system[NUMBERS]):
+    for i in range(system.numbers):
         numbers[i] = start[i]
     rounds = 0
     change = 1.0
     going = 1
     while going == 1:
         start_solve(system, constants, parameters, weights, index, columns, data, 0, numbers, work, flags)
-        go_on(system, constants, data, index, columns, system[ITERATIONS] + 1, work, flags)
+        go_on(system, constants, data, index, columns, system.iterations + 1, work, flags)
         finish_solve(
             system,
             constants,
@@ -202,8 +180,8 @@ def solve_noises(
 
 
 def spread_of_group(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     parameters: ConstantReals,
     weights: ConstantReals,
     index: ConstantIntegers,

@@ -2,54 +2,23 @@
 
 from __future__ import annotations
 
-from mbm.target.solver.description import (
-    BLOCK,
-    BLOCK_COLUMNS,
-    BLOCK_INDEX,
-    BLOCK_JACOBIAN,
-    BLOCK_NONZEROS,
-    BLOCK_NONZEROS_AT,
-    BLOCK_OUTPUTS,
-    BLOCK_PARAMETERS,
-    BLOCK_UNITS,
-    BLOCK_UNITS_AT,
-    BLOCK_VARIABLES,
-    BLOCK_WEIGHTS,
-    BLOCKS,
-    BLOCKS_AT,
-    COORDINATES,
-    DATA_BLOCK,
-    DATA_COLUMNS,
-    DATA_HEAD,
-    DATA_INDEX,
-    DATA_PARAMETERS,
-    DATA_ROWS,
-    DATA_WEIGHTS,
-    NONZERO,
-    NONZERO_OUTPUT,
-    NONZERO_TANGENT,
-    UNIT,
-    UNIT_FIRST,
-    UNIT_LAST,
-    UNIT_MATRIX,
-    UNIT_WEIGHTS,
-)
+from mbm.target.solver.description import Block, DataSet, Problem, Unit
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, call_kernel
 
 
 def whiten_row(
-    system: ConstantIntegers, block: ConstantIntegers, weights: ConstantReals, stride: Integer, raw: ConstantReals,
+    block: Block, weights: ConstantReals, stride: Integer, raw: ConstantReals,
     target: Reals,
 ) -> None:  # fmt: skip
     """One value for each output, ``stride`` apart, times the weights of a row; 0 for units that take no part."""
-    for u in range(block[BLOCK_UNITS]):
-        unit = system[block[BLOCK_UNITS_AT] + u * UNIT :]
-        first = unit[UNIT_FIRST]
-        size = unit[UNIT_LAST] - first
-        own = weights[unit[UNIT_WEIGHTS] :]
+    for u in range(block.unit_count):
+        unit = block.units[u]
+        first = unit.first
+        size = unit.last - first
+        own = weights[unit.weights :]
         for i in range(size):
             total = 0.0
-            if own[0] != 0.0 and unit[UNIT_MATRIX] == 0:
+            if own[0] != 0.0 and unit.matrix == 0:
                 total = own[i] * raw[(first + i) * stride]
             elif own[0] != 0.0:
                 for j in range(size):
@@ -59,33 +28,33 @@ def whiten_row(
 
 
 def takes_part(
-    system: ConstantIntegers, data: ConstantIntegers, weights: ConstantReals, b: Integer, row: Integer,
-    unit: ConstantIntegers,
+    system: Problem, data: DataSet, weights: ConstantReals, b: Integer, row: Integer,
+    unit: Unit,
 ) -> Integer:  # fmt: skip
     """Whether a unit counts: its first weight is not 0."""
-    step = system[system[BLOCKS_AT] + b * BLOCK + BLOCK_WEIGHTS]
+    step = system.blocks[b].weights
     found = 0
-    if weights[data[DATA_HEAD + b * DATA_BLOCK + DATA_WEIGHTS] + row * step + unit[UNIT_WEIGHTS]] != 0.0:
+    if weights[data.blocks[b].weights + row * step + unit.weights] != 0.0:
         found = 1
     return found
 
 
-def row_scratch(system: ConstantIntegers) -> Integer:
+def row_scratch(system: Problem) -> Integer:
     """Reals of scratch that `evaluate_row` wants."""
     found = 0
-    for b in range(system[BLOCKS]):
-        at = system[BLOCKS_AT] + b * BLOCK
-        lines = system[at + BLOCK_OUTPUTS]
-        size = system[at + BLOCK_VARIABLES] + system[at + BLOCK_PARAMETERS] + lines + system[at + BLOCK_NONZEROS]
-        size += lines * system[COORDINATES]
+    for b in range(system.residual_blocks):
+        block = system.blocks[b]
+        lines = block.outputs
+        size = block.variables + block.parameters + lines + block.nonzero_count
+        size += lines * system.n
         if size > found:
             found = size
     return found
 
 
 def evaluate_row(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     parameters: ConstantReals,
     weights: ConstantReals,
     index: ConstantIntegers,
@@ -98,39 +67,39 @@ def evaluate_row(
     jacobian: Reals,
 ) -> None:
     """Row ``row`` of block ``b``: whitened residuals (outputs,) and Jacobian (outputs, n)."""
-    n = system[COORDINATES]
-    block = system[system[BLOCKS_AT] + b * BLOCK :]
-    at = DATA_HEAD + b * DATA_BLOCK
-    variables = block[BLOCK_VARIABLES]
-    wide = block[BLOCK_PARAMETERS]
-    lines = block[BLOCK_OUTPUTS]
+    n = system.n
+    block = system.blocks[b]
+    part = data.blocks[b]
+    variables = block.variables
+    wide = block.parameters
+    lines = block.outputs
     outputs = scratch[variables + wide :]
-    plain = scratch[variables + wide + lines + block[BLOCK_NONZEROS] :]
-    own = index[data[at + DATA_INDEX] + row * block[BLOCK_INDEX] :]
+    plain = scratch[variables + wide + lines + block.nonzero_count :]
+    own = index[part.index + row * block.index :]
     for v in range(variables):
         scratch[v] = point[own[v]]
-    given = parameters[data[at + DATA_PARAMETERS] + row * wide :]
+    given = parameters[part.parameters + row * wide :]
     for p in range(wide):
         scratch[variables + p] = given[p]
-    call_kernel(block[BLOCK_JACOBIAN], scratch, outputs, 1)
-    heavy = weights[data[at + DATA_WEIGHTS] + row * block[BLOCK_WEIGHTS] :]
-    whiten_row(system, block, heavy, 1, outputs, residuals)
+    call_kernel(block.jacobian, scratch, outputs, 1)
+    heavy = weights[part.weights + row * block.weights :]
+    whiten_row(block, heavy, 1, outputs, residuals)
     for i in range(lines * n):
         plain[i] = 0.0
         jacobian[i] = 0.0
-    places = columns[data[at + DATA_COLUMNS] + row * block[BLOCK_COLUMNS] :]
-    for k in range(block[BLOCK_NONZEROS]):
-        nonzero = system[block[BLOCK_NONZEROS_AT] + k * NONZERO :]
-        column = places[nonzero[NONZERO_TANGENT]]
+    places = columns[part.columns + row * block.columns :]
+    for k in range(block.nonzero_count):
+        nonzero = block.nonzeros[k]
+        column = places[nonzero.tangent]
         if column >= 0:
-            plain[nonzero[NONZERO_OUTPUT] * n + column] += outputs[lines + k]
+            plain[nonzero.output * n + column] += outputs[lines + k]
     for j in range(n):
-        whiten_row(system, block, heavy, n, plain[j:], jacobian[j:])
+        whiten_row(block, heavy, n, plain[j:], jacobian[j:])
 
 
 def all_rows(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     parameters: ConstantReals,
     weights: ConstantReals,
     index: ConstantIntegers,
@@ -142,11 +111,11 @@ def all_rows(
     target: Reals,
 ) -> None:
     """Residuals (m,), or with ``slopes`` 1 their Jacobian (m, n); ``line`` holds one row of either."""
-    n = system[COORDINATES]
+    n = system.n
     first = 0
-    for b in range(system[BLOCKS]):
-        lines = system[system[BLOCKS_AT] + b * BLOCK + BLOCK_OUTPUTS]
-        for row in range(data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]):
+    for b in range(system.residual_blocks):
+        lines = system.blocks[b].outputs
+        for row in range(data.blocks[b].rows):
             evaluate_row(system, data, parameters, weights, index, columns, point, b, row, scratch, line, line[lines:])
             for i in range(lines):
                 if slopes == 0:

@@ -10,25 +10,7 @@ from math import fabs, sqrt
 
 from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
 from mbm.target.solver.covariance import undetermined
-from mbm.target.solver.description import (
-    BLOCK,
-    BLOCK_NOISE,
-    BLOCK_OUTPUTS,
-    BLOCK_UNITS,
-    BLOCK_UNITS_AT,
-    BLOCKS,
-    BLOCKS_AT,
-    COORDINATES,
-    DATA_BLOCK,
-    DATA_HEAD,
-    DATA_ROWS,
-    NO_LOSS,
-    UNIT,
-    UNIT_FIRST,
-    UNIT_LAST,
-    UNIT_LOSS,
-    UNIT_LOSS_AT,
-)
+from mbm.target.solver.description import NO_LOSS, DataSet, Problem, Unit
 from mbm.target.solver.losses import loss_slope, loss_weight
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 
@@ -48,26 +30,26 @@ TOLD = 2.0
 """Degrees of freedom from which on residuals alone tell their spread; below, the stated noise counts as well."""
 
 
-def same_loss(system: ConstantIntegers, constants: ConstantReals, unit: Integer, loss: Integer) -> Integer:
-    """Whether a unit has the loss of the unit at ``loss``; both at offsets in ``system``."""
-    if system[unit + UNIT_LOSS] != system[loss + UNIT_LOSS]:
+def same_loss(constants: ConstantReals, unit: Unit, other: Unit) -> Integer:
+    """Whether two units have the same loss."""
+    if unit.loss != other.loss:
         return 0
-    if system[unit + UNIT_LOSS] == NO_LOSS:
+    if unit.loss == NO_LOSS:
         return 1
-    a = system[unit + UNIT_LOSS_AT]
-    b = system[loss + UNIT_LOSS_AT]
+    a = unit.loss_at
+    b = other.loss_at
     return 1 if constants[a] == constants[b] and constants[a + 1] == constants[b + 1] else 0
 
 
-def first_with_loss(system: ConstantIntegers, constants: ConstantReals, unit: Integer) -> Integer:
-    """Whether no earlier unit has the same loss."""
-    for b in range(system[BLOCKS]):
-        at = system[BLOCKS_AT] + b * BLOCK
-        for u in range(system[at + BLOCK_UNITS]):
-            other = system[at + BLOCK_UNITS_AT] + u * UNIT
-            if other == unit:
+def first_with_loss(system: Problem, constants: ConstantReals, number: Integer, own: Integer) -> Integer:
+    """Whether no unit before unit ``own`` of block ``number`` has the same loss."""
+    unit = system.blocks[number].units[own]
+    for b in range(system.residual_blocks):
+        block = system.blocks[b]
+        for u in range(block.unit_count):
+            if b == number and u == own:
                 return 1
-            if same_loss(system, constants, other, unit) == 1:
+            if same_loss(constants, block.units[u], unit) == 1:
                 return 0
     return 1
 
@@ -110,39 +92,39 @@ def add_to_pool(
 
 
 def pool(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     parameters: ConstantReals,
     weights: ConstantReals,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     point: ConstantReals,
-    loss: Integer,
+    loss: Unit,
     sums: Reals,
     information: Reals,
     scratch: Reals,
 ) -> None:
-    """The sums over all units with the loss of the unit at ``loss``, and A (n, n)."""
-    n = system[COORDINATES]
+    """The sums over all units with the loss of the unit ``loss``, and A (n, n)."""
+    n = system.n
     line = scratch[row_scratch(system) :]
-    kind = system[loss + UNIT_LOSS]
-    loss_at = system[loss + UNIT_LOSS_AT]
+    kind = loss.loss
+    loss_at = loss.loss_at
     for i in range(SUMS):
         sums[i] = 0.0
     for i in range(n * n):
         information[i] = 0.0
-    for b in range(system[BLOCKS]):
-        at = system[BLOCKS_AT] + b * BLOCK
-        lines = system[at + BLOCK_OUTPUTS]
-        stated = 1 if system[at + BLOCK_NOISE] < 0 else 0
-        for u in range(system[at + BLOCK_UNITS]):
-            unit = system[at + BLOCK_UNITS_AT] + u * UNIT
-            if same_loss(system, constants, unit, loss) == 1:
-                first = system[unit + UNIT_FIRST]
-                size = system[unit + UNIT_LAST] - first
-                for row in range(data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]):
-                    if takes_part(system, data, weights, b, row, system[unit:]) == 1:
+    for b in range(system.residual_blocks):
+        block = system.blocks[b]
+        lines = block.outputs
+        stated = 1 if block.noise < 0 else 0
+        for u in range(block.unit_count):
+            unit = block.units[u]
+            if same_loss(constants, unit, loss) == 1:
+                first = unit.first
+                size = unit.last - first
+                for row in range(data.blocks[b].rows):
+                    if takes_part(system, data, weights, b, row, unit) == 1:
                         evaluate_row(
                             system, data, parameters, weights, index, columns, point, b, row, scratch, line,
                             line[lines:],
@@ -234,9 +216,9 @@ def freed_of(n: Integer, sides: ConstantIntegers, matrix: Reals) -> None:
 
 
 def sandwich(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     parameters: ConstantReals,
     weights: ConstantReals,
     index: ConstantIntegers,
@@ -253,7 +235,7 @@ def sandwich(
     ``rank`` below the number of coordinates: it is that in the ``directions`` (rank, n); -1: in all.
     ``spare``: four matrices (n, n), a vector (n,), `SUMS` sums, and what a row wants.
     """
-    n = system[COORDINATES]
+    n = system.n
     curvature = spare[0:]
     spread = spare[n * n :]
     inverse = spare[2 * n * n :]
@@ -266,20 +248,20 @@ def sandwich(
         spread[i] = 0.0
     good = 1
     for around in range(2):
-        for b in range(system[BLOCKS]):
-            at = system[BLOCKS_AT] + b * BLOCK
-            for u in range(system[at + BLOCK_UNITS]):
-                unit = system[at + BLOCK_UNITS_AT] + u * UNIT
-                if first_with_loss(system, constants, unit) == 1:
+        for b in range(system.residual_blocks):
+            block = system.blocks[b]
+            for u in range(block.unit_count):
+                unit = block.units[u]
+                if first_with_loss(system, constants, b, u) == 1:
                     pool(
                         system, constants, data, parameters, weights, index, columns, point, unit, sums,
                         information, scratch,
                     )  # fmt: skip
                     slope = 1.0
-                    if system[unit + UNIT_LOSS] != NO_LOSS:
+                    if unit.loss != NO_LOSS:
                         slope = curvature_left(sums)
                     factor = slope
-                    if around == 1 and system[unit + UNIT_LOSS] != NO_LOSS:
+                    if around == 1 and unit.loss != NO_LOSS:
                         factor = corrected(n, slope, sums, inverse, information, sides)
                     target = curvature if around == 0 else spread
                     for i in range(n * n):

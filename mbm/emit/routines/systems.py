@@ -20,77 +20,39 @@ from mbm.emit.routines.description import (
     UNKNOWN_POSITIVE,
     UNKNOWN_SIZE,
 )
-from mbm.target.solver.description import (
-    BLOCK,
-    BLOCK_NONZEROS,
-    BLOCK_OUTPUTS,
-    BLOCK_PARAMETERS,
-    BLOCK_UNITS,
-    BLOCK_UNITS_AT,
-    BLOCK_VARIABLES,
-    BLOCK_WEIGHTS,
-    BLOCKS,
-    BLOCKS_AT,
-    BOUNDS_AT,
-    BOXED,
-    CHUNK,
-    CONSTRAINTS,
-    COORDINATES,
-    CURVED,
-    CURVED_AT,
-    DATA_BLOCK,
-    DATA_HEAD,
-    DATA_ROWS,
-    DIRECT,
-    INPUTS,
-    MULTIPLIERS,
-    NO_LOSS,
-    NUMBERS,
-    OUTPUTS,
-    PIECE,
-    PIECE_COLUMNS,
-    PIECE_KIND,
-    PIECE_NUMBERS,
-    PLACES_AT,
-    POSITIVE_AT,
-    RESIDUALS,
-    TOLERANCE,
-    UNIT,
-    UNIT_LOSS,
-    UNIT_LOSS_AT,
-    WEIGHTS,
-)
+from mbm.target.records import slot, view
+from mbm.target.solver.description import BOUNDS_AT, NO_LOSS, TOLERANCE, DataSet, Problem
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 
-def set_capacities(system: Integers, data: ConstantIntegers) -> Integer:
+def set_capacities(system: Problem, data: DataSet) -> Integer:
     """Capacities for the rows of one data set; the residuals that count (m,)."""
-    system[RESIDUALS] = 4
-    system[INPUTS] = 0
-    system[WEIGHTS] = 0
-    system[MULTIPLIERS] = 0
-    system[OUTPUTS] = 0
+    system.most_residuals = 4
+    system.most_inputs = 0
+    system.most_weights = 0
+    system.most_multipliers = 0
+    system.most_outputs = 0
     count = 0
-    for b in range(system[BLOCKS] + system[CONSTRAINTS]):
-        at = system[BLOCKS_AT] + b * BLOCK
-        rows = data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]
-        outputs = system[at + BLOCK_OUTPUTS]
-        system[RESIDUALS] += rows * outputs
-        system[INPUTS] += rows * (system[at + BLOCK_VARIABLES] + system[at + BLOCK_PARAMETERS])
-        wide = system[CHUNK] // outputs * (outputs + system[at + BLOCK_NONZEROS])
-        if wide > system[OUTPUTS]:
-            system[OUTPUTS] = wide
-        if b < system[BLOCKS]:
-            system[WEIGHTS] += rows * system[at + BLOCK_WEIGHTS]
+    for b in range(system.residual_blocks + system.constraint_blocks):
+        block = system.blocks[b]
+        rows = data.blocks[b].rows
+        outputs = block.outputs
+        system.most_residuals += rows * outputs
+        system.most_inputs += rows * (block.variables + block.parameters)
+        wide = system.chunk // outputs * (outputs + block.nonzero_count)
+        if wide > system.most_outputs:
+            system.most_outputs = wide
+        if b < system.residual_blocks:
+            system.most_weights += rows * block.weights
             count += rows * outputs
         else:
-            system[WEIGHTS] += 2 * rows * outputs
-            system[MULTIPLIERS] += rows * outputs
+            system.most_weights += 2 * rows * outputs
+            system.most_multipliers += rows * outputs
     return count
 
 
 def set_coordinates(
-    system: Integers,
+    numbers: Integers,
     prefix: Integer,
     free: Integer,
     unknowns: ConstantIntegers,
@@ -101,12 +63,13 @@ def set_coordinates(
     column: ConstantIntegers,
 ) -> None:
     """The tables of free coordinates and of pieces, behind the first ``prefix`` integers."""
-    system[NUMBERS] = offsets[count]
-    system[COORDINATES] = free
-    system[PLACES_AT] = prefix
-    system[POSITIVE_AT] = prefix + free
-    system[CURVED_AT] = prefix + 2 * free
-    system[CURVED] = 0
+    system = view(Problem, numbers)
+    system.numbers = offsets[count]
+    system.n = free
+    numbers[slot(Problem, "number_of")] = prefix
+    numbers[slot(Problem, "positive")] = prefix + free
+    numbers[slot(Problem, "components")] = prefix + 2 * free
+    system.component_count = 0
     for u in range(count):
         own = u * UNKNOWN
         for m in range(members[u]):
@@ -119,15 +82,13 @@ def set_coordinates(
                 coordinate = first + unknowns[part + PART_COORDINATE]
                 if kind == NUMBER:
                     if column[coordinate] >= 0:
-                        system[prefix + column[coordinate]] = place
-                        system[prefix + free + column[coordinate]] = unknowns[own + UNKNOWN_POSITIVE]
+                        system.number_of[column[coordinate]] = place
+                        system.positive[column[coordinate]] = unknowns[own + UNKNOWN_POSITIVE]
                 else:
-                    set_piece(system, prefix, free, kind, place, column[coordinate:])
+                    set_component(system, kind, place, column[coordinate:])
 
 
-def set_piece(
-    system: Integers, prefix: Integer, free: Integer, kind: Integer, place: Integer, column: ConstantIntegers
-) -> None:
+def set_component(system: Problem, kind: Integer, place: Integer, column: ConstantIntegers) -> None:
     """A quaternion, direction or scale whose numbers begin at ``place``, if some of its coordinates are free."""
     size = 1
     tangents = 1
@@ -141,20 +102,23 @@ def set_piece(
     for t in range(tangents):
         if column[t] >= 0:
             some = 1
-            system[prefix + column[t]] = -1
-            system[prefix + free + column[t]] = 0
+            system.number_of[column[t]] = -1
+            system.positive[column[t]] = 0
     if some == 1:
-        at = system[CURVED_AT] + system[CURVED] * PIECE
-        system[CURVED] += 1
-        system[at + PIECE_KIND] = kind
-        for i in range(4):
-            system[at + PIECE_NUMBERS + i] = place + i if i < size else 0
-        for t in range(3):
-            system[at + PIECE_COLUMNS + t] = column[t] if t < tangents else -1
+        piece = system.components[system.component_count]
+        system.component_count += 1
+        piece.kind = kind
+        piece.number_0 = place
+        piece.number_1 = place + 1 if size > 1 else 0
+        piece.number_2 = place + 2 if size > 2 else 0
+        piece.number_3 = place + 3 if size > 3 else 0
+        piece.column_0 = column[0]
+        piece.column_1 = column[1] if tangents > 1 else -1
+        piece.column_2 = column[2] if tangents > 2 else -1
 
 
 def set_constants(
-    system: Integers,
+    system: Problem,
     constants: Reals,
     coordinates: Integer,
     column: ConstantIntegers,
@@ -164,27 +128,27 @@ def set_constants(
     losses: ConstantReals,
 ) -> None:
     """Tolerance, bounds of the free coordinates, and the parameters of the losses behind them."""
-    free = system[COORDINATES]
+    free = system.n
     for i in range(BOUNDS_AT):
         constants[i] = 0.0
     constants[TOLERANCE] = tolerance
-    system[BOXED] = 0
+    system.boxed = 0
     for c in range(coordinates):
         if column[c] >= 0:
             constants[BOUNDS_AT + column[c]] = lower[c]
             constants[BOUNDS_AT + free + column[c]] = upper[c]
-            positive = system[system[POSITIVE_AT] + column[c]] == 1
+            positive = system.positive[column[c]] == 1
             if isfinite(lower[c]) or isfinite(upper[c]) or positive:
-                system[BOXED] = 1
-    if system[BOXED] == 1:
-        system[DIRECT] = 0
+                system.boxed = 1
+    if system.boxed == 1:
+        system.direct = 0
     number = 0
-    for b in range(system[BLOCKS]):
-        at = system[BLOCKS_AT] + b * BLOCK
-        for u in range(system[at + BLOCK_UNITS]):
-            unit = system[at + BLOCK_UNITS_AT] + u * UNIT
-            if system[unit + UNIT_LOSS] != NO_LOSS:
-                system[unit + UNIT_LOSS_AT] = BOUNDS_AT + 2 * free + 2 * number
+    for b in range(system.residual_blocks):
+        block = system.blocks[b]
+        for u in range(block.unit_count):
+            unit = block.units[u]
+            if unit.loss != NO_LOSS:
+                unit.loss_at = BOUNDS_AT + 2 * free + 2 * number
                 constants[BOUNDS_AT + 2 * free + 2 * number] = losses[2 * number]
                 constants[BOUNDS_AT + 2 * free + 2 * number + 1] = losses[2 * number + 1]
                 number += 1

@@ -49,22 +49,23 @@ def reweighted(stack: Stack, native: NativeSystem, which: Which, scales: Sequenc
 
     ``scales`` multiply those of the rows of each group, (R, weights of a row) or (R, 1); None: they stay.
     """
+    from mbm.solution.native.packing import blocks_of
     from mbm.target.solver import description as of
 
-    blocks_at = int(native.system[of.BLOCKS_AT])
+    blocks = blocks_of(native.system)
     data = native.rows.data[places_of(which)].copy()
     weights = [native.rows.weights]
     taken = len(native.rows.weights)
     begin = 0
     for number, (group, scale) in enumerate(zip(stack.equations.groups, scales, strict=True)):
-        width = int(native.system[blocks_at + number * of.BLOCK + of.BLOCK_WEIGHTS])
+        width = int(blocks[number, of.Block.weights])
         whole = native.rows.weights[begin : begin + group.rows * width].reshape(group.rows, width)
         begin += whole.size
         if scale is None:
             continue
         part = whole[stack.lines(number, which)[1]] * scale
         rows = stack.rows[number, places_of(which)]
-        data[:, of.DATA_HEAD + number * of.DATA_BLOCK + of.DATA_WEIGHTS] = taken + width * (np.cumsum(rows) - rows)
+        data[:, of.DATA_HEAD + number * of.DATA_BLOCK + of.DataBlock.weights] = taken + width * (np.cumsum(rows) - rows)
         weights.append(part.ravel())
         taken += part.size
     return replace(native, rows=replace(native.rows, weights=np.append(np.concatenate(weights), 0.0), data=data))
@@ -89,7 +90,7 @@ def weighted(
         scales.append(scale)
     found = reweighted(stack, native, which, scales)
     if kept is not None:
-        found.rows.data[:, of.DATA_COUNT] = kept.count
+        found.rows.data[:, of.DataSet.count] = kept.count
     return found
 
 
@@ -114,22 +115,22 @@ def plain_ends(found: NativeEnds) -> Ends:
 
 def _sets(stack: Stack, native: NativeSystem) -> Indices:
     """For each solve, how many residuals it has and where its rows stand, as `mbm.target.solver.description` says."""
+    from mbm.solution.native.packing import blocks_of
     from mbm.target.solver import description as of
 
     every = native.rows.data[0]
     data = np.tile(every, (stack.solves, 1))
-    data[:, of.DATA_COUNT] = stack.residuals
-    blocks_at = int(native.system[of.BLOCKS_AT])
+    data[:, of.DataSet.count] = stack.residuals
+    blocks = blocks_of(native.system)
     steps = (
-        (of.DATA_PARAMETERS, of.BLOCK_PARAMETERS),
-        (of.DATA_WEIGHTS, of.BLOCK_WEIGHTS),
-        (of.DATA_INDEX, of.BLOCK_INDEX),
-        (of.DATA_COLUMNS, of.BLOCK_COLUMNS),
+        (of.DataBlock.parameters, of.Block.parameters),
+        (of.DataBlock.weights, of.Block.weights),
+        (of.DataBlock.index, of.Block.index),
+        (of.DataBlock.columns, of.Block.columns),
     )
     for number in range(len(stack.rows)):
-        block = native.system[blocks_at + number * of.BLOCK :]
         place = of.DATA_HEAD + number * of.DATA_BLOCK
         for where, step in steps:
-            data[:, place + where] += stack.first[number] * int(block[step])
-        data[:, place + of.DATA_ROWS] = stack.rows[number]
+            data[:, place + where] += stack.first[number] * int(blocks[number, step])
+        data[:, place + of.DataBlock.rows] = stack.rows[number]
     return data

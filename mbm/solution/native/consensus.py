@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from mbm.solution.native.code import LANES, SolverCode
 from mbm.solution.native.consensus_rules import Rules
+from mbm.solution.native.packing import blocks_of
 from mbm.solution.native.system import AT_A_TIME, NativeSystem, never
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.target.records import view
 from mbm.target.solver import consensus_description as c
 from mbm.target.solver import description as of
 from mbm.target.solver.workspace import work_reals
@@ -86,16 +88,17 @@ class Rooms:
 
 def rows_of_blocks(system: NativeSystem) -> Indices:
     """How many rows each data set has in each block of residuals (D, blocks)."""
-    first = of.DATA_HEAD + of.DATA_ROWS
+    first = of.DATA_HEAD + of.DataBlock.rows
     return np.asarray(
-        system.rows.data[:, first : first + of.DATA_BLOCK * int(system.system[of.BLOCKS]) : of.DATA_BLOCK]
+        system.rows.data[
+            :, first : first + of.DATA_BLOCK * int(system.system[of.Problem.residual_blocks]) : of.DATA_BLOCK
+        ]
     )
 
 
 def units_of_rows(system: NativeSystem, rules: Rules) -> Indices:
     """The units of a row of each block (blocks,), 0 where no rule acts."""
-    first, size = int(system.system[of.BLOCKS_AT]), of.BLOCK
-    units = system.system[first + of.BLOCK_UNITS : first + size * len(rules.ruled) : size]
+    units = blocks_of(system.system)[: len(rules.ruled), of.Block.unit_count]
     return np.asarray(units * np.array(rules.ruled))
 
 
@@ -110,16 +113,17 @@ def _room(system: NativeSystem, rules: Rules, most: list[int]) -> Room:
     table[c.MOST_UNITS] = max(int((units_of_rows(system, rules) * most).sum()), 1)
     room = 0
     for b, (ruled, rows) in enumerate(zip(rules.ruled, most, strict=True)):
-        block = header[int(header[of.BLOCKS_AT]) + b * of.BLOCK :]
-        widths = (of.BLOCK_PARAMETERS, of.BLOCK_WEIGHTS, of.BLOCK_VARIABLES, of.BLOCK_TANGENTS)
-        room += ((int(header[of.COORDINATES]) if ruled else rows) + 1) * max(int(block[width]) for width in widths)
+        block = blocks_of(header)[b]
+        widths = (of.Block.parameters, of.Block.weights, of.Block.variables, of.Block.tangents)
+        room += ((int(header[of.Problem.n]) if ruled else rows) + 1) * max(int(block[width]) for width in widths)
     table[c.MOST_ROWS] = room + 1
+    problem = view(of.Problem, header)
     return Room(
         header=header,
         table=table,
-        work=int(work_reals(header)),
-        bench=int(c.bench_reals(header, table)),
-        places=int(c.places_integers(header, table)),
+        work=int(work_reals(problem)),
+        bench=int(c.bench_reals(problem, table)),
+        places=int(c.places_integers(problem, table)),
         held=(system.system, rules),
     )
 
@@ -127,11 +131,12 @@ def _room(system: NativeSystem, rules: Rules, most: list[int]) -> Room:
 def side_by_side(system: Indices) -> Indices:
     """The ``system`` array with room for all rows in one chunk, as consensus takes them."""
     found = system.copy()
-    found[of.CHUNK] = -(-int(found[of.RESIDUALS]) // LANES) * LANES
-    first, count = int(found[of.BLOCKS_AT]), int(found[of.BLOCKS] + found[of.CONSTRAINTS])
-    blocks = found[first : first + count * of.BLOCK].reshape(count, of.BLOCK)
-    wide = blocks[:, of.BLOCK_OUTPUTS] + blocks[:, of.BLOCK_NONZEROS]
-    found[of.OUTPUTS] = int((wide * (found[of.CHUNK] // np.maximum(blocks[:, of.BLOCK_OUTPUTS], 1) + LANES)).max())
+    found[of.Problem.chunk] = -(-int(found[of.Problem.most_residuals]) // LANES) * LANES
+    blocks = blocks_of(found)
+    wide = blocks[:, of.Block.outputs] + blocks[:, of.Block.nonzero_count]
+    found[of.Problem.most_outputs] = int(
+        (wide * (found[of.Problem.chunk] // np.maximum(blocks[:, of.Block.outputs], 1) + LANES)).max()
+    )
     return found
 
 
@@ -164,7 +169,7 @@ def consensus_many(
     count = len(system.rows.data)
     units_at = units_at_of(system, rules)
     total = int(units_at[-1])
-    numbers = int(system.system[of.NUMBERS])
+    numbers = int(system.system[of.Problem.numbers])
     known = np.zeros(1) if forms is None else np.ascontiguousarray(forms, dtype=np.float64)
     begun = np.ascontiguousarray(starts, dtype=np.float64)
     room = (rooms or Rooms()).of(system, rules)
@@ -232,7 +237,7 @@ def _by_and_by(
     """
     routine = code.routine("agree_by_and_by", int, int, int, *[object] * 20)
     scratch = (np.zeros(room.work), np.zeros(room.work), np.zeros(room.bench), np.zeros(room.places, dtype=np.int64))
-    progress = scratch[3][int(c.progress_at(room.header, room.table)) :]
+    progress = scratch[3][int(c.progress_at(view(of.Problem, room.header), room.table)) :]
     rows, most = system.rows, int(max(AT_A_TIME / system.expected, 1))
     levels, known, begun = given
 

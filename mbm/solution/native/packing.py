@@ -18,6 +18,7 @@ from mbm.solution.native.code import LANES
 from mbm.solution.robust.losses.barron import Barron
 from mbm.solution.types import Floats, Indices
 from mbm.solution.whitening import Whitener
+from mbm.target.records import slot
 from mbm.target.solver import description as of
 from mbm.values import dataclass
 
@@ -191,41 +192,42 @@ def system_arrays(
     positive_at = places_at + n
     curved_at = positive_at + n
     blocks_at = curved_at + pieces.size
-    blocks, tail, losses = _blocks(equations, addresses, blocks_at + len(groups) * of.BLOCK, of.BOUNDS_AT + 2 * n)
+    blocks, tail, losses = _blocks(equations, addresses, len(groups) * of.BLOCK, of.BOUNDS_AT + 2 * n)
     header = np.zeros(of.HEADER, dtype=np.int64)
     padded = [rounded_up(rows) for rows in most_rows]
-    outputs, tangents = blocks[:, of.BLOCK_OUTPUTS], blocks[:, of.BLOCK_TANGENTS]
+    outputs, tangents, weights = blocks[:, [of.Block.outputs, of.Block.tangents, of.Block.weights]].T
+    values = sum(g.kernel.outputs * r for g, r in zip(groups, most_rows, strict=True) if not g.whiteners)
     chunk = max([ROWS_AT_A_TIME, *(LANES * outputs).tolist()])
     chunk += -chunk % LANES
-    kernels = (outputs + blocks[:, of.BLOCK_NONZEROS]) * LANES * (chunk // (LANES * outputs))
-    sums = np.where(blocks[:, of.BLOCK_NORMAL] == 0, 0, tangents * (tangents + 1) // 2 + tangents + 2)
+    kernels = (outputs + blocks[:, of.Block.nonzero_count]) * LANES * (chunk // (LANES * outputs))
+    sums = np.where(blocks[:, of.Block.normal] == 0, 0, tangents * (tangents + 1) // 2 + tangents + 2)
     for at, value in (
-        (of.NUMBERS, len(layout.start)),
-        (of.COORDINATES, n),
-        (of.CURVED, len(pieces)),
-        (of.BLOCKS, len(equations.groups)),
-        (of.CONSTRAINTS, len(equations.constraints)),
-        (of.MULTIPLIERS, sum(g.kernel.outputs * r for g, r in zip(groups, most_rows, strict=True) if not g.whiteners)),
-        (of.LINEAR, equations.linear),
-        (of.BOXED, _boxed(equations)),
-        (of.ITERATIONS, iterations),
-        (of.STRICT, strict),
-        (of.RESIDUALS, int(outputs @ padded) + 4),
-        (of.INPUTS, int((blocks[:, of.BLOCK_VARIABLES] + blocks[:, of.BLOCK_PARAMETERS]) @ padded)),
-        (of.WEIGHTS, int(np.where(blocks[:, of.BLOCK_WEIGHTS] > 0, blocks[:, of.BLOCK_WEIGHTS], 2 * outputs) @ padded)),
-        (of.CHUNK, chunk),
-        (of.OUTPUTS, int(np.maximum(kernels, sums).max(initial=0))),
-        (of.PLACES_AT, places_at),
-        (of.POSITIVE_AT, positive_at),
-        (of.CURVED_AT, curved_at),
-        (of.BLOCKS_AT, blocks_at),
-        (of.DIRECT, direct),
-        (of.SUMMED_FROM, summed_from),
+        (of.Problem.numbers, len(layout.start)),
+        (of.Problem.n, n),
+        (of.Problem.component_count, len(pieces)),
+        (of.Problem.residual_blocks, len(equations.groups)),
+        (of.Problem.constraint_blocks, len(equations.constraints)),
+        (of.Problem.most_multipliers, values),
+        (of.Problem.linear, equations.linear),
+        (of.Problem.boxed, _boxed(equations)),
+        (of.Problem.iterations, iterations),
+        (of.Problem.strict, strict),
+        (of.Problem.most_residuals, int(outputs @ padded) + 4),
+        (of.Problem.most_inputs, int((blocks[:, of.Block.variables] + blocks[:, of.Block.parameters]) @ padded)),
+        (of.Problem.most_weights, int(np.where(weights > 0, weights, 2 * outputs) @ padded)),
+        (of.Problem.chunk, chunk),
+        (of.Problem.most_outputs, int(np.maximum(kernels, sums).max(initial=0))),
+        (slot(of.Problem, "number_of"), places_at),
+        (slot(of.Problem, "positive"), positive_at),
+        (slot(of.Problem, "components"), curved_at),
+        (slot(of.Problem, "blocks"), blocks_at),
+        (of.Problem.direct, direct),
+        (of.Problem.summed_from, summed_from),
     ):
         header[at] = value
     if united is not None:
-        header[of.UNITED_AT] = blocks_at + blocks.size + sum(table.size for table in tail)
-        header[of.UNITED_REALS] = united.reals
+        header[slot(of.Problem, "united")] = blocks_at + blocks.size + sum(table.size for table in tail)
+        header[of.Problem.united_reals] = united.reals
         tail.append(united.table)
     system = np.concatenate([header, numbers, equations.positive, pieces.ravel(), blocks.ravel(), *tail])
     return system.astype(np.int64), np.ascontiguousarray(np.concatenate([*constants, *losses]), dtype=np.float64)
@@ -234,14 +236,15 @@ def system_arrays(
 def _blocks(
     equations: Assembled, addresses: Sequence[tuple[int, int, int]], end: int, losses_at: int
 ) -> tuple[Indices, list[Indices], list[Floats]]:
-    """The table of blocks, what stands in ``system`` from ``end`` on, and in ``constants`` from ``losses_at`` on."""
+    """The table of blocks, what stands ``end`` behind its beginning, and in ``constants`` from ``losses_at`` on."""
     groups = (*equations.groups, *equations.constraints)
     blocks = np.zeros((len(groups), of.BLOCK), dtype=np.int64)
     tail: list[Indices] = []
     constants: list[Floats] = []
     for line, group, address in zip(blocks, groups, addresses, strict=True):
+        # tables are found from where the block begins, and one block is behind the other
         tables, losses = _tables(group, losses_at, equations)
-        line[: of.BLOCK_WEIGHTS] = (
+        line[: of.Block.weights] = (
             *address[:2],
             group.kernel.outputs,
             len(group.kernel.variables),
@@ -251,17 +254,25 @@ def _blocks(
             0 if all(group.shared) else len(group.kernel.variables),
             0 if all(group.shared_columns) else len(group.kernel.tangents),
         )
-        line[of.BLOCK_WEIGHTS] = sum(int(np.prod(w.weights.shape[1:])) for w in group.whiteners)
-        line[of.BLOCK_UNITS] = len(group.whiteners)
-        line[of.BLOCK_NOISE] = -1
-        line[of.BLOCK_NORMAL] = address[2]
-        for at, table in zip((of.BLOCK_UNITS_AT, of.BLOCK_NONZEROS_AT, of.BLOCK_EQUALITY_AT), tables, strict=True):
-            line[at] = end
+        line[of.Block.weights] = sum(int(np.prod(w.weights.shape[1:])) for w in group.whiteners)
+        line[of.Block.unit_count] = len(group.whiteners)
+        line[of.Block.noise] = -1
+        line[of.Block.normal] = address[2]
+        for name, table in zip(("units", "nonzeros", "equality"), tables, strict=True):
+            line[slot(of.Block, name)] = end
             end += table.size
             tail.append(table.ravel())
         constants.append(losses)
         losses_at += losses.size
+        end -= of.BLOCK
     return blocks, tail, constants
+
+
+def blocks_of(system: Indices) -> Indices:
+    """The blocks that a description of equations has, one to a line."""
+    first, count = system[slot(of.Problem, "blocks")], system[of.Problem.residual_blocks]
+    count += system[of.Problem.constraint_blocks]
+    return np.asarray(system[first : first + count * of.BLOCK].reshape(count, of.BLOCK))
 
 
 def _boxed(equations: Assembled) -> bool:
@@ -280,9 +291,9 @@ def _pieces(equations: Assembled) -> Indices:
             columns = column[coordinates]
             if (columns >= 0).any():
                 line = np.full(of.PIECE, -1, dtype=np.int64)
-                line[of.PIECE_KIND] = PIECES[curved.piece]
-                line[of.PIECE_NUMBERS : of.PIECE_NUMBERS + len(numbers)] = numbers
-                line[of.PIECE_COLUMNS : of.PIECE_COLUMNS + len(columns)] = columns
+                line[of.Component.kind] = PIECES[curved.piece]
+                line[of.Component.number_0 : of.Component.number_0 + len(numbers)] = numbers
+                line[of.Component.column_0 : of.Component.column_0 + len(columns)] = columns
                 found.append(line)
     return np.array(found, dtype=np.int64).reshape(-1, of.PIECE)
 

@@ -137,8 +137,8 @@ class RobustStream:
         picked = inside[:, self._agreement.unit_of_weight]
         width = picked.shape[1]
         data = rows.data.copy()
-        data[:, of.DATA_COUNT] = (inside * self._agreement.sizes).sum(axis=1)
-        data[:, of.DATA_HEAD + of.DATA_WEIGHTS :: of.DATA_BLOCK] += width * np.arange(len(inside))[:, None]
+        data[:, of.DataSet.count] = (inside * self._agreement.sizes).sum(axis=1)
+        data[:, of.DATA_HEAD + of.DataBlock.weights :: of.DATA_BLOCK] += width * np.arange(len(inside))[:, None]
         weights = np.append((rows.weights[:width] * picked).ravel(), 0.0)
         return replace(system, rows=replace(rows, weights=weights, data=data))
 
@@ -146,7 +146,9 @@ class RobustStream:
         rows = self._system.rows
         parameters = np.tile(rows.parameters, (count, 1))
         data = np.tile(rows.data, (count, 1))
-        data[:, of.DATA_HEAD + of.DATA_PARAMETERS :: of.DATA_BLOCK] += len(rows.parameters) * np.arange(count)[:, None]
+        data[:, of.DATA_HEAD + of.DataBlock.parameters :: of.DATA_BLOCK] += (
+            len(rows.parameters) * np.arange(count)[:, None]
+        )
         mine = replace(rows, parameters=parameters.reshape(-1), data=data)
         return _Room(parameters=parameters, system=replace(self._system, rows=mine))
 

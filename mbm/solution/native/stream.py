@@ -125,7 +125,7 @@ class Stream:
         system, rows = self._system, self._system.rows
         parameters = np.tile(rows.parameters, (count, 1))
         data = np.tile(rows.data, (count, 1))
-        firsts = slice(of.DATA_HEAD + of.DATA_PARAMETERS, None, of.DATA_BLOCK)
+        firsts = slice(of.DATA_HEAD + of.DataBlock.parameters, None, of.DATA_BLOCK)
         data[:, firsts] += len(rows.parameters) * np.arange(count)[:, None]
         ends = system.blank(count)
         arrays = (

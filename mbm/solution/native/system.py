@@ -16,6 +16,7 @@ from mbm.solution.native.packing import LOSSES, Rows, rows_of, structure_of, sys
 from mbm.solution.native.summing import sum_addresses, summable
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices
+from mbm.target.records import view
 from mbm.target.solver import description as of
 from mbm.target.solver.workspace import work_integers, work_reals
 from mbm.values import dataclass
@@ -90,7 +91,7 @@ class NativeSystem:
     @property
     def dimension(self) -> int:
         """Free coordinates n."""
-        return int(self.system[of.COORDINATES])
+        return int(self.system[of.Problem.n])
 
     def solve(
         self,
@@ -149,24 +150,25 @@ class NativeSystem:
     @property
     def _products(self) -> float:
         """Products in one iteration, about."""
-        return float(self.system[of.RESIDUALS]) * (self.dimension + 4) ** 2
+        return float(self.system[of.Problem.most_residuals]) * (self.dimension + 4) ** 2
 
     def blank(self, count: int) -> NativeEnds:
         """Room for the answers of so many solves."""
         n = self.dimension
         return NativeEnds(
-            numbers=np.zeros((count, int(self.system[of.NUMBERS]))),
+            numbers=np.zeros((count, int(self.system[of.Problem.numbers]))),
             results=np.zeros((count, of.RESULTS)),
             states=np.zeros((count, of.STATES), dtype=np.int64),
             sides=np.zeros((count, n), dtype=np.int64),
             triangles=np.zeros((count, n + 1, n + 1)),
             covariances=np.zeros((count, n, n)),
-            multipliers=np.zeros((count, int(self.system[of.MULTIPLIERS]))),
+            multipliers=np.zeros((count, int(self.system[of.Problem.most_multipliers]))),
         )
 
     def scratch(self) -> tuple[Floats, Indices]:
         """What one thread needs beside."""
-        reals, integers = int(work_reals(self.system)), int(work_integers(self.system))
+        problem = view(of.Problem, self.system)
+        reals, integers = int(work_reals(problem)), int(work_integers(problem))
         return np.empty(reals), np.empty(integers, dtype=np.int64)
 
     def one(self, start: Floats, *, which: int = 0, stopped: Callable[[], bool] | None = None) -> NativeEnds:

@@ -70,10 +70,10 @@ def united_rows(equations: Assembled, rows: Sequence[int], store: Store | None) 
         library = united_code(united(parts, numbers, equations.dimension), numbers, residuals, store)
     except NoPrinterError:
         return None
-    head = np.zeros(of.UNITED_ROWS, dtype=np.int64)
-    head[of.UNITED_VALUES] = library.address("values")
-    head[of.UNITED_JACOBIAN] = library.address("jacobian")
-    head[of.UNITED_RESIDUALS] = residuals
+    head = np.zeros(of.UNITED, dtype=np.int64)
+    head[of.United.values] = library.address("values")
+    head[of.United.jacobian] = library.address("jacobian")
+    head[of.United.residuals] = residuals
     reals = sum(part.rows * (part.parameters + part.weights) for part in parts)
     return United(table=np.concatenate([head, np.array(counts, dtype=np.int64)]), reals=reals, library=library)
 

@@ -3,37 +3,23 @@
 from __future__ import annotations
 
 from mbm.target.decisions import PUSHED
+from mbm.target.records import view
 from mbm.target.solver.beginning import begin, constraint_count, solve_directly
 from mbm.target.solver.constraints import begin_rounds, next_round, set_held
 from mbm.target.solver.covariance import set_covariance, undetermined
 from mbm.target.solver.description import (
-    BLOCK,
-    BLOCK_UNITS,
-    BLOCK_UNITS_AT,
-    BLOCKS,
-    BLOCKS_AT,
     BOUNDS_AT,
     CONDITION,
-    CONSTRAINTS,
-    COORDINATES,
     COST,
-    DATA_BLOCK,
-    DATA_COUNT,
-    DATA_HEAD,
     DEFICIENT,
-    DIRECT,
     EVALUATIONS,
     FREEDOM,
-    ITERATIONS,
     LANES,
     MAX_ITERATIONS,
-    MULTIPLIERS,
     NO_LOSS,
     NOT_FINITE_AT_START,
-    NUMBERS,
     OFFSET,
     PLAIN_COST,
-    POSITIVE_AT,
     REASON,
     RESULTS,
     ROUNDS,
@@ -41,10 +27,11 @@ from mbm.target.solver.description import (
     STATES,
     STEPS,
     TOLERANCE,
-    UNIT,
-    UNIT_LOSS,
     UNSURE,
     VIOLATION,
+    DataSet,
+    Problem,
+    data_stride,
 )
 from mbm.target.solver.equations import load_rows, residuals_at_point
 from mbm.target.solver.linear_algebra import copied, dot, filled
@@ -91,13 +78,13 @@ SURE = 1e4
 
 
 def start_solve(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
     parameters: ConstantReals,
     weights: ConstantReals,
     index: ConstantIntegers,
     columns: ConstantIntegers,
-    data: ConstantIntegers,
+    data: DataSet,
     loaded: Integer,
     start: ConstantReals,
     work: Reals,
@@ -106,24 +93,24 @@ def start_solve(
     """Everything at the start of a solve; ``loaded`` 1: the rows of the data set are in ``work`` already."""
     if loaded == 0:
         load_rows(system, data, parameters, weights, work)
-    copied(system[NUMBERS], start, work[place_at(system, 0) + AT_POINT :])
+    copied(system.numbers, start, work[place_at(system, 0) + AT_POINT :])
     flags[ITERATIONS_DONE] = 0
     flags[EVALUATIONS_DONE] = 0
     flags[ROUND] = 0
     flags[PENALISED] = 0
     work[scalars_at(system) + TOLERANCE_NOW] = constants[TOLERANCE]
-    if system[CONSTRAINTS] > 0:
+    if system.constraint_blocks > 0:
         begin_rounds(system, constants, data, index, columns, work, flags)
     else:
         begin(system, constants, data, index, columns, work, flags)
-        if system[DIRECT] == 1 and flags[STOP] != NOT_FINITE_AT_START and flags[STOP] != UNSURE:
+        if system.direct == 1 and flags[STOP] != NOT_FINITE_AT_START and flags[STOP] != UNSURE:
             solve_directly(system, constants, data, index, columns, work, flags)
 
 
 def go_on(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     most: Integer,
@@ -134,24 +121,24 @@ def go_on(
     last = flags[ITERATIONS_DONE] + most
     going = 1
     while going == 1:
-        while flags[STOP] == RUNNING and flags[ITERATIONS_DONE] < system[ITERATIONS]:
+        while flags[STOP] == RUNNING and flags[ITERATIONS_DONE] < system.iterations:
             if flags[ITERATIONS_DONE] >= last:
                 return 0
             iterate(system, constants, data, index, columns, work, flags)
         if flags[STOP] == RUNNING:
             flags[STOP] = MAX_ITERATIONS
         going = 0
-        if system[CONSTRAINTS] > 0 and flags[PENALISED] == 1:
+        if system.constraint_blocks > 0 and flags[PENALISED] == 1:
             going = next_round(system, constants, data, index, columns, work, flags)
     return 1
 
 
-def set_sides(system: ConstantIntegers, constants: ConstantReals, place: ConstantReals, sides: Integers) -> None:
+def set_sides(system: Problem, constants: ConstantReals, place: ConstantReals, sides: Integers) -> None:
     """-1 and +1 for coordinates held at their lower and upper bound, else 0.
 
     A `positive` coordinate whose undamped step still goes all the way to zero is at its lower bound.
     """
-    n = system[COORDINATES]
+    n = system.n
     x = place[vector_at(system, X) :]
     free = place[vector_at(system, FREE) :]
     full = place[vector_at(system, FULL) :]
@@ -162,24 +149,24 @@ def set_sides(system: ConstantIntegers, constants: ConstantReals, place: Constan
             sides[j] = 1
         if free[j] == 0.0 and x[j] <= constants[BOUNDS_AT + j]:
             sides[j] = -1
-        if system[system[POSITIVE_AT] + j] != 0 and stopped[j] != 0.0 and full[j] < 0.0:
+        if system.positive[j] != 0 and stopped[j] != 0.0 and full[j] < 0.0:
             sides[j] = -1
 
 
-def lossy(system: ConstantIntegers) -> Integer:
+def lossy(system: Problem) -> Integer:
     """1 where some unit has a loss."""
-    for b in range(system[BLOCKS]):
-        block = system[system[BLOCKS_AT] + b * BLOCK :]
-        for u in range(block[BLOCK_UNITS]):
-            if system[block[BLOCK_UNITS_AT] + u * UNIT + UNIT_LOSS] != NO_LOSS:
+    for b in range(system.residual_blocks):
+        block = system.blocks[b]
+        for u in range(block.unit_count):
+            if block.units[u].loss != NO_LOSS:
                 return 1
     return 0
 
 
 def finish_solve(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     work: Reals,
@@ -193,9 +180,9 @@ def finish_solve(
     multipliers: Reals,
 ) -> None:
     """The answer of a solve that has ended."""
-    n = system[COORDINATES]
+    n = system.n
     here = work[place_at(system, flags[HERE]) :]
-    copied(system[NUMBERS], here[AT_POINT:], numbers)
+    copied(system.numbers, here[AT_POINT:], numbers)
     states[REASON] = flags[STOP]
     states[STEPS] = flags[ITERATIONS_DONE]
     states[EVALUATIONS] = flags[EVALUATIONS_DONE]
@@ -204,7 +191,7 @@ def finish_solve(
     results[OFFSET] = here[AT_OFFSET]
     results[COST] = here[AT_COST]
     results[VIOLATION] = 0.0
-    filled(system[MULTIPLIERS], 0.0, multipliers)
+    filled(system.most_multipliers, 0.0, multipliers)
     copied((n + 1) * (n + 1), here[triangle_at(system) :], triangle)
     residuals = work[residuals_at(system, 0) :]
     point = here[AT_POINT:]
@@ -240,7 +227,7 @@ def finish_solve(
     count = count if flags[PENALISED] == 1 else 0
     held = work[multipliers_at(system, HELD) :]
     results[CONDITION] = set_covariance(system, triangle, sides, count, held, work, flags, covariance)
-    states[FREEDOM] = data[DATA_COUNT] - flags[RANK]
+    states[FREEDOM] = data.count - flags[RANK]
     if flags[PENALISED] == 1 and states[FREEDOM] <= 0 and results[COST] > PUSHED * PUSHED:
         # Residuals are perpendicular to all columns at a minimum: what remains of so few leaves a column too many.
         results[CONDITION] = undetermined(n, sides, covariance)
@@ -248,7 +235,7 @@ def finish_solve(
 
 
 def solve_many(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
     parameters: ConstantReals,
     weights: ConstantReals,
@@ -270,16 +257,16 @@ def solve_many(
     multipliers: Reals,
 ) -> None:
     """Solves ``first … last`` of a batch, each from beginning to end, with the scratch of one thread."""
-    n = system[COORDINATES]
-    stride = DATA_HEAD + DATA_BLOCK * (system[BLOCKS] + system[CONSTRAINTS])
+    n = system.n
+    stride = data_stride(system.residual_blocks + system.constraint_blocks)
     flags[LOADED] = -1
     for k in range(first, last):
-        own = data[which[k] * stride :]
+        own = view(DataSet, data[which[k] * stride :])
         loaded = 1 if flags[LOADED] == which[k] else 0
-        start = starts[k * system[NUMBERS] :]
+        start = starts[k * system.numbers :]
         start_solve(system, constants, parameters, weights, index, columns, own, loaded, start, work, flags)
         flags[LOADED] = which[k]
-        go_on(system, constants, own, index, columns, system[ITERATIONS] + 1, work, flags)
+        go_on(system, constants, own, index, columns, system.iterations + 1, work, flags)
         finish_solve(
             system,
             constants,
@@ -288,11 +275,11 @@ def solve_many(
             columns,
             work,
             flags,
-            numbers[k * system[NUMBERS] :],
+            numbers[k * system.numbers :],
             results[k * RESULTS :],
             states[k * STATES :],
             sides[k * n :],
             triangles[k * (n + 1) * (n + 1) :],
             covariances[k * n * n :],
-            multipliers[k * system[MULTIPLIERS] :],
+            multipliers[k * system.most_multipliers :],
         )

@@ -5,25 +5,14 @@ from __future__ import annotations
 from math import fabs, inf, isfinite, sqrt
 
 from mbm.target.solver.description import (
-    BLOCK,
-    BLOCK_OUTPUTS,
-    BLOCKS,
-    BLOCKS_AT,
-    BOXED,
-    CONSTRAINTS,
-    COORDINATES,
-    DATA_BLOCK,
-    DATA_COUNT,
-    DATA_HEAD,
-    DATA_ROWS,
     LANES,
-    LINEAR,
     NO_FINITE_STEP,
     NOT_FINITE_AT_START,
     ONE_STEP,
     RUNNING,
-    STRICT,
     UNSURE,
+    DataSet,
+    Problem,
 )
 from mbm.target.solver.equations import residuals_at_point
 from mbm.target.solver.linear_algebra import dot, filled
@@ -74,31 +63,31 @@ REFINEMENTS = 2
 """Corrections from the residuals at the new point: they restore the digits that a bad start or conditioning costs."""
 
 
-def constraint_count(system: ConstantIntegers, data: ConstantIntegers) -> Integer:
+def constraint_count(system: Problem, data: DataSet) -> Integer:
     """Constraint values of a data set."""
     found = 0
-    for b in range(system[BLOCKS], system[BLOCKS] + system[CONSTRAINTS]):
-        lines = system[system[BLOCKS_AT] + b * BLOCK + BLOCK_OUTPUTS]
-        found += lines * data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]
+    for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
+        lines = system.blocks[b].outputs
+        found += lines * data.blocks[b].rows
     return found
 
 
 def begin(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     work: Reals,
     flags: Integers,
 ) -> None:
     """Everything at the point that place 0 holds, put into the bounds; `STOP` says whether it is the end already."""
-    n = system[COORDINATES]
+    n = system.n
     place = work[place_at(system, 0) :]
     scalars = work[scalars_at(system) :]
     point = place[AT_POINT:]
     x = work[step_at(system, 11) :]
-    if system[BOXED] == 1:
+    if system.boxed == 1:
         coordinates_of(system, point, x)
         project(system, constants, x)
         place_coordinates(system, x, point)
@@ -106,7 +95,7 @@ def begin(
     flags[CURVATURE_KNOWN] = 0
     flags[PATIENCE_LEFT] = 0
     flags[RESIDUALS_HERE] = 0
-    flags[COUNT_HERE] = data[DATA_COUNT] + flags[PENALISED] * constraint_count(system, data)
+    flags[COUNT_HERE] = data.count + flags[PENALISED] * constraint_count(system, data)
     flags[STOP] = RUNNING
     flags[EVALUATIONS_DONE] += 1
     residuals = work[residuals_at(system, 0) :]
@@ -128,7 +117,7 @@ def begin(
         return
     arrive(system, constants, 0, -1, 0, work, flags)
     flags[STOP] = flags[ENDING_OF]
-    if system[STRICT] == 1 and flags[DEFICIENT_OF] > 0:
+    if system.strict == 1 and flags[DEFICIENT_OF] > 0:
         flags[STOP] = UNSURE
     size = 0.0
     coordinates = place[vector_at(system, X) :]
@@ -138,14 +127,14 @@ def begin(
     size = sqrt(size)
     length = sqrt(place[AT_COST])
     scalars[RADIUS] = size if size > UNSCALED * length else length
-    if system[LINEAR] == 1 and flags[PENALISED] == 0:
+    if system.linear == 1 and flags[PENALISED] == 0:
         scalars[RADIUS] = inf
 
 
 def solve_directly(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     work: Reals,
@@ -183,5 +172,5 @@ def solve_directly(
     flags[STOP] = ONE_STEP
     if moved == 0 and finite == 0:
         flags[STOP] = NO_FINITE_STEP
-    if system[STRICT] == 1 and flags[SLOT * flags[HERE] + DEFICIENT_OF] > 0:
+    if system.strict == 1 and flags[SLOT * flags[HERE] + DEFICIENT_OF] > 0:
         flags[STOP] = UNSURE

@@ -6,6 +6,7 @@ best of those brought to the fixed point of fit, noise and inliers.
 
 from __future__ import annotations
 
+from mbm.target.records import view
 from mbm.target.solver.consensus_begin import begin_agreement
 from mbm.target.solver.consensus_description import (
     AGREED,
@@ -47,7 +48,7 @@ from mbm.target.solver.consensus_order import variances_at
 from mbm.target.solver.consensus_scores import GNC
 from mbm.target.solver.consensus_settle import finished, rival
 from mbm.target.solver.consensus_trials import fit_trials
-from mbm.target.solver.description import COORDINATES, NUMBERS
+from mbm.target.solver.description import DataSet, Problem
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 
@@ -55,19 +56,17 @@ LARGE_SUBSET = 7
 """From so many units in a subset on, trials free of outliers are rare: graduated non-convexity gives one more."""
 
 
-def put_trial(
-    system: ConstantIntegers, rules: ConstantIntegers, number: Integer, point: ConstantReals, bench: Reals
-) -> None:
+def put_trial(system: Problem, rules: ConstantIntegers, number: Integer, point: ConstantReals, bench: Reals) -> None:
     """A point among those that are scored."""
-    copied(system[NUMBERS], point, bench[trials_at(system, rules) + number * system[NUMBERS] :])
+    copied(system.numbers, point, bench[trials_at(system, rules) + number * system.numbers :])
 
 
 def put_trials(
-    system: ConstantIntegers, rules: ConstantIntegers, number: Integer, points: ConstantReals, bench: Reals
+    system: Problem, rules: ConstantIntegers, number: Integer, points: ConstantReals, bench: Reals
 ) -> Integer:
     """All the starts likewise, behind ``number`` points: how many there are then."""
     for k in range(rules[STARTS]):
-        put_trial(system, rules, number + k, points[k * system[NUMBERS] :], bench)
+        put_trial(system, rules, number + k, points[k * system.numbers :], bench)
     return number + rules[STARTS]
 
 
@@ -75,9 +74,9 @@ def graduate_trials(
     count: Integer,
     units: Integer,
     scalars: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     rules: ConstantIntegers,
@@ -91,7 +90,7 @@ def graduate_trials(
     for k in range(rules[STARTS]):
         for absolute in range(2):
             if k < FEW_STARTS:
-                copied(system[NUMBERS], begun[k * system[NUMBERS] :], bench[point_at(system, rules, 0) :])
+                copied(system.numbers, begun[k * system.numbers :], bench[point_at(system, rules, 0) :])
                 graduated(
                     absolute,
                     units,
@@ -117,9 +116,9 @@ def settle_candidate(
     count: Integer,
     units: Integer,
     scalars: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     rules: ConstantIntegers,
@@ -131,14 +130,14 @@ def settle_candidate(
 ) -> None:
     """The best of the candidates brought to its fixed point, and what is to be said of it."""
     own = bench[candidate_at(system, rules, best) + 1 :]
-    copied(system[NUMBERS], own, bench[point_at(system, rules, 0) :])
+    copied(system.numbers, own, bench[point_at(system, rules, 0) :])
     if rules[GROUPS] > 0:
         variances_at(
             units,
             scalars,
-            system[COORDINATES],
+            system.n,
             rules[GROUPS],
-            own[system[NUMBERS] :],
+            own[system.numbers :],
             bench[unit_vector_at(rules, MEDIANS) :],
             places[place_vector_at(rules, GROUP_OF) :],
             bench[unit_vector_at(rules, ROUNDINGS) :],
@@ -153,9 +152,9 @@ def settle_candidate(
 
 
 def end_agreement(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     rules: ConstantIntegers,
@@ -198,9 +197,9 @@ def end_agreement(
 
 
 def agree(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     parameters: ConstantReals,
     weights: ConstantReals,
     index: ConstantIntegers,
@@ -237,7 +236,7 @@ def agree(
 
 def put_answers(
     units: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     rules: ConstantIntegers,
     starts: ConstantReals,
     bench: ConstantReals,
@@ -250,9 +249,9 @@ def put_answers(
 ) -> None:
     """What one data set agrees on, from the bench: its point, the first start where it does not, and its units."""
     if states[AGREED] == 1:
-        copied(system[NUMBERS], bench[point_at(system, rules, 0) :], numbers)
+        copied(system.numbers, bench[point_at(system, rules, 0) :], numbers)
     else:
-        copied(system[NUMBERS], starts, numbers)
+        copied(system.numbers, starts, numbers)
     for u in range(units):
         inside[u] = places[place_vector_at(rules, INSIDE) + u]
         limits[u] = bench[unit_vector_at(rules, LIMITS) + u]
@@ -263,9 +262,9 @@ def agree_by_and_by(
     most: Integer,
     begin: Integer,
     end: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     parameters: ConstantReals,
     weights: ConstantReals,
     index: ConstantIntegers,
@@ -311,7 +310,7 @@ def agree_by_and_by(
 def agree_many(
     first: Integer,
     last: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
     every_data: ConstantIntegers,
     stride: Integer,
@@ -342,11 +341,11 @@ def agree_many(
     """
     for k in range(first, last):
         at = units_at[k]
-        own = starts[k * rules[STARTS] * system[NUMBERS] :]
+        own = starts[k * rules[STARTS] * system.numbers :]
         units = agree(
             system,
             constants,
-            every_data[k * stride :],
+            view(DataSet, every_data[k * stride :]),
             parameters,
             weights,
             index,
@@ -363,7 +362,7 @@ def agree_many(
         )
         # fmt: off
         put_answers(
-            units, system, rules, own, bench, places, states[k * ANSWERS :], numbers[k * system[NUMBERS] :],
+            units, system, rules, own, bench, places, states[k * ANSWERS :], numbers[k * system.numbers :],
             inside[at:], limits[at:], variances[at:],
         )
         # fmt: on

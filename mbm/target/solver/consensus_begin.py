@@ -36,7 +36,7 @@ from mbm.target.solver.consensus_rows import linearised, unit_squares
 from mbm.target.solver.consensus_scores import GNC
 from mbm.target.solver.consensus_trials import begin_trials, seldom_in_vain, size_of_subsets
 from mbm.target.solver.consensus_units import judge_rounding, list_units, norm_directions
-from mbm.target.solver.description import COORDINATES, NUMBERS
+from mbm.target.solver.description import DataSet, Problem
 from mbm.target.solver.equations import load_rows, residuals_at_point
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.solver.workspace import residuals_at
@@ -51,7 +51,7 @@ def units_of_form(rules: ConstantIntegers) -> Integer:
 
 
 def begin_anywhere(
-    system: ConstantIntegers,
+    system: Problem,
     rules: ConstantIntegers,
     forms: ConstantReals,
     units: Integer,
@@ -60,21 +60,21 @@ def begin_anywhere(
 ) -> Integer:
     """The first point that units one behind the other give in closed form as the start in the bench; 0 if none do."""
     begun = bench[begun_at(system, rules) :]
-    target = begun[rules[STARTS] * system[NUMBERS] :]
+    target = begun[rules[STARTS] * system.numbers :]
     chosen = places[small_places_at(system, rules, 0) :]
     size = units_of_form(rules)
     for one in range(units - size + 1):
         for k in range(size):
             chosen[k] = one + k
         if points_in_closed_form(system, rules, forms, size, chosen, begun, bench, places, target) > 0:
-            copied(system[NUMBERS], target, begun)
+            copied(system.numbers, target, begun)
             return 1
     return 0
 
 
 def size_where_told(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     rules: ConstantIntegers,
@@ -86,15 +86,15 @@ def size_where_told(
     """The rows linearised at the start in the bench, and the size of subsets there; 0: units leave unknowns open."""
     linearised(system, data, index, columns, bench[begun_at(system, rules) :], work, bench[slot_at(system, rules, 0) :])
     if rules[KIND] == GNC:
-        return system[COORDINATES]
+        return system.n
     norm_directions(system, rules, units, bench, places)
     return size_of_subsets(system, rules, units, bench, places)
 
 
 def median_misfit(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     rules: ConstantIntegers,
     units: Integer,
@@ -113,9 +113,9 @@ def median_misfit(
 
 def begun_where_most_fit(
     below: Real,
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     rules: ConstantIntegers,
@@ -130,7 +130,7 @@ def begun_where_most_fit(
 
     Of at most `ATTEMPTS` such, if its median is less than ``below`` and all units determine the unknowns there.
     """
-    numbers = system[NUMBERS]
+    numbers = system.numbers
     begun = bench[begun_at(system, rules) :]
     best = bench[point_at(system, rules, 2) :]
     found = begun[rules[STARTS] * numbers :]
@@ -156,9 +156,9 @@ def begun_where_most_fit(
 
 
 def begun_where_units_tell(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     rules: ConstantIntegers,
@@ -176,7 +176,7 @@ def begun_where_units_tell(
     are drawn leaves unknowns open there, the start is what fits most units, if it does `FAR`² times better.
     """
     begun = bench[begun_at(system, rules) :]
-    copied(rules[STARTS] * system[NUMBERS], starts, begun)
+    copied(rules[STARTS] * system.numbers, starts, begun)
     if rules[STARTLESS] == 1 and begin_anywhere(system, rules, forms, units, bench, places) == 0:
         return 0
     size = size_where_told(system, data, index, columns, rules, units, work, bench, places)
@@ -195,9 +195,9 @@ def begun_where_units_tell(
 
 
 def begin_agreement(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     parameters: ConstantReals,
     weights: ConstantReals,
     index: ConstantIntegers,

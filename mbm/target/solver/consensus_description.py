@@ -15,7 +15,7 @@ whose first weight is 0 must not be among them.
 
 from __future__ import annotations
 
-from mbm.target.solver.description import BLOCKS, CHUNK, CONSTRAINTS, COORDINATES, NUMBERS
+from mbm.target.solver.description import Problem
 from mbm.target.words import ConstantIntegers, Integer
 
 # --- header of ``rules`` ----------------------------------------------------------------------------------------
@@ -139,38 +139,38 @@ def unit_vector_at(rules: ConstantIntegers, number: Integer) -> Integer:
     return number * rules[MOST_UNITS]
 
 
-def slot_at(system: ConstantIntegers, rules: ConstantIntegers, number: Integer) -> Integer:
+def slot_at(system: Problem, rules: ConstantIntegers, number: Integer) -> Integer:
     """Columns of ``[J r]``, column by column: two points, and what is weighted."""
-    return unit_vector_at(rules, UNIT_VECTORS) + number * (system[COORDINATES] + 1) * system[CHUNK]
+    return unit_vector_at(rules, UNIT_VECTORS) + number * (system.n + 1) * system.chunk
 
 
-def by_row_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+def by_row_at(system: Problem, rules: ConstantIntegers) -> Integer:
     """Weights residual by residual, then 1 for each residual that a rule acts on, else 0."""
     return slot_at(system, rules, 3)
 
 
-def bench_matrix_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+def bench_matrix_at(system: Problem, rules: ConstantIntegers) -> Integer:
     """A matrix (n, n)."""
-    return by_row_at(system, rules) + 2 * system[CHUNK]
+    return by_row_at(system, rules) + 2 * system.chunk
 
 
-def basis_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+def basis_at(system: Problem, rules: ConstantIntegers) -> Integer:
     """A basis (n + 1, n)."""
-    return bench_matrix_at(system, rules) + system[COORDINATES] * system[COORDINATES]
+    return bench_matrix_at(system, rules) + system.n * system.n
 
 
-def small_at(system: ConstantIntegers, rules: ConstantIntegers, number: Integer) -> Integer:
+def small_at(system: Problem, rules: ConstantIntegers, number: Integer) -> Integer:
     """A vector (n + 4,)."""
-    n = system[COORDINATES]
+    n = system.n
     return basis_at(system, rules) + (n + 1) * n + number * (n + 4)
 
 
-def point_at(system: ConstantIntegers, rules: ConstantIntegers, number: Integer) -> Integer:
+def point_at(system: Problem, rules: ConstantIntegers, number: Integer) -> Integer:
     """Points (N,) of an iteration: 0 here, 1 there, 2 and 3 to keep."""
-    return small_at(system, rules, SMALL_VECTORS) + number * system[NUMBERS]
+    return small_at(system, rules, SMALL_VECTORS) + number * system.numbers
 
 
-def form_scratch_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+def form_scratch_at(system: Problem, rules: ConstantIntegers) -> Integer:
     """Scratch of closed forms: 120 numbers and the rows of a subset with up to five unknowns."""
     return point_at(system, rules, 4)
 
@@ -178,38 +178,38 @@ def form_scratch_at(system: ConstantIntegers, rules: ConstantIntegers) -> Intege
 FORM_SCRATCH = 240
 
 
-def directions_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+def directions_at(system: Problem, rules: ConstantIntegers) -> Integer:
     """Rows of the Jacobian with norm 1, unit by unit (CHUNK, n)."""
     return form_scratch_at(system, rules) + FORM_SCRATCH
 
 
-def trials_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+def trials_at(system: Problem, rules: ConstantIntegers) -> Integer:
     """Points that are scored (MOST_POINTS, N)."""
-    return directions_at(system, rules) + system[CHUNK] * system[COORDINATES]
+    return directions_at(system, rules) + system.chunk * system.n
 
 
-def begun_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+def begun_at(system: Problem, rules: ConstantIntegers) -> Integer:
     """The starts (STARTS, N), then room for the solutions of a closed form (4, N)."""
-    return trials_at(system, rules) + rules[MOST_POINTS] * system[NUMBERS]
+    return trials_at(system, rules) + rules[MOST_POINTS] * system.numbers
 
 
-def candidate_size(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+def candidate_size(system: Problem, rules: ConstantIntegers) -> Integer:
     """Numbers of a candidate: its score or objective, its point, its squares."""
-    return 1 + system[NUMBERS] + rules[MOST_UNITS]
+    return 1 + system.numbers + rules[MOST_UNITS]
 
 
-def candidate_at(system: ConstantIntegers, rules: ConstantIntegers, number: Integer) -> Integer:
+def candidate_at(system: Problem, rules: ConstantIntegers, number: Integer) -> Integer:
     """A candidate."""
-    first = begun_at(system, rules) + (rules[STARTS] + 4) * system[NUMBERS]
+    first = begun_at(system, rules) + (rules[STARTS] + 4) * system.numbers
     return first + number * candidate_size(system, rules)
 
 
-def subset_rows_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+def subset_rows_at(system: Problem, rules: ConstantIntegers) -> Integer:
     """Parameters of the rows of a subset, then their weights."""
     return candidate_at(system, rules, MOST_CANDIDATES)
 
 
-def bench_reals(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+def bench_reals(system: Problem, rules: ConstantIntegers) -> Integer:
     """Reals of the bench."""
     return subset_rows_at(system, rules) + 2 * rules[MOST_ROWS]
 
@@ -240,17 +240,17 @@ def chosen_at(rules: ConstantIntegers) -> Integer:
     return place_vector_at(rules, PLACE_VECTORS)
 
 
-def small_places_at(system: ConstantIntegers, rules: ConstantIntegers, number: Integer) -> Integer:
+def small_places_at(system: Problem, rules: ConstantIntegers, number: Integer) -> Integer:
     """Integers (n + 4,) of scratch: 0 the chosen units, 1 a combination, 2 states, 3 an order."""
-    return chosen_at(rules) + number * (system[COORDINATES] + 4)
+    return chosen_at(rules) + number * (system.n + 4)
 
 
-def best_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+def best_at(system: Problem, rules: ConstantIntegers) -> Integer:
     """Numbers of the best trials (LISTS, CANDIDATES), then how many there are in each list."""
     return small_places_at(system, rules, 4)
 
 
-def best_scores_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+def best_scores_at(system: Problem, rules: ConstantIntegers) -> Integer:
     """Their scores (LISTS, CANDIDATES), in the bench, where candidates come to stand later."""
     return candidate_at(system, rules, 0)
 
@@ -260,26 +260,26 @@ def simple_at(rules: ConstantIntegers) -> Integer:
     return place_vector_at(rules, FIRST + 2) - 1
 
 
-def one_side_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+def one_side_at(system: Problem, rules: ConstantIntegers) -> Integer:
     """1: all stations of the spheres lie in one plane, so that solutions mirror one another: one stands for both."""
     return best_at(system, rules) + LISTS * (CANDIDATES + 1)
 
 
-def subset_data_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+def subset_data_at(system: Problem, rules: ConstantIntegers) -> Integer:
     """The data set of a subset, then its ``index`` and its ``columns``."""
     return one_side_at(system, rules) + 1
 
 
-def subset_index_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+def subset_index_at(system: Problem, rules: ConstantIntegers) -> Integer:
     """The ``index`` of a subset's rows, then their ``columns``."""
-    return subset_data_at(system, rules) + 1 + 5 * (system[BLOCKS] + system[CONSTRAINTS])
+    return subset_data_at(system, rules) + 1 + 5 * (system.residual_blocks + system.constraint_blocks)
 
 
-def progress_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+def progress_at(system: Problem, rules: ConstantIntegers) -> Integer:
     """How far the trials of a data set have come, `PROGRESS` integers."""
     return subset_index_at(system, rules) + 2 * rules[MOST_ROWS]
 
 
-def places_integers(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
+def places_integers(system: Problem, rules: ConstantIntegers) -> Integer:
     """Integers of the places."""
     return progress_at(system, rules) + PROGRESS

@@ -20,7 +20,7 @@ from mbm.target.solver.consensus_description import (
     one_side_at,
     small_places_at,
 )
-from mbm.target.solver.description import NUMBERS
+from mbm.target.solver.description import Problem
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.solver.minimal_pose import poses_from_three, quaternion_of
 from mbm.target.solver.minimal_spheres import places_from_spheres
@@ -78,7 +78,7 @@ def put_motion(
 
 
 def points_in_closed_form(
-    system: ConstantIntegers,
+    system: Problem,
     rules: ConstantIntegers,
     forms: ConstantReals,
     count: Integer,
@@ -91,7 +91,7 @@ def points_in_closed_form(
     """How many points (up to 4, N) fit the chosen units (count,) in closed form, other numbers being those of base."""
     wide = rules[FORM_WIDTH]
     about = rules[rules[FORM_AT] :]
-    numbers = system[NUMBERS]
+    numbers = system.numbers
     scratch = bench[form_scratch_at(system, rules) :]
     for k in range(count):
         for i in range(wide):

@@ -22,7 +22,7 @@ from mbm.target.solver.consensus_description import (
 from mbm.target.solver.consensus_order import median, robust_variance
 from mbm.target.solver.consensus_refine import STILL, refined
 from mbm.target.solver.consensus_rules import GIVEN
-from mbm.target.solver.description import COORDINATES
+from mbm.target.solver.description import DataSet, Problem
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 GROWTH = 1.4
@@ -38,7 +38,7 @@ ABSOLUTE_ROUNDS = 12
 
 
 def widen_limits(
-    system: ConstantIntegers,
+    system: Problem,
     rules: ConstantIntegers,
     units: Integer,
     scalars: Integer,
@@ -55,7 +55,7 @@ def widen_limits(
         variance = 1.0
         if group >= 0:
             scratch = bench[unit_vector_at(rules, SORTED) :]
-            variance = robust_variance(units, scalars, system[COORDINATES], squares, medians, groups, group, scratch)
+            variance = robust_variance(units, scalars, system.n, squares, medians, groups, group, scratch)
         for u in range(units):
             if groups[u] == group:
                 wide = bench[unit_vector_at(rules, CUTS) + u] * variance
@@ -76,9 +76,9 @@ def graduated(
     absolute: Integer,
     units: Integer,
     scalars: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     rules: ConstantIntegers,

@@ -37,7 +37,7 @@ from mbm.target.solver.consensus_rows import linearised, unit_squares
 from mbm.target.solver.consensus_rules import TRIMMED, TRUNCATED
 from mbm.target.solver.consensus_scores import LMEDS
 from mbm.target.solver.consensus_settle import STEPS
-from mbm.target.solver.description import CHUNK, COORDINATES, NUMBERS, PLACES_AT
+from mbm.target.solver.description import DataSet, Problem
 from mbm.target.solver.equations import residuals_at_point
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.solver.workspace import residuals_at
@@ -51,18 +51,16 @@ WIDE_STEPS = 4
 
 
 def put_candidate(
-    system: ConstantIntegers, rules: ConstantIntegers, number: Integer, units: Integer, objective: Reals, bench: Reals
+    system: Problem, rules: ConstantIntegers, number: Integer, units: Integer, objective: Reals, bench: Reals
 ) -> None:
     """Point 0 and its squares as a candidate with an objective (1,)."""
     target = bench[candidate_at(system, rules, number) :]
     target[0] = objective[0]
-    copied(system[NUMBERS], bench[point_at(system, rules, 0) :], target[1:])
-    copied(units, bench[unit_vector_at(rules, SQUARES) :], target[1 + system[NUMBERS] :])
+    copied(system.numbers, bench[point_at(system, rules, 0) :], target[1:])
+    copied(units, bench[unit_vector_at(rules, SQUARES) :], target[1 + system.numbers :])
 
 
-def merged_lists(
-    system: ConstantIntegers, rules: ConstantIntegers, target: Integer, other: Integer, places: Integers
-) -> None:
+def merged_lists(system: Problem, rules: ConstantIntegers, target: Integer, other: Integer, places: Integers) -> None:
     """What one list of the best has more than another, put behind that one's, up to `CANDIDATES` of each."""
     best = places[best_at(system, rules) :]
     counts = best[LISTS * CANDIDATES :]
@@ -87,9 +85,9 @@ def scored_candidates(
     size: Integer,
     judged_before: Integer,
     count: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     rules: ConstantIntegers,
     work: Reals,
@@ -110,7 +108,7 @@ def scored_candidates(
     if rules[GROUPS] > 0:
         judge_trials(LMEDS, 0, count, size, units, system, constants, data, index, rules, work, bench, places)
         if kind != LMEDS and listed(system, rules, BY_MEDIAN, places) > 0:
-            point = bench[trials_at(system, rules) + best[BY_MEDIAN * CANDIDATES] * system[NUMBERS] :]
+            point = bench[trials_at(system, rules) + best[BY_MEDIAN * CANDIDATES] * system.numbers :]
             limit_by_noise(system, data, constants, index, rules, units, scalars, point, work, bench, places)
         judged_before = 0
     if kind == LMEDS:
@@ -132,9 +130,9 @@ def scored_candidates(
 
 
 def widen_for_point(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     rules: ConstantIntegers,
     units: Integer,
@@ -153,7 +151,7 @@ def widen_for_point(
     own = robust_variance(
         units,
         scalars,
-        system[COORDINATES],
+        system.n,
         squares,
         bench[unit_vector_at(rules, MEDIANS) :],
         places[place_vector_at(rules, GROUP_OF) :],
@@ -171,9 +169,9 @@ def improve_one(
     units: Integer,
     scalars: Integer,
     size: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     rules: ConstantIntegers,
@@ -211,9 +209,9 @@ def improve(
     scalars: Integer,
     size: Integer,
     count: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     rules: ConstantIntegers,
@@ -226,14 +224,14 @@ def improve(
     best = places[best_at(system, rules) :]
     scale = bench[small_at(system, rules, SCALES) :]
     trials = bench[trials_at(system, rules) :]
-    for j in range(system[COORDINATES]):
+    for j in range(system.n):
         scale[j] = 1.0
     for u in range(units):
         bench[unit_vector_at(rules, VARIANCES) + u] = 1.0
     found = 0
     for way in range(2):
         for k in range(count):
-            copied(system[NUMBERS], trials[best[k] * system[NUMBERS] :], bench[point_at(system, rules, 0) :])
+            copied(system.numbers, trials[best[k] * system.numbers :], bench[point_at(system, rules, 0) :])
             found = improve_one(
                 way,
                 found,
@@ -258,8 +256,8 @@ def improve(
 
 def best_candidate(
     count: Integer,
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     rules: ConstantIntegers,
@@ -268,14 +266,14 @@ def best_candidate(
     bench: Reals,
 ) -> Integer:
     """The candidate with the lowest objective; of equals (mirrored ones, say) the nearest to the start (N,)."""
-    n = system[COORDINATES]
+    n = system.n
     chunk = bench[slot_at(system, rules, 0) :]
     scale = bench[small_at(system, rules, SCALES) :]
     rows = linearised(system, data, index, columns, start, work, chunk)
     for j in range(n):
         total = 0.0
         for i in range(rows):
-            slope = chunk[j * system[CHUNK] + i]
+            slope = chunk[j * system.chunk + i]
             if isfinite(slope):
                 total += slope * slope
         scale[j] = sqrt(total)
@@ -290,7 +288,7 @@ def best_candidate(
         if own[0] <= reach:
             away = 0.0
             for j in range(n):
-                place = system[system[PLACES_AT] + j]
+                place = system.number_of[j]
                 if place >= 0:
                     difference = (own[1 + place] - start[place]) * scale[j]
                     away += difference * difference

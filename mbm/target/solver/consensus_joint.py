@@ -34,7 +34,7 @@ from mbm.target.solver.consensus_laws import untruncated
 from mbm.target.solver.consensus_order import STATED, variances_at
 from mbm.target.solver.consensus_refine import measure, weighted_step
 from mbm.target.solver.consensus_rows import linearised, moved, spread_weights
-from mbm.target.solver.description import COORDINATES, NUMBERS
+from mbm.target.solver.description import DataSet, Problem
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
@@ -84,7 +84,7 @@ def group_noise(
 
 
 def noise_and_limits(
-    system: ConstantIntegers,
+    system: Problem,
     rules: ConstantIntegers,
     units: Integer,
     scalars: Integer,
@@ -96,7 +96,7 @@ def noise_and_limits(
 
     Where the limits of the robust scale leave out units that are inside, three deviations of their noise are the limit.
     """
-    n = system[COORDINATES]
+    n = system.n
     groups = places[place_vector_at(rules, GROUP_OF) :]
     components = places[place_vector_at(rules, COMPONENTS) :]
     inside = places[place_vector_at(rules, INSIDE) :]
@@ -128,7 +128,7 @@ def promised(
     rest: Real,
     units: Integer,
     scalars: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     rules: ConstantIntegers,
     bench: Reals,
     places: ConstantIntegers,
@@ -154,9 +154,9 @@ def promised(
 def fitted_jointly(
     units: Integer,
     scalars: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     rules: ConstantIntegers,
@@ -189,7 +189,7 @@ def fitted_jointly(
         point = bench[point_at(system, rules, here) :]
         squares = bench[unit_vector_at(rules, SQUARES + here) :]
     if here == 1:
-        copied(system[NUMBERS], point, bench[point_at(system, rules, 0) :])
+        copied(system.numbers, point, bench[point_at(system, rules, 0) :])
         copied(units, squares, bench[unit_vector_at(rules, SQUARES) :])
     noise_and_limits(system, rules, units, scalars, bench[unit_vector_at(rules, SQUARES) :], bench, places)
 
@@ -197,9 +197,9 @@ def fitted_jointly(
 def joined(
     units: Integer,
     scalars: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     rules: ConstantIntegers,

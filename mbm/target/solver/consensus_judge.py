@@ -28,7 +28,7 @@ from mbm.target.solver.consensus_description import (
 from mbm.target.solver.consensus_order import variances_at
 from mbm.target.solver.consensus_rows import unit_squares
 from mbm.target.solver.consensus_scores import LMEDS, RANSAC, inside_count, least_median, outlier_count, truncated
-from mbm.target.solver.description import NUMBERS
+from mbm.target.solver.description import DataSet, Problem
 from mbm.target.solver.equations import residuals_at_point
 from mbm.target.solver.workspace import residuals_at
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
@@ -37,27 +37,27 @@ WIDE = 16.0
 """Squared, so four times the limits: a fit to as few units as there are unknowns is that far off for the others."""
 
 
-def empty_lists(system: ConstantIntegers, rules: ConstantIntegers, places: Integers) -> None:
+def empty_lists(system: Problem, rules: ConstantIntegers, places: Integers) -> None:
     """No trial is among the best yet."""
     for k in range(LISTS):
         places[best_at(system, rules) + LISTS * CANDIDATES + k] = 0
 
 
-def listed(system: ConstantIntegers, rules: ConstantIntegers, which: Integer, places: ConstantIntegers) -> Integer:
+def listed(system: Problem, rules: ConstantIntegers, which: Integer, places: ConstantIntegers) -> Integer:
     """How many trials there are in a list."""
     return places[best_at(system, rules) + LISTS * CANDIDATES + which]
 
 
-def points_equal(system: ConstantIntegers, a: ConstantReals, b: ConstantReals) -> Integer:
+def points_equal(system: Problem, a: ConstantReals, b: ConstantReals) -> Integer:
     """Whether two points are equal."""
-    for i in range(system[NUMBERS]):
+    for i in range(system.numbers):
         if a[i] != b[i]:
             return 0
     return 1
 
 
 def put_in_list(
-    system: ConstantIntegers,
+    system: Problem,
     rules: ConstantIntegers,
     which: Integer,
     most: Integer,
@@ -78,7 +78,7 @@ def put_in_list(
     same = place
     while same > 0 and scores[same - 1] == score:
         same = same - 1
-        if points_equal(system, points[numbers[same] * system[NUMBERS] :], points[trial * system[NUMBERS] :]) == 1:
+        if points_equal(system, points[numbers[same] * system.numbers :], points[trial * system.numbers :]) == 1:
             return
     if place >= most:
         return
@@ -94,7 +94,7 @@ def put_in_list(
 
 
 def bound_of(
-    system: ConstantIntegers,
+    system: Problem,
     rules: ConstantIntegers,
     which: Integer,
     most: Integer,
@@ -113,9 +113,9 @@ def judge_trials(
     last: Integer,
     size: Integer,
     units: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     rules: ConstantIntegers,
     work: Reals,
@@ -134,7 +134,7 @@ def judge_trials(
     half = CANDIDATES // 2
     inside = 0
     for trial in range(first, last):
-        point = bench[trials_at(system, rules) + trial * system[NUMBERS] :]
+        point = bench[trials_at(system, rules) + trial * system.numbers :]
         residuals_at_point(system, constants, data, index, point, 0, 0, work, residuals)
         unit_squares(rules, places, units, residuals, squares)
         here = inside_count(units, squares, bench[unit_vector_at(rules, CUTS) :])
@@ -160,8 +160,8 @@ def judge_trials(
 
 
 def limit_by_noise(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     constants: ConstantReals,
     index: ConstantIntegers,
     rules: ConstantIntegers,

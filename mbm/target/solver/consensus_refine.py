@@ -29,7 +29,7 @@ from mbm.target.solver.consensus_rows import (
     weigh_columns,
 )
 from mbm.target.solver.consensus_rules import GIVEN, TRUNCATED, judged
-from mbm.target.solver.description import CHUNK, COORDINATES, NUMBERS, PLACES_AT
+from mbm.target.solver.description import DataSet, Problem
 from mbm.target.solver.linear_algebra import cholesky, copied, dot
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
@@ -53,14 +53,14 @@ NEAR = 0.1
 
 
 def weighted_step(
-    system: ConstantIntegers, rules: ConstantIntegers, count: Integer, slot: Integer, damping: Real, bench: Reals
+    system: Problem, rules: ConstantIntegers, count: Integer, slot: Integer, damping: Real, bench: Reals
 ) -> Real:
     """The Marquardt step by the weights of the rows, and the decrease of the weighted sum of squares it promises.
 
     Both are 0 where something is not finite. The diagonal of the normal equations, as roots, stays in `SCALES`.
     """
-    n = system[COORDINATES]
-    stride = system[CHUNK]
+    n = system.n
+    stride = system.chunk
     chunk = bench[slot_at(system, rules, slot) :]
     weighted = bench[slot_at(system, rules, 2) :]
     normal = bench[bench_matrix_at(system, rules) :]
@@ -117,7 +117,7 @@ def same_inside(units: Integer, weights: ConstantReals, squares: ConstantReals, 
 
 def candidate_alike(
     rule: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     rules: ConstantIntegers,
     units: Integer,
     first: Integer,
@@ -135,7 +135,7 @@ def candidate_alike(
     scale = bench[small_at(system, rules, SCALES) :]
     for k in range(first, last):
         other = bench[candidate_at(system, rules, k) :]
-        theirs = other[1 + system[NUMBERS] :]
+        theirs = other[1 + system.numbers :]
         if fabs(other[0] - objective) < NEAR:
             near = ALIKE
             along = 1e-3
@@ -143,8 +143,8 @@ def candidate_alike(
                 near = NEAR
                 along = 0.1
             away = 0.0
-            for j in range(system[COORDINATES]):
-                place = system[system[PLACES_AT] + j]
+            for j in range(system.n):
+                place = system.number_of[j]
                 if place >= 0:
                     difference = scale[j] * (other[1 + place] - point[place])
                     away += along * difference * difference
@@ -158,7 +158,7 @@ def candidate_alike(
 
 
 def measure(
-    system: ConstantIntegers,
+    system: Problem,
     rules: ConstantIntegers,
     places: ConstantIntegers,
     units: Integer,
@@ -168,9 +168,9 @@ def measure(
     bench: ConstantReals,
 ) -> Real:
     """The squared norms (U,) of the units, and the sum of squares that no rule touches."""
-    residuals = chunk[system[COORDINATES] * system[CHUNK] :]
+    residuals = chunk[system.n * system.chunk :]
     unit_squares(rules, places, units, residuals, squares)
-    return unruled_square(rules, places, count, residuals, bench[by_row_at(system, rules) + system[CHUNK] :])
+    return unruled_square(rules, places, count, residuals, bench[by_row_at(system, rules) + system.chunk :])
 
 
 def refined(
@@ -181,9 +181,9 @@ def refined(
     units: Integer,
     first: Integer,
     last: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     rules: ConstantIntegers,
@@ -238,7 +238,7 @@ def refined(
             judged(rule, units, size, system, rules, squares, rest, bench, places)
             damping = max(damping * 30.0, 1e-4)
     if here == 1:
-        copied(system[NUMBERS], point, bench[point_at(system, rules, 0) :])
+        copied(system.numbers, point, bench[point_at(system, rules, 0) :])
         copied(units, squares, bench[unit_vector_at(rules, SQUARES) :])
     answer[0] = objective
     return alike

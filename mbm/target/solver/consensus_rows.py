@@ -5,26 +5,7 @@ from __future__ import annotations
 from math import inf, isfinite
 
 from mbm.target.solver.consensus_description import COMPONENTS, PLACE, place_vector_at, simple_at
-from mbm.target.solver.description import (
-    BLOCK,
-    BLOCK_JACOBIAN,
-    BLOCK_NONZEROS,
-    BLOCK_OUTPUTS,
-    BLOCK_PARAMETERS,
-    BLOCK_VARIABLES,
-    BLOCKS,
-    BLOCKS_AT,
-    BOUNDS_AT,
-    CHUNK,
-    COORDINATES,
-    DATA_BLOCK,
-    DATA_COLUMNS,
-    DATA_HEAD,
-    DATA_INDEX,
-    DATA_ROWS,
-    LANES,
-    PLACES_AT,
-)
+from mbm.target.solver.description import BOUNDS_AT, LANES, DataSet, Problem
 from mbm.target.solver.equations import gather, groups_of, weights_width, whiten_values
 from mbm.target.solver.linear_algebra import copied, filled
 from mbm.target.solver.manifolds import retract
@@ -34,8 +15,8 @@ from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Rea
 
 
 def linearised(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     point: ConstantReals,
@@ -46,31 +27,31 @@ def linearised(
 
     How many numbers of a column are taken is given, a multiple of 4. Constraints are left out.
     """
-    n = system[COORDINATES]
-    stride = system[CHUNK]
+    n = system.n
+    stride = system.chunk
     inputs = inputs_at(system)
     whitening = weights_at(system)
     outputs = work[outputs_at(system) :]
     there = 0
-    for b in range(system[BLOCKS]):
-        block = system[system[BLOCKS_AT] + b * BLOCK :]
-        at = DATA_HEAD + b * DATA_BLOCK
-        rows = data[at + DATA_ROWS]
+    for b in range(system.residual_blocks):
+        block = system.blocks[b]
+        part = data.blocks[b]
+        rows = part.rows
         groups = groups_of(rows)
-        lines = block[BLOCK_OUTPUTS] * LANES
+        lines = block.outputs * LANES
         if groups > 0:
-            gather(block, rows, index[data[at + DATA_INDEX] :], point, work[inputs:])
-            call_kernel(block[BLOCK_JACOBIAN], work[inputs:], outputs, groups)
+            gather(block, rows, index[part.index :], point, work[inputs:])
+            call_kernel(block.jacobian, work[inputs:], outputs, groups)
             weights = work[whitening:]
             for column in range(n):
                 filled(groups * lines, 0.0, chunk[column * stride + there :])
-            own = columns[data[at + DATA_COLUMNS] :]
+            own = columns[part.columns :]
             scatter(system, block, own, 0, rows, groups, outputs, weights, chunk[there:])
-            every = block[BLOCK_OUTPUTS] + block[BLOCK_NONZEROS]
-            whiten_values(system, block, groups, every, outputs, weights, chunk[n * stride + there :])
+            every = block.outputs + block.nonzero_count
+            whiten_values(block, groups, every, outputs, weights, chunk[n * stride + there :])
             whiten_matrices(system, block, groups, weights, chunk[there:])
         there += groups * lines
-        inputs += groups * LANES * (block[BLOCK_VARIABLES] + block[BLOCK_PARAMETERS])
+        inputs += groups * LANES * (block.variables + block.parameters)
         whitening += groups * LANES * weights_width(block)
     while there % 4 != 0:
         for column in range(n + 1):
@@ -151,14 +132,12 @@ def weigh_columns(
             target[column * stride + i] = weight * value
 
 
-def moved(
-    system: ConstantIntegers, constants: ConstantReals, point: ConstantReals, step: ConstantReals, target: Reals
-) -> None:
+def moved(system: Problem, constants: ConstantReals, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
     """The point after a step (n,), put back inside the bounds."""
     retract(system, point, step, target)
-    n = system[COORDINATES]
+    n = system.n
     for j in range(n):
-        place = system[system[PLACES_AT] + j]
+        place = system.number_of[j]
         if place >= 0:
             if target[place] < constants[BOUNDS_AT + j]:
                 target[place] = constants[BOUNDS_AT + j]

@@ -23,6 +23,7 @@ from mbm.target.solver.consensus_description import (
 )
 from mbm.target.solver.consensus_order import STATED, selected
 from mbm.target.solver.consensus_scores import rank_of_half
+from mbm.target.solver.description import Problem
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, distinct_arrays
 
 TRUNCATED = 0
@@ -99,7 +100,7 @@ def judged(
     rule: Integer,
     units: Integer,
     size: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     rules: ConstantIntegers,
     squares: ConstantReals,
     rest: Real,

@@ -27,7 +27,7 @@ from mbm.target.solver.consensus_laws import consistency, mark_inliers
 from mbm.target.solver.consensus_order import STATED, robust_variance, variances_at
 from mbm.target.solver.consensus_refine import STILL, refined
 from mbm.target.solver.consensus_rules import TRUNCATED
-from mbm.target.solver.description import COORDINATES, NUMBERS
+from mbm.target.solver.description import DataSet, Problem
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 
@@ -45,7 +45,7 @@ APART = 25.0
 
 
 def contradicted(
-    system: ConstantIntegers, rules: ConstantIntegers, units: Integer, bench: ConstantReals, places: ConstantIntegers
+    system: Problem, rules: ConstantIntegers, units: Integer, bench: ConstantReals, places: ConstantIntegers
 ) -> Integer:
     """Whether the inliers with stated noise scatter by more than that."""
     components = places[place_vector_at(rules, COMPONENTS) :]
@@ -68,7 +68,7 @@ def contradicted(
             total += components[u]
             expected += float(components[u]) * left
             summed += squares[u]
-    freedom = float(total - system[COORDINATES])
+    freedom = float(total - system.n)
     if not freedom > 0.0:
         return 0
     excess = summed / freedom * float(total) / expected - 1.0
@@ -76,7 +76,7 @@ def contradicted(
 
 
 def renew_variances(
-    system: ConstantIntegers,
+    system: Problem,
     rules: ConstantIntegers,
     units: Integer,
     scalars: Integer,
@@ -84,7 +84,7 @@ def renew_variances(
     places: ConstantIntegers,
 ) -> None:
     """The noise at the present squares: of unknown groups, and of stated ones that the data contradict."""
-    n = system[COORDINATES]
+    n = system.n
     groups = places[place_vector_at(rules, GROUP_OF) :]
     squares = bench[unit_vector_at(rules, SQUARES) :]
     medians = bench[unit_vector_at(rules, MEDIANS) :]
@@ -113,9 +113,9 @@ def set_limits(rules: ConstantIntegers, units: Integer, bench: Reals) -> None:
 def settled(
     units: Integer,
     scalars: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     rules: ConstantIntegers,
@@ -160,9 +160,9 @@ def settled(
 def finished(
     units: Integer,
     scalars: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     rules: ConstantIntegers,
@@ -193,7 +193,7 @@ def rival(
     last: Integer,
     best: Integer,
     units: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     rules: ConstantIntegers,
     bench: ConstantReals,
 ) -> Integer:
@@ -203,7 +203,7 @@ def rival(
     """
     cuts = bench[unit_vector_at(rules, CUTS) :]
     variances = bench[unit_vector_at(rules, VARIANCES) :]
-    own = bench[candidate_at(system, rules, best) + 1 + system[NUMBERS] :]
+    own = bench[candidate_at(system, rules, best) + 1 + system.numbers :]
     lowest = bench[candidate_at(system, rules, best)]
     here = 0.0
     for u in range(units):
@@ -211,7 +211,7 @@ def rival(
             here += own[u]
     for k in range(first, last):
         if bench[candidate_at(system, rules, k)] < lowest + AS_GOOD:
-            theirs = bench[candidate_at(system, rules, k) + 1 + system[NUMBERS] :]
+            theirs = bench[candidate_at(system, rules, k) + 1 + system.numbers :]
             there = 0.0
             for u in range(units):
                 if own[u] <= cuts[u] * variances[u]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
+from mbm.target.records import view
 from mbm.target.solver.consensus_description import (
     AWAY,
     BLOCK_OF,
@@ -31,37 +32,7 @@ from mbm.target.solver.consensus_description import (
     subset_rows_at,
 )
 from mbm.target.solver.consensus_rows import linearised, moved
-from mbm.target.solver.description import (
-    BLOCK,
-    BLOCK_COLUMNS,
-    BLOCK_INDEX,
-    BLOCK_PARAMETERS,
-    BLOCK_TANGENTS,
-    BLOCK_UNITS_AT,
-    BLOCK_VARIABLES,
-    BLOCK_WEIGHTS,
-    BLOCKS,
-    BOUNDS_AT,
-    CHUNK,
-    CONSTRAINTS,
-    COORDINATES,
-    DATA_BLOCK,
-    DATA_COLUMNS,
-    DATA_HEAD,
-    DATA_INDEX,
-    DATA_PARAMETERS,
-    DATA_ROWS,
-    DATA_WEIGHTS,
-    NUMBERS,
-    PLACES_AT,
-    POSITIVE_AT,
-    UNIT,
-    UNIT_FIRST,
-    UNIT_LAST,
-    UNIT_MATRIX,
-    UNIT_WEIGHTS,
-)
-from mbm.target.solver.description import BLOCKS_AT as SYSTEM_BLOCKS_AT
+from mbm.target.solver.description import BOUNDS_AT, DataSet, Problem
 from mbm.target.solver.equations import load_rows
 from mbm.target.solver.linear_algebra import cholesky, copied, dot
 from mbm.target.solver.manifolds import coordinates_of
@@ -90,8 +61,8 @@ def copied_integers(n: Integer, a: ConstantIntegers, target: Integers) -> None:
 
 
 def add_row(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     parameters: ConstantReals,
     weights: ConstantReals,
     index: ConstantIntegers,
@@ -104,42 +75,42 @@ def add_row(
     places: Integers,
 ) -> None:
     """One more row of block b behind those of the subset; all its units count (``only`` -1), or one of them."""
-    block = system[system[SYSTEM_BLOCKS_AT] + b * BLOCK :]
-    at = DATA_HEAD + b * DATA_BLOCK
-    mine = places[subset_data_at(system, rules) + at :]
+    block = system.blocks[b]
+    part = data.blocks[b]
+    mine = view(DataSet, places[subset_data_at(system, rules) :]).blocks[b]
     own = bench[subset_rows_at(system, rules) :]
     marks = places[subset_index_at(system, rules) :]
-    done = mine[DATA_ROWS]
-    wide = block[BLOCK_PARAMETERS]
-    heavy = block[BLOCK_WEIGHTS]
-    copied(wide, parameters[data[at + DATA_PARAMETERS] + row * wide :], own[mine[DATA_PARAMETERS] + done * wide :])
-    theirs = weights[data[at + DATA_WEIGHTS] + row * heavy :]
-    here = own[rules[MOST_ROWS] + mine[DATA_WEIGHTS] + done * heavy :]
+    done = mine.rows
+    wide = block.parameters
+    heavy = block.weights
+    copied(wide, parameters[part.parameters + row * wide :], own[mine.parameters + done * wide :])
+    theirs = weights[part.weights + row * heavy :]
+    here = own[rules[MOST_ROWS] + mine.weights + done * heavy :]
     if only < 0:
         copied(heavy, theirs, here)
     else:
         for w in range(heavy):
             here[w] = 0.0
-        unit = system[block[BLOCK_UNITS_AT] + only * UNIT :]
-        size = unit[UNIT_LAST] - unit[UNIT_FIRST]
-        if unit[UNIT_MATRIX] != 0:
+        unit = block.units[only]
+        size = unit.last - unit.first
+        if unit.matrix != 0:
             size = size * size
-        copied(size, theirs[unit[UNIT_WEIGHTS] :], here[unit[UNIT_WEIGHTS] :])
-    step = block[BLOCK_INDEX]
+        copied(size, theirs[unit.weights :], here[unit.weights :])
+    step = block.index
     if step > 0 or done == 0:
-        first = data[at + DATA_INDEX] + row * step
-        copied_integers(block[BLOCK_VARIABLES], index[first:], marks[mine[DATA_INDEX] + done * step :])
-    step = block[BLOCK_COLUMNS]
+        first = part.index + row * step
+        copied_integers(block.variables, index[first:], marks[mine.index + done * step :])
+    step = block.columns
     if step > 0 or done == 0:
-        first = data[at + DATA_COLUMNS] + row * step
-        behind = marks[rules[MOST_ROWS] + mine[DATA_COLUMNS] + done * step :]
-        copied_integers(block[BLOCK_TANGENTS], columns[first:], behind)
-    mine[DATA_ROWS] = done + 1
+        first = part.columns + row * step
+        behind = marks[rules[MOST_ROWS] + mine.columns + done * step :]
+        copied_integers(block.tangents, columns[first:], behind)
+    mine.rows = done + 1
 
 
 def gather_subset(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     parameters: ConstantReals,
     weights: ConstantReals,
     index: ConstantIntegers,
@@ -152,20 +123,21 @@ def gather_subset(
     places: Integers,
 ) -> None:
     """The rows of the chosen units (count,), and all that no rule acts on, as a data set of its own, on the desk."""
-    subset = places[subset_data_at(system, rules) :]
-    subset[0] = 0
+    subset = view(DataSet, places[subset_data_at(system, rules) :])
+    subset.count = 0
     wide = 0
     heavy = 0
     variables = 0
     tangents = 0
-    for b in range(system[BLOCKS]):
-        block = system[system[SYSTEM_BLOCKS_AT] + b * BLOCK :]
-        at = DATA_HEAD + b * DATA_BLOCK
-        subset[at + DATA_PARAMETERS] = wide
-        subset[at + DATA_WEIGHTS] = heavy
-        subset[at + DATA_INDEX] = variables
-        subset[at + DATA_COLUMNS] = tangents
-        subset[at + DATA_ROWS] = 0
+    for b in range(system.residual_blocks):
+        block = system.blocks[b]
+        part = data.blocks[b]
+        mine = subset.blocks[b]
+        mine.parameters = wide
+        mine.weights = heavy
+        mine.index = variables
+        mine.columns = tangents
+        mine.rows = 0
         if rules[rules[BLOCKS_AT] + b * RULED + RULED_TYPE] >= 0:
             for k in range(count):
                 unit = chosen[k]
@@ -174,26 +146,28 @@ def gather_subset(
                     only = places[place_vector_at(rules, UNIT_OF) + unit]
                     add_row(system, data, parameters, weights, index, columns, rules, b, row, only, bench, places)
         else:
-            for row in range(data[at + DATA_ROWS]):
+            for row in range(part.rows):
                 add_row(system, data, parameters, weights, index, columns, rules, b, row, -1, bench, places)
-        rows = subset[at + DATA_ROWS]
-        wide += rows * block[BLOCK_PARAMETERS]
-        heavy += rows * block[BLOCK_WEIGHTS]
-        variables += block[BLOCK_VARIABLES] + rows * block[BLOCK_INDEX]
-        tangents += block[BLOCK_TANGENTS] + rows * block[BLOCK_COLUMNS]
-    for b in range(system[BLOCKS], system[BLOCKS] + system[CONSTRAINTS]):
-        for i in range(DATA_BLOCK):
-            subset[DATA_HEAD + b * DATA_BLOCK + i] = 0
+        rows = mine.rows
+        wide += rows * block.parameters
+        heavy += rows * block.weights
+        variables += block.variables + rows * block.index
+        tangents += block.tangents + rows * block.columns
+    for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
+        mine = subset.blocks[b]
+        mine.parameters = 0
+        mine.weights = 0
+        mine.index = 0
+        mine.columns = 0
+        mine.rows = 0
     own = bench[subset_rows_at(system, rules) :]
     load_rows(system, subset, own, own[rules[MOST_ROWS] :], desk)
 
 
-def normal_equations(
-    system: ConstantIntegers, rules: ConstantIntegers, count: Integer, slot: Integer, bench: Reals
-) -> Integer:
+def normal_equations(system: Problem, rules: ConstantIntegers, count: Integer, slot: Integer, bench: Reals) -> Integer:
     """``JᵀJ`` and ``Jᵀr`` of a slot, columns scaled by the largest norms they have had; 0 where not all is finite."""
-    n = system[COORDINATES]
-    stride = system[CHUNK]
+    n = system.n
+    stride = system.chunk
     chunk = bench[slot_at(system, rules, slot) :]
     normal = bench[bench_matrix_at(system, rules) :]
     gradient = bench[small_at(system, rules, GRADIENT) :]
@@ -255,7 +229,7 @@ def solve_free(
 
 
 def bounded_step(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
     rules: ConstantIntegers,
     damping: Real,
@@ -263,7 +237,7 @@ def bounded_step(
     bench: Reals,
 ) -> Real:
     """The damped step inside of the bounds; the largest slope along a coordinate that is free to move is given."""
-    n = system[COORDINATES]
+    n = system.n
     gradient = bench[small_at(system, rules, GRADIENT) :]
     scale = bench[small_at(system, rules, SCALES) :]
     hold = bench[small_at(system, rules, HOLD) :]
@@ -276,7 +250,7 @@ def bounded_step(
     for i in range(n):
         hold[i] = 0.0
         step[i] = 0.0
-        if system[system[PLACES_AT] + i] >= 0:
+        if system.number_of[i] >= 0:
             if here[i] <= constants[BOUNDS_AT + i] and gradient[i] >= 0.0:
                 hold[i] = 1.0
             if here[i] >= constants[BOUNDS_AT + n + i] and gradient[i] <= 0.0:
@@ -287,11 +261,11 @@ def bounded_step(
         solve_free(n, damping, normal, gradient, hold, factor, step)
         beyond = 0
         for i in range(n):
-            if hold[i] == 0.0 and system[system[PLACES_AT] + i] >= 0:
+            if hold[i] == 0.0 and system.number_of[i] >= 0:
                 by = scale[i] if scale[i] > 0.0 else 1.0
                 down = (constants[BOUNDS_AT + i] - here[i]) * by
                 up = (constants[BOUNDS_AT + n + i] - here[i]) * by
-                if system[system[POSITIVE_AT] + i] == 1:
+                if system.positive[i] == 1:
                     down = max(down, (KEEP - 1.0) * here[i] * by)
                 if step[i] < down:
                     step[i] = down
@@ -307,7 +281,7 @@ def bounded_step(
 
 
 def fitted_to_subset(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
     rules: ConstantIntegers,
     start: ConstantReals,
@@ -317,9 +291,9 @@ def fitted_to_subset(
     target: Reals,
 ) -> None:
     """The point (N,) that the start leads to with the rows on the desk; never worse than the start."""
-    n = system[COORDINATES]
-    right = n * system[CHUNK]
-    data = places[subset_data_at(system, rules) :]
+    n = system.n
+    right = n * system.chunk
+    data = view(DataSet, places[subset_data_at(system, rules) :])
     index = places[subset_index_at(system, rules) :]
     columns = index[rules[MOST_ROWS] :]
     step = bench[small_at(system, rules, STEP) :]
@@ -327,7 +301,7 @@ def fitted_to_subset(
     gradient = bench[small_at(system, rules, GRADIENT) :]
     normal = bench[bench_matrix_at(system, rules) :]
     here = 0
-    copied(system[NUMBERS], start, bench[point_at(system, rules, 0) :])
+    copied(system.numbers, start, bench[point_at(system, rules, 0) :])
     for i in range(n):
         scale[i] = 0.0
     count = linearised(system, data, index, columns, start, desk, bench[slot_at(system, rules, 0) :])
@@ -371,4 +345,4 @@ def fitted_to_subset(
             growth *= 2.0
         if last:
             break
-    copied(system[NUMBERS], bench[point_at(system, rules, here) :], target)
+    copied(system.numbers, bench[point_at(system, rules, here) :], target)

@@ -47,7 +47,7 @@ from mbm.target.solver.consensus_draw import (
 from mbm.target.solver.consensus_forms import points_in_closed_form
 from mbm.target.solver.consensus_judge import judge_trials
 from mbm.target.solver.consensus_subset import fitted_to_subset, gather_subset
-from mbm.target.solver.description import COORDINATES, NUMBERS
+from mbm.target.solver.description import DataSet, Problem
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 
@@ -59,7 +59,7 @@ DRAWS = 40
 
 
 def size_of_subsets(
-    system: ConstantIntegers, rules: ConstantIntegers, units: Integer, bench: Reals, places: Integers
+    system: Problem, rules: ConstantIntegers, units: Integer, bench: Reals, places: Integers
 ) -> Integer:
     """The units that the first trial takes; 0 where all units together do not determine the unknowns."""
     state = places[small_places_at(system, rules, 2) :]
@@ -68,7 +68,7 @@ def size_of_subsets(
     return subset_drawn(
         state[2:],
         units,
-        system[COORDINATES],
+        system.n,
         places[place_vector_at(rules, FIRST) :],
         bench[directions_at(system, rules) :],
         places[place_vector_at(rules, ORDER) :],
@@ -77,11 +77,9 @@ def size_of_subsets(
     )
 
 
-def seldom_in_vain(
-    system: ConstantIntegers, rules: ConstantIntegers, units: Integer, bench: Reals, places: Integers
-) -> Integer:
+def seldom_in_vain(system: Problem, rules: ConstantIntegers, units: Integer, bench: Reals, places: Integers) -> Integer:
     """Whether less than a tenth of `DRAWS` subsets of units drawn at random leave unknowns open at the start."""
-    n = system[COORDINATES]
+    n = system.n
     state = places[small_places_at(system, rules, 2) + 2 :]
     first = places[place_vector_at(rules, FIRST) :]
     order = places[place_vector_at(rules, ORDER) :]
@@ -109,7 +107,7 @@ def seldom_in_vain(
 def next_subset(
     every: Integer,
     size: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     rules: ConstantIntegers,
     units: Integer,
     bench: Reals,
@@ -120,7 +118,7 @@ def next_subset(
     rows = bench[directions_at(system, rules) :]
     basis = bench[basis_at(system, rules) :]
     chosen = places[small_places_at(system, rules, 0) :]
-    n = system[COORDINATES]
+    n = system.n
     if every == 1:
         combination = places[small_places_at(system, rules, 1) :]
         found = subset_taken(size, n, combination, first, rows, basis, chosen)
@@ -147,9 +145,9 @@ def fit_subset(
     trials: Integer,
     count: Integer,
     done: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     parameters: ConstantReals,
     weights: ConstantReals,
     index: ConstantIntegers,
@@ -162,7 +160,7 @@ def fit_subset(
     places: Integers,
 ) -> Integer:
     """Points that fit the ``count`` chosen units, put behind ``done`` others: how many there are then."""
-    numbers = system[NUMBERS]
+    numbers = system.numbers
     target = bench[trials_at(system, rules) :]
     chosen = places[small_places_at(system, rules, 0) :]
     if rules[FORM] != 0:
@@ -188,7 +186,7 @@ def fit_subset(
 
 
 def begin_trials(
-    system: ConstantIntegers, rules: ConstantIntegers, units: Integer, size: Integer, bench: Reals, places: Integers
+    system: Problem, rules: ConstantIntegers, units: Integer, size: Integer, bench: Reals, places: Integers
 ) -> None:
     """None is made yet: the number that is wanted, and the generator or the first combination."""
     progress = places[progress_at(system, rules) :]
@@ -214,9 +212,9 @@ def begin_trials(
 
 def fit_trials(
     most: Integer,
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     parameters: ConstantReals,
     weights: ConstantReals,
     index: ConstantIntegers,
@@ -268,7 +266,7 @@ def fit_trials(
             break
 
 
-def enough_made(system: ConstantIntegers, rules: ConstantIntegers, places: ConstantIntegers) -> Integer:
+def enough_made(system: Problem, rules: ConstantIntegers, places: ConstantIntegers) -> Integer:
     """Whether one of the trials made has met only units of a solution as good as the best, or better."""
     progress = places[progress_at(system, rules) :]
     made = progress[TRIALS_MADE]

@@ -33,23 +33,7 @@ from mbm.target.solver.consensus_description import (
     small_at,
     unit_vector_at,
 )
-from mbm.target.solver.description import (
-    BLOCK,
-    BLOCK_OUTPUTS,
-    BLOCK_UNITS,
-    BLOCK_UNITS_AT,
-    BLOCKS,
-    CHUNK,
-    COORDINATES,
-    DATA_BLOCK,
-    DATA_HEAD,
-    DATA_ROWS,
-    LANES,
-    UNIT,
-    UNIT_FIRST,
-    UNIT_LAST,
-)
-from mbm.target.solver.description import BLOCKS_AT as SYSTEM_BLOCKS_AT
+from mbm.target.solver.description import LANES, DataSet, Problem
 from mbm.target.solver.equations import groups_of
 from mbm.target.solver.linear_algebra import filled
 from mbm.target.solver.manifolds import coordinates_of
@@ -60,8 +44,8 @@ ROUNDING = 64.0 * 2.220446049250313e-16
 
 
 def list_units(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     rules: ConstantIntegers,
     levels: ConstantReals,
     bench: Reals,
@@ -72,20 +56,20 @@ def list_units(
     there = 0
     scalars = 0
     simple = 1
-    ruled = bench[by_row_at(system, rules) + system[CHUNK] :]
-    filled(system[CHUNK], 0.0, ruled)
-    for b in range(system[BLOCKS]):
-        block = system[system[SYSTEM_BLOCKS_AT] + b * BLOCK :]
-        rows = data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]
-        lines = block[BLOCK_OUTPUTS]
+    ruled = bench[by_row_at(system, rules) + system.chunk :]
+    filled(system.chunk, 0.0, ruled)
+    for b in range(system.residual_blocks):
+        block = system.blocks[b]
+        rows = data.blocks[b].rows
+        lines = block.outputs
         own = rules[rules[BLOCKS_AT] + b * RULED :]
         if own[RULED_TYPE] >= 0:
             for row in range(rows):
-                for u in range(block[BLOCK_UNITS]):
-                    unit = system[block[BLOCK_UNITS_AT] + u * UNIT :]
-                    size = unit[UNIT_LAST] - unit[UNIT_FIRST]
+                for u in range(block.unit_count):
+                    unit = block.units[u]
+                    size = unit.last - unit.first
                     level = levels[(own[RULED_TYPE] + u) * LEVEL :]
-                    place = there + (row // LANES * lines + unit[UNIT_FIRST]) * LANES + row % LANES
+                    place = there + (row // LANES * lines + unit.first) * LANES + row % LANES
                     places[place_vector_at(rules, COMPONENTS) + n] = size
                     places[place_vector_at(rules, GROUP_OF) + n] = own[RULED_GROUP]
                     places[place_vector_at(rules, PLACE) + n] = place
@@ -111,7 +95,7 @@ def list_units(
 
 
 def judge_rounding(
-    system: ConstantIntegers,
+    system: Problem,
     rules: ConstantIntegers,
     units: Integer,
     point: ConstantReals,
@@ -119,8 +103,8 @@ def judge_rounding(
     places: ConstantIntegers,
 ) -> None:
     """The squared norms (U,) that the arithmetic alone makes, from ``[J r]`` at the point in slot 0."""
-    n = system[COORDINATES]
-    stride = system[CHUNK]
+    n = system.n
+    stride = system.chunk
     chunk = bench[slot_at(system, rules, 0) :]
     size = bench[small_at(system, rules, AWAY) :]
     coordinates_of(system, point, size)
@@ -137,11 +121,11 @@ def judge_rounding(
 
 
 def norm_directions(
-    system: ConstantIntegers, rules: ConstantIntegers, units: Integer, bench: Reals, places: ConstantIntegers
+    system: Problem, rules: ConstantIntegers, units: Integer, bench: Reals, places: ConstantIntegers
 ) -> None:
     """Rows of the units' Jacobian in slot 0, columns scaled to norm 1, then each row to norm 1: (scalars, n)."""
-    n = system[COORDINATES]
-    stride = system[CHUNK]
+    n = system.n
+    stride = system.chunk
     chunk = bench[slot_at(system, rules, 0) :]
     norms = bench[small_at(system, rules, AWAY) :]
     directions = bench[directions_at(system, rules) :]

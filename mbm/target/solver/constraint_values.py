@@ -5,30 +5,7 @@ from __future__ import annotations
 from math import fabs, sqrt
 
 from mbm.target.solver.beginning import constraint_count
-from mbm.target.solver.description import (
-    BLOCK,
-    BLOCK_COLUMNS,
-    BLOCK_JACOBIAN,
-    BLOCK_NONZEROS,
-    BLOCK_NONZEROS_AT,
-    BLOCK_OUTPUTS,
-    BLOCK_PARAMETERS,
-    BLOCK_VARIABLES,
-    BLOCKS,
-    BLOCKS_AT,
-    CONSTRAINTS,
-    COORDINATES,
-    DATA_BLOCK,
-    DATA_COLUMNS,
-    DATA_HEAD,
-    DATA_INDEX,
-    DATA_ROWS,
-    LANES,
-    NONZERO,
-    NONZERO_OUTPUT,
-    NONZERO_TANGENT,
-    PLACES_AT,
-)
+from mbm.target.solver.description import LANES, Block, DataSet, Problem
 from mbm.target.solver.equations import gather, groups_of, portion
 from mbm.target.solver.linear_algebra import filled
 from mbm.target.solver.places import EPSILON, NOISE
@@ -45,20 +22,13 @@ from mbm.target.solver.workspace import (
     slopes_at,
     vector_at,
 )
-from mbm.target.words import (
-    ConstantIntegers,
-    ConstantReals,
-    Integer,
-    Reals,
-    call_kernel,
-    distinct_arrays,
-)
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, call_kernel, distinct_arrays
 
 
 @distinct_arrays
 def add_slopes(
-    system: ConstantIntegers,
-    block: ConstantIntegers,
+    system: Problem,
+    block: Block,
     columns: ConstantIntegers,
     first: Integer,
     rows: Integer,
@@ -67,63 +37,61 @@ def add_slopes(
     slopes: Reals,
 ) -> None:
     """Values and derivatives of the constraints of one portion: row by row, output by output."""
-    n = system[COORDINATES]
-    lines = block[BLOCK_OUTPUTS]
-    width = lines + block[BLOCK_NONZEROS]
+    n = system.n
+    lines = block.outputs
+    width = lines + block.nonzero_count
     for row in range(rows):
         group = row // LANES
         lane = row % LANES
         for i in range(lines):
             values[row * lines + i] = outputs[(group * width + i) * LANES + lane]
-        for k in range(block[BLOCK_NONZEROS]):
-            nonzero = system[block[BLOCK_NONZEROS_AT] + k * NONZERO :]
-            column = columns[(first + row) * block[BLOCK_COLUMNS] + nonzero[NONZERO_TANGENT]]
+        for k in range(block.nonzero_count):
+            nonzero = block.nonzeros[k]
+            column = columns[(first + row) * block.columns + nonzero.tangent]
             if column >= 0:
                 value = outputs[(group * width + lines + k) * LANES + lane]
-                slopes[(row * lines + nonzero[NONZERO_OUTPUT]) * n + column] += value
+                slopes[(row * lines + nonzero.output) * n + column] += value
 
 
 def linearise(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     point: ConstantReals,
     work: Reals,
 ) -> None:
     """Values and slopes of all constraints at a point."""
-    n = system[COORDINATES]
+    n = system.n
     values = work[multipliers_at(system, VALUES) :]
     slopes = work[slopes_at(system) :]
     outputs = work[outputs_at(system) :]
     filled(constraint_count(system, data) * n, 0.0, slopes)
     inputs = inputs_at(system)
     done = 0
-    for b in range(system[BLOCKS] + system[CONSTRAINTS]):
-        block = system[system[BLOCKS_AT] + b * BLOCK :]
-        at = DATA_HEAD + b * DATA_BLOCK
-        rows = rows_apart(system, data, b, work) if LANES > 1 else data[at + DATA_ROWS]
-        width = (block[BLOCK_VARIABLES] + block[BLOCK_PARAMETERS]) * LANES
-        if b >= system[BLOCKS]:
-            gather(block, rows, index[data[at + DATA_INDEX] :], point, work[inputs:])
+    for b in range(system.residual_blocks + system.constraint_blocks):
+        block = system.blocks[b]
+        part = data.blocks[b]
+        rows = rows_apart(system, data, b, work) if LANES > 1 else part.rows
+        width = (block.variables + block.parameters) * LANES
+        if b >= system.residual_blocks:
+            gather(block, rows, index[part.index :], point, work[inputs:])
             first = 0
             while first < rows:
                 count = portion(system, block) * LANES
                 if first + count > rows:
                     count = rows - first
-                call_kernel(block[BLOCK_JACOBIAN], work[inputs + first // LANES * width :], outputs, groups_of(count))
-                own = columns[data[at + DATA_COLUMNS] :]
+                call_kernel(block.jacobian, work[inputs + first // LANES * width :], outputs, groups_of(count))
+                own = columns[part.columns :]
                 add_slopes(system, block, own, first, count, outputs, values[done:], slopes[done * n :])
-                done += count * block[BLOCK_OUTPUTS]
+                done += count * block.outputs
                 first += count
         inputs += groups_of(rows) * width
 
 
-def set_units(
-    system: ConstantIntegers, data: ConstantIntegers, place: ConstantReals, first: Integer, work: Reals
-) -> None:
+def set_units(system: Problem, data: DataSet, place: ConstantReals, first: Integer, work: Reals) -> None:
     """Units and roundings of the constraints at a place; at ``first`` its norms alone are the measure."""
-    n = system[COORDINATES]
+    n = system.n
     norms = place[vector_at(system, NORMS) :]
     x = place[vector_at(system, X) :]
     units = work[multipliers_at(system, UNITS) :]
@@ -136,7 +104,7 @@ def set_units(
         longest = 0.0
         for j in range(n):
             slope = fabs(slopes[c * n + j])
-            size = fabs(x[j]) if system[system[PLACES_AT] + j] >= 0 else 1.0
+            size = fabs(x[j]) if system.number_of[j] >= 0 else 1.0
             terms += slope * size
             if slope > longest:
                 longest = slope

@@ -12,23 +12,7 @@ from math import fabs, sqrt
 from mbm.target.decisions import EXACT, MET, PUSHED
 from mbm.target.solver.beginning import begin, constraint_count
 from mbm.target.solver.constraint_values import linearise, set_units
-from mbm.target.solver.description import (
-    BLOCK,
-    BLOCK_EQUALITY_AT,
-    BLOCK_OUTPUTS,
-    BLOCKS,
-    BLOCKS_AT,
-    CONSTRAINTS,
-    DATA_BLOCK,
-    DATA_HEAD,
-    DATA_ROWS,
-    FLAT,
-    INFEASIBLE,
-    LANES,
-    NOT_FINITE_AT_START,
-    NUMBERS,
-    TOLERANCE,
-)
+from mbm.target.solver.description import FLAT, INFEASIBLE, LANES, NOT_FINITE_AT_START, TOLERANCE, DataSet, Problem
 from mbm.target.solver.equations import groups_of, weights_width
 from mbm.target.solver.linear_algebra import copied, filled
 from mbm.target.solver.polishing import polish
@@ -72,18 +56,18 @@ TIGHTER = 0.03
 """Standard deviations to which the first round is solved, and each after it."""
 
 
-def set_penalties(system: ConstantIntegers, data: ConstantIntegers, work: Reals) -> None:
+def set_penalties(system: Problem, data: DataSet, work: Reals) -> None:
     """Factors and shifts of the penalties, where the kernels' weights stand."""
     weight = work[scalars_at(system) + WEIGHT]
     multipliers = work[multipliers_at(system, LAMBDA) :]
     units = work[multipliers_at(system, UNITS) :]
     whitening = weights_at(system)
     done = 0
-    for b in range(system[BLOCKS] + system[CONSTRAINTS]):
-        block = system[system[BLOCKS_AT] + b * BLOCK :]
-        rows = rows_apart(system, data, b, work) if LANES > 1 else data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]
-        if b >= system[BLOCKS]:
-            lines = block[BLOCK_OUTPUTS]
+    for b in range(system.residual_blocks + system.constraint_blocks):
+        block = system.blocks[b]
+        rows = rows_apart(system, data, b, work) if LANES > 1 else data.blocks[b].rows
+        if b >= system.residual_blocks:
+            lines = block.outputs
             own = work[whitening:]
             for row in range(groups_of(rows) * LANES):
                 for i in range(lines):
@@ -98,7 +82,7 @@ def set_penalties(system: ConstantIntegers, data: ConstantIntegers, work: Reals)
         whitening += groups_of(rows) * weights_width(block) * LANES
 
 
-def update_multipliers(system: ConstantIntegers, data: ConstantIntegers, work: Reals) -> Real:
+def update_multipliers(system: Problem, data: DataSet, work: Reals) -> Real:
     """The multipliers that the penalties amount to, and the largest violation in units beyond rounding."""
     weight = work[scalars_at(system) + WEIGHT]
     multipliers = work[multipliers_at(system, LAMBDA) :]
@@ -107,13 +91,13 @@ def update_multipliers(system: ConstantIntegers, data: ConstantIntegers, work: R
     roundings = work[multipliers_at(system, ROUNDINGS) :]
     worst = 0.0
     done = 0
-    for b in range(system[BLOCKS], system[BLOCKS] + system[CONSTRAINTS]):
-        block = system[system[BLOCKS_AT] + b * BLOCK :]
-        lines = block[BLOCK_OUTPUTS]
-        count = lines * data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]
+    for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
+        block = system.blocks[b]
+        lines = block.outputs
+        count = lines * data.blocks[b].rows
         for k in range(count):
             c = done + k
-            equal = system[block[BLOCK_EQUALITY_AT] + k % lines]
+            equal = block.equality[k % lines]
             updated = multipliers[c] + values[c] / units[c] * weight * weight / units[c]
             missed = fabs(values[c])
             if equal == 0:
@@ -131,9 +115,9 @@ def update_multipliers(system: ConstantIntegers, data: ConstantIntegers, work: R
 
 
 def begin_rounds(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     work: Reals,
@@ -160,9 +144,9 @@ def begin_rounds(
 
 
 def next_round(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     work: Reals,
@@ -201,26 +185,26 @@ def next_round(
     set_penalties(system, data, work)
     if flags[HERE] == 1:
         first = work[place_at(system, 0) + AT_POINT :]
-        copied(system[NUMBERS], here[AT_POINT:], first)
+        copied(system.numbers, here[AT_POINT:], first)
     begin(system, constants, data, index, columns, work, flags)
     return 1
 
 
-def set_held(system: ConstantIntegers, data: ConstantIntegers, cost: Real, work: Reals) -> None:
+def set_held(system: Problem, data: DataSet, cost: Real, work: Reals) -> None:
     """Mark the constraints that hold the estimates, by their units; the others have no multiplier."""
     multipliers = work[multipliers_at(system, LAMBDA) :]
     units = work[multipliers_at(system, UNITS) :]
     held = work[multipliers_at(system, HELD) :]
     done = 0
-    for b in range(system[BLOCKS], system[BLOCKS] + system[CONSTRAINTS]):
-        block = system[system[BLOCKS_AT] + b * BLOCK :]
-        lines = block[BLOCK_OUTPUTS]
-        count = lines * data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]
+    for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
+        block = system.blocks[b]
+        lines = block.outputs
+        count = lines * data.blocks[b].rows
         for k in range(count):
             c = done + k
             held[c] = units[c]
             pushed = multipliers[c] * units[c] > PUSHED * (1.0 + sqrt(cost))
-            if system[block[BLOCK_EQUALITY_AT] + k % lines] == 0 and not pushed:
+            if block.equality[k % lines] == 0 and not pushed:
                 held[c] = 0.0
                 multipliers[c] = 0.0
         done += count

@@ -8,7 +8,7 @@ from __future__ import annotations
 from math import inf, sqrt
 
 from mbm.target.solver.deficient import decided_rank, set_determined, singular_values
-from mbm.target.solver.description import COORDINATES
+from mbm.target.solver.description import Problem
 from mbm.target.solver.linear_algebra import append_rows, copied, dot, filled, inverted_upper
 from mbm.target.solver.tangent import along_surface, from_surface, turn_constraints
 from mbm.target.solver.workspace import (
@@ -29,7 +29,7 @@ SURE = 1e9
 
 
 def set_covariance(
-    system: ConstantIntegers,
+    system: Problem,
     triangle: ConstantReals,
     sides: ConstantIntegers,
     holding: Integer,
@@ -46,7 +46,7 @@ def set_covariance(
     ``triangle`` (n + 1, n + 1) of ``[J r]``; ``sides`` (n,) not 0 where a bound holds a coordinate. Of
     the first constraints, as many as ``holding`` says, hold where ``held[k]`` is their unit; 0: it does not.
     """
-    n = system[COORDINATES]
+    n = system.n
     scale = work[step_at(system, 11) :]
     line = work[step_at(system, 12) :]
     part = work[matrix_at(system, 1) :]

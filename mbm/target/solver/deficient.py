@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import fabs, inf, sqrt
 
 from mbm.target.decisions import CERTAIN, GAP, SHARE, SUSPECT
-from mbm.target.solver.description import COORDINATES
+from mbm.target.solver.description import Problem
 from mbm.target.solver.linear_algebra import copied, dot, filled
 from mbm.target.solver.tangent import from_surface
 from mbm.target.solver.workspace import FLAGS, LOOSE, RANK, TOUCHED, matrix_at, step_at
@@ -91,7 +91,7 @@ def decided_rank(width: Integer, singular: ConstantReals) -> Integer:
 
 
 def set_determined(
-    system: ConstantIntegers,
+    system: Problem,
     count: Integer,
     turned: Integer,
     rank: Integer,
@@ -106,7 +106,7 @@ def set_determined(
     Scratch matrix 3 has the right singular vectors along the surface, 2 the reflections; 1 becomes a factor of the
     covariance, ``rank`` rows (n,), with the free directions below it, `LOOSE` rows.
     """
-    n = system[COORDINATES]
+    n = system.n
     width = count - turned
     chosen = flags[FLAGS:]
     right = work[matrix_at(system, 3) :]
@@ -141,11 +141,9 @@ def set_determined(
             covariance[i * n + k] = total
 
 
-def determines(
-    system: ConstantIntegers, gradient: ConstantReals, work: ConstantReals, flags: ConstantIntegers
-) -> Integer:
+def determines(system: Problem, gradient: ConstantReals, work: ConstantReals, flags: ConstantIntegers) -> Integer:
     """1 where a quantity with the ``gradient`` (n,) does not feel the free directions of the last covariance."""
-    n = system[COORDINATES]
+    n = system.n
     loose = work[matrix_at(system, 1) + flags[RANK] * n :]
     sizes = work[step_at(system, SIZES) :]
     length = 0.0
@@ -158,9 +156,9 @@ def determines(
     return 1 if along <= SHARE * SHARE * length else 0
 
 
-def mask_undetermined(system: ConstantIntegers, work: ConstantReals, covariance: Reals) -> None:
+def mask_undetermined(system: Problem, work: ConstantReals, covariance: Reals) -> None:
     """NaN for what the free directions of the last covariance touch."""
-    n = system[COORDINATES]
+    n = system.n
     touched = work[step_at(system, TOUCHED) :]
     for i in range(n):
         for k in range(n):

@@ -9,7 +9,7 @@ One **system** is what a batch of solves has in common. It is described by two a
 The rows of all **data sets** stand in four arrays, row by row as they are in tables (no blocks of lanes here):
 
 * ``parameters``: (rows, parameters of the block);
-* ``weights``: (rows, ``BLOCK_WEIGHTS``) what whitens: for each unit its factors (k) or its triangular matrix (k, k,
+* ``weights``: (rows, ``Block.weights``) what whitens: for each unit its factors (k) or its triangular matrix (k, k,
   row by row). A unit whose first weight is 0 takes no part: its values are not looked at. Blocks of constraints have
   no weights;
 * ``index``: for each input of an unknown its place among all numbers, (rows, variables), or one row if shared;
@@ -23,8 +23,8 @@ A **solve** k of a batch takes the data set ``which[k]`` and starts at ``starts[
 
 Kernels are reached by ``call_kernel(address, inputs, outputs, blocks)``: LANES rows to a block,
 ``inputs[(block · n_inputs + i) · LANES + lane]`` (variables, then parameters),
-``outputs[(block · n_outputs + o) · LANES + lane]``. ``BLOCK_VALUES`` is the address of the function with the values
-alone, ``BLOCK_JACOBIAN`` of the one that puts the nonzeros of the Jacobian behind them. Targets without addresses take
+``outputs[(block · n_outputs + o) · LANES + lane]``. ``Block.values`` is the address of the function with the values
+alone, ``Block.jacobian`` of the one that puts the nonzeros of the Jacobian behind them. Targets without addresses take
 numbers instead. LANES is 4 in the process and 1 in printed text.
 
 Per solve come back (arrays of the whole batch; a solve writes its own part only):
@@ -52,124 +52,195 @@ Everything is in SI, angles in radians; quaternions (w, x, y, z). Scratch sizes 
 
 from __future__ import annotations
 
-from mbm.target.words import Integer
+from mbm.target.records import Records, behind, record, slots_of, table
+from mbm.target.words import ConstantIntegers, Integer, Integers
 
 LANES = 4
 """Rows of a kernel's block; `modules.solver_module` reads the text with another number where that is asked for."""
 
-# --- header of ``system`` ---------------------------------------------------------------------------------------
-NUMBERS = 0
-"""N, numbers of a point."""
-COORDINATES = 1
-"""n, free coordinates."""
-CURVED = 2
-"""Pieces that do not vary by addition (quaternions, directions, scales) with a free coordinate."""
-BLOCKS = 3
-"""Blocks of residuals: observations and priors."""
-CONSTRAINTS = 4
-"""Blocks of constraints."""
-MULTIPLIERS = 5
-"""Most constraint values K of a data set."""
-LINEAR = 6
-"""1: the residuals are affine in the unknowns."""
-BOXED = 7
-"""1: some coordinate has a bound or stays positive."""
-ITERATIONS = 8
-"""Most iterations."""
-STRICT = 9
-"""1: end at once where another method should take over (`UNSURE`); 0: go on and give the best that can be had."""
-RESIDUALS = 10
-"""Capacity for residuals: most ``Σ outputs · rows`` of a data set, rows of each block rounded up to LANES, and then
-4 more."""
-INPUTS = 11
-"""Capacity for inputs: most ``Σ (variables + parameters) · rows``, rounded up likewise, of all blocks."""
-WEIGHTS = 12
-"""Capacity for weights: most ``Σ BLOCK_WEIGHTS · rows``, rounded up likewise; of constraints ``2 · outputs · rows``."""
-CHUNK = 13
-"""Residuals that are triangularised at a time: a multiple of 4 and of LANES · outputs of no block less."""
-OUTPUTS = 14
-"""Capacity for a kernel's outputs: most ``(outputs + nonzeros) · LANES · blocks at a time`` (see `equations.portion`)
-of a block."""
-PLACES_AT = 15
-"""Offset of the table (n,) of the number that each free coordinate adds to, -1: it turns or scales something."""
-CURVED_AT = 16
-"""Offset of the table of pieces, `PIECE` integers each."""
-BLOCKS_AT = 17
-"""Offset of the table of blocks, `BLOCK` integers each."""
-POSITIVE_AT = 18
-"""Offset of the table (n,) of coordinates that stay above zero."""
-DIRECT = 19
-"""1: one step for affine equations (the method `linear`); 0: Marquardt's iteration."""
-NOISES = 20
-"""Groups of blocks whose noise has an unknown factor, for callers that estimate it: a solve itself takes the weights as
-they are. 0 where one factor is common to all residuals: the estimates do not depend on it."""
-UNITED_AT = 21
-"""Offset of the table of blocks whose rows are united in one function, see below; 0: none are, as in printed text."""
-UNITED_REALS = 22
-"""Their parameters and weights, in all."""
-SUMMED_FROM = 23
-"""Rows of a block from which its normal equations are summed, where it has `BLOCK_NORMAL`."""
-HEADER = 24
 
-# --- pieces -----------------------------------------------------------------------------------------------------
-PIECE_KIND = 0
-PIECE_NUMBERS = 1
-"""Places of up to four numbers among all."""
-PIECE_COLUMNS = 5
-"""Columns of up to three free coordinates, -1: not free."""
-PIECE = 8
+@record
+class Unit:
+    """Outputs of a row that are whitened together and share a loss."""
+
+    first: Integer
+    last: Integer
+    """The outputs ``first … last`` of a row."""
+    weights: Integer
+    """Where in the weights of the row the unit's begin."""
+    matrix: Integer
+    """0: the weights are factors; 1 and 2: a lower or upper triangular matrix."""
+    loss: Integer
+    loss_at: Integer
+    """Offset in ``constants`` of the loss's parameter and shape."""
+
+
+@record
+class Nonzero:
+    """A derivative that a kernel puts out."""
+
+    output: Integer
+    tangent: Integer
+    weight: Integer
+    """Where in the weights of the row the factor of its output stands, -1: in a matrix, or it is a constraint's."""
+
+
+@record
+class Block:
+    """Rows of one kind."""
+
+    values: Integer
+    jacobian: Integer
+    outputs: Integer
+    variables: Integer
+    parameters: Integer
+    tangents: Integer
+    nonzero_count: Integer
+    index: Integer
+    """Step from row to row in ``index``: the variables, or 0 where all rows are equal."""
+    columns: Integer
+    """Step from row to row in ``columns``: the tangents, or 0."""
+    weights: Integer
+    """Weights of a row; 0 for constraints."""
+    unit_count: Integer
+    """Units (equations) of a row."""
+    units: Records[Unit] = table()
+    nonzeros: Records[Nonzero] = table()
+    noise: Integer
+    """Group of unknown noise, -1: none; for callers, as `noises`."""
+    equality: ConstantIntegers = table()
+    """Of constraints, 1 (to be zero) or 0 (not above zero) for each output."""
+    normal: Integer
+    """Address of the function that sums the normal equations of all rows, 0: there is none. It may be there for
+    blocks with one row of columns, weights that are the factors of the outputs in their order, and losses of all
+    units or of none. It is reached by ``call_normal(address, inputs, weights, losses, sums, blocks)``, see
+    `mbm.target.normal_rows`; printed text has none."""
+
+
+@record
+class Component:
+    """Numbers that turn or scale: they do not vary by addition."""
+
+    kind: Integer
+    number_0: Integer
+    """Places of up to four numbers among all."""
+    number_1: Integer
+    number_2: Integer
+    number_3: Integer
+    column_0: Integer
+    """Columns of up to three free coordinates, -1: not free."""
+    column_1: Integer
+    column_2: Integer
+
+
+@record
+class United:
+    """One function for all rows of some blocks, of data sets that have just these rows and none of weight 0."""
+
+    values: Integer
+    """Address of the function that gives the m whitened residuals."""
+    jacobian: Integer
+    """Address of the one that gives the columns of their derivatives, then the residuals, m numbers each. Both are
+    reached by ``call_united(address, point, data, target, stride)``: ``data`` are for each united block the
+    parameters of its rows, row by row, then their weights; columns begin ``stride`` apart."""
+    residuals: Integer
+    """m; they come before those of all other blocks."""
+    rows: ConstantIntegers = behind()
+    """Here begins for each block of residuals how many rows are united; 0: the block is not."""
+
+
+@record
+class Problem:
+    """What a batch of solves has in common."""
+
+    numbers: Integer
+    """N, numbers of a point."""
+    n: Integer
+    """n, free coordinates."""
+    component_count: Integer
+    """Pieces that do not vary by addition (quaternions, directions, scales) with a free coordinate."""
+    residual_blocks: Integer
+    """Blocks of residuals: observations and priors."""
+    constraint_blocks: Integer
+    """Blocks of constraints."""
+    most_multipliers: Integer
+    """Most constraint values K of a data set."""
+    linear: Integer
+    """1: the residuals are affine in the unknowns."""
+    boxed: Integer
+    """1: some coordinate has a bound or stays positive."""
+    iterations: Integer
+    """Most iterations."""
+    strict: Integer
+    """1: end at once where another method should take over (`UNSURE`); 0: go on and give the best that can be had."""
+    most_residuals: Integer
+    """Capacity for residuals: most ``Σ outputs · rows`` of a data set, rows of each block rounded up to LANES, and
+    then 4 more."""
+    most_inputs: Integer
+    """Capacity for inputs: most ``Σ (variables + parameters) · rows``, rounded up likewise, of all blocks."""
+    most_weights: Integer
+    """Capacity for weights: most ``Σ BLOCK_WEIGHTS · rows``, rounded up likewise; of constraints ``2 · outputs ·
+    rows``."""
+    chunk: Integer
+    """Residuals that are triangularised at a time: a multiple of 4 and of LANES · outputs of no block less."""
+    most_outputs: Integer
+    """Capacity for a kernel's outputs: most ``(outputs + nonzeros) · LANES · blocks at a time`` (see
+    `equations.portion`) of a block."""
+    number_of: Integers = table()
+    """Table (n,) of the number that each free coordinate adds to, -1: it turns or scales something."""
+    components: Records[Component] = table()
+    """Pieces."""
+    blocks: Records[Block] = table()
+    """Of residuals, then of constraints."""
+    positive: Integers = table()
+    """1 for coordinates (n,) that stay above zero."""
+    direct: Integer
+    """1: one step for affine equations (the method `linear`); 0: Marquardt's iteration."""
+    noises: Integer
+    """Groups of blocks whose noise has an unknown factor, for callers that estimate it: a solve itself takes the
+    weights as they are. 0 where one factor is common to all residuals: the estimates do not depend on it."""
+    united: Records[United] = table()
+    """The blocks whose rows are united in one function, where there are `united_reals`."""
+    united_reals: Integer
+    """Their parameters and weights, in all."""
+    summed_from: Integer
+    """Rows of a block from which its normal equations are summed, where it has `normal`."""
+
+
+@record
+class DataBlock:
+    """Where the rows of a block begin in the four arrays, and how many there are."""
+
+    parameters: Integer
+    weights: Integer
+    index: Integer
+    columns: Integer
+    rows: Integer
+
+
+@record
+class DataSet:
+    """The rows of one data set."""
+
+    count: Integer
+    """Residuals that count, m."""
+    blocks: Records[DataBlock] = behind()
+
+
+HEADER = slots_of(Problem)
+BLOCK = slots_of(Block)
+UNIT = slots_of(Unit)
+NONZERO = slots_of(Nonzero)
+PIECE = slots_of(Component)
+DATA_HEAD = slots_of(DataSet)
+DATA_BLOCK = slots_of(DataBlock)
+UNITED = slots_of(United)
+
 SCALE = 1
 QUATERNION = 2
 DIRECTION = 3
+"""Kinds of components."""
 
-# --- blocks -----------------------------------------------------------------------------------------------------
-BLOCK_VALUES = 0
-BLOCK_JACOBIAN = 1
-BLOCK_OUTPUTS = 2
-BLOCK_VARIABLES = 3
-BLOCK_PARAMETERS = 4
-BLOCK_TANGENTS = 5
-BLOCK_NONZEROS = 6
-BLOCK_INDEX = 7
-"""Step from row to row in ``index``: the variables, or 0 where all rows are equal."""
-BLOCK_COLUMNS = 8
-"""Step from row to row in ``columns``: the tangents, or 0."""
-BLOCK_WEIGHTS = 9
-"""Weights of a row; 0 for constraints."""
-BLOCK_UNITS = 10
-"""Units (equations) of a row."""
-BLOCK_UNITS_AT = 11
-"""Offset in ``system`` of the units, `UNIT` integers each."""
-BLOCK_NONZEROS_AT = 12
-"""Offset in ``system`` of the nonzeros, `NONZERO` integers each."""
-BLOCK_NOISE = 13
-"""Group of unknown noise, -1: none; for callers, as `NOISES`."""
-BLOCK_EQUALITY_AT = 14
-"""Of constraints, offset in ``system`` of 1 (to be zero) or 0 (not above zero) for each output."""
-BLOCK_NORMAL = 15
-"""Address of the function that sums the normal equations of all rows, 0: there is none. It may be there for blocks with
-one row of columns, weights that are the factors of the outputs in their order, and losses of all units or of none. It
-is reached by ``call_normal(address, inputs, weights, losses, sums, blocks)``, see `mbm.target.normal_rows`; printed
-text has none."""
-BLOCK = 16
-
-NONZERO_OUTPUT = 0
-NONZERO_TANGENT = 1
-NONZERO_WEIGHT = 2
-"""Where in the weights of the row the factor of its output stands, -1: in a matrix, or it is a constraint's."""
-NONZERO = 3
-
-UNIT_FIRST = 0
-UNIT_LAST = 1
-"""The outputs ``first … last`` of a row."""
-UNIT_WEIGHTS = 2
-"""Where in the weights of the row the unit's begin."""
-UNIT_MATRIX = 3
-"""0: the weights are factors; 1 and 2: a lower or upper triangular matrix."""
-UNIT_LOSS = 4
-UNIT_LOSS_AT = 5
-"""Offset in ``constants`` of the loss's parameter and shape."""
-UNIT = 6
 NO_LOSS = 0
 HUBER = 1
 SOFT_L1 = 2
@@ -177,29 +248,6 @@ CAUCHY = 3
 TUKEY = 4
 GEMAN_MCCLURE = 5
 BARRON = 6
-
-# --- united blocks: one function for all their rows, of data sets that have just these rows and none of weight 0 ------
-UNITED_VALUES = 0
-"""Address of the function that gives the m whitened residuals."""
-UNITED_JACOBIAN = 1
-"""Address of the one that gives the columns of their derivatives, then the residuals, m numbers each. Both are reached
-by ``call_united(address, point, data, target, stride)``: ``data`` are for each united block the parameters of its rows,
-row by row, then their weights; columns begin ``stride`` apart."""
-UNITED_RESIDUALS = 2
-"""m; they come before those of all other blocks."""
-UNITED_ROWS = 3
-"""Here begins for each block of residuals how many rows are united; 0: the block is not."""
-
-# --- data sets --------------------------------------------------------------------------------------------------
-DATA_COUNT = 0
-"""Residuals that count, m."""
-DATA_HEAD = 1
-DATA_PARAMETERS = 0
-DATA_WEIGHTS = 1
-DATA_INDEX = 2
-DATA_COLUMNS = 3
-DATA_ROWS = 4
-DATA_BLOCK = 5
 
 # --- constants --------------------------------------------------------------------------------------------------
 TOLERANCE = 0

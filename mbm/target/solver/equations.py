@@ -7,46 +7,16 @@ row repeat it with weight 0.
 
 from __future__ import annotations
 
-from mbm.target.solver.description import (
-    BLOCK,
-    BLOCK_EQUALITY_AT,
-    BLOCK_INDEX,
-    BLOCK_OUTPUTS,
-    BLOCK_PARAMETERS,
-    BLOCK_UNITS,
-    BLOCK_UNITS_AT,
-    BLOCK_VALUES,
-    BLOCK_VARIABLES,
-    BLOCK_WEIGHTS,
-    BLOCKS,
-    BLOCKS_AT,
-    CHUNK,
-    CONSTRAINTS,
-    DATA_BLOCK,
-    DATA_HEAD,
-    DATA_INDEX,
-    DATA_PARAMETERS,
-    DATA_ROWS,
-    DATA_WEIGHTS,
-    LANES,
-    NO_LOSS,
-    UNIT,
-    UNIT_FIRST,
-    UNIT_LAST,
-    UNIT_LOSS,
-    UNIT_LOSS_AT,
-    UNIT_MATRIX,
-    UNIT_WEIGHTS,
-)
+from mbm.target.solver.description import LANES, NO_LOSS, Block, DataSet, Problem
 from mbm.target.solver.losses import root_factor
 from mbm.target.solver.united import first_apart, rows_apart, unite, united_rows
 from mbm.target.solver.workspace import inputs_at, outputs_at, weights_at
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, call_kernel, distinct_arrays
 
 
-def portion(system: ConstantIntegers, block: ConstantIntegers) -> Integer:
+def portion(system: Problem, block: Block) -> Integer:
     """How many kernel blocks go through at a time: as many as fill a chunk."""
-    return system[CHUNK] // (LANES * block[BLOCK_OUTPUTS])
+    return system.chunk // (LANES * block.outputs)
 
 
 def groups_of(rows: Integer) -> Integer:
@@ -54,17 +24,17 @@ def groups_of(rows: Integer) -> Integer:
     return (rows + LANES - 1) // LANES
 
 
-def weights_width(block: ConstantIntegers) -> Integer:
+def weights_width(block: Block) -> Integer:
     """Numbers that whiten a row; for constraints a factor and a shift for each output."""
-    found = block[BLOCK_WEIGHTS]
+    found = block.weights
     if found == 0:
-        found = 2 * block[BLOCK_OUTPUTS]
+        found = 2 * block.outputs
     return found
 
 
 @distinct_arrays
 def load_block(
-    block: ConstantIntegers,
+    block: Block,
     rows: Integer,
     parameters: ConstantReals,
     weights: ConstantReals,
@@ -72,9 +42,9 @@ def load_block(
     whitening: Reals,
 ) -> None:
     """Parameters and weights of one block, from row after row to lane after lane."""
-    variables = block[BLOCK_VARIABLES]
-    wide = block[BLOCK_PARAMETERS]
-    heavy = block[BLOCK_WEIGHTS]
+    variables = block.variables
+    wide = block.parameters
+    heavy = block.weights
     for group in range(groups_of(rows)):
         for lane in range(LANES):
             row = group * LANES + lane
@@ -89,40 +59,36 @@ def load_block(
 
 
 @distinct_arrays
-def load_rows(
-    system: ConstantIntegers, data: ConstantIntegers, parameters: ConstantReals, weights: ConstantReals, work: Reals
-) -> None:
+def load_rows(system: Problem, data: DataSet, parameters: ConstantReals, weights: ConstantReals, work: Reals) -> None:
     """Everything of a data set that does not depend on the point, as the kernels and the whitening take it."""
     if LANES > 1:
         unite(system, data, parameters, weights, work)
     inputs = inputs_at(system)
     whitening = weights_at(system)
-    for b in range(first_apart(system, work) if LANES > 1 else 0, system[BLOCKS] + system[CONSTRAINTS]):
-        block = system[system[BLOCKS_AT] + b * BLOCK :]
-        at = DATA_HEAD + b * DATA_BLOCK
-        rows = rows_apart(system, data, b, work) if LANES > 1 else data[at + DATA_ROWS]
+    for b in range(first_apart(system, work) if LANES > 1 else 0, system.residual_blocks + system.constraint_blocks):
+        block = system.blocks[b]
+        part = data.blocks[b]
+        rows = rows_apart(system, data, b, work) if LANES > 1 else part.rows
         load_block(
             block,
             rows,
-            parameters[data[at + DATA_PARAMETERS] :],
-            weights[data[at + DATA_WEIGHTS] :],
+            parameters[part.parameters :],
+            weights[part.weights :],
             work[inputs:],
             work[whitening:],
         )
-        inputs += groups_of(rows) * LANES * (block[BLOCK_VARIABLES] + block[BLOCK_PARAMETERS])
+        inputs += groups_of(rows) * LANES * (block.variables + block.parameters)
         whitening += groups_of(rows) * LANES * weights_width(block)
 
 
 @distinct_arrays
-def gather(
-    block: ConstantIntegers, rows: Integer, index: ConstantIntegers, point: ConstantReals, inputs: Reals
-) -> None:
+def gather(block: Block, rows: Integer, index: ConstantIntegers, point: ConstantReals, inputs: Reals) -> None:
     """Put the numbers of the point into the kernels' inputs."""
     if rows == 0:
         return
-    variables = block[BLOCK_VARIABLES]
-    step = block[BLOCK_INDEX]
-    width = (variables + block[BLOCK_PARAMETERS]) * LANES
+    variables = block.variables
+    step = block.index
+    width = (variables + block.parameters) * LANES
     for v in range(variables):
         if step == 0:
             value = point[index[v]]
@@ -140,8 +106,7 @@ def gather(
 
 @distinct_arrays
 def whiten_values(
-    system: ConstantIntegers,
-    block: ConstantIntegers,
+    block: Block,
     groups: Integer,
     width: Integer,
     outputs: ConstantReals,
@@ -149,17 +114,17 @@ def whiten_values(
     target: Reals,
 ) -> None:
     """Outputs (``width`` numbers a row in ``outputs``) → whitened residuals without losses, 0 where the weight is 0."""
-    rows = block[BLOCK_OUTPUTS]
-    heavy = block[BLOCK_WEIGHTS]
-    for u in range(block[BLOCK_UNITS]):
-        unit = system[block[BLOCK_UNITS_AT] + u * UNIT :]
-        first = unit[UNIT_FIRST]
-        size = unit[UNIT_LAST] - first
+    rows = block.outputs
+    heavy = block.weights
+    for u in range(block.unit_count):
+        unit = block.units[u]
+        first = unit.first
+        size = unit.last - first
         for i in range(size):
-            if unit[UNIT_MATRIX] == 0:
+            if unit.matrix == 0:
                 for group in range(groups):
                     for lane in range(LANES):
-                        weight = whitening[(group * heavy + unit[UNIT_WEIGHTS] + i) * LANES + lane]
+                        weight = whitening[(group * heavy + unit.weights + i) * LANES + lane]
                         value = weight * outputs[(group * width + first + i) * LANES + lane]
                         target[(group * rows + first + i) * LANES + lane] = value if weight != 0.0 else 0.0
             else:
@@ -167,7 +132,7 @@ def whiten_values(
                     for lane in range(LANES):
                         total = 0.0
                         for j in range(size):
-                            at = group * heavy + unit[UNIT_WEIGHTS] + i * size + j
+                            at = group * heavy + unit.weights + i * size + j
                             weight = whitening[at * LANES + lane]
                             if weight != 0.0:
                                 total += weight * outputs[(group * width + first + j) * LANES + lane]
@@ -176,8 +141,7 @@ def whiten_values(
 
 @distinct_arrays
 def penalise_values(
-    system: ConstantIntegers,
-    block: ConstantIntegers,
+    block: Block,
     groups: Integer,
     width: Integer,
     outputs: ConstantReals,
@@ -185,14 +149,14 @@ def penalise_values(
     target: Reals,
 ) -> None:
     """Constraint values → penalties ``factor · c + shift``, of inequalities only where positive."""
-    rows = block[BLOCK_OUTPUTS]
+    rows = block.outputs
     for group in range(groups):
         for i in range(rows):
             for lane in range(LANES):
                 factor = whitening[(group * 2 * rows + 2 * i) * LANES + lane]
                 value = factor * outputs[(group * width + i) * LANES + lane]
                 value += whitening[(group * 2 * rows + 2 * i + 1) * LANES + lane]
-                if factor == 0.0 or (system[block[BLOCK_EQUALITY_AT] + i] == 0 and value <= 0.0):
+                if factor == 0.0 or (block.equality[i] == 0 and value <= 0.0):
                     value = 0.0
                 target[(group * rows + i) * LANES + lane] = value
 
@@ -206,29 +170,27 @@ def square_of(size: Integer, residuals: ConstantReals) -> Real:
     return total
 
 
-def root_values(
-    system: ConstantIntegers, constants: ConstantReals, block: ConstantIntegers, groups: Integer, residuals: Reals
-) -> None:
+def root_values(constants: ConstantReals, block: Block, groups: Integer, residuals: Reals) -> None:
     """Losses in square-root form, in place."""
-    rows = block[BLOCK_OUTPUTS]
-    for u in range(block[BLOCK_UNITS]):
-        unit = system[block[BLOCK_UNITS_AT] + u * UNIT :]
-        if unit[UNIT_LOSS] != NO_LOSS:
-            size = unit[UNIT_LAST] - unit[UNIT_FIRST]
-            scale = constants[unit[UNIT_LOSS_AT]]
-            shape = constants[unit[UNIT_LOSS_AT] + 1]
+    rows = block.outputs
+    for u in range(block.unit_count):
+        unit = block.units[u]
+        if unit.loss != NO_LOSS:
+            size = unit.last - unit.first
+            scale = constants[unit.loss_at]
+            shape = constants[unit.loss_at + 1]
             for group in range(groups):
                 for lane in range(LANES):
-                    own = residuals[(group * rows + unit[UNIT_FIRST]) * LANES + lane :]
-                    factor = root_factor(unit[UNIT_LOSS], square_of(size, own), scale, shape)
+                    own = residuals[(group * rows + unit.first) * LANES + lane :]
+                    factor = root_factor(unit.loss, square_of(size, own), scale, shape)
                     for i in range(size):
                         own[i * LANES] *= factor
 
 
 def residuals_at_point(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     point: ConstantReals,
     lossy: Integer,
@@ -244,28 +206,30 @@ def residuals_at_point(
     whitening = weights_at(system)
     outputs = work[outputs_at(system) :]
     done = united_rows(system, 0, point, 0, work, target) if LANES > 1 else 0
-    for b in range(first_apart(system, work) if LANES > 1 else 0, system[BLOCKS] + penalised * system[CONSTRAINTS]):
-        block = system[system[BLOCKS_AT] + b * BLOCK :]
-        at = DATA_HEAD + b * DATA_BLOCK
-        rows = rows_apart(system, data, b, work) if LANES > 1 else data[at + DATA_ROWS]
-        width = (block[BLOCK_VARIABLES] + block[BLOCK_PARAMETERS]) * LANES
+    for b in range(
+        first_apart(system, work) if LANES > 1 else 0, system.residual_blocks + penalised * system.constraint_blocks
+    ):
+        block = system.blocks[b]
+        part = data.blocks[b]
+        rows = rows_apart(system, data, b, work) if LANES > 1 else part.rows
+        width = (block.variables + block.parameters) * LANES
         heavy = weights_width(block) * LANES
-        gather(block, rows, index[data[at + DATA_INDEX] :], point, work[inputs:])
+        gather(block, rows, index[part.index :], point, work[inputs:])
         most = portion(system, block)
         first = 0
         while first < groups_of(rows):
             groups = most
             if first + groups > groups_of(rows):
                 groups = groups_of(rows) - first
-            call_kernel(block[BLOCK_VALUES], work[inputs + first * width :], outputs, groups)
+            call_kernel(block.values, work[inputs + first * width :], outputs, groups)
             whitening_here = work[whitening + first * heavy :]
-            if b < system[BLOCKS]:
-                whiten_values(system, block, groups, block[BLOCK_OUTPUTS], outputs, whitening_here, target[done:])
+            if b < system.residual_blocks:
+                whiten_values(block, groups, block.outputs, outputs, whitening_here, target[done:])
                 if lossy == 1:
-                    root_values(system, constants, block, groups, target[done:])
+                    root_values(constants, block, groups, target[done:])
             else:
-                penalise_values(system, block, groups, block[BLOCK_OUTPUTS], outputs, whitening_here, target[done:])
-            done += groups * LANES * block[BLOCK_OUTPUTS]
+                penalise_values(block, groups, block.outputs, outputs, whitening_here, target[done:])
+            done += groups * LANES * block.outputs
             first += groups
         inputs += groups_of(rows) * width
         whitening += groups_of(rows) * heavy

@@ -7,21 +7,9 @@ from __future__ import annotations
 
 from math import cos, exp, sin, sqrt
 
-from mbm.target.solver.description import (
-    COORDINATES,
-    CURVED,
-    CURVED_AT,
-    NUMBERS,
-    PIECE,
-    PIECE_COLUMNS,
-    PIECE_KIND,
-    PIECE_NUMBERS,
-    PLACES_AT,
-    QUATERNION,
-    SCALE,
-)
+from mbm.target.solver.description import QUATERNION, SCALE, Component, Problem
 from mbm.target.solver.linear_algebra import copied
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, distinct_arrays
+from mbm.target.words import ConstantReals, Integer, Real, Reals, distinct_arrays
 
 
 def part_of_step(column: Integer, step: ConstantReals) -> Real:
@@ -33,11 +21,11 @@ def part_of_step(column: Integer, step: ConstantReals) -> Real:
 
 
 @distinct_arrays
-def turned(piece: ConstantIntegers, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
+def turned(piece: Component, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
     """A unit quaternion after a rotation vector: ``q Exp(ω)``, of length 1 afterwards."""
-    x = part_of_step(piece[PIECE_COLUMNS], step)
-    y = part_of_step(piece[PIECE_COLUMNS + 1], step)
-    z = part_of_step(piece[PIECE_COLUMNS + 2], step)
+    x = part_of_step(piece.column_0, step)
+    y = part_of_step(piece.column_1, step)
+    z = part_of_step(piece.column_2, step)
     angle = sqrt(x * x + y * y + z * z)
     w = cos(0.5 * angle)
     share = 0.5
@@ -46,29 +34,29 @@ def turned(piece: ConstantIntegers, point: ConstantReals, step: ConstantReals, t
     x *= share
     y *= share
     z *= share
-    a = point[piece[PIECE_NUMBERS]]
-    b = point[piece[PIECE_NUMBERS + 1]]
-    c = point[piece[PIECE_NUMBERS + 2]]
-    d = point[piece[PIECE_NUMBERS + 3]]
+    a = point[piece.number_0]
+    b = point[piece.number_1]
+    c = point[piece.number_2]
+    d = point[piece.number_3]
     p = a * w - b * x - c * y - d * z
     q = a * x + b * w + c * z - d * y
     r = a * y - b * z + c * w + d * x
     s = a * z + b * y - c * x + d * w
     length = sqrt(p * p + q * q + r * r + s * s)
-    target[piece[PIECE_NUMBERS]] = p / length
-    target[piece[PIECE_NUMBERS + 1]] = q / length
-    target[piece[PIECE_NUMBERS + 2]] = r / length
-    target[piece[PIECE_NUMBERS + 3]] = s / length
+    target[piece.number_0] = p / length
+    target[piece.number_1] = q / length
+    target[piece.number_2] = r / length
+    target[piece.number_3] = s / length
 
 
 @distinct_arrays
-def swung(piece: ConstantIntegers, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
+def swung(piece: Component, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
     """A unit vector after a step along a great circle; axes of the tangent plane as in Duff et al. (2017)."""
-    s = part_of_step(piece[PIECE_COLUMNS], step)
-    t = part_of_step(piece[PIECE_COLUMNS + 1], step)
-    x = point[piece[PIECE_NUMBERS]]
-    y = point[piece[PIECE_NUMBERS + 1]]
-    z = point[piece[PIECE_NUMBERS + 2]]
+    s = part_of_step(piece.column_0, step)
+    t = part_of_step(piece.column_1, step)
+    x = point[piece.number_0]
+    y = point[piece.number_1]
+    z = point[piece.number_2]
     sign = 1.0
     if z < 0.0:
         sign = -1.0
@@ -86,44 +74,44 @@ def swung(piece: ConstantIntegers, point: ConstantReals, step: ConstantReals, ta
     y = cosine * y + share * along_y
     z = cosine * z + share * along_z
     length = sqrt(x * x + y * y + z * z)
-    target[piece[PIECE_NUMBERS]] = x / length
-    target[piece[PIECE_NUMBERS + 1]] = y / length
-    target[piece[PIECE_NUMBERS + 2]] = z / length
+    target[piece.number_0] = x / length
+    target[piece.number_1] = y / length
+    target[piece.number_2] = z / length
 
 
 @distinct_arrays
-def retract(system: ConstantIntegers, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
+def retract(system: Problem, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
     """The point (N,) after a step (n,) of the free coordinates."""
-    copied(system[NUMBERS], point, target)
-    for j in range(system[COORDINATES]):
-        place = system[system[PLACES_AT] + j]
+    copied(system.numbers, point, target)
+    for j in range(system.n):
+        place = system.number_of[j]
         if place >= 0:
             target[place] = point[place] + step[j]
-    for k in range(system[CURVED]):
-        piece = system[system[CURVED_AT] + k * PIECE :]
-        if piece[PIECE_KIND] == SCALE:
-            place = piece[PIECE_NUMBERS]
-            target[place] = point[place] * exp(part_of_step(piece[PIECE_COLUMNS], step))
-        elif piece[PIECE_KIND] == QUATERNION:
+    for k in range(system.component_count):
+        piece = system.components[k]
+        if piece.kind == SCALE:
+            place = piece.number_0
+            target[place] = point[place] * exp(part_of_step(piece.column_0, step))
+        elif piece.kind == QUATERNION:
             turned(piece, point, step, target)
         else:
             swung(piece, point, step, target)
 
 
 @distinct_arrays
-def coordinates_of(system: ConstantIntegers, point: ConstantReals, target: Reals) -> None:
+def coordinates_of(system: Problem, point: ConstantReals, target: Reals) -> None:
     """The numbers that steps add to (n,), 0 for rotations, directions and scales."""
-    for j in range(system[COORDINATES]):
-        place = system[system[PLACES_AT] + j]
+    for j in range(system.n):
+        place = system.number_of[j]
         target[j] = 0.0
         if place >= 0:
             target[j] = point[place]
 
 
 @distinct_arrays
-def place_coordinates(system: ConstantIntegers, coordinates: ConstantReals, point: Reals) -> None:
+def place_coordinates(system: Problem, coordinates: ConstantReals, point: Reals) -> None:
     """Put coordinates (n,) into the point; rotations, directions and scales stay."""
-    for j in range(system[COORDINATES]):
-        place = system[system[PLACES_AT] + j]
+    for j in range(system.n):
+        place = system.number_of[j]
         if place >= 0:
             point[place] = coordinates[j]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from math import fabs, isfinite, log, sqrt
 
-from mbm.target.solver.description import BOXED, COORDINATES
+from mbm.target.solver.description import DataSet, Problem
 from mbm.target.solver.linear_algebra import cholesky, dot, filled, solve_transposed, solve_upper
 from mbm.target.solver.manifolds import retract
 from mbm.target.solver.steps import chosen_columns, down_of, norm_of, up_of
@@ -51,11 +51,9 @@ RELATIVE = 1e-7
 """… and its least length beside the coordinate itself, so that rounding stays small."""
 
 
-def newton_step(
-    system: ConstantIntegers, constants: ConstantReals, place: Reals, work: Reals, flags: Integers
-) -> Integer:
+def newton_step(system: Problem, constants: ConstantReals, place: Reals, work: Reals, flags: Integers) -> Integer:
     """Newton's step as the undamped one of the place; 0 where the Hessian is indefinite or the step leaves the box."""
-    n = system[COORDINATES]
+    n = system.n
     free = place[vector_at(system, FREE) :]
     scale = place[vector_at(system, METRIC) :]
     full = place[vector_at(system, FULL) :]
@@ -99,7 +97,7 @@ def newton_step(
         at = chosen[k]
         full[at] = -image[k] / scale[at]
         beyond = full[at] < down_of(system, constants, x, at) or full[at] > up_of(system, constants, x, at)
-        if system[BOXED] == 1 and beyond:
+        if system.boxed == 1 and beyond:
             return 0
     place[AT_PREDICTED] = gain
     place[AT_LENGTH] = length
@@ -107,7 +105,7 @@ def newton_step(
 
 
 def set_inner(
-    system: ConstantIntegers,
+    system: Problem,
     count: Integer,
     chosen: ConstantIntegers,
     weight: Real,
@@ -117,7 +115,7 @@ def set_inner(
     inner: Reals,
 ) -> None:
     """``I + A⁻ᵀ C A⁻¹`` (count, count) with the second-order term C in scaled coordinates."""
-    n = system[COORDINATES]
+    n = system.n
     curvature = work[curvature_at(system) :]
     for i in range(count):
         for k in range(count):
@@ -135,16 +133,16 @@ def set_inner(
 
 
 def set_curvature(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     work: Reals,
     flags: Integers,
 ) -> Integer:
     """The second-order term at the place of the iteration, by forward differences; 0 where it is not finite."""
-    n = system[COORDINATES]
+    n = system.n
     place = work[place_at(system, flags[HERE]) :]
     triangle = place[triangle_at(system) :]
     scale = place[vector_at(system, METRIC) :]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from mbm.target.solver.description import BLOCK_NORMAL, BLOCK_TANGENTS, BLOCK_UNITS_AT, UNIT_LOSS_AT
+from mbm.target.solver.description import Block
 from mbm.target.solver.linear_algebra import cholesky, dot, filled, inverted_upper, solve_transposed
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, call_normal, distinct_arrays
 
@@ -15,8 +15,7 @@ from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Rea
 def add_sums(
     n: Integer,
     constants: ConstantReals,
-    system: ConstantIntegers,
-    block: ConstantIntegers,
+    block: Block,
     columns: ConstantIntegers,
     groups: Integer,
     inputs: ConstantReals,
@@ -25,11 +24,11 @@ def add_sums(
     target: Reals,
 ) -> None:
     """The normal equations of a block, added to the upper triangle (n + 1, n + 1); ``sums`` is scratch."""
-    tangents = block[BLOCK_TANGENTS]
+    tangents = block.tangents
     lower = tangents * (tangents + 1) // 2
-    losses = constants[system[block[BLOCK_UNITS_AT] + UNIT_LOSS_AT] :]
+    losses = constants[block.units[0].loss_at :]
     filled(lower + tangents + 2, 0.0, sums)
-    call_normal(block[BLOCK_NORMAL], inputs, whitening, losses, sums, groups)
+    call_normal(block.normal, inputs, whitening, losses, sums, groups)
     for a in range(tangents):
         row = columns[a]
         if row >= 0:

@@ -9,16 +9,7 @@ from __future__ import annotations
 
 from math import fabs, inf, sqrt
 
-from mbm.target.solver.description import (
-    BOUNDS_AT,
-    BOXED,
-    COORDINATES,
-    EXACT_FIT,
-    PLACES_AT,
-    ROUNDING,
-    RUNNING,
-    SMALL_OFFSET,
-)
+from mbm.target.solver.description import BOUNDS_AT, EXACT_FIT, ROUNDING, RUNNING, SMALL_OFFSET, Problem
 from mbm.target.solver.linear_algebra import filled, times_transposed
 from mbm.target.solver.manifolds import coordinates_of
 from mbm.target.solver.newton import newton_step
@@ -54,7 +45,7 @@ from mbm.target.solver.workspace import (
     triangle_at,
     vector_at,
 )
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals, distinct_arrays
+from mbm.target.words import ConstantReals, Integer, Integers, Real, Reals, distinct_arrays
 
 UNLIMITED = inf
 
@@ -91,9 +82,9 @@ def relative_offset(inside: Real, outside: Real, moving: Integer, freedom: Integ
 
 
 @distinct_arrays
-def set_metric(system: ConstantIntegers, x: ConstantReals, peak: ConstantReals, scale: Reals) -> None:
+def set_metric(system: Problem, x: ConstantReals, peak: ConstantReals, scale: Reals) -> None:
     """The scale of each coordinate (n,) > 0, from the largest norms that the columns have had."""
-    n = system[COORDINATES]
+    n = system.n
     most = 0.0
     least = peak[0] * fabs(x[0])
     for j in range(n):
@@ -116,10 +107,10 @@ def set_metric(system: ConstantIntegers, x: ConstantReals, peak: ConstantReals, 
                 scale[j] = 1.0
     curved = 0.0
     for j in range(n):
-        if system[system[PLACES_AT] + j] < 0 and scale[j] > curved:
+        if system.number_of[j] < 0 and scale[j] > curved:
             curved = scale[j]
     for j in range(n):
-        if system[system[PLACES_AT] + j] < 0 and scale[j] < ROUNDED * curved:
+        if system.number_of[j] < 0 and scale[j] < ROUNDED * curved:
             scale[j] = curved
 
 
@@ -134,11 +125,9 @@ def set_factor(n: Integer, triangle: ConstantReals, scale: ConstantReals, factor
 
 
 @distinct_arrays
-def set_free(
-    system: ConstantIntegers, constants: ConstantReals, x: ConstantReals, gradient: ConstantReals, free: Reals
-) -> None:
+def set_free(system: Problem, constants: ConstantReals, x: ConstantReals, gradient: ConstantReals, free: Reals) -> None:
     """Mark coordinates that are not at a bound which the descent direction would leave."""
-    n = system[COORDINATES]
+    n = system.n
     for j in range(n):
         low = x[j] <= constants[BOUNDS_AT + j] and gradient[j] >= 0.0
         high = x[j] >= constants[BOUNDS_AT + n + j] and gradient[j] <= 0.0
@@ -146,7 +135,7 @@ def set_free(
 
 
 def arrive(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
     number: Integer,
     before: Integer,
@@ -155,7 +144,7 @@ def arrive(
     flags: Integers,
 ) -> None:
     """Everything at place ``number``, whose point, cost and triangle are known; reached from ``before`` (-1: start)."""
-    n = system[COORDINATES]
+    n = system.n
     place = work[place_at(system, number) :]
     x = place[vector_at(system, X) :]
     norms = place[vector_at(system, NORMS) :]
@@ -180,7 +169,7 @@ def arrive(
     set_metric(system, x, peak, scale)
     terms = 0.0
     for j in range(n):
-        size = fabs(x[j]) if system[system[PLACES_AT] + j] >= 0 else 1.0
+        size = fabs(x[j]) if system.number_of[j] >= 0 else 1.0
         terms += norms[j] * size * norms[j] * size
     noise = NOISE * EPSILON * (sqrt(terms) + sqrt(place[AT_COST]))
     place[AT_NOISE] = noise
@@ -189,7 +178,7 @@ def arrive(
     flags[SLOT * number + DEFICIENT_OF] = deficient
     free = place[vector_at(system, FREE) :]
     filled(n, 1.0, free)
-    if system[BOXED] == 1:
+    if system.boxed == 1:
         gradient = work[step_at(system, 11) :]
         times_transposed(n, place[factor_at(system) :], place[vector_at(system, IMAGE) :], gradient)
         set_free(system, constants, x, gradient, free)
@@ -197,10 +186,10 @@ def arrive(
 
 
 def judge(
-    system: ConstantIntegers, constants: ConstantReals, number: Integer, curved: Integer, work: Reals, flags: Integers
+    system: Problem, constants: ConstantReals, number: Integer, curved: Integer, work: Reals, flags: Integers
 ) -> None:
     """The undamped step at a place (Newton's where ``curved``), its offset, and why the iteration ends there if so."""
-    n = system[COORDINATES]
+    n = system.n
     place = work[place_at(system, number) :]
     set_full_step(system, constants, place, curved, work, flags)
     norms = place[vector_at(system, NORMS) :]
@@ -214,7 +203,7 @@ def judge(
         if free[j] != 0.0:
             moving += 1
         movement += norms[j] * full[j] * norms[j] * full[j]
-        size = fabs(x[j]) if system[system[PLACES_AT] + j] >= 0 else 1.0
+        size = fabs(x[j]) if system.number_of[j] >= 0 else 1.0
         terms += norms[j] * size * norms[j] * size
     rank = n - flags[SLOT * number + DEFICIENT_OF]
     if rank > moving:
@@ -238,10 +227,10 @@ def judge(
 
 
 def set_full_step(
-    system: ConstantIntegers, constants: ConstantReals, place: Reals, curved: Integer, work: Reals, flags: Integers
+    system: Problem, constants: ConstantReals, place: Reals, curved: Integer, work: Reals, flags: Integers
 ) -> None:
     """The undamped step of a place, its promise and length."""
-    n = system[COORDINATES]
+    n = system.n
     full = place[vector_at(system, FULL) :]
     stopped = place[vector_at(system, STOPPED) :]
     image = place[vector_at(system, IMAGE) :]
@@ -250,7 +239,7 @@ def set_full_step(
     filled(n, 0.0, stopped)
     if curved == 1 and newton_step(system, constants, place, work, flags) == 1:
         return
-    if system[BOXED] == 1:
+    if system.boxed == 1:
         scalars = work[scalars_at(system) :]
         promised = scalars[STEP_PREDICTED]
         length = scalars[STEP_LENGTH]

@@ -13,17 +13,7 @@ from math import fabs, inf, isfinite, sqrt
 from mbm.target.decisions import EXACT, MET, POLISH, SETTLED
 from mbm.target.solver.beginning import constraint_count
 from mbm.target.solver.constraint_values import linearise, set_units
-from mbm.target.solver.description import (
-    BOUNDS_AT,
-    COORDINATES,
-    DATA_COUNT,
-    NUMBERS,
-    POSITIVE_AT,
-    ROUNDING,
-    RUNNING,
-    SMALL_OFFSET,
-    TOLERANCE,
-)
+from mbm.target.solver.description import BOUNDS_AT, ROUNDING, RUNNING, SMALL_OFFSET, TOLERANCE, DataSet, Problem
 from mbm.target.solver.equations import residuals_at_point
 from mbm.target.solver.linear_algebra import copied, dot, filled
 from mbm.target.solver.manifolds import coordinates_of, retract
@@ -75,9 +65,9 @@ SLOW = 0.2
 
 
 def set_place(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     place: Reals,
@@ -85,7 +75,7 @@ def set_place(
     flags: Integers,
 ) -> Integer:
     """Residuals, without penalties, and constraints at the point of a place; 0 where something is not finite."""
-    n = system[COORDINATES]
+    n = system.n
     triangle = place[triangle_at(system) :]
     norms = place[vector_at(system, NORMS) :]
     point = place[AT_POINT:]
@@ -116,9 +106,9 @@ def set_place(
 
 
 def set_surface_curvature(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     count: Integer,
@@ -127,7 +117,7 @@ def set_surface_curvature(
     flags: Integers,
 ) -> Integer:
     """``Σ r ∇²r + Σ λ ∇²c`` at a place that `turn_place` has seen, by forward differences; 0: it is not finite."""
-    n = system[COORDINATES]
+    n = system.n
     chosen = flags[FLAGS:]
     x = place[vector_at(system, X) :]
     scale = work[step_at(system, SCALE) :]
@@ -137,7 +127,7 @@ def set_surface_curvature(
     curvature = work[curvature_at(system) :]
     point = work[trial_at(system, 0) :]
     residuals = work[residuals_at(system, 0) :]
-    freedom = float(data[DATA_COUNT] - count)
+    freedom = float(data.count - count)
     spread = sqrt(place[AT_COST] / (freedom if freedom > 1.0 else 1.0))
     if spread < 1e-3:
         spread = 1e-3
@@ -167,9 +157,9 @@ def set_surface_curvature(
 
 
 def set_gradient(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     point: ConstantReals,
@@ -178,7 +168,7 @@ def set_gradient(
     gradient: Reals,
 ) -> None:
     """``Jᵀ r + Σ λ ∇c`` (n,) with the slopes at a point, residuals and multipliers as they are given."""
-    n = system[COORDINATES]
+    n = system.n
     forces = work[multipliers_at(system, FORCES) :]
     slopes = work[slopes_at(system) :]
     sweep(system, constants, data, index, columns, point, 1, 0, work, residuals, gradient)
@@ -187,20 +177,20 @@ def set_gradient(
             gradient[j] += forces[c] * slopes[c * n + j]
 
 
-def move(system: ConstantIntegers, constants: ConstantReals, place: Reals, work: Reals) -> Integer:
+def move(system: Problem, constants: ConstantReals, place: Reals, work: Reals) -> Integer:
     """The step of a place taken; 0 where that leaves the bounds."""
-    n = system[COORDINATES]
+    n = system.n
     point = work[trial_at(system, 0) :]
     x = place[vector_at(system, X) :]
     free = place[vector_at(system, FREE) :]
     retract(system, place[AT_POINT:], place[vector_at(system, FULL) :], point)
-    copied(system[NUMBERS], point, place[AT_POINT:])
+    copied(system.numbers, point, place[AT_POINT:])
     coordinates_of(system, point, x)
     for j in range(n):
         if free[j] != 0.0:
             if x[j] < constants[BOUNDS_AT + j] or x[j] > constants[BOUNDS_AT + n + j]:
                 return 0
-            if system[system[POSITIVE_AT] + j] != 0 and not x[j] > 0.0:
+            if system.positive[j] != 0 and not x[j] > 0.0:
                 return 0
     return 1
 
@@ -224,14 +214,12 @@ def ending_of(
     return RUNNING
 
 
-def begin_on_surface(
-    system: ConstantIntegers, data: ConstantIntegers, number: Integer, work: Reals, flags: Integers
-) -> Integer:
+def begin_on_surface(system: Problem, data: DataSet, number: Integer, work: Reals, flags: Integers) -> Integer:
     """Place ``number`` where the iteration is, and which constraints hold there; how many coordinates may move."""
-    n = system[COORDINATES]
+    n = system.n
     here = work[place_at(system, flags[HERE]) :]
     place = work[place_at(system, number) :]
-    copied(system[NUMBERS], here[AT_POINT:], place[AT_POINT:])
+    copied(system.numbers, here[AT_POINT:], place[AT_POINT:])
     copied(n, here[vector_at(system, FREE) :], place[vector_at(system, FREE) :])
     filled(n, 0.0, place[vector_at(system, STOPPED) :])
     set_working(system, data, work)
@@ -239,9 +227,9 @@ def begin_on_surface(
 
 
 def polish(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     work: Reals,
@@ -296,8 +284,8 @@ def polish(
 
 
 def arrive_on_surface(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     number: Integer,
     ending: Integer,
     worst: Real,

@@ -2,34 +2,8 @@
 
 from __future__ import annotations
 
-from mbm.target.solver.description import (
-    BLOCK_COLUMNS,
-    BLOCK_EQUALITY_AT,
-    BLOCK_NONZEROS,
-    BLOCK_NONZEROS_AT,
-    BLOCK_OUTPUTS,
-    BLOCK_UNITS,
-    BLOCK_UNITS_AT,
-    BLOCK_WEIGHTS,
-    CHUNK,
-    COORDINATES,
-    LANES,
-    NO_LOSS,
-    NONZERO,
-    NONZERO_OUTPUT,
-    NONZERO_TANGENT,
-    NONZERO_WEIGHT,
-    UNIT,
-    UNIT_FIRST,
-    UNIT_LAST,
-    UNIT_LOSS,
-    UNIT_LOSS_AT,
-    UNIT_MATRIX,
-    UNIT_WEIGHTS,
-)
-from mbm.target.solver.equations import (
-    square_of,
-)
+from mbm.target.solver.description import LANES, NO_LOSS, Block, Problem
+from mbm.target.solver.equations import square_of
 from mbm.target.solver.losses import root_factor, root_slope
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, distinct_arrays
 
@@ -62,8 +36,8 @@ def add_plain_to_column(groups: Integer, rows: Integer, width: Integer, values: 
 
 @distinct_arrays
 def scatter(
-    system: ConstantIntegers,
-    block: ConstantIntegers,
+    system: Problem,
+    block: Block,
     columns: ConstantIntegers,
     first: Integer,
     rows: Integer,
@@ -76,18 +50,18 @@ def scatter(
 
     Those of units with matrices and of constraints are not yet whitened.
     """
-    lines = block[BLOCK_OUTPUTS]
-    width = (lines + block[BLOCK_NONZEROS]) * LANES
-    heavy = block[BLOCK_WEIGHTS] * LANES
-    for k in range(block[BLOCK_NONZEROS]):
-        nonzero = system[block[BLOCK_NONZEROS_AT] + k * NONZERO :]
-        line = nonzero[NONZERO_OUTPUT] * LANES
-        weight = nonzero[NONZERO_WEIGHT] * LANES
+    lines = block.outputs
+    width = (lines + block.nonzero_count) * LANES
+    heavy = block.weights * LANES
+    for k in range(block.nonzero_count):
+        nonzero = block.nonzeros[k]
+        line = nonzero.output * LANES
+        weight = nonzero.weight * LANES
         values = outputs[(lines + k) * LANES :]
-        if block[BLOCK_COLUMNS] == 0:
-            column = columns[nonzero[NONZERO_TANGENT]]
+        if block.columns == 0:
+            column = columns[nonzero.tangent]
             if column >= 0:
-                place = column * system[CHUNK] + line
+                place = column * system.chunk + line
                 if weight >= 0:
                     add_to_column(groups, lines * LANES, width, heavy, values, whitening[weight:], chunk[place:])
                 else:
@@ -98,34 +72,32 @@ def scatter(
                     row = (first + group) * LANES + lane
                     column = -1
                     if row < rows:
-                        column = columns[row * block[BLOCK_COLUMNS] + nonzero[NONZERO_TANGENT]]
+                        column = columns[row * block.columns + nonzero.tangent]
                     if column >= 0:
                         value = values[group * width + lane]
                         if weight >= 0:
                             factor = whitening[group * heavy + weight + lane]
                             value = factor * value if factor != 0.0 else 0.0
-                        chunk[column * system[CHUNK] + group * lines * LANES + line + lane] += value
+                        chunk[column * system.chunk + group * lines * LANES + line + lane] += value
 
 
 @distinct_arrays
-def whiten_matrices(
-    system: ConstantIntegers, block: ConstantIntegers, groups: Integer, whitening: ConstantReals, chunk: Reals
-) -> None:
+def whiten_matrices(system: Problem, block: Block, groups: Integer, whitening: ConstantReals, chunk: Reals) -> None:
     """Rows of units whose weights are matrices, in place: upper or lower triangular ones, so that it can be."""
-    lines = block[BLOCK_OUTPUTS]
-    heavy = block[BLOCK_WEIGHTS]
-    for u in range(block[BLOCK_UNITS]):
-        unit = system[block[BLOCK_UNITS_AT] + u * UNIT :]
-        size = unit[UNIT_LAST] - unit[UNIT_FIRST]
-        if unit[UNIT_MATRIX] != 0:
-            for column in range(system[COORDINATES]):
+    lines = block.outputs
+    heavy = block.weights
+    for u in range(block.unit_count):
+        unit = block.units[u]
+        size = unit.last - unit.first
+        if unit.matrix != 0:
+            for column in range(system.n):
                 for group in range(groups):
-                    place = column * system[CHUNK] + (group * lines + unit[UNIT_FIRST]) * LANES
+                    place = column * system.chunk + (group * lines + unit.first) * LANES
                     for lane in range(LANES):
                         whiten_unit(
                             size,
-                            unit[UNIT_MATRIX],
-                            whitening[(group * heavy + unit[UNIT_WEIGHTS]) * LANES + lane :],
+                            unit.matrix,
+                            whitening[(group * heavy + unit.weights) * LANES + lane :],
                             chunk[place + lane :],
                         )
 
@@ -151,53 +123,53 @@ def whiten_unit(size: Integer, kind: Integer, weights: ConstantReals, values: Re
 
 @distinct_arrays
 def penalise_slopes(
-    system: ConstantIntegers,
-    block: ConstantIntegers,
+    system: Problem,
+    block: Block,
     groups: Integer,
     whitening: ConstantReals,
     penalties: ConstantReals,
     chunk: Reals,
 ) -> None:
     """Rows of constraints times their factors; those of inequalities without a penalty are zero."""
-    lines = block[BLOCK_OUTPUTS]
+    lines = block.outputs
     for group in range(groups):
         for i in range(lines):
             for lane in range(LANES):
                 factor = whitening[(group * 2 * lines + 2 * i) * LANES + lane]
                 place = (group * lines + i) * LANES + lane
-                if system[block[BLOCK_EQUALITY_AT] + i] == 0 and penalties[place] <= 0.0:
+                if block.equality[i] == 0 and penalties[place] <= 0.0:
                     factor = 0.0
-                for column in range(system[COORDINATES]):
-                    at = column * system[CHUNK] + place
+                for column in range(system.n):
+                    at = column * system.chunk + place
                     chunk[at] = factor * chunk[at] if factor != 0.0 else 0.0
 
 
 @distinct_arrays
 def root_slopes(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    block: ConstantIntegers,
+    block: Block,
     groups: Integer,
     residuals: ConstantReals,
     chunk: Reals,
 ) -> None:
     """Rows of ``[J]`` with losses in square-root form: ``q J + 2 q' r (rᵀJ)``; ``residuals`` are the plain ones."""
-    lines = block[BLOCK_OUTPUTS]
-    for u in range(block[BLOCK_UNITS]):
-        unit = system[block[BLOCK_UNITS_AT] + u * UNIT :]
-        if unit[UNIT_LOSS] != NO_LOSS:
-            size = unit[UNIT_LAST] - unit[UNIT_FIRST]
-            scale = constants[unit[UNIT_LOSS_AT]]
-            shape = constants[unit[UNIT_LOSS_AT] + 1]
+    lines = block.outputs
+    for u in range(block.unit_count):
+        unit = block.units[u]
+        if unit.loss != NO_LOSS:
+            size = unit.last - unit.first
+            scale = constants[unit.loss_at]
+            shape = constants[unit.loss_at + 1]
             for group in range(groups):
                 for lane in range(LANES):
-                    place = (group * lines + unit[UNIT_FIRST]) * LANES + lane
+                    place = (group * lines + unit.first) * LANES + lane
                     own = residuals[place:]
                     square = square_of(size, own)
-                    factor = root_factor(unit[UNIT_LOSS], square, scale, shape)
-                    change = 2.0 * root_slope(unit[UNIT_LOSS], square, scale, shape, factor)
-                    for column in range(system[COORDINATES]):
-                        rows = chunk[column * system[CHUNK] + place :]
+                    factor = root_factor(unit.loss, square, scale, shape)
+                    change = 2.0 * root_slope(unit.loss, square, scale, shape, factor)
+                    for column in range(system.n):
+                        rows = chunk[column * system.chunk + place :]
                         along = 0.0
                         for i in range(size):
                             along += own[i * LANES] * rows[i * LANES]

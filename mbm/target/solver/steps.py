@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
-from mbm.target.solver.description import BOUNDS_AT, COORDINATES, POSITIVE_AT
+from mbm.target.solver.description import BOUNDS_AT, Problem
 from mbm.target.solver.linear_algebra import (
     append_rows,
     copied,
@@ -106,39 +106,37 @@ def marquardt_step(
         step[j] = -step[j]
 
 
-def down_of(system: ConstantIntegers, constants: ConstantReals, x: ConstantReals, j: Integer) -> Real:
+def down_of(system: Problem, constants: ConstantReals, x: ConstantReals, j: Integer) -> Real:
     """Largest movement down (≤ 0) of a coordinate in one step."""
     found = constants[BOUNDS_AT + j] - x[j]
-    if system[system[POSITIVE_AT] + j] != 0 and found < (KEEP - 1.0) * x[j]:
+    if system.positive[j] != 0 and found < (KEEP - 1.0) * x[j]:
         found = (KEEP - 1.0) * x[j]
     return found
 
 
-def up_of(system: ConstantIntegers, constants: ConstantReals, x: ConstantReals, j: Integer) -> Real:
+def up_of(system: Problem, constants: ConstantReals, x: ConstantReals, j: Integer) -> Real:
     """Largest movement up (≥ 0) of a coordinate."""
-    return constants[BOUNDS_AT + system[COORDINATES] + j] - x[j]
+    return constants[BOUNDS_AT + system.n + j] - x[j]
 
 
 @distinct_arrays
-def project(system: ConstantIntegers, constants: ConstantReals, x: Reals) -> None:
+def project(system: Problem, constants: ConstantReals, x: Reals) -> None:
     """The nearest point of the box; a `positive` coordinate that is not becomes 1 (or half its upper bound)."""
-    n = system[COORDINATES]
+    n = system.n
     for j in range(n):
         upper = constants[BOUNDS_AT + n + j]
         if x[j] < constants[BOUNDS_AT + j]:
             x[j] = constants[BOUNDS_AT + j]
         if x[j] > upper:
             x[j] = upper
-        if system[system[POSITIVE_AT] + j] != 0 and x[j] <= 0.0:
+        if system.positive[j] != 0 and x[j] <= 0.0:
             x[j] = 0.5 * upper if isfinite(upper) else 1.0
 
 
 @distinct_arrays
-def land(
-    system: ConstantIntegers, constants: ConstantReals, vector: ConstantReals, stopped: ConstantReals, x: Reals
-) -> None:
+def land(system: Problem, constants: ConstantReals, vector: ConstantReals, stopped: ConstantReals, x: Reals) -> None:
     """Where a step led, put into the box; a coordinate that it put on a bound stands on it to the last bit."""
-    n = system[COORDINATES]
+    n = system.n
     project(system, constants, x)
     for j in range(n):
         if stopped[j] != 0.0:
@@ -193,7 +191,7 @@ def without_dependent(n: Integer, factor: Reals) -> Integer:
 
 
 def step_of_part(
-    system: ConstantIntegers, count: Integer, radius: Real, limited: Integer, image: ConstantReals, work: Reals
+    system: Problem, count: Integer, radius: Real, limited: Integer, image: ConstantReals, work: Reals
 ) -> None:
     """The step of the columns chosen (scratch matrix 1, vector 9) into vector 10, damped where ``limited``."""
     if limited == 1:
@@ -212,7 +210,7 @@ def step_of_part(
 
 
 def boxed_step(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
     place: ConstantReals,
     radius: Real,
@@ -224,7 +222,7 @@ def boxed_step(
     scalars: Reals,
 ) -> None:
     """The step restricted to the box: what leaves it first is put on its bound, until nothing does."""
-    n = system[COORDINATES]
+    n = system.n
     factor = place[factor_at(system) :]
     image = place[vector_at(system, IMAGE) :]
     scale = place[vector_at(system, METRIC) :]
@@ -278,7 +276,7 @@ def boxed_step(
 
 
 def first_to_leave(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
     x: ConstantReals,
     scale: ConstantReals,
@@ -302,11 +300,9 @@ def first_to_leave(
     return found
 
 
-def judge_step(
-    system: ConstantIntegers, place: ConstantReals, vector: ConstantReals, work: Reals, scalars: Reals
-) -> None:
+def judge_step(system: Problem, place: ConstantReals, vector: ConstantReals, work: Reals, scalars: Reals) -> None:
     """Promise and scaled length of any step ``vector`` (n,)."""
-    n = system[COORDINATES]
+    n = system.n
     scale = place[vector_at(system, METRIC) :]
     image = place[vector_at(system, IMAGE) :]
     scaled = work[step_at(system, 9) :]

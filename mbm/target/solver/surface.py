@@ -11,7 +11,7 @@ from math import fabs, sqrt
 
 from mbm.target.solver.beginning import constraint_count
 from mbm.target.solver.covariance import set_reduced, set_scales
-from mbm.target.solver.description import COORDINATES, DATA_COUNT, PLACES_AT
+from mbm.target.solver.description import DataSet, Problem
 from mbm.target.solver.linear_algebra import cholesky, dot, filled, solve_transposed, solve_upper
 from mbm.target.solver.places import EPSILON, NOISE, relative_offset
 from mbm.target.solver.steps import without_dependent
@@ -39,7 +39,7 @@ from mbm.target.solver.workspace import (
     triangle_at,
     vector_at,
 )
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
+from mbm.target.words import ConstantReals, Integer, Integers, Reals
 
 SCALE = 11
 LINE = 12
@@ -49,12 +49,12 @@ IMAGE_THERE = 10
 """Vectors of scratch: of the coordinates that may move, one after the other."""
 
 
-def choose_free(system: ConstantIntegers, place: ConstantReals, flags: Integers) -> Integer:
+def choose_free(system: Problem, place: ConstantReals, flags: Integers) -> Integer:
     """The coordinates that no bound holds, and how many they are."""
     free = place[vector_at(system, FREE) :]
     chosen = flags[FLAGS:]
     count = 0
-    for j in range(system[COORDINATES]):
+    for j in range(system.n):
         if free[j] != 0.0:
             chosen[count] = j
             count += 1
@@ -62,8 +62,8 @@ def choose_free(system: ConstantIntegers, place: ConstantReals, flags: Integers)
 
 
 def turn_place(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     place: ConstantReals,
     count: Integer,
     work: Reals,
@@ -73,7 +73,7 @@ def turn_place(
 
     Then y in `ALONG`, and the multipliers in `FORCES`.
     """
-    n = system[COORDINATES]
+    n = system.n
     chosen = flags[FLAGS:]
     triangle = place[triangle_at(system) :]
     held = work[multipliers_at(system, HELD) :]
@@ -124,8 +124,8 @@ def turn_place(
 
 
 def surface_step(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     count: Integer,
     turned: Integer,
     curved: Integer,
@@ -137,7 +137,7 @@ def surface_step(
 
     ``curved`` 1: with the second-order term.
     """
-    n = system[COORDINATES]
+    n = system.n
     width = count - turned
     chosen = flags[FLAGS:]
     triangle = place[triangle_at(system) :]
@@ -168,12 +168,12 @@ def surface_step(
     return 1
 
 
-def bent_right(system: ConstantIntegers, count: Integer, turned: Integer, work: Reals, flags: Integers) -> Integer:
+def bent_right(system: Problem, count: Integer, turned: Integer, work: Reals, flags: Integers) -> Integer:
     """The right side in `LINE` with the second-order term S: ``(I + T⁻ᵀ Zᵀ S Z T⁻¹)⁻¹ (-t - T⁻ᵀ Zᵀ S Y y)``.
 
     0 where the Hessian on the surface is not positive definite.
     """
-    n = system[COORDINATES]
+    n = system.n
     width = count - turned
     chosen = flags[FLAGS:]
     curvature = work[curvature_at(system) :]
@@ -226,8 +226,8 @@ def transposed(n: Integer, matrix: Reals) -> None:
 
 
 def set_step(
-    system: ConstantIntegers,
-    data: ConstantIntegers,
+    system: Problem,
+    data: DataSet,
     count: Integer,
     width: Integer,
     place: Reals,
@@ -235,7 +235,7 @@ def set_step(
     flags: Integers,
 ) -> None:
     """The scaled step in `ALONG` as that of the place: in all coordinates, its length, offset and rounding."""
-    n = system[COORDINATES]
+    n = system.n
     chosen = flags[FLAGS:]
     triangle = place[triangle_at(system) :]
     full = place[vector_at(system, FULL) :]
@@ -246,7 +246,7 @@ def set_step(
     terms = 0.0
     for k in range(count):
         full[chosen[k]] = along[k] / scale[k]
-        size = fabs(x[chosen[k]]) if system[system[PLACES_AT] + chosen[k]] >= 0 else 1.0
+        size = fabs(x[chosen[k]]) if system.number_of[chosen[k]] >= 0 else 1.0
         terms += scale[k] * size * scale[k] * size
     inside = 0.0
     for i in range(n):
@@ -255,5 +255,5 @@ def set_step(
     outside = place[AT_COST] - inside
     place[AT_LENGTH] = sqrt(dot(count, along, along))
     place[AT_PREDICTED] = inside
-    place[AT_OFFSET] = relative_offset(inside, outside if outside > 0.0 else 0.0, width, data[DATA_COUNT] - width)
+    place[AT_OFFSET] = relative_offset(inside, outside if outside > 0.0 else 0.0, width, data.count - width)
     place[AT_NOISE] = NOISE * EPSILON * (sqrt(terms) + sqrt(place[AT_COST]))

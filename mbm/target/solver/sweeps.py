@@ -2,27 +2,7 @@
 
 from __future__ import annotations
 
-from mbm.target.solver.description import (
-    BLOCK,
-    BLOCK_JACOBIAN,
-    BLOCK_NONZEROS,
-    BLOCK_NORMAL,
-    BLOCK_OUTPUTS,
-    BLOCK_PARAMETERS,
-    BLOCK_VARIABLES,
-    BLOCKS,
-    BLOCKS_AT,
-    CHUNK,
-    CONSTRAINTS,
-    COORDINATES,
-    DATA_BLOCK,
-    DATA_COLUMNS,
-    DATA_HEAD,
-    DATA_INDEX,
-    DATA_ROWS,
-    LANES,
-    SUMMED_FROM,
-)
+from mbm.target.solver.description import LANES, Block, DataSet, Problem
 from mbm.target.solver.equations import (
     gather,
     groups_of,
@@ -79,9 +59,9 @@ def settle_chunk(
 
 
 def whiten_portion(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    block: ConstantIntegers,
+    block: Block,
     groups: Integer,
     width: Integer,
     outputs: ConstantReals,
@@ -90,16 +70,16 @@ def whiten_portion(
     chunk: Reals,
 ) -> None:
     """What of a portion of observations is not whitened yet, and losses; ``width`` numbers a row in ``outputs``."""
-    whiten_values(system, block, groups, width, outputs, weights, right)
+    whiten_values(block, groups, width, outputs, weights, right)
     whiten_matrices(system, block, groups, weights, chunk)
     root_slopes(system, constants, block, groups, right, chunk)
-    root_values(system, constants, block, groups, right)
+    root_values(constants, block, groups, right)
 
 
 def sweep(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     point: ConstantReals,
@@ -114,31 +94,30 @@ def sweep(
     ``mode`` 0: ``target`` becomes their triangular factor (n + 1, n + 1); 1: the product ``Jᵀ vector`` (n,) with a
     vector of residuals; 2: the upper triangle of ``[J r]ᵀ [J r]``, without its last number, is added to zeros there.
     """
-    n = system[COORDINATES]
-    stride = system[CHUNK]
+    n = system.n
+    stride = system.chunk
     inputs = inputs_at(system)
     whitening = weights_at(system)
     outputs = work[outputs_at(system) :]
     chunk = work[chunk_at(system) :]
-    if mode == 0:
-        filled((n + 1) * (n + 1), 0.0, target)
-    else:
-        filled(n, 0.0, target)
+    filled((n + 1) * (n + 1) if mode == 0 else n, 0.0, target)
     there = united_rows(system, 1, point, stride, work, chunk) if LANES > 1 else 0
     settled = 0
-    for b in range(first_apart(system, work) if LANES > 1 else 0, system[BLOCKS] + penalised * system[CONSTRAINTS]):
-        block = system[system[BLOCKS_AT] + b * BLOCK :]
-        at = DATA_HEAD + b * DATA_BLOCK
-        rows = rows_apart(system, data, b, work) if LANES > 1 else data[at + DATA_ROWS]
-        lines = block[BLOCK_OUTPUTS] * LANES
-        width = (block[BLOCK_VARIABLES] + block[BLOCK_PARAMETERS]) * LANES
+    for b in range(
+        first_apart(system, work) if LANES > 1 else 0, system.residual_blocks + penalised * system.constraint_blocks
+    ):
+        block = system.blocks[b]
+        part = data.blocks[b]
+        rows = rows_apart(system, data, b, work) if LANES > 1 else part.rows
+        lines = block.outputs * LANES
+        width = (block.variables + block.parameters) * LANES
         heavy = weights_width(block) * LANES
-        own = columns[data[at + DATA_COLUMNS] :]
-        gather(block, rows, index[data[at + DATA_INDEX] :], point, work[inputs:])
+        own = columns[part.columns :]
+        gather(block, rows, index[part.index :], point, work[inputs:])
         first = 0
-        if LANES > 1 and mode == 2 and block[BLOCK_NORMAL] != 0 and rows >= system[SUMMED_FROM]:
+        if LANES > 1 and mode == 2 and block.normal != 0 and rows >= system.summed_from:
             first = groups_of(rows)
-            add_sums(n, constants, system, block, own, first, work[inputs:], work[whitening:], outputs, target)
+            add_sums(n, constants, block, own, first, work[inputs:], work[whitening:], outputs, target)
         while first < groups_of(rows):
             groups = portion(system, block)
             if first + groups > groups_of(rows):
@@ -147,17 +126,17 @@ def sweep(
                 settle_chunk(n + 1, there, stride, mode, vector[settled:], chunk, target)
                 settled += there
                 there = 0
-            call_kernel(block[BLOCK_JACOBIAN], work[inputs + first * width :], outputs, groups)
+            call_kernel(block.jacobian, work[inputs + first * width :], outputs, groups)
             weights = work[whitening + first * heavy :]
             for column in range(n):
                 filled(groups * lines, 0.0, chunk[column * stride + there :])
             scatter(system, block, own, first, rows, groups, outputs, weights, chunk[there:])
             right = chunk[n * stride + there :]
-            every = block[BLOCK_OUTPUTS] + block[BLOCK_NONZEROS]
-            if b < system[BLOCKS]:
+            every = block.outputs + block.nonzero_count
+            if b < system.residual_blocks:
                 whiten_portion(system, constants, block, groups, every, outputs, weights, right, chunk[there:])
             else:
-                penalise_values(system, block, groups, every, outputs, weights, right)
+                penalise_values(block, groups, every, outputs, weights, right)
                 penalise_slopes(system, block, groups, weights, right, chunk[there:])
             there += groups * lines
             first += groups
@@ -167,19 +146,19 @@ def sweep(
         settle_chunk(n + 1, there, stride, mode, vector[settled:], chunk, target)
 
 
-def summed(system: ConstantIntegers, data: ConstantIntegers) -> Integer:
+def summed(system: Problem, data: DataSet) -> Integer:
     """1 where some block has rows enough for sums of products to be worth while."""
-    for b in range(system[BLOCKS]):
-        block = system[system[BLOCKS_AT] + b * BLOCK :]
-        if block[BLOCK_NORMAL] != 0 and data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS] >= system[SUMMED_FROM]:
+    for b in range(system.residual_blocks):
+        block = system.blocks[b]
+        if block.normal != 0 and data.blocks[b].rows >= system.summed_from:
             return 1
     return 0
 
 
 def set_triangle(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     number: Integer,
@@ -187,7 +166,7 @@ def set_triangle(
     flags: Integers,
 ) -> None:
     """The triangle of a place whose point and cost are known: from sums of products while the condition allows it."""
-    n = system[COORDINATES]
+    n = system.n
     place = work[place_at(system, number) :]
     point = place[AT_POINT:]
     triangle = place[triangle_at(system) :]

@@ -7,11 +7,7 @@ from __future__ import annotations
 
 from math import isfinite
 
-from mbm.target.solver.description import (
-    BOXED,
-    COORDINATES,
-    NUMBERS,
-)
+from mbm.target.solver.description import DataSet, Problem
 from mbm.target.solver.equations import residuals_at_point
 from mbm.target.solver.linear_algebra import (
     copied,
@@ -67,9 +63,9 @@ UNDECIDED = 10.0
 """A promise below so many roundings of the cost is judged by the offset."""
 
 
-def step_within(system: ConstantIntegers, constants: ConstantReals, radius: Real, work: Reals, flags: Integers) -> None:
+def step_within(system: Problem, constants: ConstantReals, radius: Real, work: Reals, flags: Integers) -> None:
     """The step inside the radius: scratch vector 0, what bounds stopped in vector 1, promise and length."""
-    n = system[COORDINATES]
+    n = system.n
     place = work[place_at(system, flags[HERE]) :]
     vector = work[step_at(system, 0) :]
     stopped = work[step_at(system, 1) :]
@@ -82,7 +78,7 @@ def step_within(system: ConstantIntegers, constants: ConstantReals, radius: Real
         scalars[STEP_PREDICTED] = place[AT_PREDICTED]
         scalars[STEP_LENGTH] = place[AT_LENGTH]
         return
-    if system[BOXED] == 1:
+    if system.boxed == 1:
         boxed_step(system, constants, place, radius, 1, work, flags, vector, stopped, scalars)
         return
     filled(n, 0.0, stopped)
@@ -98,9 +94,9 @@ def step_within(system: ConstantIntegers, constants: ConstantReals, radius: Real
 
 
 def bend_step(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     work: Reals,
@@ -110,7 +106,7 @@ def bend_step(
 
     Half the geodesic acceleration of Transtrum and Sethna (2012), from the trial point instead of an extra one.
     """
-    n = system[COORDINATES]
+    n = system.n
     place = work[place_at(system, flags[HERE]) :]
     factor = place[factor_at(system) :]
     image = place[vector_at(system, IMAGE) :]
@@ -151,9 +147,9 @@ def bend_step(
 
 
 def try_step(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     work: Reals,
@@ -165,7 +161,7 @@ def try_step(
     scalars = work[scalars_at(system) :]
     point = work[trial_at(system, 0) :]
     retract(system, place[AT_POINT:], vector, point)
-    if system[BOXED] == 1:
+    if system.boxed == 1:
         x = work[step_at(system, 11) :]
         coordinates_of(system, point, x)
         land(system, constants, vector, work[step_at(system, 1) :], x)
@@ -177,7 +173,7 @@ def try_step(
     flags[EVALUATIONS_DONE] += 1
     cost = dot(count, residuals, residuals)
     scalars[COST_TRIED] = cost
-    if not isfinite(cost) or system[BOXED] == 1 or not scalars[STEP_PREDICTED] > UNDECIDED * place[AT_SLACK]:
+    if not isfinite(cost) or system.boxed == 1 or not scalars[STEP_PREDICTED] > UNDECIDED * place[AT_SLACK]:
         return
     if place[AT_COST] - cost >= CURVED_SHARE * scalars[STEP_PREDICTED]:
         return
@@ -195,21 +191,19 @@ def try_step(
         flags[RESIDUALS_TRIED] = (flags[RESIDUALS_HERE] + 2) % 3
 
 
-def same_point(system: ConstantIntegers, a: ConstantReals, b: ConstantReals) -> Integer:
+def same_point(system: Problem, a: ConstantReals, b: ConstantReals) -> Integer:
     """1 where two points are equal to the last bit."""
-    for i in range(system[NUMBERS]):
+    for i in range(system.numbers):
         if a[i] != b[i]:
             return 0
     return 1
 
 
-def shortening(
-    system: ConstantIntegers, place: ConstantReals, vector: ConstantReals, actual: Real, work: Reals
-) -> Real:
+def shortening(system: Problem, place: ConstantReals, vector: ConstantReals, actual: Real, work: Reals) -> Real:
     """MINPACK's shortening after a growing cost: half of where the parabola through slope and value is least."""
     if actual >= 0.0:
         return 0.5
-    n = system[COORDINATES]
+    n = system.n
     scale = place[vector_at(system, METRIC) :]
     scaled = work[step_at(system, 9) :]
     moved = work[step_at(system, 10) :]

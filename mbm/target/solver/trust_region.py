@@ -8,20 +8,8 @@ from __future__ import annotations
 
 from math import isfinite
 
-from mbm.target.solver.description import (
-    COORDINATES,
-    FLAT,
-    LANES,
-    NO_FINITE_STEP,
-    NUMBERS,
-    ROUNDING,
-    RUNNING,
-    STRICT,
-    UNSURE,
-)
-from mbm.target.solver.linear_algebra import (
-    copied,
-)
+from mbm.target.solver.description import FLAT, LANES, NO_FINITE_STEP, ROUNDING, RUNNING, UNSURE, DataSet, Problem
+from mbm.target.solver.linear_algebra import copied
 from mbm.target.solver.newton import remaining, set_curvature
 from mbm.target.solver.places import arrive, judge
 from mbm.target.solver.sweeps import set_triangle, sweep
@@ -87,19 +75,19 @@ TRIALS = 100
 
 
 def factor_there(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     work: Reals,
     flags: Integers,
 ) -> Integer:
     """The trial point as the other place, with its triangle; 0 where that is not finite."""
-    n = system[COORDINATES]
+    n = system.n
     there = work[place_at(system, 1 - flags[HERE]) :]
     scalars = work[scalars_at(system) :]
-    copied(system[NUMBERS], work[trial_at(system, flags[POINT_TRIED]) :], there[AT_POINT:])
+    copied(system.numbers, work[trial_at(system, flags[POINT_TRIED]) :], there[AT_POINT:])
     there[AT_COST] = scalars[COST_TRIED]
     triangle = there[triangle_at(system) :]
     if LANES > 1:
@@ -113,9 +101,9 @@ def factor_there(
 
 
 def arrive_there(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     share: Real,
@@ -146,12 +134,12 @@ def arrive_there(
     flags[STOP] = flags[SLOT * number + ENDING_OF]
     if flags[PATIENCE_LEFT] > 0:
         flags[PATIENCE_LEFT] -= 1
-    if system[STRICT] == 1 and flags[SLOT * number + DEFICIENT_OF] > 0:
+    if system.strict == 1 and flags[SLOT * number + DEFICIENT_OF] > 0:
         flags[STOP] = UNSURE
     if flags[STOP] != RUNNING or there[AT_OFFSET] <= SLOW * here[AT_OFFSET] or flags[PATIENCE_LEFT] > 0:
         return
     if there[AT_OFFSET] < NEAR:
-        few = float(system[COORDINATES] + 2)
+        few = float(system.n + 2)
         if remaining(there[AT_OFFSET], here[AT_OFFSET], scalars[TOLERANCE_NOW]) <= few:
             return
     elif here[AT_COST] - there[AT_COST] > CREEP * here[AT_COST]:
@@ -165,9 +153,9 @@ def arrive_there(
 
 
 def take_curvature(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     work: Reals,
@@ -182,7 +170,7 @@ def take_curvature(
     flags[STOP] = flags[SLOT * number + ENDING_OF]
 
 
-def no_better(system: ConstantIntegers, constants: ConstantReals, work: Reals, flags: Integers) -> None:
+def no_better(system: Problem, constants: ConstantReals, work: Reals, flags: Integers) -> None:
     """No better point: the end, unless the second-order term was too inexact for the last digits."""
     if flags[CURVATURE_KNOWN] == 0:
         flags[STOP] = ROUNDING
@@ -199,9 +187,9 @@ def no_better(system: ConstantIntegers, constants: ConstantReals, work: Reals, f
 
 
 def stuck(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     work: Reals,
@@ -224,9 +212,9 @@ def stuck(
 
 
 def iterate(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
     work: Reals,

@@ -9,19 +9,7 @@ from math import fabs
 
 from mbm.target.decisions import EXACT
 from mbm.target.solver.beginning import constraint_count
-from mbm.target.solver.description import (
-    BLOCK,
-    BLOCK_EQUALITY_AT,
-    BLOCK_OUTPUTS,
-    BLOCKS,
-    BLOCKS_AT,
-    BOUNDS_AT,
-    CONSTRAINTS,
-    COORDINATES,
-    DATA_BLOCK,
-    DATA_HEAD,
-    DATA_ROWS,
-)
+from mbm.target.solver.description import BOUNDS_AT, DataSet, Problem
 from mbm.target.solver.workspace import (
     FORCES,
     FREE,
@@ -37,28 +25,28 @@ from mbm.target.solver.workspace import (
     triangle_at,
     vector_at,
 )
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.target.words import ConstantReals, Integer, Real, Reals
 
 
-def set_working(system: ConstantIntegers, data: ConstantIntegers, work: Reals) -> None:
+def set_working(system: Problem, data: DataSet, work: Reals) -> None:
     """`HELD`: the units of the equations, and of the inequalities that have a multiplier."""
     multipliers = work[multipliers_at(system, LAMBDA) :]
     units = work[multipliers_at(system, UNITS) :]
     held = work[multipliers_at(system, HELD) :]
     done = 0
-    for b in range(system[BLOCKS], system[BLOCKS] + system[CONSTRAINTS]):
-        block = system[system[BLOCKS_AT] + b * BLOCK :]
-        lines = block[BLOCK_OUTPUTS]
-        count = lines * data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]
+    for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
+        block = system.blocks[b]
+        lines = block.outputs
+        count = lines * data.blocks[b].rows
         for k in range(count):
             c = done + k
             held[c] = units[c]
-            if system[block[BLOCK_EQUALITY_AT] + k % lines] == 0 and not multipliers[c] > 0.0:
+            if block.equality[k % lines] == 0 and not multipliers[c] > 0.0:
                 held[c] = 0.0
         done += count
 
 
-def largest_violation(system: ConstantIntegers, data: ConstantIntegers, work: Reals) -> Real:
+def largest_violation(system: Problem, data: DataSet, work: Reals) -> Real:
     """Of the equations and of the inequalities that hold like them: in units, beyond rounding."""
     units = work[multipliers_at(system, UNITS) :]
     values = work[multipliers_at(system, VALUES) :]
@@ -66,21 +54,21 @@ def largest_violation(system: ConstantIntegers, data: ConstantIntegers, work: Re
     held = work[multipliers_at(system, HELD) :]
     worst = 0.0
     done = 0
-    for b in range(system[BLOCKS], system[BLOCKS] + system[CONSTRAINTS]):
-        block = system[system[BLOCKS_AT] + b * BLOCK :]
-        lines = block[BLOCK_OUTPUTS]
-        count = lines * data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]
+    for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
+        block = system.blocks[b]
+        lines = block.outputs
+        count = lines * data.blocks[b].rows
         for k in range(count):
             c = done + k
             missed = fabs(values[c]) - roundings[c]
-            holds = system[block[BLOCK_EQUALITY_AT] + k % lines] != 0 or held[c] != 0.0
+            holds = block.equality[k % lines] != 0 or held[c] != 0.0
             if holds and missed > worst * units[c]:
                 worst = missed / units[c]
         done += count
     return worst
 
 
-def change_working(system: ConstantIntegers, data: ConstantIntegers, nothing: Real, work: Reals) -> Integer:
+def change_working(system: Problem, data: DataSet, nothing: Real, work: Reals) -> Integer:
     """1 where another inequality holds from now on: the most overstepped one does; or else the one does not any more
     whose multiplier is the most negative, beyond ``nothing`` standard deviations. 0: all signs are right.
     """
@@ -94,13 +82,13 @@ def change_working(system: ConstantIntegers, data: ConstantIntegers, nothing: Re
     most = EXACT
     least = -nothing
     done = 0
-    for b in range(system[BLOCKS], system[BLOCKS] + system[CONSTRAINTS]):
-        block = system[system[BLOCKS_AT] + b * BLOCK :]
-        lines = block[BLOCK_OUTPUTS]
-        count = lines * data[DATA_HEAD + b * DATA_BLOCK + DATA_ROWS]
+    for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
+        block = system.blocks[b]
+        lines = block.outputs
+        count = lines * data.blocks[b].rows
         for k in range(count):
             c = done + k
-            if system[block[BLOCK_EQUALITY_AT] + k % lines] == 0:
+            if block.equality[k % lines] == 0:
                 if held[c] == 0.0 and values[c] - roundings[c] > most * units[c]:
                     most = (values[c] - roundings[c]) / units[c]
                     overstepped = c
@@ -120,15 +108,15 @@ def change_working(system: ConstantIntegers, data: ConstantIntegers, nothing: Re
 
 
 def pushes_on_bounds(
-    system: ConstantIntegers,
+    system: Problem,
     constants: ConstantReals,
-    data: ConstantIntegers,
+    data: DataSet,
     nothing: Real,
     place: ConstantReals,
     work: Reals,
 ) -> Integer:
     """1 where nothing pulls coordinates away from the bounds that hold them, beyond ``nothing`` standard deviations."""
-    n = system[COORDINATES]
+    n = system.n
     forces = work[multipliers_at(system, FORCES) :]
     slopes = work[slopes_at(system) :]
     triangle = place[triangle_at(system) :]

@@ -6,19 +6,8 @@ rows of the data set as the kernels take them. Functions give offsets in ``work`
 
 from __future__ import annotations
 
-from mbm.target.solver.description import (
-    CHUNK,
-    COORDINATES,
-    INPUTS,
-    LANES,
-    MULTIPLIERS,
-    NUMBERS,
-    OUTPUTS,
-    RESIDUALS,
-    UNITED_REALS,
-    WEIGHTS,
-)
-from mbm.target.words import ConstantIntegers, Integer
+from mbm.target.solver.description import LANES, Problem
+from mbm.target.words import Integer
 
 # --- reals of a place -------------------------------------------------------------------------------------------
 AT_COST = 0
@@ -115,64 +104,64 @@ MATRICES = 4
 """Matrices (n, n) of scratch."""
 
 
-def vector_at(system: ConstantIntegers, number: Integer) -> Integer:
+def vector_at(system: Problem, number: Integer) -> Integer:
     """Vector ``number`` in a place."""
-    return AT_POINT + system[NUMBERS] + number * system[COORDINATES]
+    return AT_POINT + system.numbers + number * system.n
 
 
-def factor_at(system: ConstantIntegers) -> Integer:
+def factor_at(system: Problem) -> Integer:
     """The scaled triangle (n, n) in a place."""
-    return AT_POINT + system[NUMBERS] + VECTORS * system[COORDINATES]
+    return AT_POINT + system.numbers + VECTORS * system.n
 
 
-def triangle_at(system: ConstantIntegers) -> Integer:
+def triangle_at(system: Problem) -> Integer:
     """The triangle (n + 1, n + 1) of ``[J r]`` in a place."""
-    return AT_POINT + system[NUMBERS] + (VECTORS + system[COORDINATES]) * system[COORDINATES]
+    return AT_POINT + system.numbers + (VECTORS + system.n) * system.n
 
 
-def place_at(system: ConstantIntegers, number: Integer) -> Integer:
+def place_at(system: Problem, number: Integer) -> Integer:
     """Place 0 or 1; number 2 is where they end."""
-    return number * (AT_POINT + 1 + system[NUMBERS] + (VECTORS + 2 + 2 * system[COORDINATES]) * system[COORDINATES])
+    return number * (AT_POINT + 1 + system.numbers + (VECTORS + 2 + 2 * system.n) * system.n)
 
 
-def trial_at(system: ConstantIntegers, number: Integer) -> Integer:
+def trial_at(system: Problem, number: Integer) -> Integer:
     """Trial point (N,) 0 or 1; number 2 is where they end."""
-    return place_at(system, 2) + number * system[NUMBERS]
+    return place_at(system, 2) + number * system.numbers
 
 
-def scalars_at(system: ConstantIntegers) -> Integer:
+def scalars_at(system: Problem) -> Integer:
     """Reals of the iteration, `SCALARS` of them."""
-    return place_at(system, 2) + 2 * system[NUMBERS]
+    return place_at(system, 2) + 2 * system.numbers
 
 
-def step_at(system: ConstantIntegers, number: Integer) -> Integer:
+def step_at(system: Problem, number: Integer) -> Integer:
     """Vector (n,) of scratch."""
-    return scalars_at(system) + SCALARS + number * system[COORDINATES]
+    return scalars_at(system) + SCALARS + number * system.n
 
 
-def matrix_at(system: ConstantIntegers, number: Integer) -> Integer:
+def matrix_at(system: Problem, number: Integer) -> Integer:
     """Matrix (n, n) of scratch; number `MATRICES` is the second-order term."""
-    return scalars_at(system) + SCALARS + (STEP_VECTORS + number * system[COORDINATES]) * system[COORDINATES]
+    return scalars_at(system) + SCALARS + (STEP_VECTORS + number * system.n) * system.n
 
 
-def curvature_at(system: ConstantIntegers) -> Integer:
+def curvature_at(system: Problem) -> Integer:
     """The second-order term (n, n)."""
     return matrix_at(system, MATRICES)
 
 
-def small_triangle_at(system: ConstantIntegers) -> Integer:
+def small_triangle_at(system: Problem) -> Integer:
     """A triangle (n + 1, n + 1) of scratch."""
     return matrix_at(system, MATRICES + 1)
 
 
-def small_rows_at(system: ConstantIntegers) -> Integer:
+def small_rows_at(system: Problem) -> Integer:
     """Rows to go into it, column by column, ``n`` to a column."""
-    return matrix_at(system, MATRICES + 2) + 2 * system[COORDINATES] + 1
+    return matrix_at(system, MATRICES + 2) + 2 * system.n + 1
 
 
-def multipliers_at(system: ConstantIntegers, number: Integer) -> Integer:
+def multipliers_at(system: Problem, number: Integer) -> Integer:
     """Vector (K,) of the constraints: `LAMBDA` and so on."""
-    return matrix_at(system, MATRICES + 3) + 3 * system[COORDINATES] + 1 + number * system[MULTIPLIERS]
+    return matrix_at(system, MATRICES + 3) + 3 * system.n + 1 + number * system.most_multipliers
 
 
 LAMBDA = 0
@@ -186,48 +175,48 @@ MULTIPLIER_VECTORS = 6
 the multipliers at a place on their surface."""
 
 
-def slopes_at(system: ConstantIntegers) -> Integer:
+def slopes_at(system: Problem) -> Integer:
     """Derivatives of the constraints (K, n)."""
     return multipliers_at(system, MULTIPLIER_VECTORS)
 
 
-def residuals_at(system: ConstantIntegers, number: Integer) -> Integer:
+def residuals_at(system: Problem, number: Integer) -> Integer:
     """Vector of residuals 0, 1 or 2."""
-    return slopes_at(system) + system[MULTIPLIERS] * system[COORDINATES] + number * system[RESIDUALS]
+    return slopes_at(system) + system.most_multipliers * system.n + number * system.most_residuals
 
 
-def chunk_at(system: ConstantIntegers) -> Integer:
+def chunk_at(system: Problem) -> Integer:
     """Rows of ``[J r]`` that are triangularised at a time, column by column."""
     return residuals_at(system, 3)
 
 
-def outputs_at(system: ConstantIntegers) -> Integer:
+def outputs_at(system: Problem) -> Integer:
     """What the kernels put out."""
-    return chunk_at(system) + system[CHUNK] * (system[COORDINATES] + 1)
+    return chunk_at(system) + system.chunk * (system.n + 1)
 
 
-def inputs_at(system: ConstantIntegers) -> Integer:
+def inputs_at(system: Problem) -> Integer:
     """What the kernels take."""
-    return outputs_at(system) + system[OUTPUTS]
+    return outputs_at(system) + system.most_outputs
 
 
-def weights_at(system: ConstantIntegers) -> Integer:
+def weights_at(system: Problem) -> Integer:
     """The weights, lane by lane."""
-    return inputs_at(system) + system[INPUTS]
+    return inputs_at(system) + system.most_inputs
 
 
-def united_at(system: ConstantIntegers) -> Integer:
+def united_at(system: Problem) -> Integer:
     """The data of united blocks."""
-    return weights_at(system) + system[WEIGHTS]
+    return weights_at(system) + system.most_weights
 
 
-def work_reals(system: ConstantIntegers) -> Integer:
+def work_reals(system: Problem) -> Integer:
     """Reals of scratch that a thread needs."""
     if LANES > 1:
-        return united_at(system) + system[UNITED_REALS]
-    return weights_at(system) + system[WEIGHTS]
+        return united_at(system) + system.united_reals
+    return weights_at(system) + system.most_weights
 
 
-def work_integers(system: ConstantIntegers) -> Integer:
+def work_integers(system: Problem) -> Integer:
     """Integers of scratch that a thread needs."""
-    return FLAGS + system[COORDINATES]
+    return FLAGS + system.n

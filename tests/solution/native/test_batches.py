@@ -133,7 +133,7 @@ def test_data_sets_of_a_batch(ready):
     rows = system.rows
     data = np.repeat(rows.data, 2, axis=0)
     half = 13
-    data[0, of.DATA_COUNT] = data[0, of.DATA_HEAD + of.DATA_ROWS] = half
+    data[0, of.DataSet.count] = data[0, of.DATA_HEAD + of.DataBlock.rows] = half
     halves = replace(system, rows=replace(rows, data=data))
     points = np.stack([start, start, start])
     found = halves.solve(points, np.array([1, 0, 1]))

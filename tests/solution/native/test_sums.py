@@ -8,6 +8,7 @@ import pytest
 import mbm.solution.native.system as native
 from mbm.kernels.native import engine
 from mbm.solution.native.code import FAST, PLAIN, WORTH, SolverCode, _text
+from mbm.solution.native.packing import blocks_of
 from mbm.solution.native.system import MANY_ROWS, MANY_ROWS_OFTEN, system_of
 from mbm.target.solver import description as of
 
@@ -47,8 +48,7 @@ def by_sums_and_by_rows(both, monkeypatch, text, columns):
 
 
 def normal_addresses(system):
-    first, count = system.system[of.BLOCKS_AT], system.system[of.BLOCKS]
-    return system.system[first : first + count * of.BLOCK].reshape(count, of.BLOCK)[:, of.BLOCK_NORMAL]
+    return blocks_of(system.system)[: int(system.system[of.Problem.residual_blocks]), of.Block.normal]
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
@@ -108,7 +108,7 @@ def test_few_rows_of_a_system_with_room_for_many(both, monkeypatch):
 def test_streams_sum_fewer_rows_to_the_same_ends(both, name):
     equations, start, settings, *_ = both.of(f"(problem p (data t external) {PROBLEMS[name]})", t=data(48))[-1]
     often, once = system_of(equations, settings, often=True), system_of(equations, settings)
-    assert often.system[of.SUMMED_FROM] == MANY_ROWS_OFTEN
+    assert often.system[of.Problem.summed_from] == MANY_ROWS_OFTEN
     assert normal_addresses(often).any()
     assert not normal_addresses(once).any()
     one, two = often.one(start), once.one(start)

@@ -49,8 +49,8 @@ def systems(both, name):
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_same_ends(both, name):
     together, apart, start = systems(both, name)
-    assert together.system[of.UNITED_AT] > 0
-    assert apart.system[of.UNITED_AT] == 0
+    assert together.system[of.Problem.united_reals] > 0
+    assert apart.system[of.Problem.united_reals] == 0
     one, two = together.one(start), apart.one(start)
     assert two.clean[0]
     assert one.clean[0]
@@ -78,8 +78,8 @@ def test_data_sets_with_other_rows_leave_the_kernels_to_themselves(both):
     """A group without rows in one data set, beside one in which it has some: each as it is alone."""
     together, apart, start = systems(both, "marks")
     fewer = together.rows.data.copy()
-    fewer[0, of.DATA_COUNT] -= 1
-    fewer[0, of.DATA_HEAD + of.DATA_ROWS] = 0
+    fewer[0, of.DataSet.count] -= 1
+    fewer[0, of.DATA_HEAD + of.DataBlock.rows] = 0
     sets = np.vstack([together.rows.data, fewer, together.rows.data])
     found = replace(together, rows=replace(together.rows, data=sets)).solve(np.tile(start, (3, 1)), np.arange(3))
     alone = replace(apart, rows=replace(apart.rows, data=fewer)).one(start)

@@ -15,7 +15,8 @@ import pytest
 from mbm.target import c
 from mbm.target import solver as solver_package
 from mbm.target.from_python import module_of
-from mbm.target.tree import Type
+from mbm.target.kinds import Type
+from mbm.target.records import is_record, view
 
 PARTS = [import_module(f"mbm.target.solver.{each.name}") for each in pkgutil.iter_modules(solver_package.__path__)]
 FUNCTIONS = {
@@ -41,7 +42,10 @@ class Python:
     """The functions as they stand."""
 
     def __call__(self, name, *arguments):
-        return FUNCTIONS[name](*(a.reshape(-1) if isinstance(a, np.ndarray) else a for a in arguments))
+        function = FUNCTIONS[name]
+        kinds = [vars(import_module(function.__module__)).get(text) for text in function.__annotations__.values()]
+        given = [a.reshape(-1) if isinstance(a, np.ndarray) else a for a in arguments]
+        return function(*(view(k, a) if is_record(k) else a for k, a in zip(kinds, given, strict=False)))
 
 
 class Compiled:
@@ -84,7 +88,8 @@ def by_c(tmp_path_factory):
         pytest.skip("there is no C compiler here")
     module, folder = everything(), tmp_path_factory.mktemp("solver")
     heads = "".join(f"{c.declaration(f)};\n" for f in module.functions if f.public)
-    (folder / "solver.c").write_text(c.PRELUDE + heads + KERNELS + c.text(module))
+    records = "".join(f"struct {each.name};\n" for each in module.records)
+    (folder / "solver.c").write_text(c.PRELUDE + records + heads + KERNELS + c.text(module))
     # An address is made a function here, which only the operating system promises to work: no -pedantic.
     flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-Wno-unused-function"]
     command = [compiler, *flags, str(folder / "solver.c"), "-o", str(folder / "s.so"), "-lm"]

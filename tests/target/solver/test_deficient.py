@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from mbm.target.solver.description import COORDINATES, HEADER
+from mbm.target.records import view
+from mbm.target.solver.description import HEADER, Problem
 from mbm.target.solver.workspace import FLAGS, LOOSE, RANK, TOUCHED, step_at, work_integers, work_reals
 from tests.target.solver.test_linear_algebra import matrix
 
@@ -57,8 +58,11 @@ def covariance_of(solver, jacobian, sides):
     """Covariance, masked, condition, rank, free directions and the scratch of rows (m, n) without constraints."""
     n = jacobian.shape[1]
     system = np.zeros(HEADER, dtype=np.int64)
-    system[COORDINATES] = n  # nothing else matters to scratch without residuals
-    work, flags = np.zeros(int(work_reals(system))), np.zeros(int(work_integers(system)), dtype=np.int64)
+    system[Problem.n] = n  # nothing else matters to scratch without residuals
+    work, flags = (
+        np.zeros(int(work_reals(view(Problem, system)))),
+        np.zeros(int(work_integers(view(Problem, system))), dtype=np.int64),
+    )
     triangle = np.zeros((n + 1, n + 1))
     upper = np.linalg.qr(np.hstack([jacobian, np.ones((len(jacobian), 1))]), mode="r")
     triangle[: len(upper)] = upper
@@ -74,7 +78,7 @@ def test_what_is_determined_has_the_covariance_of_the_pseudoinverse(solver):
     system, work, flags, condition, covariance = covariance_of(solver, jacobian, np.zeros(6, dtype=np.int64))
     assert condition == np.inf
     assert (flags[RANK], flags[LOOSE]) == (5, 1)
-    touched = work[step_at(system, TOUCHED) :][:6]
+    touched = work[step_at(view(Problem, system), TOUCHED) :][:6]
     assert touched.tolist() == [0.0, 0.0, 1.0, 0.0, 1.0, 0.0]
     # the others do not depend on how the free direction is closed: here by leaving one of the two columns out
     kept = [0, 1, 2, 3, 5]
@@ -112,5 +116,5 @@ def test_what_is_well_determined_is_not_decomposed(solver):
     assert np.linalg.cond(jacobian) <= condition < 1e3
     assert (flags[RANK], flags[LOOSE]) == (3, 0)
     np.testing.assert_allclose(covariance @ (jacobian.T @ jacobian), np.eye(3), rtol=0, atol=1e-12)
-    assert not work[step_at(system, TOUCHED) :][:3].any()
+    assert not work[step_at(view(Problem, system), TOUCHED) :][:3].any()
     assert flags[FLAGS : FLAGS + 3].tolist() == [0, 1, 2]

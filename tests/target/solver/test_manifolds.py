@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from mbm.problem.manifold import Piece
 from mbm.solution.manifolds import moved
+from mbm.target.records import slot
 from mbm.target.solver import description as of
 
 
@@ -16,13 +17,13 @@ def described(piece, size, tangent, free=None):
     columns = np.arange(tangent) if free is None else np.where(free, np.cumsum(free) - 1, -1)
     count = int((columns >= 0).sum())
     system = np.zeros(of.HEADER + count + of.PIECE, dtype=np.int64)
-    system[[of.NUMBERS, of.COORDINATES, of.CURVED]] = size, count, 1
-    system[of.PLACES_AT], system[of.CURVED_AT] = of.HEADER, of.HEADER + count
+    system[[of.Problem.numbers, of.Problem.n, of.Problem.component_count]] = size, count, 1
+    system[slot(of.Problem, "number_of")], system[slot(of.Problem, "components")] = of.HEADER, of.HEADER + count
     system[of.HEADER : of.HEADER + count] = -1
     line = system[of.HEADER + count :]
-    line[of.PIECE_KIND] = piece
-    line[of.PIECE_NUMBERS : of.PIECE_NUMBERS + size] = np.arange(size)
-    line[of.PIECE_COLUMNS : of.PIECE_COLUMNS + tangent] = columns
+    line[of.Component.kind] = piece
+    line[of.Component.number_0 : of.Component.number_0 + size] = np.arange(size)
+    line[of.Component.column_0 : of.Component.column_0 + tangent] = columns
     return system
 
 
