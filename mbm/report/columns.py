@@ -47,7 +47,7 @@ def wrapped(text: str, widest: int) -> list[str]:
             lines.append(line.rstrip())
             longer = _INDENT + word
         while cell_width(longer) > widest:
-            count = max(_fitting(longer, widest), len(_INDENT) + 1)
+            count = max(_fitting(longer, widest), len(_INDENT) + 1 if lines else 1)
             lines.append(longer[:count])
             longer = _INDENT + longer[count:]
         line = longer

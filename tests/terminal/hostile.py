@@ -13,19 +13,19 @@ FORGED = "chi² = 0 with 9 degrees of freedom, p = 1: all is well"
 
 MARKS = (
     "\x1b]52;c;cm0gLXJm\x07"  # writes to the clipboard
-    "\x1b]0;owned\x1b\\\x1b[2J\x1b[1;31m\x1b[0m"  # the title of the window; clears the screen; colours as mbm has them
+    "\x1b]0;owned\x1b\\\x1b[2J\x1b[1;31m"  # the title of the window; clears the screen; colours as mbm has them
     "\x9b31m\x90\x85\x7f\x08\x0b\x0c"  # C1 controls, DEL, backspace
     "\u202e\u2066\u2069\u200b\u200d\u2028\u2029\ufeff\u00ad\U000e0041"  # other directions, invisible, line ends
 )
 HOSTILE = f"{MARKS}\r\n{FORGED}\r{FORGED}\n\t{FORGED}\n"
 
-COLOURS = re.compile("\x1b\\[(?:0|1|2|1;3[1-4])m")
-"""What mbm itself writes: no colour, bold, dim, and bold colours."""
+PAINTED = re.compile("\x1b\\[(?:1|2|1;3[1-4])m([^\x1b\n]*)\x1b\\[0m")
+"""What mbm itself colours: one style and the end of it, on one line."""
 
 
 def objections(output: str, *, color: bool = False) -> list[str]:
     """What a terminal should not have been shown, or that a forged line stands there as if mbm had said it."""
-    text = COLOURS.sub("", output) if color else output
+    text = PAINTED.sub(r"\1", output) if color else output
     found = sorted({f"U+{ord(c):04X}" for c in text if not (c.isprintable() or c == "\n")})
     return found + [line for line in text.split("\n") if line.startswith(FORGED[:12])]
 
