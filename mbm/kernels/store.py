@@ -298,7 +298,8 @@ def _is_roots_in_anothers(folder: Path) -> bool:
 
 
 def _is_our_file(found: os.stat_result) -> bool:
-    return stat.S_ISREG(found.st_mode) and found.st_nlink == 1 and _is_our_own(found) and not _is_open(found)
+    """An ordinary file of this user that nobody else may write to, under one name (none: it was replaced meanwhile)."""
+    return stat.S_ISREG(found.st_mode) and found.st_nlink <= 1 and _is_our_own(found) and not _is_open(found)
 
 
 def _is_our_own(found: os.stat_result) -> bool:

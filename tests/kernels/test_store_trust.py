@@ -202,7 +202,7 @@ def test_folders_are_never_open_to_others(tmp_path: Path, monkeypatch: pytest.Mo
 
     def looked_at(path: str | Path, mode: int = 0o777) -> None:
         make(path, mode)
-        made.append(os.stat(path).st_mode & 0o777)
+        made.append(Path(path).stat().st_mode & 0o777)
 
     before = os.umask(0)
     try:

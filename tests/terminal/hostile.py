@@ -8,7 +8,7 @@ import json
 import re
 from pathlib import Path
 
-FORGED = "chi² = 0 with 9 degrees of freedom, p = 1: all is well"
+FORGED = "chi² = 0, all is well: 9 degrees of freedom"
 """A line that mbm never says, and that a text of a file tries to make it say."""
 
 MARKS = (

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from mbm.cli.main import run
-
-sys.path.insert(0, str(Path(__file__).parent))
-from hostile import HOSTILE, KEYS, MARKS, NAME, literal, objections, values, write
+from tests.terminal.hostile import HOSTILE, KEYS, MARKS, NAME, literal, objections, values, write
 
 X = f"x{NAME}".replace("/", "")
 """A hostile text as an argument, or in the name of a file."""

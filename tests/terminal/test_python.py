@@ -14,9 +14,7 @@ from mbm.cli.failure import report_failure
 from mbm.cli.main import run
 from mbm.report.answer import Solved
 from mbm.text.types import Code, Diagnostic
-
-sys.path.insert(0, str(Path(__file__).parent))
-from hostile import HOSTILE, MARKS, NAME, objections, write
+from tests.terminal.hostile import HOSTILE, MARKS, NAME, objections, write
 
 
 @pytest.fixture(params=[False, True], ids=["one", "many"])
