@@ -42,7 +42,10 @@ def solve_file(path: str | Path, options: SolveOptions) -> Result:
         progress=options.progress,
         workers=options.workers,
     )
-    return problem.compiled(inputs, options.backend.value).result(settings)
+    ready = problem.compiled(inputs, options.backend.value)
+    if options.loaded is not None:
+        options.loaded()
+    return ready.result(settings)
 
 
 def simulate_file(

@@ -18,6 +18,7 @@ from mbm.data.inline import table_from_inline
 from mbm.data.shaping import shape
 from mbm.data.types import ManyReader, RawTable, Reader, asked
 from mbm.files.faults import unreadable_file
+from mbm.files.journal import note, table_role
 from mbm.files.reading import check_ordinary
 from mbm.problem.tables import EXTERNAL, Table, TableDeclaration
 from mbm.text.types import Diagnostic, Label, MbmError, Span
@@ -149,6 +150,7 @@ def _read(
     """Read a file that lies where it may; whether it is there is said of the place that names it."""
     if sandbox is not None:
         _check_confined(path, declaration, sandbox)
+    note(path, table_role(declaration.name))
     check_ordinary(path, declaration.span, largest=LARGEST_FILE)
     if isinstance(reader, Reader):
         return reader.read(path)

@@ -8,10 +8,11 @@ from pathlib import Path
 import click
 
 from mbm.cli import faults
-from mbm.cli.failure import write_bytes
 from mbm.cli.options import terminal, verbosity_options
-from mbm.text.shown import one_line, printable
-from mbm.text.types import Diagnostic, MbmError, Source
+from mbm.cli.output import is_terminal, say, say_error, write_bytes
+from mbm.text.characters import LARGEST_TEXT
+from mbm.text.shown import one_line
+from mbm.text.types import DataPlace, Diagnostic, MbmError, Source
 
 UNCHANGED, CHANGED = 0, 1
 _STANDARD_INPUT = "-"
@@ -38,7 +39,7 @@ def command(files: tuple[str, ...], check: bool) -> int:
         if changed and check:
             status = CHANGED
         if changed and not quiet:
-            click.echo(one_line(f"{name}: {'would change' if check else 'laid out'}"), err=True)
+            say_error(f"{one_line(name)}: {'would change' if check else 'laid out'}")
     if wrong:
         raise MbmError(*wrong)
     return status
@@ -46,18 +47,22 @@ def command(files: tuple[str, ...], check: bool) -> int:
 
 def _file(path: Path, check: bool) -> bool:
     """Whether the file changes; rewrites it unless ``check``."""
+    from mbm.files.faults import not_a_file
+    from mbm.files.reading import read_bytes
     from mbm.files.source import read_file
+    from mbm.files.targets import target_of
+    from mbm.files.writing import write_whole
     from mbm.text.formatter import format_text
 
-    source = read_file(path, str(path))
-    text = format_text(source).encode("utf-8")
-    if text == path.read_bytes():
+    place = DataPlace(file=str(path))
+    before = read_bytes(path, place, largest=LARGEST_TEXT)
+    text = format_text(read_file(path, str(path))).encode("utf-8")
+    if text == before:
         return False
     if not check:
-        try:
-            path.write_bytes(text)
-        except OSError as error:
-            raise MbmError(faults.not_writable(str(path), error.strerror or str(error))) from error
+        if not target_of(path).is_ordinary:
+            raise MbmError(not_a_file(path, place, folder=False))
+        write_whole(path, text, replaces_source=True)
     return True
 
 
@@ -70,5 +75,8 @@ def _standard_input(check: bool) -> bool:
         raise MbmError(faults.bad_call("standard input is no UTF-8 text", "mbm fmt")) from error
     text = format_text(Source(name="<stdin>", text=given.replace("\r\n", "\n").replace("\r", "\n")))
     if not check:
-        write_bytes((printable(text) if sys.stdout.isatty() else text).encode("utf-8"))
+        if is_terminal(sys.stdout):
+            say(text, end="")
+        else:
+            write_bytes(text.encode("utf-8"))
     return check and text != given
