@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from mbm.emit.answers import Floats, Reference
+from mbm.emit.foreign import Foreign
 from mbm.emit.types import Blueprint, GivenTable, OutputFile, TableShape
 
 MOST_COVARIANCES = 60
@@ -32,15 +33,18 @@ def _table(shape: TableShape, given: GivenTable) -> str:
     for column in shape.columns:
         held = given.columns[column.name]
         if isinstance(held, tuple):
-            columns.append([_field(text) for text in held])
+            columns.append(list(map(_field, held)))
         else:
             columns.append([repr(float(value)) for value in np.asarray(held) / column.factor])
     lines += [",".join(cells) for cells in zip(*columns, strict=True)]
     return "\n".join(lines) + "\n"
 
 
-def _field(text: str) -> str:
-    return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"\n\r') or not text else text
+def _field(cell: Foreign) -> str:
+    """A text that is read again as it is: the only way that a `Foreign` gets into a table of the test."""
+    text = cell.unescaped
+    plain = text.isprintable() and text == text.strip() and text != "" and not set(text) & {",", '"'}
+    return text if plain else '"' + text.replace('"', '""') + '"'
 
 
 def _references(blueprint: Blueprint) -> str:

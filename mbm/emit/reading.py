@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from mbm.emit.foreign import Foreign
 from mbm.emit.types import (
     BlockShape,
     Blueprint,
@@ -23,7 +24,7 @@ def used_columns(
     filters: Iterable[RowPrograms | None],
     links: Iterable[Link],
     families: Iterable[FamilyShape],
-) -> frozenset[tuple[str, str]]:
+) -> frozenset[tuple[Foreign, Foreign]]:
     """Tables and columns that something of a blueprint reads."""
     links, families = tuple(links), tuple(families)
     values = _values(blocks, unknowns, filters)
