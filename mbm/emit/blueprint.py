@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from mbm.emit.answers import Answers
 from mbm.emit.expressions import program_of
 from mbm.emit.foreign import Foreign
 from mbm.emit.identifiers import Identifiers
 from mbm.emit.places import Places
-from mbm.emit.reading import used_columns
+from mbm.emit.reading import counted_tables, used_columns
 from mbm.emit.reserved import (
     CASE_FORMS,
     CONSTANT_FORM,
@@ -104,14 +105,14 @@ class _Drafting:
         links = tuple(self.places.links.values())
         families = tuple(self.places.families.values())
         used = used_columns((*blocks, *derived), unknowns, tuple(filters.values()), links, families)
-        tables = tuple(self._table(plan.name, filters[plan.name], used) for plan in problem.plans)
-        counted = {*(f.table for f in families), *(d.table for d in derived)}
+        counted = counted_tables((*blocks, *derived), unknowns, links, families)
+        tables = tuple(self._table(plan.name, filters[plan.name], used, counted) for plan in problem.plans)
         return Blueprint(
             name=Foreign(problem.name),
             identifier=self.name,
             version=version,
             doc=Foreign(problem.doc),
-            tables=tuple(t for t in tables if t.columns or t.name in counted),
+            tables=tuple(t for t in tables if t.columns),
             links=links,
             families=families,
             constants=constants,
@@ -126,14 +127,23 @@ class _Drafting:
             agreement=self.answers.agreement,
         )
 
-    def _table(self, name: str, where: RowPrograms | None, used: frozenset[tuple[Foreign, Foreign]]) -> TableShape:
-        """A table with the columns that the solver reads, and those that tell the solves apart."""
+    def _table(
+        self,
+        name: str,
+        where: RowPrograms | None,
+        used: frozenset[tuple[Foreign, Foreign]],
+        counted: frozenset[Foreign],
+    ) -> TableShape:
+        """A table with the columns that the solver reads, and those that tell the solves apart; one to count rows."""
         raw = self.found.raw[name]
-        wanted = self.problem.request.for_each
+        wanted = {column for column in raw.columns if (Foreign(name), Foreign(column)) in used}
+        wanted.update(self.problem.request.for_each)
+        if Foreign(name) in counted and wanted.isdisjoint(raw.columns):
+            wanted.update(list(raw.columns)[:1])
         table = self.names.made(name, *TABLE_FORMS)
         columns = []
         for column in raw.columns.values():
-            if (Foreign(name), Foreign(column.name)) not in used and column.name not in wanted:
+            if column.name not in wanted:
                 continue
             unit = parse_unit(column.unit) if column.unit else None
             columns.append(
@@ -220,16 +230,20 @@ class _Drafting:
         identifier = self.names.made(block.name, "function.{name}_rows", *CASE_FORMS)
         mine = [(k, b) for k, b in self.pairs if k.purpose is Purpose.EQUATION and k.owner == number]
         distinct: tuple[ColumnValue, ...] = ()
-        if block.table is not None:
-            distinct = tuple(self.places.cell(block.table, name) for name in block.distinct)
+        table = None if block.table is None else self.places.own_table(block.table)
+        if block.table is not None and table is not None:
+            distinct = tuple(self.places.cell(table, name) for name in block.distinct)
+            distinct += self.places.distinct(block.table)
         return BlockShape(
             name=Foreign(block.name.removeprefix(PRIOR)),
             identifier=identifier,
             role=block.role,
-            table=None if block.table is None else Foreign(block.table),
+            table=None if table is None else Foreign(table),
             when=None if block.when is None else self._rows(block.when, f"{identifier}_when"),
             distinct=distinct,
-            cases=tuple(self._equations(block, identifier, kernel, symbolic) for kernel, symbolic in mine),
+            cases=tuple(
+                self._equations(replace(block, table=table), identifier, kernel, symbolic) for kernel, symbolic in mine
+            ),
             unknown_factor=block.unknown_factor,
             loss=block.loss,
         )

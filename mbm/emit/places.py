@@ -40,10 +40,17 @@ class Places:
 
     def own_table(self, name: str) -> str:
         """The table that holds the rows of ``name``: that of the column, for the distinct values of one."""
-        for unknown in self.found.problem.unknowns:
-            if unknown.family is not None and unknown.family.rows == name and unknown.family.column is not None:
-                return unknown.family.table
-        return name
+        return self._column_of(name)[0]
+
+    def distinct(self, name: str) -> tuple[ColumnValue, ...]:
+        """The column whose distinct values ``name`` has one row for, if it is made of them."""
+        table, column = self._column_of(name)
+        return () if column is None else (self.cell(table, column),)
+
+    def _column_of(self, name: str) -> tuple[str, str | None]:
+        families = (u.family for u in self.found.problem.unknowns if u.family is not None and u.family.rows == name)
+        made = next((family for family in families if family.column is not None), None)
+        return (name, None) if made is None else (made.table, made.column)
 
     def cell(self, table: str, name: str, choice: Choice = Choice.HERE) -> ColumnValue:
         """The cell of column ``name``, as the equations call it, in the chosen row of a table."""

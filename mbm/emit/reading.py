@@ -38,6 +38,21 @@ def used_columns(
     return frozenset(found)
 
 
+def counted_tables(
+    blocks: Iterable[BlockShape | DerivedShape],
+    unknowns: Iterable[UnknownShape],
+    links: Iterable[Link],
+    families: Iterable[FamilyShape],
+) -> frozenset[Foreign]:
+    """Tables whose rows are gone through, or counted, whether or not anything in them is read."""
+    blocks, links = tuple(blocks), tuple(links)
+    values = [v for v in _values(blocks, unknowns, ()) if isinstance(v, ColumnValue)]
+    values += [link.cell for link in links if isinstance(link.cell, ColumnValue)]
+    found = {block.table for block in blocks} | {link.table for link in links} | {link.target for link in links}
+    found |= {family.table for family in families} | {value.place.table for value in values}
+    return frozenset(table for table in found if table is not None)
+
+
 def every_value(blueprint: Blueprint) -> Iterator[InputValue]:
     """Every cell and constant that a solver reads, keys included."""
     yield from _values((*blueprint.blocks, *blueprint.derived), blueprint.unknowns, (t.where for t in blueprint.tables))

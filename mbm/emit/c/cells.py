@@ -6,7 +6,17 @@ from collections.abc import Iterator
 
 from mbm.emit.c.text import literal
 from mbm.emit.foreign import Foreign
-from mbm.emit.types import Blueprint, CaseProgram, Choice, ColumnValue, InputValue, Key, LiteralKey, RowPrograms
+from mbm.emit.types import (
+    BlockCase,
+    Blueprint,
+    CaseProgram,
+    Choice,
+    ColumnValue,
+    InputValue,
+    Key,
+    LiteralKey,
+    RowPrograms,
+)
 from mbm.target.c import number
 from mbm.values import dataclass
 
@@ -49,6 +59,15 @@ class Cells:
         if value.column is None:
             return f"(double)({place} + 1)"
         return f"{self.column(value.owner, value.column)}[{place}]"
+
+    def moves(self, value: InputValue) -> bool:
+        """Whether a number or text is that of the row at hand."""
+        return isinstance(value, ColumnValue) and self.cell(value, "row") != self.cell(value, "another")
+
+    def reads(self, case: BlockCase) -> bool:
+        """Whether the parameters, the noise or the test of a case take something of the row at hand."""
+        noise = () if case.noise is None else case.noise.inputs
+        return any(map(self.moves, (*(value for value, _ in case.static), *case.parameters, *noise)))
 
     def is_text(self, value: ColumnValue) -> bool:
         """Whether a cell is a text."""

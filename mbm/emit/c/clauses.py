@@ -89,6 +89,7 @@ def _case(blueprint: Blueprint, cells: Cells, block: BlockShape, case: BlockCase
     yield "    for (i = 0; i < count; i++) {"
     if block.table is not None:
         yield "        const long row = f->chosen[i];"
+        yield from () if cells.reads(case) or varies(blueprint, case) else ("        (void)row;",)
     yield from (f"        {line}" for line in _row(blueprint, cells, case))
     yield "    }"
     yield f"    f->data_set[{head + at.DATA_ROWS}] = rows;"
@@ -102,11 +103,8 @@ def _row(blueprint: Blueprint, cells: Cells, case: BlockCase) -> Iterator[str]:
         tests = " && ".join(cells.equals(value, key) for value, key in case.static)
         yield f"if (!({tests}))"
         yield "    continue;"
-    parameters = [cells.input(value) for value in case.parameters]
-    needed = any("row" in text for text in parameters) or case.static or varies(blueprint, case)
-    yield from () if needed else ("(void)i;",)
-    for text in parameters:
-        yield f"f->parameters[f->parameters_used++] = {text};"
+    for value in case.parameters:
+        yield f"f->parameters[f->parameters_used++] = {cells.input(value)};"
     if case.noise is not None:
         yield from _weights(cells, case)
     lines = [

@@ -8,6 +8,7 @@ from mbm.emit.c.cells import Cells
 from mbm.emit.c.kernels import function
 from mbm.emit.c.text import remark
 from mbm.emit.foreign import told
+from mbm.emit.system import varies
 from mbm.emit.types import BlockCase, Blueprint, DerivedShape, SlotPlace
 from mbm.target.solver import description as at
 
@@ -97,6 +98,8 @@ def _function(cells: Cells, derived: DerivedShape) -> Iterator[str]:
     yield "    (void)data;"
     opened, closed = cells.loop(derived.table)
     yield from opened
+    if filtered and not any(cells.reads(case) or varies(cells.blueprint, case) for case in derived.cases):
+        yield "        (void)row;"
     for number, case in enumerate(derived.cases):
         yield from (f"        {line}" for line in _case(cells, derived, case, number))
     if any(case.static for case in derived.cases):

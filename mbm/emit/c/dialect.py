@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from mbm.emit.c.text import bare
 from mbm.emit.reserved import RESERVED
 from mbm.emit.statements import ARITHMETIC, Dialect, Shape
 from mbm.target.c import number
@@ -80,4 +81,5 @@ DIALECT = Dialect(
 
 def helpers(text: str) -> str:
     """The definitions of the helpers that ``text`` calls."""
-    return "".join(f"static double {name}{body}\n" for name, body in HELPERS.items() if f"{name}(" in text)
+    code = bare(text)
+    return "".join(f"static double {name}{body}\n" for name, body in HELPERS.items() if f"{name}(" in code)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from mbm.emit.c.header import ANSWERS
 from mbm.emit.c.reading import key_cell, key_tables
-from mbm.emit.c.text import literal, remark
+from mbm.emit.c.text import bare, literal, remark
 from mbm.emit.foreign import Foreign
 from mbm.emit.types import Blueprint, DerivedShape, UnknownShape
 from mbm.target.c import number
@@ -87,7 +87,7 @@ def main_file(blueprint: Blueprint) -> str:
         lines.append("    long c;")
     printed = [line for unknown in blueprint.unknowns for line in _printed(blueprint, unknown)]
     printed += [line for derived in blueprint.derived for line in _printed_derived(blueprint, derived)]
-    if any("snprintf(key" in line for line in printed):
+    if any("snprintf(key" in bare(line) for line in printed):
         lines.append("    char key[32];")
     lines += ["    (void)data;", *printed]
     lines += ["}", "", *_solve_one(blueprint), "int main(int argc, char **argv)", "{"]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from mbm.emit.c.cells import Cells
 from mbm.emit.c.frame import ends
-from mbm.emit.c.text import remark
+from mbm.emit.c.text import bare, remark
 from mbm.emit.foreign import Foreign, Word, told
 from mbm.emit.types import Blueprint, Choice, FamilyShape, Link, RowPrograms
 
@@ -49,16 +49,17 @@ def table_functions(blueprint: Blueprint) -> str:
     for link in blueprint.links:
         body += _link(blueprint, cells, link)
     text = "\n".join(body)
+    code = bare(text)
     wide = max((len(c.inputs) for t in blueprint.tables if t.where is not None for c in t.where.cases), default=0)
     head = ["/* The rows that count, the members of families, and what the keys name. */"]
     head += ["static int find_rows(struct frame *f)", "{"]
     head += [f"    const {blueprint.identifier}_data *data = f->data;"]
-    names = [n for n in ("row", "i", "last") if _uses(text, n)]
+    names = [n for n in ("row", "i", "last") if _uses(code, n)]
     head += [f"    long {', '.join(names)};"] if names else []
-    if "inputs[" in text or "(inputs," in text:
+    if any(table.where is not None for table in blueprint.tables):
         head += [f"    double inputs[{max(wide, 1)}], kept;"]
     found = [*head, "", "    (void)data;", text, "    return 0;", "}", ""]
-    finders = [f for f, n in ((FIND_TEXT, "place_of_text("), (FIND_NUMBER, "place_of_number(")) if n in text]
+    finders = [f for f, n in ((FIND_TEXT, "place_of_text("), (FIND_NUMBER, "place_of_number(")) if n in code]
     return "\n".join([*finders, *found])
 
 

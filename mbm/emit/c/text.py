@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterable
 
@@ -48,3 +49,11 @@ def comment(lines: Iterable[Word]) -> str:
 def _ended(line: str) -> str:
     """A line that the next one is no part of."""
     return f"{line} ." if line.endswith("\\") else line
+
+
+_TEXTS = re.compile(r'"(?:\\.|[^"\\])*"|/\*.*?\*/', re.DOTALL)
+
+
+def bare(text: str) -> str:
+    """C text of this place without its strings and comments: what is looked for in it is code."""
+    return _TEXTS.sub("", text)

@@ -311,7 +311,6 @@ static int q_1_q_2_q_3_180_assemble(struct frame *f, long count)
     f->data_set[18] = f->index_used;
     f->data_set[19] = f->columns_used;
     for (i = 0; i < count; i++) {
-        (void)i;
         if (rows == 0) {    /* all rows share their unknowns */
             f->index[f->index_used++] = f->offsets[0];    /* q */
             f->index[f->index_used++] = f->offsets[0] + 1;    /* q */

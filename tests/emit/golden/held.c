@@ -369,7 +369,6 @@ static int a_b_3_assemble(struct frame *f, long count)
     f->data_set[8] = f->index_used;
     f->data_set[9] = f->columns_used;
     for (i = 0; i < count; i++) {
-        (void)i;
         if (rows == 0) {    /* all rows share their unknowns */
             f->index[f->index_used++] = f->offsets[0];    /* a */
             f->index[f->index_used++] = f->offsets[1];    /* b */

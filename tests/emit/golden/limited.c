@@ -372,7 +372,6 @@ static int prior_q_assemble(struct frame *f, long count)
     f->data_set[8] = f->index_used;
     f->data_set[9] = f->columns_used;
     for (i = 0; i < count; i++) {
-        (void)i;
         prior_q_noise(inputs, noise);
         if (!weight_of_sigma(noise[0], f->weights + f->weights_used + 0))
             return -1;

@@ -344,7 +344,6 @@ static int prior_b_assemble(struct frame *f, long count)
     f->data_set[13] = f->index_used;
     f->data_set[14] = f->columns_used;
     for (i = 0; i < count; i++) {
-        (void)i;
         prior_b_noise(inputs, noise);
         if (!weight_of_sigma(noise[0], f->weights + f->weights_used + 0))
             return -1;
