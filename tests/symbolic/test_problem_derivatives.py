@@ -1,4 +1,4 @@
-"""Every block of every problem that ships with mbm, and of two examples of the language: kernel = SymPy = differences."""
+"""Every block of every problem that ships with mbm, and of two examples besides: kernel = SymPy = differences."""
 
 from __future__ import annotations
 

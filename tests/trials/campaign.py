@@ -77,6 +77,9 @@ def run_part(plan: Plan, part: int, folder: str, outbox: Connection) -> None:
     os.nice(5)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     os.environ[VARIABLE] = str(Path(folder) / "cache")
+    said = os.open(Path(folder) / "aside", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    for output in (1, 2):
+        os.dup2(said, output)
     gc.set_threshold(COLLECTED, *gc.get_threshold()[1:])
     kinds = import_module(plan.kinds)
     home = kinds.home(Path(folder))

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import re
 import resource
 import signal
+import stat
 import sys
 import threading
 from collections.abc import Iterator
@@ -29,8 +31,8 @@ SLOWEST = 5.0
 """Seconds of processor time that no answer may take: a bound against hangs, since the usual case takes milliseconds.
 What makes as many values as the limits allow takes half a second by itself, and four times that in a process as full
 as that of these tests, whose garbage is collected meanwhile."""
-PATIENCE = 30.0
-"""Seconds after which an answer is not waited for any more."""
+PATIENCE, STANDSTILL = 20.0, 120.0
+"""Seconds of processor time, and of waiting for something, after which an answer is given up."""
 KINDS_OF_BYTES = {"linux": 1024}
 """What `resource` counts the largest memory in, by platform; elsewhere in bytes."""
 
@@ -51,24 +53,28 @@ def known_codes() -> frozenset[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What a command line answered: exit status (None: it was not waited for), outputs, seconds of processor time,
-    and by how many bytes the largest memory of the process has grown."""
+    """What a command line answered: exit status (None: it was given up), outputs, seconds of processor time.
+
+    ``grown`` is by how many bytes the largest memory of the process has grown, ``aside`` how many bytes a library wrote
+    to the outputs itself, past Python; they are counted where the outputs are files.
+    """
 
     status: int | None
     out: str
     err: str
     seconds: float
     grown: int
+    aside: int
 
 
 def outcome(*arguments: str) -> Outcome:
     """Runs a command line; only exceptions that ``run`` does not catch get out."""
     out = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
     err = io.StringIO()
-    limit, memory = sys.getrecursionlimit(), _memory()
+    limit, memory, aside = sys.getrecursionlimit(), _memory(), _written_aside()
     before = process_time()
     try:
-        with redirect_stdout(out), redirect_stderr(err), _ended_after(PATIENCE):
+        with redirect_stdout(out), redirect_stderr(err), _ended_after(PATIENCE, STANDSTILL):
             status: int | None = run(arguments)
             out.flush()
     except TooLong:
@@ -80,7 +86,19 @@ def outcome(*arguments: str) -> Outcome:
     if not isinstance(written, io.BytesIO):
         raise TypeError(written)
     said = written.getvalue().decode("utf-8")
-    return Outcome(status=status, out=said, err=err.getvalue(), seconds=seconds, grown=_memory() - memory)
+    return Outcome(
+        status=status,
+        out=said,
+        err=err.getvalue(),
+        seconds=seconds,
+        grown=_memory() - memory,
+        aside=_written_aside() - aside,
+    )
+
+
+def _written_aside() -> int:
+    """Bytes in the files behind both outputs of the process."""
+    return sum(found.st_size for found in map(os.fstat, (1, 2)) if stat.S_ISREG(found.st_mode))
 
 
 def _memory() -> int:
@@ -88,8 +106,8 @@ def _memory() -> int:
 
 
 @contextmanager
-def _ended_after(seconds: float) -> Iterator[None]:
-    """Inside, `TooLong` is raised once the time is over; other threads than the main one are not interrupted."""
+def _ended_after(working: float, waiting: float) -> Iterator[None]:
+    """Inside, `TooLong` is raised once either time is over; other threads than the main one are not interrupted."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -97,13 +115,16 @@ def _ended_after(seconds: float) -> Iterator[None]:
     def over(_number: int, _frame: FrameType | None) -> None:
         raise TooLong
 
-    before = signal.signal(signal.SIGALRM, over)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    clocks = ((signal.SIGPROF, signal.ITIMER_PROF, working), (signal.SIGALRM, signal.ITIMER_REAL, waiting))
+    before = [signal.signal(number, over) for number, _, _ in clocks]
+    for _, clock, seconds in clocks:
+        signal.setitimer(clock, seconds)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        for (number, clock, _), handler in zip(clocks, before, strict=True):
+            signal.setitimer(clock, 0)
+            signal.signal(number, handler)
 
 
 def faults_of(found: Outcome, arguments: tuple[str, ...], folder: Path) -> list[str]:
@@ -120,6 +141,8 @@ def faults_of(found: Outcome, arguments: tuple[str, ...], folder: Path) -> list[
         wrong.append("an internal fault")
     if found.seconds > SLOWEST:
         wrong.append(f"{found.seconds:.1f} s")
+    if found.aside:
+        wrong.append("a library wrote to the outputs itself")
     wrong += [f"{character!r} on the terminal" for character in sorted(unprintable(found.err))]
     if found.status is None:
         return wrong
