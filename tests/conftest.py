@@ -34,7 +34,7 @@ def _shared_folder(factory: pytest.TempPathFactory, name: str) -> Path:
     """A folder of this run, empty at its beginning: the same one for all processes among which tests are shared out."""
     whole = factory.getbasetemp().parent if "PYTEST_XDIST_WORKER" in os.environ else factory.getbasetemp()
     folder = whole / name
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(mode=0o700, exist_ok=True)  # a cache that others may write to is not used
     return folder
 
 

@@ -11,6 +11,7 @@ from mbm.api.problem import load, opened
 from mbm.compiler import Inputs, SolveSettings
 from mbm.files.source import read_file
 from mbm.problem.types import Override
+from mbm.text.shown import joined
 from mbm.text.types import Diagnostic, Source
 
 if TYPE_CHECKING:
@@ -108,7 +109,7 @@ def explain(
         from mbm.text.printer import print_form
         from mbm.text.reader import read
 
-        return "\n".join(print_form(form) for form in read(read_file(Path(path), str(path)))) + "\n"
+        return joined(print_form(form) for form in read(read_file(Path(path), str(path)))) + "\n"
     loaded = opened(path, sandbox=sandbox)
     found = compiler.elaborated(loaded.program, problem, Inputs(sandbox=sandbox), loaded.registry)
     if stage == "problem":
@@ -141,4 +142,4 @@ def expand(path: str | Path, form_text: str, *, sandbox: Path | None = None) -> 
         for form in read(Source("<form>", form_text)):
             value = session.evaluator.evaluate(form, session.scope)
             lines.append(print_form(value_form(value, form.span)))
-    return "\n".join(lines) + "\n"
+    return joined(lines) + "\n"

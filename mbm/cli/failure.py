@@ -11,6 +11,7 @@ import click
 
 from mbm.cli import faults
 from mbm.cli.options import colorful
+from mbm.text.shown import one_line, printable
 from mbm.text.types import Diagnostic
 
 
@@ -24,10 +25,10 @@ def report_failure(diagnostics: Sequence[Diagnostic], arguments: Sequence[str], 
     if fault is not None and verbose:
         import traceback
 
-        traceback.print_exception(fault, file=sys.stderr)
+        click.echo(printable("".join(traceback.format_exception(fault))), err=True, nl=False)
     print_diagnostics(diagnostics, color="--no-color" not in arguments and colorful(sys.stderr))
     destination = _json_destination(arguments)
-    said = any(d.code is faults.NOT_WRITABLE and f"`{destination}`" in d.message for d in diagnostics)
+    said = any(d.code is faults.NOT_WRITABLE and f"`{one_line(str(destination))}`" in d.message for d in diagnostics)
     if destination is not None and not said:
         write_json(diagnostics, destination)
 

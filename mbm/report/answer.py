@@ -155,6 +155,10 @@ class Solved:
     def __str__(self) -> str:
         return text_table(self.result)
 
+    def __repr__(self) -> str:
+        found = self.result
+        return f"Solved(problem={found.problem!r}, status={self.status!r}, solves={len(found.solves)})"
+
     def _repr_html_(self) -> str:
         from html import escape
 

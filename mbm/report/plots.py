@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from mbm.report import faults
 from mbm.report.types import Result
 from mbm.text.faults import missing_extra
+from mbm.text.shown import cut
 from mbm.text.types import MbmError
 
 if TYPE_CHECKING:
@@ -20,6 +22,9 @@ MOST_PANELS = 12
 """Panels of one picture; data come first, then estimates, then residuals."""
 
 Panel: TypeAlias = "Callable[[Axes], None]"
+
+LONGEST_LABEL = 80
+"""Characters of a title or label; longer ones would leave no room for the panel."""
 
 _PANEL_INCHES = (4.6, 3.4)
 
@@ -43,7 +48,19 @@ def draw(result: Result) -> Figure:
         panel(figure.add_subplot(rows, columns, number))
     if not panels:
         figure.text(0.5, 0.5, "nothing was solved", ha="center", va="center")
+    _show_plainly(figure)
     return figure
+
+
+def _show_plainly(figure: Figure) -> None:
+    """Every text of the figure on one line, as it is: dollar signs begin no formula, and nothing is handed to TeX."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        if isinstance(text, Text):
+            text.set_usetex(False)
+            text.set_parse_math(False)
+            text.set_text(cut(text.get_text(), LONGEST_LABEL))
 
 
 def save(result: Result, path: Path) -> None:
@@ -58,7 +75,8 @@ def save(result: Result, path: Path) -> None:
     import matplotlib as mpl
 
     dateless = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(ending, {})
-    with mpl.rc_context({"svg.hashsalt": "mbm"}):
+    with mpl.rc_context({"svg.hashsalt": "mbm"}), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of a character that the font lacks, or of little room
         figure.savefig(path, dpi=130, metadata=dateless)
 
 

@@ -15,6 +15,7 @@ from mbm.problem.clauses import effective_clauses, select_problem
 from mbm.problem.tables import Column, TableDeclaration
 from mbm.problem.types import Problem
 from mbm.report.simulated import Simulated, SimulatedTable
+from mbm.text.printer import print_text
 from mbm.text.reader import read
 from mbm.text.types import Numeral, Sequence, Source, Span, Symbol, Text
 from mbm.values import dataclass
@@ -70,8 +71,8 @@ def output_files(program: Program, problem: Problem, name: str | None, made: Sim
             path, kind = f"{declaration.name}.csv", "csv"
         if form is not None and (path != declaration.path or kind != declaration.source):
             key = table.origin.key if declaration.key is None else None  # what the format itself says of it
-            stated = "" if key is None else f" :key {json.dumps(key, ensure_ascii=False)}"
-            edits.append(_Edit(form.span, f"({kind} {json.dumps(path, ensure_ascii=False)}){stated}"))
+            stated = "" if key is None else f" :key {print_text(key)}"
+            edits.append(_Edit(form.span, f"({kind} {print_text(path)}){stated}"))
         if path in contents:
             changed = {source: columns[source] for source in table.changed}
             contents[path][1].update(changed)
@@ -169,7 +170,7 @@ def _sources(program: Program, edits: list[_Edit]) -> Iterator[OutputFile]:
             place = PurePosixPath(normpath(target.parent / written.value))
             if ".." in place.parts or place.is_absolute():
                 place = target.parent / PurePosixPath(written.value).name
-                own.append(_Edit(written.span, json.dumps(place.name, ensure_ascii=False)))
+                own.append(_Edit(written.span, print_text(place.name)))
             if used.resolve() not in taken:
                 waiting.append((read_file(used, str(used)), used, place))
         summary = "the problem, reading these files" if source is program.source else "used by the problem"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from mbm.text.shown import cut
 from mbm.text.types import Code, DataPlace, Diagnostic, Label, Place, Span
 
 UNCLOSED_BRACKET = Code(
@@ -299,10 +300,9 @@ def text_too_large(name: str, limit: int, place: Place | None = None) -> Diagnos
     )
 
 
-def shown(words: str | Path, limit: int = 60) -> str:
+def shown(words: str | Path, longest: int = 60) -> str:
     """Words of a user as a message shows them: on one line, printable, and not endless."""
-    clean = "".join(character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in str(words))
-    return clean if len(clean) <= limit else f"{clean[: limit - 1]}…"
+    return cut(str(words), longest)
 
 
 def _is_plain_number(written: str) -> bool:

@@ -9,6 +9,7 @@ import click
 from mbm.cli.failure import print_diagnostics, write_json
 from mbm.cli.inputs import named_paths
 from mbm.cli.options import terminal, verbosity_options
+from mbm.text.shown import one_line
 from mbm.text.types import Severity
 
 OK, WRONG = 0, 2
@@ -49,7 +50,8 @@ def command(
     if json_path is not None:
         write_json(found, json_path)
     if json_path != "-" and not screen.quiet:
-        click.echo(f"{file}: {_counted(len(errors), 'error')}, {_counted(len(found) - len(errors), 'warning')}")
+        counts = f"{_counted(len(errors), 'error')}, {_counted(len(found) - len(errors), 'warning')}"
+        click.echo(one_line(f"{file}: {counts}"))
     return WRONG if errors else OK
 
 

@@ -10,6 +10,7 @@ import click
 from mbm.cli import faults
 from mbm.cli.inputs import named_paths, named_texts
 from mbm.cli.options import terminal, verbosity_options
+from mbm.text.shown import one_line
 from mbm.text.types import MbmError
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def command(**given: Any) -> int:
     _write(folder, files)
     if not terminal().quiet:
         for file in files:
-            click.echo(str(folder / file.path))
+            click.echo(one_line(str(folder / file.path)))
     return 0
 
 

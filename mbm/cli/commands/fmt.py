@@ -10,6 +10,7 @@ import click
 from mbm.cli import faults
 from mbm.cli.failure import write_bytes
 from mbm.cli.options import terminal, verbosity_options
+from mbm.text.shown import one_line, printable
 from mbm.text.types import Diagnostic, MbmError, Source
 
 UNCHANGED, CHANGED = 0, 1
@@ -37,7 +38,7 @@ def command(files: tuple[str, ...], check: bool) -> int:
         if changed and check:
             status = CHANGED
         if changed and not quiet:
-            click.echo(f"{name}: {'would change' if check else 'laid out'}", err=True)
+            click.echo(one_line(f"{name}: {'would change' if check else 'laid out'}"), err=True)
     if wrong:
         raise MbmError(*wrong)
     return status
@@ -69,5 +70,5 @@ def _standard_input(check: bool) -> bool:
         raise MbmError(faults.bad_call("standard input is no UTF-8 text", "mbm fmt")) from error
     text = format_text(Source(name="<stdin>", text=given.replace("\r\n", "\n").replace("\r", "\n")))
     if not check:
-        write_bytes(text.encode("utf-8"))
+        write_bytes((printable(text) if sys.stdout.isatty() else text).encode("utf-8"))
     return check and text != given

@@ -9,6 +9,7 @@ import click
 
 from mbm.cli import faults
 from mbm.cli.options import terminal, verbosity_options
+from mbm.text.shown import one_line
 from mbm.text.types import MbmError
 
 TEMPLATES = ("image", "ranges", "trajectory", "curve")
@@ -39,8 +40,8 @@ def command(name: Path, template: str) -> int:
     except OSError as error:
         raise MbmError(faults.not_writable(str(name), error.strerror or str(error))) from error
     if not terminal().quiet:
-        click.echo("wrote " + ", ".join(str(path) for path in written))
-        click.echo(f"solve it: mbm solve {name / f'{title}.mbm'}")
+        click.echo(one_line("wrote " + ", ".join(str(path) for path in written)))
+        click.echo(one_line(f"solve it: mbm solve {name / f'{title}.mbm'}"))
     return 0
 
 

@@ -11,6 +11,7 @@ from mbm.cli import faults
 from mbm.cli.failure import print_diagnostics
 from mbm.cli.inputs import json_object, named_paths, named_texts
 from mbm.cli.options import terminal, verbosity_options
+from mbm.text.shown import one_line
 from mbm.text.types import MbmError
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def command(**given: Any) -> int:
     _write(folder, files, given["file"])
     if not screen.quiet:
         for file in files:
-            click.echo(f"{folder / file.path}: {file.summary}")
+            click.echo(one_line(f"{folder / file.path}: {file.summary}"))
     return 0
 
 
