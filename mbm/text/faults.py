@@ -92,6 +92,11 @@ NOT_TEXT = Code(
     "The file is no UTF-8 text: it holds bytes or characters that no text has.",
     "Name the right file, or save it as UTF-8.",
 )
+TOO_LONG_TO_PRINT = Code(
+    "too-long-to-print",
+    "A form is too long to be printed: parts that occur in it many times are kept once, but are printed each time.",
+    "Print a smaller part of it; what it stands for can be used in a problem nevertheless.",
+)
 TEXT_TOO_LARGE = Code(
     "text-too-large",
     "The text is larger than a problem file can reasonably be.",
@@ -287,6 +292,16 @@ def missing_extra(what: str, extra: str, place: Place | None = None) -> Diagnost
         message=f"{what} needs libraries that are not installed",
         place=place,
         hint=f'install them with `pip install "mbm[{extra}]"`',
+    )
+
+
+def too_long_to_print(place: Place, limit: int) -> Diagnostic:
+    """More than ``limit`` words and brackets."""
+    return Diagnostic(
+        code=TOO_LONG_TO_PRINT,
+        message=f"this stands for a form of more than {limit:,} words, brackets and blanks, too long to be printed",
+        place=place,
+        hint="print a smaller part of it",
     )
 
 

@@ -50,6 +50,7 @@ ELSEWHERE = {
     "not-writable": "bad/test_made.py",
     "plot-format": "report/test_plots.py",
     "text-too-large": "bad/test_made.py",
+    "too-long-to-print": "bad/test_made.py",
     "too-many-shared-errors": "solution/implicit/test_components.py",
     "too-deeply-nested": "bad/test_made.py",
     "unclear-measurement": "simulation/test_measurements.py",
