@@ -35,6 +35,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (place / "p.mbm").write_text(PROBLEM)
     (place / "parts.mbm").write_text("(defun twice (x) (* 2 x))\n")
     (place / "d.csv").write_text("y\n1\n2\n3\n")
+    (place / "o.csv").write_text("y\n1\n2\n4\n")
     (place / "e.json").write_text('{"z": [1, 2]}')
     (place / "parts.txt").write_text("(defun twice (x) (* 2 x))\n")
     (place / "q.mbm").write_text(PROBLEM.replace("parts.mbm", "parts.txt"))
@@ -81,6 +82,8 @@ DESTROYING: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("`d.csv`, the file that table `d` reads", "would-overwrite", ("solve", "p.mbm", "--csv", "link.csv")),
     ("`d.csv`, the file that table `d` reads", "would-overwrite", ("solve", "p.mbm", "--residuals", "hard.csv")),
     ("`d.csv`, the file that table `d` reads", "would-overwrite", ("solve", "p.mbm", "--csv", "../site/d.csv")),
+    ("is the file that table `d` reads", "would-overwrite", ("solve", "p.mbm", "--data", "d=o.csv", "--csv", "o.csv")),
+    ("is the file that table `d` reads", "would-overwrite", ("solve", "p.mbm", "--data", "d=o.csv", "--csv", "d.csv")),
     ("the file that table `e` reads", "would-overwrite", ("solve", "p.mbm", "--json", "e.json")),
     (
         "`d.csv`, the file that table `d`",
