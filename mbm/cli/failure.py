@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from mbm.cli.output import say_error, shows_colors, write_bytes
-from mbm.files.journal import Journal, Read
+from mbm.files.journal import WRITTEN, Journal, Read
+from mbm.files.targets import target_of
 from mbm.text.types import Diagnostic, MbmError
 
 STANDARD_OUTPUT = "-"
@@ -35,9 +36,16 @@ def report_failure(
     number, destination = place
     others = _files_of(argument for at, argument in enumerate(arguments) if at != number)
     try:
-        write_json(diagnostics, destination, reads=(*journal.reads(), *others))
+        if not _was_written(destination, journal.reads()):
+            write_json(diagnostics, destination, reads=(*journal.reads(), *others))
     except MbmError as error:
         print_diagnostics((d for d in error.diagnostics if d not in diagnostics), color=color)
+
+
+def _was_written(destination: str, reads: Iterable[Read]) -> bool:
+    """Whether the call had written its document already: that is worth more than what went wrong afterwards."""
+    written = [read.path for read in reads if WRITTEN in read.roles]
+    return bool(written) and any(map(target_of(destination).is_file, written))
 
 
 def print_diagnostics(diagnostics: Iterable[Diagnostic], *, color: bool) -> None:

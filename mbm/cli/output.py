@@ -97,10 +97,10 @@ def shows_colors(stream: TextIO) -> bool:
 def open_closed_streams() -> None:
     """Fill the places of standard streams that whoever started the process has closed.
 
-    Files that are opened later would get their numbers, and what is said would be written into them. Standard output
-    that was closed cannot be written, as a program in C finds; what is said on standard error goes nowhere.
+    Files that are opened later would get their numbers, and what is said would be written into them. Standard input and
+    output that were closed cannot be read and written, as a program in C finds; what goes to standard error is lost.
     """
-    for number, name, flags in ((0, "stdin", os.O_RDONLY), (1, "stdout", os.O_RDONLY), (2, "stderr", os.O_WRONLY)):
+    for number, name, flags in ((0, "stdin", os.O_WRONLY), (1, "stdout", os.O_RDONLY), (2, "stderr", os.O_WRONLY)):
         if getattr(sys, name) is None:
             null = os.open(os.devnull, flags)
             if null == number:

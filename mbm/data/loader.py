@@ -108,12 +108,15 @@ def _raw(
     readers: Mapping[str, Reader | ManyReader],
     parts: Parts,
 ) -> RawTable:
-    """The table as its origin has it."""
+    """The table as its origin has it. The file that the clause names is noted as read also where another one is."""
     name = declaration.name
+    if declaration.path is not None:
+        note(base / declaration.path, table_role(name))
     if name in given:
         return table_from_given(name, given[name])
     if name in paths:
         path = Path(paths[name])
+        note(path, table_role(name))
         return _read(_reader_for(path, declaration, readers), path, declaration, sandbox, parts)
     if declaration.inline is not None:
         return table_from_inline(declaration.inline, declaration.span)
@@ -150,7 +153,6 @@ def _read(
     """Read a file that lies where it may; whether it is there is said of the place that names it."""
     if sandbox is not None:
         _check_confined(path, declaration, sandbox)
-    note(path, table_role(declaration.name))
     check_ordinary(path, declaration.span, largest=LARGEST_FILE)
     if isinstance(reader, Reader):
         return reader.read(path)

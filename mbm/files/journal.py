@@ -16,6 +16,8 @@ from mbm.text.faults import shown
 from mbm.values import dataclass
 
 THE_PROBLEM = "the problem itself"
+WRITTEN = "what was written just now"
+"""The role of a file that `mbm.files.writing` has written: in the same call it is as precious as one that was read."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

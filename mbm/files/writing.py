@@ -17,7 +17,7 @@ from select import select
 from stat import S_IMODE, S_ISFIFO
 
 from mbm.files import faults
-from mbm.files.journal import Read
+from mbm.files.journal import WRITTEN, Read, note
 from mbm.files.targets import Target, refuse_read, refuse_source, target_of
 from mbm.text.types import MbmError
 
@@ -64,6 +64,7 @@ def write_whole(
             _write_stream(target, content)
     except OSError as error:
         raise MbmError(faults.not_writable(target.name, faults.reason_of(error))) from None
+    note(target.path, WRITTEN)
 
 
 def checked_target(

@@ -8,7 +8,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from mbm.files.writing import write_whole
+from mbm.files.writing import checked_target, write_whole
 from mbm.report import faults
 from mbm.report.types import Result
 from mbm.text.faults import missing_extra
@@ -72,7 +72,9 @@ def save(result: Result, path: str | Path) -> None:
         MbmError: missing-extra, plot-format, not-writable; would-overwrite: the result was made from that file.
 
     """
-    write_whole(path, picture(result, format_of(path)), reads=result.reads)
+    ending = format_of(path)
+    checked_target(path, reads=result.reads)
+    write_whole(path, picture(result, ending), reads=result.reads)
 
 
 def format_of(path: str | Path) -> str:

@@ -58,6 +58,7 @@ ELSEWHERE = {
     "unknown-observation": "simulation/test_measurements.py",
     "unreadable-file": "files/test_reading.py",
     "values-against-constraint": "simulation/test_measurements.py",
+    "would-overwrite": "cli/test_nothing_lost.py",
     "wrong-argument": "api/test_arguments.py",
     "wrong-input": "api/test_estimator.py",
 }

@@ -12,7 +12,7 @@ from mbm.cli import faults
 from mbm.cli.failure import STANDARD_OUTPUT, print_diagnostics
 from mbm.cli.inputs import json_object, named_paths, named_texts
 from mbm.cli.interrupts import interruptible
-from mbm.cli.options import Terminal, reads_so_far, terminal, verbosity_options
+from mbm.cli.options import Terminal, problem_at, reads_so_far, terminal, verbosity_options
 from mbm.cli.output import say, write_bytes
 from mbm.cli.outputs import check_outputs, document_bytes, outputs_of, write_outputs
 from mbm.cli.progress import ProgressBar
@@ -61,18 +61,19 @@ def command(**given: Any) -> int:
             raise MbmError(faults.not_available_yet(f"--{name.replace('_', '-')}"))
     screen = terminal()
     outputs = outputs_of(given)
-    check_outputs(outputs, ())
+    check_outputs(outputs, problem_at(given["file"]))
     result = _solve(given, screen, lambda: check_outputs(outputs, reads_so_far()))
     print_diagnostics(() if screen.quiet else result.diagnostics, color=screen.color_errors)
-    missing = write_outputs(outputs, result, reads_so_far())
-    print_diagnostics(missing, color=screen.color_errors)
-    if given["json_path"] == STANDARD_OUTPUT:
-        write_bytes(document_bytes(result))
-    else:
-        _print_table(result, screen)
-    if missing:
-        return WRONG
-    return OK if result.status.value == "ok" else ATTENTION
+    wrong = list(write_outputs(outputs, result, reads_so_far()))
+    try:
+        if given["json_path"] == STANDARD_OUTPUT:
+            write_bytes(document_bytes(result))
+        else:
+            _print_table(result, screen)
+    except MbmError as error:  # the files are there, and stay
+        wrong.extend(error.diagnostics)
+    print_diagnostics(wrong, color=screen.color_errors)
+    return WRONG if wrong else OK if result.status.value == "ok" else ATTENTION
 
 
 def _solve(given: dict[str, Any], screen: Terminal, loaded: Callable[[], None]) -> Result:
