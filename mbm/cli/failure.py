@@ -6,13 +6,11 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from mbm.cli.output import say_error, shows_colors, write_bytes
+from mbm.cli.documents import write_document
+from mbm.cli.output import say_error, shows_colors
 from mbm.files.journal import WRITTEN, Journal, Read
 from mbm.files.targets import target_of
 from mbm.text.types import Diagnostic, MbmError
-
-STANDARD_OUTPUT = "-"
-"""The ``PATH`` of ``--json`` that means standard output."""
 
 
 def report_failure(
@@ -91,26 +89,6 @@ def _files_of(arguments: Iterable[str]) -> Iterator[Read]:
             yield Read(path=name, name=name, roles=("a file that this call is about",))
 
 
-def check_json(destination: str | None, reads: Iterable[Read]) -> None:
-    """Whether diagnostics may be written to a destination of ``--json``, as far as can be said now.
-
-    They replace nothing but documents that mbm wrote: a call that goes wrong may name any file by a slip.
-
-    Raises:
-        MbmError: not-writable, would-overwrite.
-
-    """
-    if destination is None or destination == STANDARD_OUTPUT:
-        return
-    from mbm.cli.documents import is_document
-    from mbm.files.faults import not_our_document
-    from mbm.files.writing import checked_target
-
-    target = checked_target(destination, reads=reads)
-    if target.is_ordinary and target.status is not None and target.status.st_size and not is_document(target.path):
-        raise MbmError(not_our_document(destination))
-
-
 def write_json(diagnostics: Iterable[Diagnostic], destination: str, *, reads: Iterable[Read]) -> None:
     """``{"diagnostics": […]}`` into a file, or to standard output for ``-``; never onto what the call read.
 
@@ -121,12 +99,5 @@ def write_json(diagnostics: Iterable[Diagnostic], destination: str, *, reads: It
     from mbm.report.encode import encode, to_bytes
     from mbm.text.render import as_json
 
-    reads = tuple(reads)
-    check_json(destination, reads)
     content = to_bytes(encode({"diagnostics": [as_json(_mendable(diagnostic)) for diagnostic in diagnostics]}))
-    if destination == STANDARD_OUTPUT:
-        write_bytes(content)
-        return
-    from mbm.files.writing import write_whole
-
-    write_whole(destination, content, reads=reads)
+    write_document(content, destination, reads=reads)

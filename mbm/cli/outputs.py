@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from io import StringIO
 from typing import TYPE_CHECKING, Any, TextIO
 
-from mbm.cli.failure import STANDARD_OUTPUT
+from mbm.cli.documents import STANDARD_OUTPUT
 from mbm.files.journal import Read, option_role
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass

@@ -94,7 +94,9 @@ def file_too_large(path: Path, size: int, largest: int, place: Place) -> Diagnos
     return Diagnostic(code=FILE_TOO_LARGE, message=message, place=place)
 
 
-def not_writable(path: str | Path, reason: str, hint: str = "check the path") -> Diagnostic:
+def not_writable(
+    path: str | Path, reason: str, hint: str = "check the path, its permissions and the space on the disk"
+) -> Diagnostic:
     """``reason`` is what speaks against it, often in the words of the system."""
     return Diagnostic(code=NOT_WRITABLE, message=f"`{_named(path)}` cannot be written: {reason}", hint=hint)
 
@@ -135,10 +137,10 @@ def written_twice(first: str, second: str) -> Diagnostic:
 
 
 def not_our_document(target: str) -> Diagnostic:
-    """Diagnostics are to be written over something that mbm did not write."""
+    """Diagnostics, or what the cache holds, are to be written over something that mbm did not write."""
     message = (
-        f"`{_named(target)}` holds something else than a document that mbm wrote; it was left as it is, and the "
-        "diagnostics were not written there"
+        f"`{_named(target)}` holds something else than a document that mbm wrote: it would be lost; nothing was "
+        "written there"
     )
     return Diagnostic(code=WOULD_OVERWRITE, message=message, hint="name another file, or remove this one first")
 
@@ -183,7 +185,11 @@ def changed_file(path: str, command: str) -> Diagnostic:
 
 def symbolic_link(path: Path) -> Diagnostic:
     """In a folder that is written, or instead of it, there is a link."""
-    return not_writable(path, "it is a symbolic link", "name the folder that is meant, or remove the link")
+    return Diagnostic(
+        code=NOT_WRITABLE,
+        message=f"`{_named(path)}` cannot be written: it is a symbolic link",
+        hint="name the folder that is meant, or remove the link",
+    )
 
 
 def exists_already(path: str | Path) -> Diagnostic:

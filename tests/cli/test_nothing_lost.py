@@ -73,6 +73,7 @@ DESTROYING: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("something else than a document", "would-overwrite", ("check", "wrong.mbm", "--json", "notes.json")),
     ("is a problem file", "would-overwrite", ("check", "p.mbm", "--json", "parts.mbm")),
     ("is a problem file", "would-overwrite", ("cache", "--json", "p.mbm")),
+    ("something else than a document", "would-overwrite", ("cache", "clear", "--json", "d.csv")),
     ("is the problem itself", "would-overwrite", ("solve", "p.mbm", "--json", "p.mbm")),
     ("is a problem file", "would-overwrite", ("solve", "p.mbm", "--csv", "wrong.mbm")),
     ("is the problem itself", "would-overwrite", ("solve", "p.mbm", "--residuals", "./p.mbm")),

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mbm.cli.failure import STANDARD_OUTPUT
+from mbm.cli.documents import STANDARD_OUTPUT, check_document, write_document
 from mbm.cli.options import terminal, verbosity_options
-from mbm.cli.output import say, write_bytes
+from mbm.cli.output import say
 from mbm.text.shown import joined, one_line
 
 if TYPE_CHECKING:
@@ -30,10 +30,7 @@ def command(action: str | None, json_path: str | None) -> int:
     """
     from mbm.kernels.store import Store, standard_directory
 
-    if json_path is not None and json_path != STANDARD_OUTPUT:
-        from mbm.files.writing import checked_target
-
-        checked_target(json_path)
+    check_document(json_path, ())
     directory = standard_directory()
     store = None if directory is None else Store(directory=directory)
     entries = () if store is None else store.entries() if action is None else store.clear()
@@ -104,10 +101,4 @@ def _size(count: int) -> str:
 def _write(document: dict[str, object], destination: str) -> None:
     from mbm.report.encode import encode, to_bytes
 
-    content = to_bytes(encode(document))
-    if destination == STANDARD_OUTPUT:
-        write_bytes(content)
-        return
-    from mbm.files.writing import write_whole
-
-    write_whole(destination, content)
+    write_document(to_bytes(encode(document)), destination, reads=())

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from mbm.cli.failure import STANDARD_OUTPUT, check_json, print_diagnostics, write_json
+from mbm.cli.documents import STANDARD_OUTPUT, check_document
+from mbm.cli.failure import print_diagnostics, write_json
 from mbm.cli.inputs import named_paths
 from mbm.cli.options import reads_so_far, terminal, verbosity_options
 from mbm.cli.output import say
@@ -38,7 +39,7 @@ def command(
     """
     from mbm.api import check
 
-    check_json(json_path, ())
+    check_document(json_path, ())
     found = check(
         file,
         problem=problem,

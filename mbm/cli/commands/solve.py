@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mbm.cli import faults
-from mbm.cli.failure import STANDARD_OUTPUT, print_diagnostics
+from mbm.cli.documents import STANDARD_OUTPUT
+from mbm.cli.failure import print_diagnostics
 from mbm.cli.inputs import json_object, named_paths, named_texts
 from mbm.cli.interrupts import interruptible
 from mbm.cli.options import Terminal, problem_at, reads_so_far, terminal, verbosity_options
