@@ -28,19 +28,19 @@ def data_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:
 
 def _table(shape: TableShape, given: GivenTable) -> str:
     """The columns that the solver reads, in the units of the file."""
-    lines = [",".join(_field(c.source) for c in shape.columns)]
+    lines = [",".join(field(c.source) for c in shape.columns)]
     columns = []
     for column in shape.columns:
         held = given.columns[column.name]
         if isinstance(held, tuple):
-            columns.append(list(map(_field, held)))
+            columns.append(list(map(field, held)))
         else:
             columns.append([repr(float(value)) for value in np.asarray(held) / column.factor])
     lines += [",".join(cells) for cells in zip(*columns, strict=True)]
     return "\n".join(lines) + "\n"
 
 
-def _field(cell: Foreign) -> str:
+def field(cell: Foreign) -> str:
     """A text that is read again as it is: the only way that a `Foreign` gets into a table of the test."""
     text = cell.unescaped
     plain = text.isprintable() and text == text.strip() and text != "" and not set(text) & {",", '"'}
