@@ -122,7 +122,7 @@ def explain(
     kernels = compiler.derived(found)
     if stage == "kernels":
         return explaining.kernel_stage(kernels)
-    cache = EvaluationCache(loaded.registry.backend("auto"))
+    cache = EvaluationCache(loaded.registry.suited(loaded.registry.backend("auto"), kernels))
     return explaining.explanation(
         found, compiler.symbolic(found), kernels, cache, loaded.registry.closed_forms(), latex=latex
     )

@@ -21,6 +21,7 @@ from mbm.files.faults import unreadable_file
 from mbm.files.journal import note, table_role
 from mbm.files.reading import check_ordinary
 from mbm.problem.tables import EXTERNAL, Table, TableDeclaration
+from mbm.text.faults import MOST_FAULTS, worth_reading
 from mbm.text.types import Diagnostic, Label, MbmError, Span
 
 Parts: TypeAlias = "dict[tuple[str, Path], Mapping[str, RawTable | MbmError]]"
@@ -53,12 +54,19 @@ def load_all(
             )
         except MbmError as error:
             found.extend(error.diagnostics)
+        if len(found) > MOST_FAULTS:
+            raise MbmError(*worth_reading(_once(found), ended=True))
     if found:
-        once: dict[tuple[object, ...], Diagnostic] = {}
-        for fault in found:  # a file of several tables is wrong once, however many clauses read it
-            once.setdefault((fault.code, fault.message, fault.place), fault)
-        raise MbmError(*once.values())
+        raise MbmError(*_once(found))
     return tables
+
+
+def _once(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
+    """The faults without repetitions: a file of several tables is wrong once, however many clauses read it."""
+    once: dict[tuple[object, ...], Diagnostic] = {}
+    for fault in found:
+        once.setdefault((fault.code, fault.message, fault.place), fault)
+    return tuple(once.values())
 
 
 def load(
