@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import sympy
 from sympy.functions.elementary.piecewise import ExprCondPair
 
 from mbm.symbolic.types import ResidualBlock
+from mbm.text.shown import one_line
 from mbm.values import dataclass
 
 LEAST_SIZE = 3
@@ -41,9 +43,26 @@ def _plain(node: sympy.Basic) -> str:
 
 
 def _latex(node: sympy.Basic) -> str:
-    hyphenated = [s for s in node.free_symbols if "-" in s.name]
-    names = {s: "\\mathrm{" + s.name.replace("-", "\\mbox{-}") + "}" for s in hyphenated}
+    odd = [s for s in node.free_symbols if _SIGN.search(s.name) or not s.name.isprintable()]
+    names = {s: f"\\mathrm{{{_upright(s.name)}}}" for s in odd}
     return str(sympy.latex(node, order="none", symbol_names=names))
+
+
+_SIGNS = {
+    "\\": "\\backslash{}",
+    "^": "\\mbox{\\^{}}",
+    "~": "\\mbox{\\~{}}",
+    "-": "\\mbox{-}",
+    " ": "\\ ",
+    **{sign: f"\\{sign}" for sign in "{}$&#%_"},
+}
+_SIGN = re.compile(r"[\\^~{}$&#%-]")
+"""What LaTeX does something for; an underscore alone makes an index, as SymPy has it."""
+
+
+def _upright(name: str) -> str:
+    """A name of any characters as LaTeX that shows it."""
+    return "".join(_SIGNS.get(sign, sign) for sign in one_line(name))
 
 
 def named_subexpressions(

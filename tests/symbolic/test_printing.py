@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -111,3 +112,27 @@ def test_hyphens_in_names_are_no_minus_signs_in_latex():
     block, _ = single("(* k-1 b)", names="k-1 b")
     (line,) = printed(block, latex=True).components
     assert r"\mathrm{k\mbox{-}1}" in line
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("a%b", r"a\%b"),
+        ("x&y^2", r"x\&y\mbox{\^{}}2"),
+        ("k_1%", r"k\_1\%"),
+        ("\\input{f}$#~", r"\backslash{}input\{f\}\$\#\mbox{\~{}}"),
+        ("a\nb", r"a\ b"),
+        ("a\x1bb", "a\N{REPLACEMENT CHARACTER}b"),
+    ],
+)
+def test_signs_in_names_are_shown_by_latex_and_not_obeyed(name, shown):
+    expression = sympy.Symbol("b") * sympy.Symbol(name)
+    block, _ = single("(* a b)")
+    (line,) = printed(replace(block, expressions=(expression,)), latex=True).components
+    assert rf"\mathrm{{{shown}}}" in line
+
+
+def test_an_underscore_alone_makes_an_index():
+    block, _ = single("(* r_1 b)", names="r_1 b")
+    (line,) = printed(block, latex=True).components
+    assert "r_{1}" in line
