@@ -42,7 +42,10 @@ def solve_file(path: str | Path, options: SolveOptions) -> Result:
         progress=options.progress,
         workers=options.workers,
     )
-    return problem.compiled(inputs, options.backend.value).result(settings)
+    ready = problem.compiled(inputs, options.backend.value)
+    if options.loaded is not None:
+        options.loaded()
+    return ready.result(settings)
 
 
 def simulate_file(
@@ -119,7 +122,7 @@ def explain(
     kernels = compiler.derived(found)
     if stage == "kernels":
         return explaining.kernel_stage(kernels)
-    cache = EvaluationCache(loaded.registry.backend("auto"))
+    cache = EvaluationCache(loaded.registry.suited(loaded.registry.backend("auto"), kernels))
     return explaining.explanation(
         found, compiler.symbolic(found), kernels, cache, loaded.registry.closed_forms(), latex=latex
     )

@@ -8,6 +8,7 @@ from stat import S_ISDIR, S_ISREG
 from typing import NoReturn
 
 from mbm.files import faults
+from mbm.files.journal import note
 from mbm.text.types import MbmError, Place
 
 _PLAIN = os.O_RDONLY | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
@@ -19,7 +20,7 @@ STREAMS = ("/dev/stdin", "/dev/fd/")
 
 
 def read_bytes(path: Path, place: Place, *, largest: int, streams: bool = False) -> bytes:
-    """The content of a file, ``largest`` bytes at most; faults stand at ``place``.
+    """The content of a file, ``largest`` bytes at most; faults stand at ``place``. It is noted as read.
 
     Pipes and devices are refused, for reading them may never end; but where the path comes from the person who runs
     mbm and not from a file (``streams``), what the shell has opened (``/dev/stdin``, ``/dev/fd/63``) is read to its
@@ -29,6 +30,12 @@ def read_bytes(path: Path, place: Place, *, largest: int, streams: bool = False)
         MbmError: missing-file, not-a-file, unreadable-file, file-too-large.
 
     """
+    note(path)
+    return look_into(path, place, largest=largest, streams=streams)
+
+
+def look_into(path: Path, place: Place, *, largest: int, streams: bool = False) -> bytes:
+    """As `read_bytes`, of a file that is to be replaced and only looked at before: it is not noted as read."""
     handed_over = streams and path.as_posix().startswith(STREAMS)
     if not handed_over:  # looked at before it is opened: opening a device may do something
         check_ordinary(path, place, largest=largest)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from mbm.files.writing import checked_target, write_whole
 from mbm.report import faults
 from mbm.report.types import Result
 from mbm.text.faults import missing_extra
@@ -63,21 +65,37 @@ def _show_plainly(figure: Figure) -> None:
             text.set_text(cut(text.get_text(), LONGEST_LABEL))
 
 
-def save(result: Result, path: Path) -> None:
-    """Draws the result into a file; the ending of ``path`` is the format (``FORMATS``). Equal results, equal bytes.
+def save(result: Result, path: str | Path) -> None:
+    """Draws the result into a file, in the format that its name ends in.
 
-    Raises MbmError (missing-extra, plot-format) and OSError if the file cannot be written.
+    Raises:
+        MbmError: missing-extra, plot-format, not-writable; would-overwrite: the result was made from that file.
+
     """
-    ending = path.suffix.lower()
+    ending = format_of(path)
+    checked_target(path, reads=result.reads)
+    write_whole(path, picture(result, ending), reads=result.reads)
+
+
+def format_of(path: str | Path) -> str:
+    """The format that the name of a file ends in, one of ``FORMATS``. Raises MbmError (plot-format)."""
+    ending = Path(path).suffix.lower()
     if ending not in FORMATS:
         raise MbmError(faults.plot_format(str(path), ", ".join(FORMATS)))
+    return ending
+
+
+def picture(result: Result, ending: str) -> bytes:
+    """The picture of a result in the format ``ending``. Equal results, equal bytes. Raises MbmError (missing-extra)."""
     figure = draw(result)
     import matplotlib as mpl
 
     dateless = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(ending, {})
+    stream = BytesIO()
     with mpl.rc_context({"svg.hashsalt": "mbm"}), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of a character that the font lacks, or of little room
-        figure.savefig(path, dpi=130, metadata=dateless)
+        figure.savefig(stream, format=ending.removeprefix("."), dpi=130, metadata=dateless)
+    return stream.getvalue()
 
 
 def _panels(result: Result) -> Iterator[Panel]:

@@ -53,6 +53,7 @@ def test_the_folder_holds_all_files_in_their_formats_and_units(folder: Path) -> 
     names = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
     assert names == {
         "site.mbm", "lib/models.mbm", "outside.mbm", "in/stations.csv", "ranges.json", "angles.csv", "truth.json",
+        ".mbm-simulate",
     }  # fmt: skip
     ranges = json.loads((out / "ranges.json").read_text())["range"]
     true = [1 + 1000 * np.hypot(x - 1.5, y - 2.5) for x, y in ((0, 0), (4, 0), (0, 5))] * 3
@@ -169,5 +170,7 @@ def test_a_used_file_of_any_name_is_found_again_by_the_copy(tmp_path: Path) -> N
         encoding="utf-8",
     )
     assert run(["simulate", str(place / "site.mbm"), "-o", str(place / "out"), "-q"]) == 0
-    assert (place / "out" / name).is_file()
+    (copy,) = set((place / "out").glob("*.mbm")) - {place / "out" / "site.mbm"}
+    assert copy.name.isprintable()
+    assert "(defun twice" in copy.read_text(encoding="utf-8")
     assert run(["solve", str(place / "out" / "site.mbm"), "-q"]) == 0

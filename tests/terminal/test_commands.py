@@ -88,7 +88,7 @@ def color(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> bo
     """Whether both outputs are taken for terminals with colours."""
     asked = bool(request.param)
     for module in ("mbm.cli.options", "mbm.cli.failure"):
-        monkeypatch.setattr(f"{module}.colorful", lambda _stream: asked)
+        monkeypatch.setattr(f"{module}.shows_colors", lambda _stream: asked)
     return asked
 
 

@@ -12,6 +12,7 @@ import pytest
 import mbm
 from mbm.cli.failure import report_failure
 from mbm.cli.main import run
+from mbm.files.journal import Journal
 from mbm.report.answer import Solved
 from mbm.text.types import Code, Diagnostic
 from tests.terminal.hostile import HOSTILE, MARKS, NAME, objections, write
@@ -63,7 +64,7 @@ def test_the_trace_of_a_fault_of_ours(capfd: pytest.CaptureFixture[str]) -> None
         raise ValueError(HOSTILE)
     except ValueError as fault:
         said = Diagnostic(code=Code("internal-fault", "A fault.", "Report it."), message=str(fault))
-        report_failure((said,), ("solve", "-v"), fault)
+        report_failure((said,), ("solve", "-v"), Journal(), fault)
     err = capfd.readouterr().err
     assert "Traceback" in err
     assert {objection for objection in objections(err) if objection.startswith("U+")} == set()

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mbm.cli import faults
-from mbm.cli.failure import write_bytes
+from mbm.cli.documents import STANDARD_OUTPUT, check_document, write_document
 from mbm.cli.options import terminal, verbosity_options
-from mbm.text.shown import joined
-from mbm.text.types import MbmError
+from mbm.cli.output import say
+from mbm.text.shown import joined, one_line
 
 if TYPE_CHECKING:
     from mbm.kernels.store import Doubt, Entry
@@ -31,14 +30,15 @@ def command(action: str | None, json_path: str | None) -> int:
     """
     from mbm.kernels.store import Store, standard_directory
 
+    check_document(json_path, ())
     directory = standard_directory()
     store = None if directory is None else Store(directory=directory)
     entries = () if store is None else store.entries() if action is None else store.clear()
     doubts = () if store is None else store.doubts()
     if json_path is not None:
         _write(_document(directory, entries, doubts), json_path)
-    if json_path != "-" and not terminal().quiet:
-        click.echo(_text(directory, entries, doubts, cleared=action is not None))
+    if json_path != STANDARD_OUTPUT and not terminal().quiet:
+        say(_text(directory, entries, doubts, cleared=action is not None))
     return 0
 
 
@@ -71,7 +71,10 @@ def _text(
         return "no cache: MBM_CACHE=off, or there is no home folder"
     total = sum(entry.size for entry in entries)
     said = "removed " if cleared else ""
-    lines = [str(directory), f"  {said}{len(entries)} {'entry' if len(entries) == 1 else 'entries'}, {_size(total)}"]
+    lines = [
+        one_line(str(directory)),
+        f"  {said}{len(entries)} {'entry' if len(entries) == 1 else 'entries'}, {_size(total)}",
+    ]
     lines += [f"  {kind:9}{count:6}  {_size(size)}" for kind, (count, size) in _kinds(entries).items()]
     for folder, doubt in doubts:
         name = "" if folder == directory else f"{folder.name}: "
@@ -98,11 +101,4 @@ def _size(count: int) -> str:
 def _write(document: dict[str, object], destination: str) -> None:
     from mbm.report.encode import encode, to_bytes
 
-    content = to_bytes(encode(document))
-    if destination == "-":
-        write_bytes(content)
-        return
-    try:
-        Path(destination).write_bytes(content)
-    except OSError as error:
-        raise MbmError(faults.not_writable(destination, error.strerror or str(error))) from error
+    write_document(to_bytes(encode(document)), destination, reads=())
