@@ -19,7 +19,13 @@ PROBLEM = """(problem bar
   (observe readings (= y (+ a (* b x))) :sigma 2um)
   (observe turns readings (= w c) :sigma 1deg))
 """
-ROWS = [("place", "y", "w", "note"), (100, 12.5, 10, "p"), (250, 31, 11.5, "q"), (400, 48.5, 9, "r"), (900, 110, 10, "s")]
+ROWS = [
+    ("place", "y", "w", "note"),
+    (100, 12.5, 10, "p"),
+    (250, 31, 11.5, "q"),
+    (400, 48.5, 9, "r"),
+    (900, 110, 10, "s"),
+]
 
 
 @pytest.fixture(scope="module", params=["python", "c"])
