@@ -31,8 +31,14 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "expression": (("mbm/expression",), ("tests/expression", "tests/language", "tests/problem")),
     "language": (("mbm/language",), ("tests/language", "tests/bad")),
     "problem": (("mbm/problem",), ("tests/problem", "tests/bad")),
-    "data": (("mbm/data",), ("tests/data", "tests/problem/test_tables.py", "tests/simulation", "tests/api")),
-    "report": (("mbm/report",), ("tests/report", "tests/api", "tests/simulation", "tests/noise", "tests/bad")),
+    "data": (("mbm/data",), ("tests/data", "tests/problem", "tests/simulation", "tests/api")),
+    "report": (
+        ("mbm/report",),
+        (
+            *("tests/report", "tests/api", "tests/simulation", "tests/noise", "tests/bad", "tests/cli"),
+            *("tests/robust", "tests/solution/many", "tests/problem", "tests/evidence"),
+        ),
+    ),
     "trust": (
         tuple(f"mbm/solution/{name}.py" for name in TRUST),
         ("tests/solution", "tests/noise", "tests/evidence"),
@@ -42,8 +48,8 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 """Rooms: their sources, and the tests that are meant to hold them."""
 NOT_MUTATED = ("faults.py", "vocabulary.py")
-MOST_TESTS = 60
-"""Tests that a mutant is run with, the quickest first."""
+MOST_TESTS, MOST_SECONDS = 400, 60.0
+"""Tests that a mutant is run with, the quickest first, and how long these may take together."""
 LONGEST = 300
 """Seconds that the tests of one mutant may take, at least; a mutant that hangs has been noticed."""
 
@@ -78,13 +84,13 @@ def copied(folder: Path) -> Tree:
     return Tree(folder=folder)
 
 
-def calls_of(tree: Tree, tests: tuple[str, ...]) -> dict[str, dict[str, float]]:
-    """Function (``file:line``) → the tests that call it, with their seconds."""
-    path = tree.folder / "calls.json"
-    status = tree.pytest(["-p", "tests.mutation.calls", *tests], {VARIABLE: str(path)}, None)
-    if status != 0:
-        message = "the tests fail without any mutation"
-        raise RuntimeError(message)
+def calls_of(tree: Tree, tests: tuple[str, ...], path: Path) -> dict[str, dict[str, float]]:
+    """Function (``file:line``) → the tests that call it, with their seconds; from the file, if there is one."""
+    if not path.exists():
+        status = tree.pytest(["-p", "tests.mutation.calls", *tests], {VARIABLE: str(path.resolve())}, None)
+        if status != 0:
+            message = "the tests fail without any mutation"
+            raise RuntimeError(message)
     found: dict[str, dict[str, float]] = {}
     for test, entry in json.loads(path.read_text(encoding="utf-8")).items():
         for place in entry["calls"]:
@@ -101,8 +107,13 @@ def tests_for(mutant: Mutant, text: str, calls: dict[str, dict[str, float]]) -> 
         # Inner functions, comprehensions and decorators begin at lines of their own.
         if file == mutant.file and (first is None or last is None or first - 5 <= int(line) <= last):
             tests.update(callers)
-    quickest = sorted(tests, key=tests.__getitem__)[:MOST_TESTS]
-    return quickest, sum(tests[name] for name in quickest)
+    chosen, seconds = [], 0.0
+    for name in sorted(tests, key=tests.__getitem__)[:MOST_TESTS]:
+        if chosen and seconds + tests[name] > MOST_SECONDS:
+            break
+        chosen.append(name)
+        seconds += tests[name]
+    return chosen, seconds
 
 
 def sampled(sources: tuple[str, ...], count: int, seed: int) -> list[Mutant]:
@@ -136,13 +147,15 @@ def main() -> int:
     parser.add_argument("--rooms", default=",".join(ROOMS), help=f"of {', '.join(ROOMS)}")
     parser.add_argument("--count", type=int, default=20, help="mutants of each room")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--calls", type=Path, help="a folder that keeps which tests call what, of unchanged sources")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="mbm-mutants-") as folder:
         tree = copied(Path(folder))
         total = killed = 0
         for room in given.rooms.split(","):
             sources, tests = ROOMS[room]
-            calls = calls_of(tree, tests)
+            kept = tree.folder if given.calls is None else given.calls
+            calls = calls_of(tree, tests, kept / f"calls-{room}.json")
             for mutant in sampled(sources, given.count, given.seed):
                 begin = time.perf_counter()
                 text = (ROOT / mutant.file).read_text(encoding="utf-8")
