@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 from stat import S_ISDIR, S_ISREG
-from typing import NoReturn
+from typing import BinaryIO, NoReturn
 
 from mbm.files import faults
 from mbm.files.journal import note
@@ -14,6 +14,9 @@ from mbm.text.types import MbmError, Place
 _PLAIN = os.O_RDONLY | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 _FLAGS = _PLAIN | getattr(os, "O_NONBLOCK", 0)
 """A pipe that nobody writes to is opened at once, and then refused; so is one that takes a file's place meanwhile."""
+
+AT_ONCE = 2**20
+"""Bytes that are asked of a stream at once: Python takes memory for all that is asked for before it reads."""
 
 STREAMS = ("/dev/stdin", "/dev/fd/")
 """Beginnings of the paths by which a shell hands over a stream that is open already."""
@@ -44,12 +47,21 @@ def look_into(path: Path, place: Place, *, largest: int, streams: bool = False) 
             status = os.fstat(stream.fileno())
             if not handed_over and not S_ISREG(status.st_mode):  # it changed since it was looked at
                 raise MbmError(faults.not_a_file(path, place, folder=S_ISDIR(status.st_mode)))
-            content = stream.read(largest + 1)
+            content = _at_most(largest + 1, stream, status.st_size)
     except (OSError, ValueError) as error:
         _refuse(path, place, error)
     if len(content) > largest:
         raise MbmError(faults.file_too_large(path, max(status.st_size, len(content)), largest, place))
     return content
+
+
+def _at_most(most: int, stream: BinaryIO, expected: int) -> bytes:
+    """What is left in a stream, of more than ``most`` bytes only these; memory is taken for what there is."""
+    parts, total = [], 0
+    while part := stream.read(min(most - total, max(expected + 1, AT_ONCE))):
+        parts.append(part)
+        total += len(part)
+    return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
 def check_ordinary(path: Path, place: Place, *, largest: int) -> None:

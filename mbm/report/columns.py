@@ -51,7 +51,7 @@ def wrapped(text: str, widest: int) -> list[str]:
             lines.append(longer[:count])
             longer = _INDENT + longer[count:]
         line = longer
-    return [*lines, line.rstrip()]
+    return [*lines, line.rstrip()] if line.strip() or not lines else lines
 
 
 def fitting(text: str, room: int) -> str:

@@ -10,9 +10,8 @@ import pytest
 
 from mbm.cli.main import run
 
-UNKNOWNS = (
-    "(b (vector 2) :per tags :init [1 1]) (T (pose 2) :per tags) (q (rotation 3) :per tags) (s :per tags :init 1)"
-)
+UNKNOWNS = """(unused direction :per tags :init [0 0 1]) (b (vector 2) :per tags :init [1 1])
+    (T (pose 2) :per tags START) (q (rotation 3) :per tags) (s :per tags :init 1)"""
 PROBLEM = """(problem p
   (data tags (table (tag run) ROWS) :key tag)
   (data d (table (run r) (1 5.0) (1 4.0) (2 3.0)))
