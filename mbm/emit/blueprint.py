@@ -16,7 +16,6 @@ from mbm.emit.reserved import (
     CONSTANT_FORM,
     DERIVED_CASE_FORMS,
     DERIVED_FORMS,
-    PROBLEM,
     PROBLEM_FORMS,
     TABLE_FORMS,
     TAKEN,
@@ -83,7 +82,7 @@ class _Drafting:
         self.answers = answers
         self.loss_scale = loss_scale
         self.names = Identifiers(TAKEN)
-        self.name = self.names.made(self.problem.name, *PROBLEM_FORMS, words=PROBLEM)
+        self.name = self.names.made(self.problem.name, *PROBLEM_FORMS, words=frozenset())
         self.places = Places(found, self.names)
         self.pairs = tuple(zip(kernels.kernels, model.blocks, strict=True))
         self.position = {u.name: i for i, u in enumerate(self.problem.unknowns)}

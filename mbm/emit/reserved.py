@@ -29,25 +29,20 @@ _RESULT = """ambiguous coordinates cost covariance evaluations free freedom inli
 robust_cost sigma0 sigmas status units"""
 _DEVICES = "aux com1 com2 com3 com4 con lpt1 lpt2 lpt3 lpt4 nul prn"
 _KERNELS = f"{_DEVICES} derived hess jac null residuals"
+_PROBLEMS = f"""all build clean csv data edit_cache help install main makefile package package_source preinstall
+rebuild_cache test {_DEVICES}"""
 _PLACES = (
-    ("function", _FUNCTIONS), ("frame", _FRAME), ("result", _RESULT), ("kernel", _KERNELS), ("table", _DEVICES),
+    ("problem", _PROBLEMS), ("function", _FUNCTIONS), ("frame", _FRAME), ("result", _RESULT), ("kernel", _KERNELS),
+    ("table", _DEVICES),
 )  # fmt: skip
 TAKEN = frozenset(f"{place}.{name}" for place, names in _PLACES for name in names.split())
 """Forms (see `mbm.emit.identifiers`) that generated text has in any case: functions that the name of a clause or of the
-problem could become, members of its structs, files. Some systems and CasADi do not have some of the files."""
+problem could become, members of its structs; files, programs and targets of `make` and CMake. Some systems, and CasADi,
+do not have some of the files."""
 
-_PROBLEM = f"""all build clean csv data edit_cache help install main makefile package package_source preinstall
-rebuild_cache test {_DEVICES}"""
-PROBLEM = frozenset(_PROBLEM.split())
-"""What no problem is called, as its files, programs and targets of `make` and CMake would meet others."""
-
-PROBLEM_FORMS = tuple(
-    f"function.{{name}}_{word}"
-    for word in (
-        "solve", "begin", "residual_count", "residuals", "jacobian", "covariance", "workspace_size", "status_text",
-        "data", "result", "workspace", "read_tables", "free_columns", "free_tables", "next_key", "select",
-    )
-)  # fmt: skip
+_CALLS = """solve begin residual_count residuals jacobian covariance workspace_size status_text data result workspace
+read_tables free_columns free_tables next_key select"""
+PROBLEM_FORMS = ("problem.{lower}", *(f"function.{{name}}_{word}" for word in _CALLS.split()))
 """What generated text makes of the name of a problem."""
 TABLE_FORMS = (
     "table.{lower}", "data.{name}_rows", "frame.kept_of_{name}", "frame.kept_of_{name}_count", "frame.first_of_{name}",

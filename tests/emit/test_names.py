@@ -117,6 +117,16 @@ def test_python_and_casadi_answer(name, target, tmp_path):
     assert found.returncode == 0, found.stdout + found.stderr
 
 
+@pytest.mark.parametrize(
+    ("name", "file"), [("main", "main_"), ("CSV", "CSV_"), ("a/b", "a_b"), ("../../x", "x"), (".", "unnamed")]
+)
+def test_files_are_called_as_the_problem_but_for_those_of_others(name, file):
+    text = CLASHES["a problem called as its table"].replace("(problem ranges", f"(problem {name}")
+    paths = [each.path for each in of_text(text, "c")]
+    assert f"{file}.c" in paths
+    assert len({path.lower() for path in paths}) == len(paths)
+
+
 @pytest.mark.parametrize("name", ["numpy", "csv", "signal", "numbers", "pytest"])
 def test_no_module_hides_one_that_is_imported(name, tmp_path):
     text = CLASHES["a problem called as its table"].replace("(problem ranges", f"(problem {name}")
@@ -146,7 +156,7 @@ def test_functions_that_a_name_could_become_are_taken():
             names = node.targets if isinstance(node, ast.Assign) else [node]
             fixed |= {getattr(each, "name", getattr(each, "id", None)) for each in names} - {None}
     ends = [form.removeprefix("function.{name}") for form in (*CASE_FORMS, *DERIVED_CASE_FORMS, *PROBLEM_FORMS)]
-    ends = ["_rows", *(end for end in ends if not end.startswith("kernel."))]
+    ends = ["_rows", *(end for end in ends if end.startswith("_"))]
     could = {name for name in fixed if any(name.removesuffix(end) not in ("", name) for end in ends)}
     begins = "(set_up|derive|constant|(start|(least|greatest)(_start)?|fixed)_of)_"
     could |= {name for name in fixed if re.match(f"{begins}|.*_(when|kept|[0-9]+)$", name)}

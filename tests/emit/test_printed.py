@@ -100,7 +100,8 @@ def characters() -> str:
 @needs_compiler
 def test_c_shows_every_character_as_a_terminal_may_have_it(tmp_path):
     (tmp_path / "csv.h").write_text(CSV, encoding="utf-8")
-    main = '#include "csv.h"\nint main(void)\n{\n    char *text = csv_whole_file("in");\n'
+    main = '#include "csv.h"\nint main(void)\n{\n    size_t size;\n'
+    main += '    char *text = csv_whole_file("in", &size);\n'
     main += "    csv_show(stdout, text, 0);\n    free(text);\n    return 0;\n}\n"
     (tmp_path / "main.c").write_text(main, encoding="utf-8")
     made = run("cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-o", "main", "main.c", folder=tmp_path)
@@ -160,6 +161,7 @@ WRONG = (
     "day,level\na,\x1b]0;title\x07\n",
     'day,level\na,"1\n2"\n',
     "day,level\na\u202e\n",
+    "day,level\na,1\n\0",
     "x" * 200000,
 )
 

@@ -139,29 +139,33 @@ static inline int csv_wrong(const struct csv *table, long row, const char *colum
     return 0;
 }
 
-static inline char *csv_whole_file(const char *path)
+/* The text of a file, ended by a zero; NULL: it cannot be read to its end, or does not fit into the memory. */
+static inline char *csv_whole_file(const char *path, size_t *size)
 {
     FILE *file = fopen(path, "rb");
     char *text = NULL;
-    size_t size = 0, capacity = 0;
+    size_t capacity = 0, got = 1;
 
+    *size = 0;
     if (file == NULL)
         return NULL;
-    for (;;) {
-        if (size + 1 >= capacity) {
-            char *more = realloc(text, capacity = 2 * capacity + 4096);
-            if (more == NULL)
-                break;
-            text = more;
-        }
-        size_t got = fread(text + size, 1, capacity - 1 - size, file);
-        size += got;
-        if (got == 0)
+    while (got > 0) {
+        char *more = text;
+        if (*size + 1 >= capacity)
+            more = realloc(text, capacity = 2 * capacity + 4096);
+        if (more == NULL)
             break;
+        text = more;
+        got = fread(text + *size, 1, capacity - 1 - *size, file);
+        *size += got;
+    }
+    if (got > 0 || ferror(file)) {
+        free(text);
+        text = NULL;
     }
     fclose(file);
     if (text != NULL)
-        text[size] = '\0';
+        text[*size] = '\0';
     return text;
 }
 
@@ -198,12 +202,15 @@ static inline int csv_read(struct csv *table, const char *path)
 {
     char *at;
     long capacity = 0, count = 0, line = 0;
+    size_t size;
 
     memset(table, 0, sizeof *table);
     table->path = path;
-    table->text = csv_whole_file(path);
+    table->text = csv_whole_file(path, &size);
     if (table->text == NULL)
         return csv_wrong(table, 0, NULL, "cannot be read");
+    if (strlen(table->text) != size)
+        return csv_wrong(table, 0, NULL, "holds a NUL character");
     at = table->text;
     if (strncmp(at, "\xEF\xBB\xBF", 3) == 0)
         at += 3;
