@@ -152,9 +152,14 @@ def refuse_source(target: Target) -> None:
         MbmError: would-overwrite.
 
     """
-    endings = {path.suffix.lower() for path in (Path(target.name), target.path)}
-    if target.status is not None and target.is_ordinary and SOURCE_ENDING in endings:
+    called_so = SOURCE_ENDING in (Path(target.name).suffix.lower(), target.path.suffix.lower())
+    if target.status is not None and target.is_ordinary and called_so:
         raise MbmError(faults.would_replace_source(target.name))
+
+
+def is_source(path: Path) -> bool:
+    """Whether a path, and what it leads to, are called as problem files are."""
+    return path.suffix.lower() == SOURCE_ENDING == Path(os.path.realpath(path)).suffix.lower()
 
 
 def refuse_twice(targets: Iterable[Target]) -> None:

@@ -206,6 +206,21 @@ def test_fmt_lays_out_what_a_link_leads_to_and_keeps_its_mode(folder: Path, mbm:
     assert (folder / "backup.mbm").read_text() == ugly
 
 
+@pytest.mark.parametrize("text", ["x y\n1   2\n", "x\n1\n2 \n", "1 2 (3)\n4 5 6\n"])
+def test_fmt_lays_out_no_tables(text: str, folder: Path, mbm: Run) -> None:
+    """``mbm fmt *``: rows would be torn apart."""
+    (folder / "d.csv").write_text(text)
+    (folder / "link.mbm").symlink_to("d.csv")
+    for name in ("d.csv", "link.mbm"):
+        outcome = mbm("fmt", name)
+        assert outcome.status == 2
+        assert "only definitions and problems may stand at top level" in outcome.err
+        assert (folder / "d.csv").read_text() == text
+    (folder / "models").write_text("(defun   f (x)\n x )\n")
+    assert mbm("fmt", "models").status == 0
+    assert (folder / "models").read_text() == "(defun f (x)\n  x)\n"
+
+
 def test_fmt_writes_no_stream_and_nothing_that_is_read_only(folder: Path, mbm: Run) -> None:
     ugly = "(defun   f (x)\n x )\n; more\n"
     path = folder / "a.mbm"

@@ -38,7 +38,7 @@ def test_mirror_images_leave_all_residuals_as_they_are(share, mirrored):
 
 @pytest.mark.parametrize(("slope", "first"), [(1e-7, -1), (1e-6, 1)])
 def test_of_equal_costs_the_first_start_decides(slope, first):
-    """slope · x moves the cost by slope · 2.12 down on one side and up on the other: 4e-7 apart is equal, 4e-6 is not."""
+    """slope · x moves the cost by slope · 2.12 down on one side and up on the other: 4e-7 apart is equal, 4e-6 not."""
     solve = square(f"(* {-slope!r} x)", "0", "(given ((x -2)) ((x 2)))")
     apart = solve.alternatives[0].cost - solve.cost
     assert abs(apart) == pytest.approx(2 * slope * ROOT, rel=1e-3)

@@ -13,7 +13,7 @@ from mbm.files.faults import not_a_file, reason_of, unreadable_file
 from mbm.text.characters import LARGEST_TEXT
 from mbm.text.faults import text_too_large
 from mbm.text.shown import one_line
-from mbm.text.types import DataPlace, Diagnostic, MbmError
+from mbm.text.types import DataPlace, Diagnostic, MbmError, Sequence, Source
 
 UNCHANGED, CHANGED = 0, 1
 _STANDARD_INPUT = "-"
@@ -50,13 +50,16 @@ def _file(path: Path, check: bool) -> bool:
     """Whether the file changes; rewrites it unless ``check``."""
     from mbm.files.reading import read_bytes
     from mbm.files.source import source_of
-    from mbm.files.targets import target_of
+    from mbm.files.targets import is_source, target_of
     from mbm.files.writing import write_whole
     from mbm.text.formatter import format_text
 
     place = DataPlace(file=str(path))
     before = read_bytes(path, place, largest=LARGEST_TEXT)
-    text = format_text(source_of(before, str(path))).encode("utf-8")
+    source = source_of(before, str(path))
+    if not is_source(path):
+        _check_definitions(source)
+    text = format_text(source).encode("utf-8")
     if text == before:
         return False
     if not check:
@@ -64,6 +67,21 @@ def _file(path: Path, check: bool) -> bool:
             raise MbmError(not_a_file(path, place, folder=False))
         write_whole(path, text, replaces_source=True)
     return True
+
+
+def _check_definitions(source: Source) -> None:
+    """Refuse a text that holds anything but lists, as sources do: words and numbers may be a table of measurements.
+
+    Raises:
+        MbmError: bad-form, and whatever is wrong with the characters.
+
+    """
+    from mbm.language.faults import bad_top_level
+    from mbm.text.reader import read
+
+    others = [form.span for form in read(source) if not isinstance(form, Sequence)]
+    if others:
+        raise MbmError(bad_top_level(others[0]))
 
 
 def _standard_input(check: bool) -> bool:
