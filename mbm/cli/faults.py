@@ -63,11 +63,6 @@ def not_writable(path: str, reason: str) -> Diagnostic:
     return Diagnostic(code=NOT_WRITABLE, message=f"`{path}` cannot be written: {reason}", hint="check the path")
 
 
-def not_readable(path: str, reason: str) -> Diagnostic:
-    """A file of ``--init`` that is missing, is a folder or may not be read."""
-    return Diagnostic(code=BAD_JSON, message=f"`{path}` cannot be read: {reason}", hint="check the path")
-
-
 def exists_already(path: str) -> Diagnostic:
     """The folder of a new problem holds something."""
     return Diagnostic(
