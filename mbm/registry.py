@@ -112,7 +112,7 @@ class Registry:
         """``backend``, or what stands in for it where these kernels are not for it."""
         from mbm.kernels.backends.automatic import suited
 
-        return suited(backend, len(kernels.kernels))
+        return suited(backend, kernels)
 
 
 ENTRY_POINTS = "mbm.closed_forms"

@@ -16,14 +16,19 @@ from mbm.values import dataclass
 class Limits:
     """Bounds of one compilation. The defaults let any sensible problem through and end a runaway within a second.
 
-    ``steps`` bounds one evaluation (of a clause, for one group of rows), ``total_steps`` all of them together.
+    ``steps`` bounds one evaluation (of a clause, for one group of rows), ``total_steps`` all of them together,
+    ``printed`` the forms that are printed for one. ``equations`` and ``operations`` bound what is derived and compiled:
+    each takes about a millisecond, and a fifth of one.
     """
 
     depth: int = 3000
     steps: int = 64_000
-    total_steps: int = 10 * steps
+    total_steps: int = 4 * steps
     list_length: int = 100_000
     files: int = 200
+    printed: int = 100_000
+    equations: int = 2_000
+    operations: int = 20_000
 
 
 STEPS_PER_EVALUATION = 16

@@ -246,6 +246,7 @@ def _unknowns(work: Workspace, declarations: list[Declaration]) -> tuple[tuple[U
             unknown, prior = read_unknown(work, declaration)
             unknowns.append(unknown)
             if prior is not None:
+                work.extent.add(prior)
                 priors.append(prior)
     return tuple(unknowns), tuple(priors)
 
@@ -270,6 +271,7 @@ def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames) -
     for clause in _all(clauses, "observe"):
         with work.collecting():
             blocks.append(read_observation(work, clause, taken))
+            work.extent.add(blocks[-1])
     for clause in _all(clauses, "constraints"):
         work.evaluator.budget.reset(clause.span)
         blocks.extend(read_constraints(work, clause, taken))

@@ -327,6 +327,26 @@ def text_too_large(name: str, limit: int, place: Place | None = None) -> Diagnos
     )
 
 
+def too_many_words_in_all(place: Span, limit: int) -> Diagnostic:
+    """``place`` begins the file with which all files together have more words than the ``limit``."""
+    return Diagnostic(
+        code=TEXT_TOO_LARGE,
+        message=f"with this file, the problem and what it uses have more than {limit:,} names, numbers and brackets",
+        place=place,
+        hint="use fewer files, or keep measurements in data files",
+    )
+
+
+def too_many_words(place: Span, limit: int) -> Diagnostic:
+    """``place`` is the first word beyond the ``limit``."""
+    return Diagnostic(
+        code=TEXT_TOO_LARGE,
+        message=f"the text goes on after {limit:,} names, numbers and brackets, which is as far as it is read",
+        place=place,
+        hint="keep measurements in data files and name them in a `data` clause",
+    )
+
+
 def shown(words: str | Path, longest: int = 60) -> str:
     """Words of a user as a message shows them: on one line, printable, and not endless."""
     return cut(str(words), longest)

@@ -51,9 +51,16 @@ def read_constraints(work: Workspace, clause: Sequence, taken: TakenNames) -> li
                 continue
             refused.add(each.form.span)
             with work.collecting():
-                found.append(_read(work, each, taken))
+                found.append(_counted(work, _read(work, each, taken)))
                 refused.remove(each.form.span)
     return [block for block in found if block is not None]
+
+
+def _counted(work: Workspace, block: Block | None) -> Block | None:
+    """The block, of which account is taken."""
+    if block is not None:
+        work.extent.add(block)
+    return block
 
 
 def _unrolled(work: Workspace, form: Form, variables: tuple[tuple[str, int], ...]) -> list[_Bound]:
@@ -240,7 +247,7 @@ def model_constraints(work: Workspace, log: ModelLog, taken: TakenNames) -> list
     for call in calls_with_constraints(Shape(content=c, span=c.span) for c in log.calls):
         for constraint in call.constraints:
             with work.collecting():
-                found.append(_of_model(work, call, constraint, taken))
+                found.append(_counted(work, _of_model(work, call, constraint, taken)))
     return [block for block in found if block is not None]
 
 
