@@ -11,7 +11,7 @@ from mbm.api.problem import load, opened
 from mbm.compiler import Inputs, SolveSettings
 from mbm.files.source import read_file
 from mbm.problem.types import Override
-from mbm.text.types import Diagnostic, Source
+from mbm.text.types import Diagnostic, Form, MbmError, Source, Span
 
 if TYPE_CHECKING:
     from mbm.report.options import SimulationSettings, SolveOptions
@@ -130,7 +130,6 @@ def expand(path: str | Path, form_text: str, *, sandbox: Path | None = None) -> 
     from mbm.language.quasiquote import value_form
     from mbm.language.session import open_session
     from mbm.shapes.model import make_model
-    from mbm.text.printer import print_form
     from mbm.text.reader import read
 
     loaded = opened(path, sandbox=sandbox)
@@ -140,5 +139,21 @@ def expand(path: str | Path, form_text: str, *, sandbox: Path | None = None) -> 
     with recursion_room(registry.limits):
         for form in read(Source("<form>", form_text)):
             value = session.evaluator.evaluate(form, session.scope)
-            lines.append(print_form(value_form(value, form.span)))
+            lines.append(_line(value_form(value, form.span), form.span, registry.limits.printed))
     return "\n".join(lines) + "\n"
+
+
+def _line(form: Form, span: Span, most: int) -> str:
+    """The form as one line of ``most`` characters at most: a form of a few parts may be printed as millions.
+
+    Raises:
+        MbmError: form-too-long.
+
+    """
+    from mbm.language import faults
+    from mbm.text.printer import print_form, printed_length
+
+    length = printed_length(form)
+    if length > most:
+        raise MbmError(faults.form_too_long(span, length, most))
+    return print_form(form)

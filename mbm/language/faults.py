@@ -92,6 +92,11 @@ TOO_MANY_STEPS = Code(
     "Evaluation took more steps than the limit: most likely a loop over far too many values.",
     "Put the repetition into a data table: rows cost nothing to compile.",
 )
+FORM_TOO_LONG = Code(
+    "form-too-long",
+    "A form is to be printed that repeats parts of itself so often that nobody can read it.",
+    "Expand a part of it.",
+)
 LIST_TOO_LONG = Code(
     "list-too-long",
     "A list, vector or range is longer than the limit.",
@@ -309,6 +314,15 @@ def too_many_in_all(place: Place | None, limit: int) -> Diagnostic:
     return Diagnostic(
         code=TOO_MANY_STEPS, message=f"all evaluations together took more than {limit} steps; they were stopped here",
         place=place, hint="each value of a static column (an index, a part's name) makes a group of rows of its own",
+    )  # fmt: skip
+
+
+def form_too_long(place: Place | None, length: int, limit: int) -> Diagnostic:
+    """A form of so many characters that is to be printed."""
+    shown = f"about {length:,}" if length < 10**15 else "far too many"
+    return Diagnostic(
+        code=FORM_TOO_LONG, message=f"this expands to {shown} characters; {limit:,} are printed at most", place=place,
+        hint="expand a part of it; what uses it is not printed and need not be shorter",
     )  # fmt: skip
 
 
