@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from posixpath import normpath
 
+from mbm.data.content import BLANKS, read_text
 from mbm.data.pose_graphs import with_measurements
 from mbm.data.writers import WRITERS
 from mbm.files.source import read_file
@@ -119,7 +120,7 @@ def _graph(text: str | None, table: SimulatedTable) -> str | None:
         path = Path(origin.path)
         if path.suffix != f".{GRAPH}" or not path.is_file():
             return None
-        text = path.read_text(encoding="utf-8")
+        text, _ = read_text(path, between=BLANKS)
     return with_measurements(text, origin.file_rows.tolist() if columns else (), columns)
 
 
@@ -171,7 +172,7 @@ def _sources(program: Program, edits: list[_Edit]) -> Iterator[OutputFile]:
                 place = target.parent / PurePosixPath(written.value).name
                 own.append(_Edit(written.span, json.dumps(place.name, ensure_ascii=False)))
             if used.resolve() not in taken:
-                waiting.append((read_file(used, str(used)), used, place))
+                waiting.append((read_file(used, str(used), written.span), used, place))
         summary = "the problem, reading these files" if source is program.source else "used by the problem"
         yield OutputFile(path=target.as_posix(), content=_edited(source, own).encode("utf-8"), summary=summary)
 
@@ -185,7 +186,8 @@ def _used(source: Source) -> Iterator[Text]:
 
 
 def _edited(source: Source, edits: list[_Edit]) -> str:
-    text = source.text
-    for edit in sorted(edits, key=lambda e: e.span.start, reverse=True):
-        text = text[: edit.span.start] + edit.text + text[edit.span.end :]
-    return text
+    pieces, reached = [], 0
+    for edit in sorted(edits, key=lambda e: e.span.start):
+        pieces += [source.text[reached : edit.span.start], edit.text]
+        reached = edit.span.end
+    return "".join((*pieces, source.text[reached:]))
