@@ -247,7 +247,7 @@ def emitted(found: Elaborated, target: str, registry: Registry) -> tuple[OutputF
     """Typed equations + tables → the files of a solver in another language, tested against what this one answers."""
     from mbm.emit.blueprint import blueprint
     from mbm.emit.corrections import with_true_values
-    from mbm.emit.refusals import refuse, refuse_gaps, refuse_startless
+    from mbm.emit.refusals import refuse, refuse_cells, refuse_startless
     from mbm.emit.targets import files_of
     from mbm.emit.types import Target
     from mbm.kernels.derive import derive
@@ -265,7 +265,7 @@ def emitted(found: Elaborated, target: str, registry: Registry) -> tuple[OutputF
     known = answered(found, kernels, cache, registry.closed_forms, solving=made.solves)
     refuse_startless(found, made, known.agreement)
     drafted = blueprint(found, model, kernels, known, loss_scale, __version__)
-    refuse_gaps(found, made, drafted.given)
+    refuse_cells(found, made, drafted.given)
     return files_of(drafted, made)
 
 

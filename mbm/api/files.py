@@ -11,7 +11,8 @@ from mbm.api.problem import load, opened
 from mbm.compiler import Inputs, SolveSettings
 from mbm.files.source import read_file
 from mbm.problem.types import Override
-from mbm.text.types import Diagnostic, Form, MbmError, Source, Span
+from mbm.text.shown import joined
+from mbm.text.types import Diagnostic, Source
 
 if TYPE_CHECKING:
     from mbm.report.options import SimulationSettings, SolveOptions
@@ -41,7 +42,10 @@ def solve_file(path: str | Path, options: SolveOptions) -> Result:
         progress=options.progress,
         workers=options.workers,
     )
-    return problem.compiled(inputs, options.backend.value).result(settings)
+    ready = problem.compiled(inputs, options.backend.value)
+    if options.loaded is not None:
+        options.loaded()
+    return ready.result(settings)
 
 
 def simulate_file(
@@ -108,7 +112,7 @@ def explain(
         from mbm.text.printer import print_form
         from mbm.text.reader import read
 
-        return "\n".join(print_form(form) for form in read(read_file(Path(path), str(path)))) + "\n"
+        return joined(print_form(form) for form in read(read_file(Path(path), str(path)))) + "\n"
     loaded = opened(path, sandbox=sandbox)
     found = compiler.elaborated(loaded.program, problem, Inputs(sandbox=sandbox), loaded.registry)
     if stage == "problem":
@@ -130,6 +134,7 @@ def expand(path: str | Path, form_text: str, *, sandbox: Path | None = None) -> 
     from mbm.language.quasiquote import value_form
     from mbm.language.session import open_session
     from mbm.shapes.model import make_model
+    from mbm.text.printer import print_form
     from mbm.text.reader import read
 
     loaded = opened(path, sandbox=sandbox)
@@ -139,21 +144,5 @@ def expand(path: str | Path, form_text: str, *, sandbox: Path | None = None) -> 
     with recursion_room(registry.limits):
         for form in read(Source("<form>", form_text)):
             value = session.evaluator.evaluate(form, session.scope)
-            lines.append(_line(value_form(value, form.span), form.span, registry.limits.printed))
-    return "\n".join(lines) + "\n"
-
-
-def _line(form: Form, span: Span, most: int) -> str:
-    """The form as one line of ``most`` characters at most: a form of a few parts may be printed as millions.
-
-    Raises:
-        MbmError: form-too-long.
-
-    """
-    from mbm.language import faults
-    from mbm.text.printer import print_form, printed_length
-
-    length = printed_length(form)
-    if length > most:
-        raise MbmError(faults.form_too_long(span, length, most))
-    return print_form(form)
+            lines.append(print_form(value_form(value, form.span)))
+    return joined(lines) + "\n"

@@ -18,6 +18,7 @@ from mbm.data.inline import table_from_inline
 from mbm.data.shaping import shape
 from mbm.data.types import ManyReader, RawTable, Reader, asked
 from mbm.files.faults import too_many_files, unreadable_file
+from mbm.files.journal import note, table_role
 from mbm.files.memory import PER_VALUE, check_memory, largest_file
 from mbm.files.reading import check_ordinary
 from mbm.problem.tables import EXTERNAL, Table, TableDeclaration
@@ -146,12 +147,15 @@ def _raw(
     readers: Mapping[str, Reader | ManyReader],
     parts: Parts,
 ) -> RawTable:
-    """The table as its origin has it."""
+    """The table as its origin has it. The file that the clause names is noted as read also where another one is."""
     name = declaration.name
+    if declaration.path is not None:
+        note(base / declaration.path, table_role(name))
     if name in given:
         return table_from_given(name, given[name])
     if name in paths:
         path = Path(paths[name])
+        note(path, table_role(name))
         return _read(_reader_for(path, declaration, readers), path, declaration, sandbox, parts)
     if declaration.inline is not None:
         return table_from_inline(declaration.inline, declaration.span)

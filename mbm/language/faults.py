@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from mbm.text.faults import shown
 from mbm.text.suggest import closest
 from mbm.text.types import Code, Diagnostic, Label, Place, Severity, Span
 
@@ -91,11 +92,6 @@ TOO_MANY_STEPS = Code(
     "too-many-steps",
     "Evaluation took more steps than the limit: most likely a loop over far too many values.",
     "Put the repetition into a data table: rows cost nothing to compile.",
-)
-FORM_TOO_LONG = Code(
-    "form-too-long",
-    "A form is to be printed that repeats parts of itself so often that nobody can read it.",
-    "Expand a part of it.",
 )
 LIST_TOO_LONG = Code(
     "list-too-long",
@@ -317,15 +313,6 @@ def too_many_in_all(place: Place | None, limit: int) -> Diagnostic:
     )  # fmt: skip
 
 
-def form_too_long(place: Place | None, length: int, limit: int) -> Diagnostic:
-    """A form of so many characters that is to be printed."""
-    shown = f"about {length:,}" if length < 10**15 else "far too many"
-    return Diagnostic(
-        code=FORM_TOO_LONG, message=f"this expands to {shown} characters; {limit:,} are printed at most", place=place,
-        hint="expand a part of it; what uses it is not printed and need not be shorter",
-    )  # fmt: skip
-
-
 def list_too_long(place: Place | None, length: int, limit: int) -> Diagnostic:
     """A list beyond the limit."""
     shown = f"{length}" if length < 10**15 else "far too many"
@@ -352,9 +339,8 @@ def text_in_number_column(span: Span, column: str, cell: str | None, place: Plac
     """A column of texts used as numbers; the first cell that is no number is to blame."""
     if place is None or cell is None:
         return Diagnostic(code=TEXT_IN_NUMBER_COLUMN, message=f"column `{column}` holds texts, not numbers", place=span)
-    shown = cell if len(cell) <= 40 else cell[:37] + "…"
     return Diagnostic(
-        code=TEXT_IN_NUMBER_COLUMN, message=f"column `{column}` is used as numbers, but a cell is `{shown}`",
+        code=TEXT_IN_NUMBER_COLUMN, message=f"column `{column}` is used as numbers, but a cell is `{shown(cell, 40)}`",
         place=place, hint="correct the cell, or leave it empty and allow gaps with `:missing skip`",
         labels=(Label(span, "used as a number here"),),
     )  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from mbm.text.shown import cut
 from mbm.text.types import Code, DataPlace, Diagnostic, Label, Place, Span
 
 UNCLOSED_BRACKET = Code(
@@ -91,6 +92,11 @@ NOT_TEXT = Code(
     "not-text",
     "The file is no UTF-8 text: it holds bytes or characters that no text has.",
     "Name the right file, or save it as UTF-8.",
+)
+TOO_LONG_TO_PRINT = Code(
+    "too-long-to-print",
+    "A form is too long to be printed: parts that occur in it many times are kept once, but are printed each time.",
+    "Print a smaller part of it; what it stands for can be used in a problem nevertheless.",
 )
 TEXT_TOO_LARGE = Code(
     "text-too-large",
@@ -301,6 +307,16 @@ def missing_extra(what: str, extra: str, place: Place | None = None) -> Diagnost
     )
 
 
+def too_long_to_print(place: Place, limit: int) -> Diagnostic:
+    """More than ``limit`` characters."""
+    return Diagnostic(
+        code=TOO_LONG_TO_PRINT,
+        message=f"this stands for a form of more than {limit:,} characters, too long to be printed",
+        place=place,
+        hint="print a smaller part of it",
+    )
+
+
 def text_too_large(name: str, limit: int, place: Place | None = None) -> Diagnostic:
     """More than ``limit`` characters (of a file: bytes)."""
     return Diagnostic(
@@ -331,10 +347,9 @@ def too_many_words(place: Span, limit: int) -> Diagnostic:
     )
 
 
-def shown(words: str | Path, limit: int = 60) -> str:
+def shown(words: str | Path, longest: int = 60) -> str:
     """Words of a user as a message shows them: on one line, printable, and not endless."""
-    clean = "".join(character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in str(words))
-    return clean if len(clean) <= limit else f"{clean[: limit - 1]}…"
+    return cut(str(words), longest)
 
 
 def _is_plain_number(written: str) -> bool:

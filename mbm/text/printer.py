@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from fractions import Fraction
 
-from mbm.text.types import Bracket, Form, Keyword, Numeral, Sequence, Symbol, Text
+from mbm.text import faults
+from mbm.text.types import Bracket, Form, Keyword, MbmError, Numeral, Sequence, Symbol, Text
+
+LONGEST = 5_000_000
+"""Characters of a form that are printed: more than the largest text of a file has."""
 
 PREFIXES = {"quote": "'", "quasiquote": "`", "unquote": ",", "unquote-splicing": ",@"}
 """What ``(quote x)`` and its kin are written as, by head."""
@@ -18,7 +22,13 @@ _CLOSING = {Bracket.ROUND: ")", Bracket.SQUARE: "]"}
 def print_form(form: Form) -> str:
     """The form as one line. ``'x`` is printed for ``(quote x)``; numbers keep every digit and stay what they are:
     ``10`` an integer, ``10.0`` a float, ``1/3`` a fraction.
+
+    Raises:
+        MbmError: too-long-to-print; a form that is built may hold the same part many times.
+
     """
+    if printed_length(form) > LONGEST:
+        raise MbmError(faults.too_long_to_print(form.span, LONGEST))
     return "".join(_pieces(form))
 
 

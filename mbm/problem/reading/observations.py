@@ -43,6 +43,9 @@ def read_observation(work: Workspace, clause: Sequence, taken: TakenNames) -> Bl
 
     def evaluate(scope: Scope) -> tuple[Equation, ...]:
         found = [r for each in equations for r in residuals(work.evaluator, each, scope)]
+        empty = next((r for r in found if not r.components), None)
+        if empty is not None:
+            raise MbmError(faults.empty_equation(empty.span))
         return tuple(_with_noise(work, r, kind, form, scope, exact=exact) for r in found)
 
     when_form = options.get("when")
