@@ -8,7 +8,7 @@ from mbm.language.coerce import is_form, list_items
 from mbm.language.evaluator import Evaluator
 from mbm.language.scope import Scope
 from mbm.language.values import SCALARS, Array, Callable_, FamilyValue, ListValue, TextColumn, Value, describe, size_of
-from mbm.text.build import symbol
+from mbm.text.build import sequence, symbol
 from mbm.text.types import Bracket, Form, MbmError, Sequence, Span, Text
 
 
