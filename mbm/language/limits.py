@@ -27,7 +27,7 @@ class Limits:
     list_length: int = 100_000
     files: int = 200
     equations: int = 2_000
-    operations: int = 60_000
+    operations: int = 45_000
 
 
 STEPS_PER_EVALUATION = 16
