@@ -17,8 +17,8 @@ class Limits:
     """Bounds of one compilation. The defaults let any sensible problem through and end a runaway within a second.
 
     ``steps`` bounds one evaluation (of a clause, for one group of rows), ``total_steps`` all of them together,
-    ``printed`` the forms that are printed for one. ``equations`` and ``operations`` bound what is derived and compiled:
-    each takes about a millisecond, and a fifth of one.
+    ``equations`` and ``operations`` bound what is derived and compiled: an equation takes about a millisecond, an
+    operation a fifth of one.
     """
 
     depth: int = 3000
@@ -26,9 +26,8 @@ class Limits:
     total_steps: int = 4 * steps
     list_length: int = 100_000
     files: int = 200
-    printed: int = 100_000
     equations: int = 2_000
-    operations: int = 20_000
+    operations: int = 45_000
 
 
 STEPS_PER_EVALUATION = 16

@@ -308,10 +308,10 @@ def missing_extra(what: str, extra: str, place: Place | None = None) -> Diagnost
 
 
 def too_long_to_print(place: Place, limit: int) -> Diagnostic:
-    """More than ``limit`` words and brackets."""
+    """More than ``limit`` characters."""
     return Diagnostic(
         code=TOO_LONG_TO_PRINT,
-        message=f"this stands for a form of more than {limit:,} words, brackets and blanks, too long to be printed",
+        message=f"this stands for a form of more than {limit:,} characters, too long to be printed",
         place=place,
         hint="print a smaller part of it",
     )

@@ -22,7 +22,7 @@ from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKin
 from mbm.shapes.constraints import calls_with_constraints
 from mbm.shapes.model import ModelLog
 from mbm.shapes.types import ModelCall, ModelConstraint, Shape
-from mbm.text.printer import print_form
+from mbm.text.printer import print_beginning
 from mbm.text.suggest import closest
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
@@ -227,15 +227,9 @@ def _name(form: Form | None, bound: _Bound, taken: TakenNames) -> str:
     elif bound.form.head == "normal":
         base = f"normal {bound.form.items[1].span.text}" if len(bound.form.items) > 1 else "normal"
     else:
-        base = _short(bound.form)
+        base = print_beginning(bound.form, _LONGEST_NAME)
     base += "".join(f" {name}={value}" for name, value in bound.variables)
     return taken.free(base, bound.form.span)
-
-
-def _short(form: Form) -> str:
-    """The form on one line; only its beginning where it is long."""
-    text = print_form(form)
-    return text if len(text) <= _LONGEST_NAME else text[: _LONGEST_NAME - 1] + "…"
 
 
 def model_constraints(work: Workspace, log: ModelLog, taken: TakenNames) -> list[Block]:
