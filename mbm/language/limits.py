@@ -23,11 +23,11 @@ class Limits:
 
     depth: int = 3000
     steps: int = 64_000
-    total_steps: int = 4 * steps
+    total_steps: int = 10 * steps
     list_length: int = 100_000
     files: int = 200
-    equations: int = 2_000
-    operations: int = 45_000
+    equations: int = 20_000
+    operations: int = 100_000
 
 
 STEPS_PER_EVALUATION = 16

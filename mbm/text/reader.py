@@ -25,7 +25,7 @@ from mbm.text.types import (
 if TYPE_CHECKING:
     from lark import Token, Tree
 
-MOST_COUNTED = 1000
+MOST_COUNTED = 10_000
 """Faulty words that are looked at."""
 
 _QUOTES = {"QUOTE": "quote", "QUASIQUOTE": "quasiquote", "UNQUOTE": "unquote", "UNQUOTE_SPLICING": "unquote-splicing"}
