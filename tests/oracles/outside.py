@@ -151,8 +151,8 @@ def _of_statistics(answer: Answer, wanted: Outside) -> list[str]:
     wrong = []
     if answer.sigmas is not None:
         held = np.isnan(wanted.sigmas)
-        told = np.isnan(answer.sigmas) | (answer.sigmas == 0.0)
-        # What constraints alone determine has a σ of zero, up to rounding of the others.
+        # What constraints alone determine has a σ of zero, up to rounding of the others; bounds may be among them.
+        told = np.isnan(answer.sigmas) | (answer.sigmas <= 1e-9 * wanted.sizes)
         close = np.abs(answer.sigmas - wanted.sigmas) <= APART * wanted.sigmas + 1e-9 * wanted.sizes
         if not np.where(held, told, close).all():
             wrong.append(f"σ {answer.sigmas} for {wanted.sigmas}")
