@@ -12,6 +12,7 @@ from mbm import compiler
 from mbm.api.arguments import by_name, coordinates, threads
 from mbm.compiler import Inputs, SolveSettings
 from mbm.data.faults import MISSING_TABLE
+from mbm.files.journal import noting
 from mbm.problem.checks import Mentioned, mentioned
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import EXTERNAL
@@ -137,7 +138,7 @@ class CompiledProblem:
         )
         if now.key is not None:
             self.origin.reading.learned(now.key, now.cache.without_closed_form, known)
-        return result
+        return replace(result, reads=self.origin.reading.journal.reads())
 
     def estimator(self, *columns: str) -> Estimator:
         """The bare estimator for a stream of data sets of one shape: a function from columns to estimates.
@@ -237,7 +238,8 @@ class CompiledProblem:
             inputs = replace(inputs, tables=dict(data), paths={})
         else:
             wanted = declarations  # a name that no table has: loading says so
-        read = compiler.loaded(wanted, self.origin.reading.base, inputs, self.origin.registry)
+        with noting(self.origin.reading.journal):
+            read = compiler.loaded(wanted, self.origin.reading.base, inputs, self.origin.registry)
         return {d.name: read[d.name] if d.name in read else before.raw[d.name] for d in declarations}
 
     def _assembled(self, data: Mapping[str, object] | None = None) -> tuple[Assembled, NDArray[np.float64]]:
@@ -294,7 +296,7 @@ def compilation_of(origin: Origin, inputs: Inputs, backend: str) -> Compilation:
     return Compilation(
         elaborated=found.elaborated,
         kernels=found.kernels,
-        cache=EvaluationCache(evaluating, found.without_closed_form),
+        cache=EvaluationCache(origin.registry.suited(evaluating, found.kernels), found.without_closed_form),
         key=found.key,
     )
 

@@ -43,7 +43,19 @@ if TYPE_CHECKING:
 TEXT, TABLES, PROBLEM, STARTS = "text", "tables", "problem", "starts"
 """The kinds of entries."""
 
-MAKERS = ("api", "data", "expression", "kernels", "language", "problem", "shapes", "symbolic", "target", "text")
+MAKERS = (
+    "api",
+    "data",
+    "expression",
+    "files",
+    "kernels",
+    "language",
+    "problem",
+    "shapes",
+    "symbolic",
+    "target",
+    "text",
+)
 """Folders of mbm that make equations and kernels, beside its own files: stages import one way, so no later one does."""
 
 CLOSED_FORMS = "solution/closed_forms"

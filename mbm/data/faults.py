@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from mbm.files import faults as file_faults
 from mbm.problem.tables import CellKey
+from mbm.text.faults import shown
 from mbm.text.suggest import closest
 from mbm.text.types import Code, DataPlace, Diagnostic, Label, Place
 
@@ -126,10 +127,7 @@ def _did_you_mean(name: str, candidates: Iterable[str]) -> str | None:
 
 
 def _short(cell: str | None) -> str:
-    """A text of a file as messages show it: cut short, line breaks and other control characters escaped."""
-    text = cell or ""
-    shown = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in text[:LONGEST_CELL_SHOWN])
-    return "".join(shown) + ("…" if len(text) > LONGEST_CELL_SHOWN else "")
+    return shown(cell or "", LONGEST_CELL_SHOWN)
 
 
 def _names(names: Iterable[str]) -> str:
@@ -274,6 +272,6 @@ def missing_key(place: DataPlace) -> Diagnostic:
 
 def duplicate_key(place: DataPlace, first: DataPlace, key: CellKey) -> Diagnostic:
     """The row at ``place`` has the ``key`` that the row ``first`` has."""
-    shown = _short(key) if isinstance(key, str) else format(key, ".17g")
-    message = f"rows {first.row} and {place.row} have the same key `{shown}` in column `{_short(place.column)}`"
+    same = _short(key) if isinstance(key, str) else format(key, ".17g")
+    message = f"rows {first.row} and {place.row} have the same key `{same}` in column `{_short(place.column)}`"
     return Diagnostic(code=DUPLICATE_KEY, message=message, place=place, labels=(Label(first, "first here"),))

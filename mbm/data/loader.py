@@ -18,8 +18,10 @@ from mbm.data.inline import table_from_inline
 from mbm.data.shaping import shape
 from mbm.data.types import ManyReader, RawTable, Reader, asked
 from mbm.files.faults import unreadable_file
+from mbm.files.journal import note, table_role
 from mbm.files.reading import check_ordinary
 from mbm.problem.tables import EXTERNAL, Table, TableDeclaration
+from mbm.text.faults import MOST_FAULTS, worth_reading
 from mbm.text.types import Diagnostic, Label, MbmError, Span
 
 Parts: TypeAlias = "dict[tuple[str, Path], Mapping[str, RawTable | MbmError]]"
@@ -52,12 +54,19 @@ def load_all(
             )
         except MbmError as error:
             found.extend(error.diagnostics)
+        if len(found) > MOST_FAULTS:
+            raise MbmError(*worth_reading(_once(found), ended=True))
     if found:
-        once: dict[tuple[object, ...], Diagnostic] = {}
-        for fault in found:  # a file of several tables is wrong once, however many clauses read it
-            once.setdefault((fault.code, fault.message, fault.place), fault)
-        raise MbmError(*once.values())
+        raise MbmError(*_once(found))
     return tables
+
+
+def _once(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
+    """The faults without repetitions: a file of several tables is wrong once, however many clauses read it."""
+    once: dict[tuple[object, ...], Diagnostic] = {}
+    for fault in found:
+        once.setdefault((fault.code, fault.message, fault.place), fault)
+    return tuple(once.values())
 
 
 def load(
@@ -107,12 +116,15 @@ def _raw(
     readers: Mapping[str, Reader | ManyReader],
     parts: Parts,
 ) -> RawTable:
-    """The table as its origin has it."""
+    """The table as its origin has it. The file that the clause names is noted as read also where another one is."""
     name = declaration.name
+    if declaration.path is not None:
+        note(base / declaration.path, table_role(name))
     if name in given:
         return table_from_given(name, given[name])
     if name in paths:
         path = Path(paths[name])
+        note(path, table_role(name))
         return _read(_reader_for(path, declaration, readers), path, declaration, sandbox, parts)
     if declaration.inline is not None:
         return table_from_inline(declaration.inline, declaration.span)

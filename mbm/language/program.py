@@ -11,6 +11,7 @@ from mbm.language import faults
 from mbm.language.functions import Definition, parse_definition
 from mbm.language.limits import Limits
 from mbm.language.parameters import Parameters, parse_parameters
+from mbm.text.faults import MOST_FAULTS, worth_reading
 from mbm.text.reader import read
 from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Source, Span, Symbol, Text
 from mbm.values import dataclass
@@ -158,6 +159,8 @@ class _ProgramReader:
                 self._top_level(form, path, (*chain, resolved))
             except MbmError as error:
                 self.diagnostics.extend(error.diagnostics)
+            if len(self.diagnostics) > MOST_FAULTS:
+                raise MbmError(*worth_reading(self.diagnostics, ended=True))
 
     def _top_level(self, form: Form, path: Path, chain: tuple[Path, ...]) -> None:
         if not isinstance(form, Sequence) or form.bracket is not Bracket.ROUND or form.head is None:

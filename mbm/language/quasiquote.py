@@ -8,7 +8,7 @@ from mbm.language.coerce import is_form, list_items
 from mbm.language.evaluator import Evaluator
 from mbm.language.scope import Scope
 from mbm.language.values import SCALARS, Array, Callable_, FamilyValue, ListValue, TextColumn, Value, describe, size_of
-from mbm.text.build import sequence, symbol
+from mbm.text.build import symbol
 from mbm.text.types import Bracket, Form, MbmError, Sequence, Span, Text
 
 
@@ -46,7 +46,12 @@ def _spliced(evaluator: Evaluator, form: Sequence, scope: Scope) -> list[Form]:
 
 
 def value_form(value: Value, span: Span) -> Form:
-    """The form that evaluates to ``value``."""
+    """The form that evaluates to ``value``; a list that occurs in it many times becomes one form, as often."""
+    return _value_form(value, span, {})
+
+
+def _value_form(value: Value, span: Span, known: dict[int, tuple[Value, Form]]) -> Form:
+    """The same; ``known`` has lists within the value by identity, and their forms."""
     if is_form(value):
         return value  # type: ignore[return-value]
     if isinstance(value, SCALARS):
@@ -56,10 +61,11 @@ def value_form(value: Value, span: Span) -> Form:
     if isinstance(value, str):
         return Text(value=value, span=span)
     if isinstance(value, Array | ListValue):
-        items = tuple(value_form(item, span) for item in list_items(value, span))
-        if isinstance(value, Array):
-            return Sequence(items=items, bracket=Bracket.SQUARE, span=span)
-        return sequence(items, span)
+        if id(value) not in known:
+            items = tuple(_value_form(item, span, known) for item in list_items(value, span))
+            bracket = Bracket.SQUARE if isinstance(value, Array) else Bracket.ROUND
+            known[id(value)] = value, Sequence(items=items, bracket=bracket, span=span)
+        return known[id(value)][1]
     if isinstance(value, TextColumn | FamilyValue | Callable_):
         return symbol(value.name, span)
     raise MbmError(faults.wrong_kind(span, "something that can stand in a form", describe(value)))

@@ -22,6 +22,7 @@ from mbm.problem.rows import MAXIMUM_REPORTED, decided, static_cells
 from mbm.problem.scopes import ProblemScope, RowScope
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import RowValues, Static, ValueCase
+from mbm.text.faults import MOST_FAULTS, worth_reading
 from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
 
@@ -77,15 +78,21 @@ class Workspace:
         try:
             yield
         except MbmError as error:
-            known = {(d.code, d.place, d.message) for d in self.diagnostics}
             found = [d for d in error.diagnostics if not self._follows(d)]
-            self.diagnostics.extend(d for d in found if (d.code, d.place, d.message) not in known)
             if isinstance(declares, Sequence) and declares.head is not None:
                 self.undeclared.add(declares.head)
+            self._keep(found)
             if any(d.code == language_faults.TOO_MANY_STEPS for d in found):
                 raise MbmError(*self.diagnostics) from None  # what runs away once may do so in every clause
         except StaticColumnNeeded as need:
-            self.diagnostics.append(language_faults.not_static(need.span, f"column `{need.column.name}`"))
+            self._keep([language_faults.not_static(need.span, f"column `{need.column.name}`")])
+
+    def _keep(self, found: list[Diagnostic]) -> None:
+        """Collect what is not known yet; nobody reads hundreds of errors, so looking for more ends some time."""
+        known = {(d.code, d.place, d.message) for d in self.diagnostics}
+        self.diagnostics.extend(d for d in found if (d.code, d.place, d.message) not in known)
+        if len(self.diagnostics) > MOST_FAULTS:
+            raise MbmError(*worth_reading(self.diagnostics, ended=True)) from None
 
     def _follows(self, diagnostic: Diagnostic) -> bool:
         """Whether an error only repeats that a declaration failed."""
@@ -95,7 +102,7 @@ class Workspace:
     def finish(self) -> None:
         """Raise what was collected."""
         if self.diagnostics:
-            raise MbmError(*self.diagnostics)
+            raise MbmError(*worth_reading(self.diagnostics))
 
     def table(self, form: Form) -> Table:
         """The table that a symbol names."""

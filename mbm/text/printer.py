@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from mbm.text.types import Bracket, Form, Keyword, Numeral, Sequence, Symbol, Text
+from mbm.text import faults
+from mbm.text.types import Bracket, Form, Keyword, MbmError, Numeral, Sequence, Symbol, Text
+
+LONGEST = 5_000_000
+"""Words, brackets and blanks of a form that are printed: as many as the largest text of a file can hold, some 20 MB."""
 
 PREFIXES = {"quote": "'", "quasiquote": "`", "unquote": ",", "unquote-splicing": ",@"}
 """What ``(quote x)`` and its kin are written as, by head."""
@@ -17,10 +21,16 @@ _CLOSING = {Bracket.ROUND: ")", Bracket.SQUARE: "]"}
 def print_form(form: Form) -> str:
     """The form as one line. ``'x`` is printed for ``(quote x)``; numbers keep every digit and stay what they are:
     ``10`` an integer, ``10.0`` a float, ``1/3`` a fraction.
+
+    Raises:
+        MbmError: too-long-to-print; a form that is built may hold the same part many times.
+
     """
     pieces: list[str] = []
     waiting: list[tuple[Form | str, int]] = [(form, 0)]  # a stack: built forms may nest deeper than Python calls do
     while waiting:
+        if len(pieces) > LONGEST:
+            raise MbmError(faults.too_long_to_print(form.span, LONGEST))
         part, level = waiting.pop()  # level: how many back-quotes around it are not undone by commas
         if isinstance(part, str):
             pieces.append(part)

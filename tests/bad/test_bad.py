@@ -50,6 +50,7 @@ ELSEWHERE = {
     "not-writable": "bad/test_made.py",
     "plot-format": "report/test_plots.py",
     "text-too-large": "bad/test_made.py",
+    "too-long-to-print": "bad/test_made.py",
     "too-many-shared-errors": "solution/implicit/test_components.py",
     "too-deeply-nested": "bad/test_made.py",
     "unclear-measurement": "simulation/test_measurements.py",
@@ -57,6 +58,7 @@ ELSEWHERE = {
     "unknown-observation": "simulation/test_measurements.py",
     "unreadable-file": "files/test_reading.py",
     "values-against-constraint": "simulation/test_measurements.py",
+    "would-overwrite": "cli/test_nothing_lost.py",
     "wrong-argument": "api/test_arguments.py",
     "wrong-input": "api/test_estimator.py",
 }

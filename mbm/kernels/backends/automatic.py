@@ -15,6 +15,11 @@ MANY = 192
 instruction once per block of rows, CasADi once per row."""
 
 
+MOST_KERNELS = 64
+"""Kernels of one problem that machine code is made for: each takes some 20 ms to compile, which a solve of as many
+groups of rows does not give back."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class InterpretingBackend(WithoutMachineCode):
     """CasADi or NumPy, whichever is faster for the number of rows: what there is where no machine code can be made."""
@@ -40,3 +45,10 @@ def backend(store: Store | None) -> Backend:
 
     reason = hindrance(store)
     return NativeBackend(store=store, name="auto") if reason is None else InterpretingBackend(reason)
+
+
+def suited(chosen: Backend, kernels: int) -> Backend:
+    """The ``chosen`` backend for a problem of so many kernels; the default one makes no machine code for very many."""
+    if chosen.name != "auto" or isinstance(chosen, WithoutMachineCode) or kernels <= MOST_KERNELS:
+        return chosen
+    return InterpretingBackend(f"{kernels} kernels, more than the {MOST_KERNELS} for which compiling pays")

@@ -56,6 +56,11 @@ TWO_NOISES = Code(
 UNEQUAL_SIDES = Code(
     "unequal-sides", "The two sides of an equation are different kinds of thing.", "Make them of one length."
 )
+EMPTY_EQUATION = Code(
+    "empty-equation",
+    "An equation compares vectors of no numbers, so that it says nothing.",
+    "Remove it, or look where the list or vector in it lost its elements.",
+)
 UNEQUAL_BRANCHES = Code(
     "unequal-branches",
     "The branches of a condition (or the rows of a table) give results of different lengths.",
@@ -224,6 +229,16 @@ def unequal_sides(span: Span, measured: str, model: str) -> Diagnostic:
         code=UNEQUAL_SIDES, message=f"the measured side is {measured}, the model is {model}", place=span,
         hint="both sides must be numbers, or vectors of one length",
     )  # fmt: skip
+
+
+def empty_equation(span: Span) -> Diagnostic:
+    """An equation without components."""
+    return Diagnostic(
+        code=EMPTY_EQUATION,
+        message="the equation compares no numbers: its vectors are empty",
+        place=span,
+        hint="remove it, or look where the vector lost its elements",
+    )
 
 
 def unequal_branches(span: Span) -> Diagnostic:
