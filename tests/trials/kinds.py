@@ -3,21 +3,31 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from tests.trials.choices import Choices
 from tests.trials.outcome import Outcome, faults_of, outcome
+from tests.trials.watching import digests, watched
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One command line, and the files from which it can be repeated elsewhere."""
+    """One command line, and the files from which it can be repeated elsewhere.
+
+    Those ``kept`` must be afterwards what they were before; those ``closed`` must not even be read.
+    """
 
     arguments: tuple[str, ...]
     files: tuple[Path, ...] = ()
+    kept: tuple[Path, ...] = ()
+    closed: tuple[Path, ...] = ()
+
+    @property
+    def devices(self) -> tuple[str, ...]:
+        """The devices that the command line names."""
+        return tuple(part for word in self.arguments for part in (word, word.partition("=")[2]) if part[:5] == "/dev/")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,24 +49,15 @@ def _nothing(_home: Home, _case: Case, _found: Outcome) -> list[str]:
     return []
 
 
-@contextmanager
-def _unwatched(_home: Home, _case: Case, _faults: list[str]) -> Iterator[None]:
-    yield
-
-
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """Cases of one kind: its share of all, how many bytes decide one, how they do, and what else must hold after it.
-
-    ``watch`` surrounds the command, and adds what it sees going wrong.
-    """
+    """Cases of one kind: its share of all, how many bytes decide one, how they do, and what else must hold after it."""
 
     name: str
     share: float
     size: int
     make: Callable[[Home, Choices], Case]
     after: Callable[[Home, Case, Outcome], list[str]] = field(default=_nothing)
-    watch: Callable[[Home, Case, list[str]], object] = field(default=_unwatched)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,9 +79,10 @@ class Trial:
 def attempt(kind: Kind, home: Home, decisions: bytes) -> Trial:
     """Makes the case that the bytes decide, runs it, and judges the answer."""
     case = kind.make(home, Choices(decisions))
-    wrong: list[str] = []
-    with kind.watch(home, case, wrong):  # type: ignore[attr-defined]
+    before = digests(case.kept)
+    with watched(home.folder, case.devices, case.closed) as wrong:
         found = outcome(*case.arguments)
+    wrong += [f"{path.name} was changed" for path, digest in digests(case.kept).items() if digest != before[path]]
     wrong += faults_of(found, case.arguments, case.files[0].parent if case.files else home.folder)
     if not wrong:
         wrong += kind.after(home, case, found)

@@ -33,6 +33,8 @@ What makes as many values as the limits allow takes half a second by itself, and
 as that of these tests, whose garbage is collected meanwhile."""
 PATIENCE, STANDSTILL = 20.0, 120.0
 """Seconds of processor time, and of waiting for something, after which an answer is given up."""
+PACKED = {".gz", ".bz2", ".xz", ".npz", ".parquet"}
+"""Endings of files whose lines are not those of a text."""
 KINDS_OF_BYTES = {"linux": 1024}
 """What `resource` counts the largest memory in, by platform; elsewhere in bytes."""
 
@@ -192,7 +194,7 @@ def _faults_of_diagnostic(diagnostic: dict[str, Any], folder: Path) -> list[str]
         wrong.append("no message")
     name, line, column = diagnostic["file"], diagnostic["line"], diagnostic["column"]
     path = None if name is None else folder / Path(name).name
-    if path is None or not path.is_file():
+    if path is None or not path.is_file() or path.suffix in PACKED:
         return wrong
     text = path.read_bytes().decode("utf-8", errors="replace")
     lines = re.split(r"\r\n|\r|\n", text)
