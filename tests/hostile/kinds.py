@@ -148,11 +148,8 @@ def _destinations(here: Home, choices: Choices) -> Case:
             kept.remove(notes)
         arguments += [*NUMPY, *(("--init", str(values)) if choices.chance(3) else ())]
     elif command in ("simulate", "compile"):
-        arguments = (
-            ["-o", str(folder / "-") if arguments[1] == "-" else arguments[1] or "."]
-            if arguments[1] != "/dev/null"
-            else ["-o", str(folder / "made")]
-        )
+        place = {"-": str(folder / "-"), "": ".", "/dev/null": str(folder / "made")}.get(arguments[1], arguments[1])
+        arguments = ["-o", place]
         arguments += ["--target", "python"] if command == "compile" else []
     elif command == "fmt":
         kept.remove(file)

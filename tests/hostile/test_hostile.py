@@ -1,4 +1,4 @@
-"""Files and command lines that mean harm, or that carelessness made: an answer comes, bounded, and nothing else happens.
+"""Files and command lines that mean harm, or are careless: an answer comes, bounded, and nothing else happens.
 
 Some hundred cases in the default run, other ones in every commit; ``make hostile`` tries 100,000. What happens besides
 the answer is heard of from Python itself (`tests.trials.watching`).
