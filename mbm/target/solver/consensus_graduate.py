@@ -126,3 +126,6 @@ def graduated(
         if decided == 1:
             break
         control = control * GROWTH
+
+
+ROUTINES = (widen_limits, graduated_weight, graduated)

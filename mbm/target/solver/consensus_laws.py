@@ -155,3 +155,13 @@ def mark_inliers(units: Integer, squares: ConstantReals, limits: ConstantReals, 
             same = 0
         inliers[u] = inside
     return same
+
+
+ROUTINES = (
+    log_gamma_of_half,
+    chi_square_tail,
+    consistency,
+    share_left,
+    untruncated,
+    mark_inliers,
+)

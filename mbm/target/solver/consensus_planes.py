@@ -84,3 +84,6 @@ def one_sided(rules: ConstantIntegers, units: Integer, forms: ConstantReals, mom
             for i in range(d):
                 moments[i] = moments[i] / float(known)
     return smallest_share(d, matrix) <= FLAT * FLAT
+
+
+ROUTINES = (smallest_share, one_sided)

@@ -147,3 +147,6 @@ def set_units(
             if not units[c] > 0.0:
                 units[c] = 1.0
         roundings[c] = NOISE * EPSILON * terms
+
+
+ROUTINES = (add_slopes, linearise, set_units)

@@ -166,3 +166,6 @@ def mask_undetermined(system: ConstantIntegers, work: ConstantReals, covariance:
         for k in range(n):
             if touched[i] != 0.0 or touched[k] != 0.0:
                 covariance[i * n + k] = inf - inf
+
+
+ROUTINES = (rotate, singular_values, decided_rank, set_determined, determines, mask_undetermined)

@@ -52,8 +52,6 @@ Everything is in SI, angles in radians; quaternions (w, x, y, z). Scratch sizes 
 
 from __future__ import annotations
 
-from mbm.target.words import Integer
-
 LANES = 4
 """Rows of a kernel's block; `modules.solver_module` reads the text with another number where that is asked for."""
 
@@ -246,6 +244,6 @@ UNSURE = 10
 """Rank deficient, or out of range: the point is the best so far, another method should start anew."""
 
 
-def data_stride(blocks: Integer) -> Integer:
+def data_stride(blocks: int) -> int:
     """Integers of a data set in ``data``; ``blocks`` counts those of constraints too."""
     return DATA_HEAD + DATA_BLOCK * blocks

@@ -127,3 +127,6 @@ def place_coordinates(system: ConstantIntegers, coordinates: ConstantReals, poin
         place = system[system[PLACES_AT] + j]
         if place >= 0:
             point[place] = coordinates[j]
+
+
+ROUTINES = (part_of_step, turned, swung, retract, coordinates_of, place_coordinates)

@@ -194,3 +194,15 @@ def quaternion_of(R: ConstantReals, target: Reals) -> None:
     target[1] = x / length
     target[2] = y / length
     target[3] = z / length
+
+
+ROUTINES = (
+    dot3,
+    cross3,
+    square_between,
+    triangle_frame,
+    lengths_polished,
+    grunert,
+    poses_from_three,
+    quaternion_of,
+)

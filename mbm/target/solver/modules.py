@@ -1,18 +1,68 @@
-"""The solver and consensus as modules of the target language: what is called from outside, and all that it calls."""
+"""All of the solver as one module of the target language."""
 
 from __future__ import annotations
 
 from mbm.target.from_python import module_of
-from mbm.target.solver.batch import finish_solve, go_on, solve_many, start_solve
-from mbm.target.solver.consensus import agree_by_and_by, agree_many
+from mbm.target.solver import (
+    batch,
+    beginning,
+    constraint_values,
+    constraints,
+    covariance,
+    deficient,
+    equations,
+    linear_algebra,
+    losses,
+    manifolds,
+    newton,
+    normal_equations,
+    places,
+    polishing,
+    pushing,
+    slopes,
+    steps,
+    surface,
+    sweeps,
+    tangent,
+    trials,
+    trust_region,
+    united,
+    working,
+    workspace,
+)
 from mbm.target.tree import Module
+
+PARTS = (
+    linear_algebra,
+    losses,
+    manifolds,
+    workspace,
+    united,
+    equations,
+    slopes,
+    normal_equations,
+    sweeps,
+    steps,
+    newton,
+    places,
+    trials,
+    trust_region,
+    beginning,
+    tangent,
+    deficient,
+    covariance,
+    constraint_values,
+    working,
+    surface,
+    polishing,
+    constraints,
+    pushing,
+    batch,
+)
+"""The files of the solver, those that are called before those that call them."""
 
 
 def solver_module(lanes: int) -> Module:
     """The solver for kernels that take ``lanes`` rows at a time."""
-    return module_of("solver", (start_solve, go_on, finish_solve, solve_many), constants={"LANES": lanes})
-
-
-def consensus_module(lanes: int) -> Module:
-    """Consensus likewise: beside the solver, for few problems ask it."""
-    return module_of("consensus", (agree_many, agree_by_and_by), constants={"LANES": lanes})
+    functions = [function for part in PARTS for function in part.ROUTINES]
+    return module_of("solver", functions, public=batch.PUBLIC, constants={"LANES": lanes})

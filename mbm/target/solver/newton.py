@@ -188,3 +188,6 @@ def remaining(offset: Real, before: Real, tolerance: Real) -> Real:
     if not before > 0.0 or offset >= before:
         return 1e300
     return log(tolerance / offset) / log(offset / before)
+
+
+ROUTINES = (set_inner, newton_step, set_curvature, remaining)

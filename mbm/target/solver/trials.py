@@ -223,3 +223,6 @@ def shortening(
     if share < 0.1:
         return 0.1
     return 0.5 if share > 0.5 else share
+
+
+ROUTINES = (step_within, bend_step, try_step, same_point, shortening)
