@@ -242,7 +242,10 @@ def test_a_column_measured_twice_in_a_row_is_refused() -> None:
             "(observe e d (= i (v y)) :sigma 1)",
             "what decides which equation a row has",
         ),
-        ("(data d external) (data n external) (pair P (d n) :by y) (observe P (= d.y a) :sigma 1)", "the time of a pair"),
+        (
+            "(data d external) (data n external) (pair P (d n) :by y) (observe P (= d.y a) :sigma 1)",
+            "the time of a pair",
+        ),
     ],
     ids=lambda value: value if value[0] != "(" else "",
 )
