@@ -102,10 +102,10 @@ is, and its likely mend; several independent faults are reported in one run. Err
 do not change it.
 
 """
-BOUNDS_INTRODUCTION = f"""A problem is data that somebody else may have written, so what mbm takes for it is bounded. What
-goes beyond a bound ends with a diagnostic that says the limit, before memory is taken. Bounds of memory follow
-`{memory.VARIABLE}`, as in `{memory.VARIABLE}=8GB mbm solve …`; the others are the same on every machine, so that a problem
-that is read here is read everywhere.
+BOUNDS_INTRODUCTION = f"""A problem is data that somebody else may have written, so what mbm takes for it is bounded.
+What goes beyond a bound ends with a diagnostic that says the limit, before memory is taken. Bounds of memory follow
+`{memory.VARIABLE}`, as in `{memory.VARIABLE}=8GB mbm solve …`; the others are the same on every machine, so that a
+problem that is read here is read everywhere.
 
 """
 
