@@ -15,6 +15,8 @@ from mbm.files.journal import THE_PROBLEM, Journal, Read, note, noting
 from mbm.values import dataclass
 
 WIDEST, NARROWEST = 100, 60
+_DIGITS = 9
+"""Of a width that is looked at: Python reads no number of thousands of digits."""
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
@@ -62,8 +64,8 @@ def terminal() -> Terminal:
 def _columns() -> int:
     """The width of the terminal; `shutil.get_terminal_size` answers the same, but loads what unpacks archives."""
     stated = os.environ.get("COLUMNS", "")
-    if stated.isdecimal() and int(stated) > 0:
-        return int(stated)
+    if stated.isdecimal() and stated.strip("0"):
+        return int(stated) if len(stated) <= _DIGITS else WIDEST
     try:
         return os.get_terminal_size(sys.__stdout__.fileno()).columns or WIDEST if sys.__stdout__ else WIDEST
     except (OSError, ValueError):  # no terminal, or closed

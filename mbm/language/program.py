@@ -13,7 +13,7 @@ from mbm.language.functions import Definition, parse_definition
 from mbm.language.limits import Limits
 from mbm.language.parameters import Parameters, parse_parameters
 from mbm.text import faults as text_faults
-from mbm.text.characters import MOST_WORDS, words_in
+from mbm.text.characters import LARGEST_TEXT, MOST_WORDS, words_in
 from mbm.text.faults import MOST_FAULTS, worth_reading
 from mbm.text.reader import read
 from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Source, Span, Symbol, Text
@@ -147,12 +147,15 @@ class _ProgramReader:
         self.used: list[UsedFile] = []
         self._places: dict[tuple[str, str], Span] = {}
         self._done: set[Path] = set()
-        self._words = 0
+        self._words = self._length = 0
 
     def take(self, source: Source, path: Path, chain: tuple[Path, ...]) -> None:
         """The definitions of one file; those it uses first."""
         resolved = path.resolve()
         self._done.add(resolved)
+        self._length += len(source.text)
+        if self._length > LARGEST_TEXT and chain:
+            raise MbmError(text_faults.too_long_in_all(Span(source=source, start=0, end=0), LARGEST_TEXT))
         try:
             forms = read(source)
         except MbmError as error:

@@ -337,6 +337,16 @@ def too_many_words_in_all(place: Span, limit: int) -> Diagnostic:
     )
 
 
+def too_long_in_all(place: Span, limit: int) -> Diagnostic:
+    """``place`` begins the file with which all files together have more characters than the ``limit``."""
+    return Diagnostic(
+        code=TEXT_TOO_LARGE,
+        message=f"with this file, the problem and what it uses are larger than {limit // 2**20} MiB",
+        place=place,
+        hint="use fewer files, or keep measurements in data files",
+    )
+
+
 def too_many_words(place: Span, limit: int) -> Diagnostic:
     """``place`` is the first word beyond the ``limit``."""
     return Diagnostic(
