@@ -11,6 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from mbm.cli.output import open_closed_streams, say_error
+from mbm.cli.statuses import INTERRUPTED, WRONG
 from mbm.files.journal import Journal, noting
 
 if TYPE_CHECKING:
@@ -18,9 +19,6 @@ if TYPE_CHECKING:
 
 COMPLETION = "_MBM_COMPLETE"
 """Environment variable by which a shell asks what may come next (Click's protocol)."""
-
-INTERRUPTED = 130
-WRONG = 2
 
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Read when NumPy is first imported. One thread unless the environment says otherwise: the matrices are narrow, where

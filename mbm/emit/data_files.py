@@ -82,7 +82,7 @@ def _reference(reference: Reference) -> Iterator[str]:
         for i, (value, own) in enumerate(zip(values.ravel().tolist(), sigmas.ravel().tolist(), strict=True)):
             if np.isfinite(value) and np.isfinite(own):
                 yield f"derived,{number},{i},{value!r},{own!r}"
-                yield f"derived sigma,{number},{i},{own!r},{own!r}"
+                yield f"derived sigma,{number},{i},{own!r},{abs(value) if own <= ROUNDING * abs(value) else own!r}"
     covariance = reference.covariance
     sigma = _scales(covariance)
     for i in range(len(covariance)):

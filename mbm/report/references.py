@@ -245,21 +245,36 @@ def _reference(solution: Solution, again: Again | None, agreement: Agreement | N
     first, elsewhere = solution, None
     if again is not None and not begun and _status(solution) == "converged":
         elsewhere, solution = _elsewhere(solution, again, agreement)
-    spread = np.zeros(len(layout.start))
-    places = layout.number[solution.free]
-    plain = places >= 0
-    spread[places[plain]] = np.nan_to_num(solution.covariance.sigma[plain])
     return Reference(
         status=_status(solution),
         numbers=solution.numbers,
-        spread=spread,
-        covariance=solution.covariance.matrix,
+        spread=_spread(solution),
+        covariance=np.where(solution.sigma_known, solution.covariance.matrix, np.nan),
         derived=tuple((each.values, each.sigma) for each in solution.derived),
         cost=solution.fit.cost,
         dof=solution.fit.dof,
         start=np.where(unknown, first.numbers, layout.start),
         elsewhere=elsewhere,
     )
+
+
+def _spread(solution: Solution) -> Floats:
+    """By what a difference of each number (N,) is measured where the number itself is small: its standard deviation.
+
+    For the numbers that hold a rotation it is the largest one of the coordinates that it varies by. Where no standard
+    deviation is known, it is the largest number.
+    """
+    layout = solution.layout
+    spread = np.zeros(len(layout.start))
+    sigma = np.zeros(len(layout.number))
+    sigma[solution.free] = np.nan_to_num(solution.covariance.sigma)
+    if not solution.sigma_known:
+        sigma[solution.free] = np.max(np.abs(solution.numbers), initial=0.0)
+    for entry in layout.entries:
+        own = sigma[entry.coordinates]
+        plain = own.shape == spread[entry.range].shape
+        spread[entry.range] = own if plain else np.max(own, initial=0.0)
+    return spread
 
 
 def _without(unknown: Mask, layout: Layout, agreement: Agreement | None) -> Mask:
