@@ -94,7 +94,7 @@ def observed_at(minimum: Minimum, point: Floats, jacobian: Floats | None = None)
         # Loaded by sparse problems only, so that the others start at once.
         from mbm.solution.sparse.observability import sparse_observability
 
-        return sparse_observability(minimum, minimum.blocks, point)
+        return sparse_observability(minimum, point)
     surface, held = None, minimum.constraints
     if held is not None and bool(held.forcing.any()):
         surface = Surface(slopes=held.slopes[held.forcing], equality=held.equality[held.forcing])

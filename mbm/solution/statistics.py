@@ -63,13 +63,9 @@ def statistics(
     stated = _stated(equations, noise)
     if equations.lossy and minimum.blocks is not None:
         # Here and below: loaded by problems with losses only, so that the others start at once.
-        from mbm.solution.sparse.equations import blocked
         from mbm.solution.sparse.sandwich import sparse_sandwich
 
-        plainly = blocked(equations).plain_block_jacobian(minimum.point, minimum.blocks.plan.arithmetic)
-        jacobian = replace(minimum.blocks, values=plainly)
-        place = equations.coordinates(minimum.point)
-        estimated, observed = sparse_sandwich(loss_lines(equations), plain, jacobian, observed, stated, place)
+        estimated, observed = sparse_sandwich(equations, minimum, plain, observed, stated)
     elif equations.lossy:
         from mbm.solution.robust.covariance import sandwich
 

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import field
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbm.values import dataclass
-
-if TYPE_CHECKING:
-    from mbm.solution.sparse.inverse import SparseInverse
-    from mbm.solution.sparse.structure import BlockJacobian
 
 Floats: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
@@ -104,6 +101,27 @@ class Correctable(Profiled, Protocol):
 
     def roughly_corrected(self) -> Equations:
         """The same equations with corrections to first order."""
+        ...
+
+
+class SparseJacobian(Protocol):
+    """The whitened Jacobian of a sparse problem; only `mbm.solution.sparse` looks further into it."""
+
+    @property
+    def values(self) -> Sequence[Floats]:
+        """An array (rows, outputs, width) for each piece of its structure."""
+        ...
+
+
+class CovarianceFactor(Protocol):
+    """What stands in for the covariance of so many estimates that it is never formed."""
+
+    def single(self) -> Mask:
+        """Coordinates (n,) that free directions of single members touch."""
+        ...
+
+    def leverages(self, values: Sequence[Floats], fixed: Mask) -> Floats:
+        """The diagonal of ``J Σ Jᵀ`` (m,) for a `SparseJacobian` with these values; ``fixed`` (n,) are known."""
         ...
 
 
@@ -200,7 +218,7 @@ class Minimum:
     at_bound: NDArray[np.int8]
     bad_row: int | None = None
     constraints: ConstraintState | None = None
-    blocks: BlockJacobian | None = field(default=None, repr=False)
+    blocks: SparseJacobian | None = field(default=None, repr=False)
     trace: tuple[TraceEntry, ...] = field(default=(), repr=False)
 
     @property
@@ -318,7 +336,7 @@ class Observability:
     gauge: tuple[GaugeMotion, ...] = ()
     datum: int = 0
     datum_space: Floats | None = None
-    inverse: SparseInverse | None = field(default=None, repr=False)
+    inverse: CovarianceFactor | None = field(default=None, repr=False)
     flat: int = 0
 
     @property
@@ -342,7 +360,7 @@ class Covariance:
     sigma: Floats
     factor: Floats
     variance: float = 1.0
-    inverse: SparseInverse | None = field(default=None, repr=False)
+    inverse: CovarianceFactor | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

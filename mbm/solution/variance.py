@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.solution.gamma import chi_square_tail
-from mbm.solution.types import Components, Fit, Floats, Indices, Noise, NoiseState, Observability
-
-if TYPE_CHECKING:
-    from mbm.solution.sparse.structure import BlockJacobian
+from mbm.solution.types import Components, Fit, Floats, Indices, Noise, NoiseState, Observability, SparseJacobian
 
 Reweighted = Callable[[Floats], tuple[Floats, Floats]]
 """From the noise factors (one for each unknown group) to the residuals (m,) and redundancy numbers (m,) at the minimum
@@ -48,7 +44,7 @@ def fit_statistics(
 
 
 @np.errstate(all="ignore")
-def redundancy_numbers(jacobian: Floats, observed: Observability, blocks: BlockJacobian | None = None) -> Floats:
+def redundancy_numbers(jacobian: Floats, observed: Observability, blocks: SparseJacobian | None = None) -> Floats:
     """Share of each row (m,) that shows in its residual: 1 - the diagonal of the hat matrix; their sum is m - rank.
 
     Förstner (1979). 0: the row determines something that nothing else does; 1: it determines nothing. ``blocks`` is

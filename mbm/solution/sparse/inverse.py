@@ -13,7 +13,7 @@ import numpy as np
 
 from mbm.solution.sparse.structure import Values
 from mbm.solution.sparse.system import Factorised
-from mbm.solution.types import Floats, Indices, Mask
+from mbm.solution.types import CovarianceFactor, Floats, Indices, Mask
 from mbm.values import dataclass
 
 LEAST = 1e-6
@@ -172,3 +172,16 @@ class SparseInverse:
         if self.null.shape[1]:
             x = x - self.null @ (self.null.T @ x)
         return self.local.removed(x)
+
+
+def inverse_of(factor: CovarianceFactor | None) -> SparseInverse:
+    """The covariance factor of a sparse problem.
+
+    Raises:
+        TypeError: the problem is not sparse.
+
+    """
+    if not isinstance(factor, SparseInverse):
+        message = "the problem is not sparse"
+        raise TypeError(message)
+    return factor

@@ -21,8 +21,8 @@ from mbm.solution.sparse.deferred import DeferredMatrix
 from mbm.solution.sparse.equations import blocked
 from mbm.solution.sparse.normal import Normal
 from mbm.solution.sparse.place import BlockEquations, Place, inside, moved, normal_at, place_at
-from mbm.solution.sparse.structure import BlockJacobian, Structure, Values
-from mbm.solution.sparse.system import Factorised, Plan, factorised, plan
+from mbm.solution.sparse.structure import Structure, Values
+from mbm.solution.sparse.system import BlockJacobian, Factorised, Plan, factorised, plan
 from mbm.solution.types import Equations, Floats, Minimum, Reason, TraceEntry
 from mbm.values import dataclass
 
