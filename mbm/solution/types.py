@@ -153,17 +153,6 @@ class Reason(Enum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TraceEntry:
-    """One iteration: cost ``Σ r²``, relative offset and trust radius before it, trial points that it took."""
-
-    iteration: int
-    cost: float
-    offset: float
-    radius: float
-    trials: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Conflict:
     """Constraints (by number) and coordinates whose lower or upper bounds contradict one another.
 
@@ -219,7 +208,6 @@ class Minimum:
     bad_row: int | None = None
     constraints: ConstraintState | None = None
     blocks: SparseJacobian | None = field(default=None, repr=False)
-    trace: tuple[TraceEntry, ...] = field(default=(), repr=False)
 
     @property
     def feasible(self) -> bool:
@@ -233,10 +221,6 @@ class Solver(Protocol):
     @property
     def name(self) -> str:
         """The name in ``(solve :method NAME)``."""
-        ...
-
-    def supports(self, equations: Equations) -> bool:
-        """The method can solve problems of this kind."""
         ...
 
     def init(self, equations: Equations, start: Floats, tolerance: float) -> Any:
@@ -392,13 +376,12 @@ class NoiseState(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noise:
-    """Noise of one ``:sigma unknown`` group: its sigma times ``factor``; ``redundancy`` is its share of the dof.
+    """Noise of one ``:sigma unknown`` group: its sigma times ``factor``.
 
     Where ``state`` is not ESTIMATED, ``factor`` is the one last used as a weight, not an estimate.
     """
 
     factor: float
-    redundancy: float
     state: NoiseState
 
 
@@ -407,5 +390,4 @@ class Components:
     """Variance components: one ``Noise`` for each group, in order; ``settled`` is False where the rounds ran out."""
 
     noises: tuple[Noise, ...]
-    rounds: int
     settled: bool

@@ -61,10 +61,10 @@ def redundancy_numbers(jacobian: Floats, observed: Observability, blocks: Sparse
 def common_factor(cost: float, dof: int) -> Noise:
     """The factor where all rows share one unknown noise and nothing is stated: ``s² = cost/dof``, weights unchanged."""
     if dof <= 0:
-        return Noise(factor=1.0, redundancy=0.0, state=NoiseState.NO_REDUNDANCY)
+        return Noise(factor=1.0, state=NoiseState.NO_REDUNDANCY)
     if cost == 0.0:
-        return Noise(factor=1.0, redundancy=float(dof), state=NoiseState.EXACT)
-    return Noise(factor=sqrt(cost / dof), redundancy=float(dof), state=NoiseState.ESTIMATED)
+        return Noise(factor=1.0, state=NoiseState.EXACT)
+    return Noise(factor=sqrt(cost / dof), state=NoiseState.ESTIMATED)
 
 
 @np.errstate(all="ignore")
@@ -78,17 +78,16 @@ def variance_components(solve: Reweighted, groups: Sequence[Indices]) -> Compone
     factors = np.ones(len(groups))
     first = np.ones(len(groups))
     states = [NoiseState.ESTIMATED] * len(groups)
-    shares = np.zeros(len(groups))
     for rounds in range(1, ROUNDS + 1):
         residuals, redundancy = solve(factors)
         ratios = np.ones(len(groups))
         for k, rows in enumerate(groups):
-            shares[k] = float(redundancy[rows].sum())
+            share = float(redundancy[rows].sum())
             squares = float(residuals[rows] @ residuals[rows])
             if states[k] is not NoiseState.EXACT:
-                states[k] = _state_of(shares[k], squares)
+                states[k] = _state_of(share, squares)
             if states[k] is NoiseState.ESTIMATED:
-                ratios[k] = sqrt(squares / shares[k])
+                ratios[k] = sqrt(squares / share)
         updated = factors * ratios
         if rounds == 1:
             first = updated
@@ -99,8 +98,8 @@ def variance_components(solve: Reweighted, groups: Sequence[Indices]) -> Compone
         change = float(np.abs(updated / factors - 1.0).max(initial=0.0))
         factors = updated
         if change <= SETTLED:
-            return _components(factors, shares, states, rounds, settled=True)
-    return _components(factors, shares, states, ROUNDS, settled=False)
+            return _components(factors, states, settled=True)
+    return _components(factors, states, settled=False)
 
 
 def _state_of(redundancy: float, squares: float) -> NoiseState:
@@ -109,10 +108,6 @@ def _state_of(redundancy: float, squares: float) -> NoiseState:
     return NoiseState.EXACT if squares == 0.0 else NoiseState.ESTIMATED
 
 
-def _components(
-    factors: Floats, shares: Floats, states: Sequence[NoiseState], rounds: int, *, settled: bool
-) -> Components:
-    noises = tuple(
-        Noise(factor=float(f), redundancy=float(r), state=s) for f, r, s in zip(factors, shares, states, strict=True)
-    )
-    return Components(noises=noises, rounds=rounds, settled=settled)
+def _components(factors: Floats, states: Sequence[NoiseState], *, settled: bool) -> Components:
+    noises = tuple(Noise(factor=float(f), state=s) for f, s in zip(factors, states, strict=True))
+    return Components(noises=noises, settled=settled)

@@ -8,8 +8,7 @@ from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Column, ColumnMember, Expression, LiteralMember, Member, Number
 from mbm.language import faults as language_faults
 from mbm.language.coerce import scalar, vector
-from mbm.language.scope import Scope
-from mbm.language.values import SCALARS, CameraValue, FamilyValue, TextColumn, Value
+from mbm.language.values import SCALARS, CameraValue, FamilyValue, Scope, TextColumn, Value
 from mbm.problem.elaboration import Workspace
 from mbm.problem.options import Options, split_options
 from mbm.problem.reading.unknowns import family_of, keys_of

@@ -30,7 +30,7 @@ FLAT = 1e-7
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ConsensusEnds:
-    """What D data sets agree on; units of data set k stand at ``units_at[k] : units_at[k + 1]``.
+    """What D data sets agree on; their units stand one after the other.
 
     ``points`` (D, N) is where the units agree, the first start where they do not; ``states`` (D, `ANSWERS`). For each
     unit ``inside`` says whether it agrees, with squared norms up to ``limits``; ``variances`` are those of the noise.
@@ -39,7 +39,6 @@ class ConsensusEnds:
 
     points: Floats
     states: Indices
-    units_at: Indices
     inside: Mask
     limits: Floats
     variances: Floats
@@ -198,7 +197,6 @@ def consensus_many(
     return ConsensusEnds(
         points=points,
         states=states,
-        units_at=units_at,
         inside=inside == 1,
         limits=limits,
         variances=variances,

@@ -284,7 +284,7 @@ def _loss_noise(
         state = NoiseState.NO_REDUNDANCY if redundancy <= 0.0 else NoiseState.EXACT if exact else NoiseState.ESTIMATED
         if state is not NoiseState.ESTIMATED:
             factor = 1.0
-        noise[number] = Noise(factor=factor, redundancy=max(redundancy, 0.0), state=state)
+        noise[number] = Noise(factor=factor, state=state)
         factors[equations.block_rows(number)] = factor
     return (factors, noise) if noise else (None, noise)
 

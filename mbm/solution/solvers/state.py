@@ -9,7 +9,7 @@ import numpy as np
 from mbm.solution.solvers.box import Box, Step, box_of, boxed_step
 from mbm.solution.solvers.curvature import newton_step
 from mbm.solution.solvers.scaled import EPSILON, ROUNDED, Scaled, column_norms, decompose, magnitudes, turning
-from mbm.solution.types import Equations, Floats, Mask, Minimum, Reason, TraceEntry
+from mbm.solution.types import Equations, Floats, Mask, Minimum, Reason
 from mbm.values import dataclass
 
 UNSCALED = 1e-3
@@ -77,7 +77,6 @@ class State:
     evaluations: int
     reason: Reason | None
     bad_row: int | None
-    trace: tuple[TraceEntry, ...]
 
 
 def begin(equations: Equations, point: Floats, tolerance: float) -> State:
@@ -110,7 +109,6 @@ def begin(equations: Equations, point: Floats, tolerance: float) -> State:
         evaluations=1,
         reason=place.ending if row is None else reason,
         bad_row=row,
-        trace=(),
     )
 
 
@@ -268,5 +266,4 @@ def answer(state: State, reason: Reason) -> Minimum:
         offset=place.offset,
         at_bound=state.box.sides(place.coordinates, place.free, place.full),
         bad_row=state.bad_row,
-        trace=state.trace,
     )

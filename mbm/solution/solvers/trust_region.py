@@ -16,7 +16,7 @@ import numpy as np
 from mbm.solution.solvers.box import Step, StepRule, boxed_step
 from mbm.solution.solvers.curvature import remaining, residual_curvature, spread_of
 from mbm.solution.solvers.state import Place, State, answer, begin, place_at
-from mbm.solution.types import Equations, Floats, Minimum, Reason, TraceEntry
+from mbm.solution.types import Equations, Floats, Minimum, Reason
 from mbm.values import dataclass
 
 ACCEPT = 1e-4
@@ -72,10 +72,6 @@ class TrustRegion:
     name: str
     rule: StepRule
 
-    def supports(self, equations: Equations) -> bool:
-        """Any system of at least one equation and one unknown."""
-        return equations.dimension > 0 and equations.count > 0
-
     @np.errstate(all="ignore")
     def init(self, equations: Equations, start: Floats, tolerance: float) -> State:
         """The state at the start (projected into the bounds)."""
@@ -85,7 +81,7 @@ class TrustRegion:
     def step(self, equations: Equations, state: State) -> State:
         """Trial steps until one is accepted, or none can be; the cost never grows by more than its rounding."""
         here, radius, evaluations, finite = state.place, state.radius, state.evaluations, True
-        for trials in range(1, TRIALS + 1):
+        for _ in range(TRIALS):
             trial = _try(equations, state, _step_within(state, self.rule, radius))
             evaluations += trial.evaluations
             if np.array_equal(trial.point, here.point):
@@ -108,7 +104,7 @@ class TrustRegion:
                 if not finite:
                     radius = 0.25 * min(radius, trial.step.length)
                     continue
-                done = _counted(state, evaluations, trials)
+                done = _counted(state, evaluations)
                 new = _moved(equations, done, trial, jacobian, radius, share if decided else None)
                 if not decided and not new.place.offset <= POLISH * here.offset:
                     return _no_better(equations, done)
@@ -116,7 +112,7 @@ class TrustRegion:
             if not decided:
                 break
             radius = _shorter(here, trial.step, actual) * min(radius, trial.step.length)
-        return _stuck(equations, _counted(replace(state, radius=radius), evaluations, trials), finite)
+        return _stuck(equations, _counted(replace(state, radius=radius), evaluations), finite)
 
     def finished(self, state: State) -> Reason | None:
         """Why the iteration is over, or None while it is not."""
@@ -236,12 +232,5 @@ def _shorter(here: Place, step: Step, actual: float) -> float:
     return min(max(share, 0.1), 0.5)
 
 
-def _counted(state: State, evaluations: int, trials: int) -> State:
-    entry = TraceEntry(
-        iteration=state.iterations + 1,
-        cost=state.place.cost,
-        offset=state.place.offset,
-        radius=state.radius,
-        trials=trials,
-    )
-    return replace(state, iterations=state.iterations + 1, evaluations=evaluations, trace=(*state.trace, entry))
+def _counted(state: State, evaluations: int) -> State:
+    return replace(state, iterations=state.iterations + 1, evaluations=evaluations)

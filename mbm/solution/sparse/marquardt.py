@@ -23,7 +23,7 @@ from mbm.solution.sparse.normal import Normal
 from mbm.solution.sparse.place import BlockEquations, Place, inside, moved, normal_at, place_at
 from mbm.solution.sparse.structure import Structure, Values
 from mbm.solution.sparse.system import BlockJacobian, Factorised, Plan, factorised, plan
-from mbm.solution.types import Equations, Floats, Minimum, Reason, TraceEntry
+from mbm.solution.types import Equations, Floats, Minimum, Reason
 from mbm.values import dataclass
 
 COMPILED = 20_000
@@ -92,7 +92,6 @@ class State:
     evaluations: int
     reason: Reason | None
     bad_row: int | None
-    trace: tuple[TraceEntry, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,10 +103,6 @@ class SparseMarquardt:
 
     name: str = "lm-sparse"
     workers: int | None = None
-
-    def supports(self, equations: Equations) -> bool:
-        """Any system of at least one equation and one unknown whose blocks can be told."""
-        return equations.dimension > 0 and equations.count > 0 and _blocks(equations) is not None
 
     @np.errstate(all="ignore")
     def init(self, equations: Equations, start: Floats, tolerance: float) -> State:
@@ -170,7 +165,6 @@ def _begun(equations: BlockEquations, start: Floats, tolerance: float, workers: 
         evaluations=1,
         reason=None if place is not None else reason,
         bad_row=row,
-        trace=(),
     )
 
 
@@ -183,7 +177,7 @@ def _planned(layout: Structure, backend: MachineCode | None, workers: int | None
 
 
 def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
-    for trials in range(1, TRIALS + 1):
+    for _ in range(TRIALS):
         state, found = _next(state, here)
         if found is None:
             state = _shortened(state)
@@ -201,7 +195,7 @@ def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
         if offset > CLOSE:  # these factors are of no use elsewhere, and make room for the next Jacobian
             state = replace(state, known=replace(state.known, factors=None))
         if offset <= state.tolerance:
-            return _ended(state, here, trials, Reason.SMALL_OFFSET)
+            return _ended(state, Reason.SMALL_OFFSET)
         undecided = promise <= UNDECIDED * here.rounding
         residuals = equations.residuals(point)
         cost = float(residuals @ residuals)
@@ -213,17 +207,17 @@ def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
             values = equations.block_jacobian(point, state.plan.arithmetic)
             there = place_at(equations, state.plan, point, residuals, values)
         if there is not None:
-            moved_on = _accepted(state, here, there, trials, 1.0 if undecided else share)
+            moved_on = _accepted(state, there, 1.0 if undecided else share)
             if not undecided:
                 return moved_on
             better = _better(equations, moved_on, there)
-            return _ended(state, here, trials, Reason.ROUNDING) if better is None else better
+            return _ended(state, Reason.ROUNDING) if better is None else better
         if undecided and isfinite(cost):
-            return _ended(state, here, trials, Reason.ROUNDING)
+            return _ended(state, Reason.ROUNDING)
         if state.damping >= MOST:
-            return _ended(state, here, trials, Reason.FLAT if isfinite(cost) else Reason.NO_FINITE_STEP)
+            return _ended(state, Reason.FLAT if isfinite(cost) else Reason.NO_FINITE_STEP)
         state = _shortened(state)
-    return _ended(state, here, TRIALS, Reason.FLAT)
+    return _ended(state, Reason.FLAT)
 
 
 def _answer(state: State, reason: Reason) -> Minimum:
@@ -251,7 +245,6 @@ def _answer(state: State, reason: Reason) -> Minimum:
         offset=state.offset,
         at_bound=sides,
         bad_row=state.bad_row,
-        trace=state.trace,
     )
 
 
@@ -344,7 +337,7 @@ def _shortened(state: State) -> State:
     )
 
 
-def _accepted(state: State, here: Place, there: Place, trials: int, share: float) -> State:
+def _accepted(state: State, there: Place, share: float) -> State:
     damping = max(state.damping * max(1.0 / 3.0, 1.0 - (2.0 * share - 1.0) ** 3), LEAST)
     return replace(
         state,
@@ -355,24 +348,11 @@ def _accepted(state: State, here: Place, there: Place, trials: int, share: float
         damping=damping,
         growth=2.0,
         iterations=state.iterations + 1,
-        trace=(*state.trace, _entry(state, here, trials)),
     )
 
 
-def _ended(state: State, here: Place, trials: int, reason: Reason) -> State:
-    return replace(
-        state, reason=reason, iterations=state.iterations + 1, trace=(*state.trace, _entry(state, here, trials))
-    )
-
-
-def _entry(state: State, here: Place, trials: int) -> TraceEntry:
-    return TraceEntry(
-        iteration=state.iterations + 1,
-        cost=here.cost,
-        offset=state.offset,
-        radius=1.0 / state.damping,
-        trials=trials,
-    )
+def _ended(state: State, reason: Reason) -> State:
+    return replace(state, reason=reason, iterations=state.iterations + 1)
 
 
 def _bad_derivative(found: Structure, values: Values) -> int:

@@ -17,7 +17,7 @@ The rows of all **data sets** stand in four arrays, row by row as they are in ta
 
 ``data`` (integers) has for each data set ``DATA_HEAD + DATA_BLOCK · blocks`` numbers: how many residuals count, then
 for each block (observations and priors first, then constraints) where its first row stands in the four arrays and how
-many rows there are (see ``data_stride``).
+many rows there are.
 
 A **solve** k of a batch takes the data set ``which[k]`` and starts at ``starts[k]`` (N,), all finite.
 
@@ -242,8 +242,3 @@ NO_FINITE_STEP = 8
 INFEASIBLE = 9
 UNSURE = 10
 """Rank deficient, or out of range: the point is the best so far, another method should start anew."""
-
-
-def data_stride(blocks: int) -> int:
-    """Integers of a data set in ``data``; ``blocks`` counts those of constraints too."""
-    return DATA_HEAD + DATA_BLOCK * blocks

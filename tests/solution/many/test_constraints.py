@@ -9,10 +9,10 @@ from scipy.linalg import null_space
 import mbm
 from mbm.kernels.native.engine import available
 from mbm.report.blocks import ManyReports
-from mbm.report.columns import Paint
 from mbm.report.many import many_solves
 from mbm.report.solve_columns import solve_columns
 from mbm.report.solve_document import solve_document
+from mbm.text.shown import Paint
 from tests.solution.many.constrained import PLANES, PROBLEMS, lines
 from tests.solution.many.test_together import numbers_apart
 
