@@ -19,7 +19,7 @@ from mbm.kernels.types import Kernel, KernelSet
 from mbm.target import blocks_of_rows
 from mbm.target.normal_rows import NO_LOSS, Unit
 from mbm.target.program import Program
-from mbm.target.vector_text import LANES
+from mbm.target.solver.description import LANES
 
 DESK = """
 (problem desk

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 COMPLETION = "_MBM_COMPLETE"
 """Environment variable by which a shell asks what may come next (Click's protocol)."""
 
-INTERRUPTED = 130
-WRONG = 2
+OK, ATTENTION, WRONG, INTERRUPTED = 0, 1, 2, 130
+"""What the process says when it ends (CONTRACT §1)."""
 
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Read when NumPy is first imported. One thread unless the environment says otherwise: the matrices are narrow, where

@@ -11,7 +11,7 @@ import click
 
 from mbm.values import dataclass
 
-WIDEST, NARROWEST = 100, 60
+WIDEST_TABLE, NARROWEST = 100, 60
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
@@ -51,7 +51,7 @@ def terminal() -> Terminal:
         verbose=asked.get("mbm.verbose", False),
         color=colors and colorful(sys.stdout),
         color_errors=colors and colorful(sys.stderr),
-        width=max(NARROWEST, min(WIDEST, _columns())),
+        width=max(NARROWEST, min(WIDEST_TABLE, _columns())),
     )
 
 
@@ -61,9 +61,9 @@ def _columns() -> int:
     if stated.isdecimal() and int(stated) > 0:
         return int(stated)
     try:
-        return os.get_terminal_size(sys.__stdout__.fileno()).columns or WIDEST if sys.__stdout__ else WIDEST
+        return os.get_terminal_size(sys.__stdout__.fileno()).columns or WIDEST_TABLE if sys.__stdout__ else WIDEST_TABLE
     except (OSError, ValueError):  # no terminal, or closed
-        return WIDEST
+        return WIDEST_TABLE
 
 
 def colorful(stream: TextIO) -> bool:

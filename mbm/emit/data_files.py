@@ -11,7 +11,7 @@ from mbm.emit.types import Blueprint, GivenTable, OutputFile, TableShape
 
 MOST_COVARIANCES = 60
 """Coordinates up to which all covariances are kept; beyond only the variances."""
-ROUNDING = 1e-12
+ROUNDED_BASIS = 1e-12
 """Of the largest sigma: what a basis of the constraints' null space, rounded, makes of none."""
 STATUSES = ("converged", "not-converged", "unobservable", "infeasible", "no-agreement")
 
@@ -90,4 +90,4 @@ def _scales(covariance: Floats) -> Floats:
     """
     sigma: Floats = np.sqrt(np.diag(covariance))
     largest = float(np.nanmax(sigma, initial=0.0))
-    return np.where(sigma <= ROUNDING * largest, largest, sigma)
+    return np.where(sigma <= ROUNDED_BASIS * largest, largest, sigma)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 
+from mbm.emit.words import MOST_CASES
 from mbm.expression.nodes import Number
 from mbm.kernels.types import KernelSet, WithoutMachineCode
 from mbm.problem.elaborated import Elaborated
@@ -18,10 +19,6 @@ from mbm.solution.closed_forms.types import ClosedForm
 from mbm.symbolic.printing import printed
 from mbm.symbolic.types import ColumnInput, Parameter, Purpose, ResidualBlock, Slot, SymbolicModel
 from mbm.text.types import MbmError
-
-MOST_CASES = 3
-"""Groups of rows whose equations are printed; the others differ in their static values only."""
-
 
 _SOLVERS = {
     "linear": "one step of linear least squares",

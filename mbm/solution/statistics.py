@@ -17,7 +17,7 @@ from mbm.solution.variance import fit_statistics
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
-SAME = 1e-9
+SAME_COVARIANCES = 1e-9
 """Relative difference up to which two covariances are the same: far above rounding, far below any factor."""
 
 
@@ -124,7 +124,7 @@ def _alternative(
 def changed(first: Floats, second: Floats) -> Mask:
     """Which elements of two covariances differ."""
     scale = np.maximum(np.abs(first), np.abs(second))
-    return np.asarray(np.abs(first - second) > SAME * scale, dtype=bool)
+    return np.asarray(np.abs(first - second) > SAME_COVARIANCES * scale, dtype=bool)
 
 
 def _masked(estimated: Covariance, unknown: Mask) -> Covariance:

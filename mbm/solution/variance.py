@@ -7,21 +7,14 @@ from math import sqrt
 
 import numpy as np
 
-from mbm.solution.gamma import chi_square_tail
 from mbm.solution.types import Components, Fit, Floats, Indices, Noise, NoiseState, Observability, SparseJacobian
+from mbm.target.chi_square import chi_square_tail
+from mbm.target.decisions import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS
 
 Reweighted = Callable[[Floats], tuple[Floats, Floats]]
 """From the noise factors (one for each unknown group) to the residuals (m,) and redundancy numbers (m,) at the minimum
 with the rows of group k whitened by its sigma times factor k. The caller starts each solve where the last one ended."""
 
-ROUNDS = 200
-"""Outer iterations; each squares away most of the error unless a group has hardly any redundancy."""
-
-SETTLED = 1e-9
-"""Relative change of every factor that ends the rounds."""
-
-LEAST_REDUNDANCY = 1e-9
-"""A group with less redundancy than this is not checked by anything."""
 
 VANISHED = 1e-12
 """A factor that falls below this share of its first value belongs to a group that is fitted exactly."""
@@ -78,7 +71,7 @@ def variance_components(solve: Reweighted, groups: Sequence[Indices]) -> Compone
     factors = np.ones(len(groups))
     first = np.ones(len(groups))
     states = [NoiseState.ESTIMATED] * len(groups)
-    for rounds in range(1, ROUNDS + 1):
+    for rounds in range(1, NOISE_ROUNDS + 1):
         residuals, redundancy = solve(factors)
         ratios = np.ones(len(groups))
         for k, rows in enumerate(groups):
@@ -97,7 +90,7 @@ def variance_components(solve: Reweighted, groups: Sequence[Indices]) -> Compone
                 updated[k] = factors[k]
         change = float(np.abs(updated / factors - 1.0).max(initial=0.0))
         factors = updated
-        if change <= SETTLED:
+        if change <= SETTLED_FACTORS:
             return _components(factors, states, settled=True)
     return _components(factors, states, settled=False)
 

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from mbm.report.encode import WIDEST, encode
+from mbm.report.encode import WIDEST_LINE, encode
 
 
 def tree(generator, depth):
@@ -36,7 +36,7 @@ def test_floats_keep_all_digits():
 def test_numbers_of_a_long_list_fill_lines():
     lines = encode({"values": list(np.linspace(0, 1, 60))}).splitlines()
     assert len(lines) < 20
-    assert all(len(line) <= WIDEST + len("    ,") for line in lines)
+    assert all(len(line) <= WIDEST_LINE + len("    ,") for line in lines)
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), np.float64("nan")])

@@ -7,12 +7,12 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import chi2
 
-from mbm.solution.gamma import chi_square_tail
 from mbm.solution.minimise import minimise
 from mbm.solution.observability import observability
 from mbm.solution.settings import Settings
 from mbm.solution.types import NoiseState
 from mbm.solution.variance import common_factor, fit_statistics, redundancy_numbers, variance_components
+from mbm.target.chi_square import chi_square_tail
 from tests.solution.classics import Functions
 
 

@@ -8,10 +8,9 @@ import click
 
 from mbm.cli.failure import print_diagnostics, write_json
 from mbm.cli.inputs import named_paths
+from mbm.cli.main import OK, WRONG
 from mbm.cli.options import terminal, verbosity_options
 from mbm.text.types import Severity
-
-OK, WRONG = 0, 2
 
 
 @click.command("check")

@@ -12,6 +12,7 @@ from mbm.cli import faults
 from mbm.cli.failure import print_diagnostics, write_bytes
 from mbm.cli.inputs import json_object, named_paths, named_texts
 from mbm.cli.interrupts import interruptible
+from mbm.cli.main import ATTENTION, OK
 from mbm.cli.options import Terminal, terminal, verbosity_options
 from mbm.cli.progress import ProgressBar
 from mbm.text.types import MbmError
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
 NOT_YET = ("overlay", "scheduler", "allow_external")
 BACKENDS = ("auto", "native", "casadi", "numpy")
-OK, ATTENTION = 0, 1
 
 
 @click.command("solve")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from mbm.expression.algebra import ZERO
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Column, ColumnMember, Expression, LiteralMember, Member, Number
 from mbm.language import faults as language_faults
@@ -54,7 +55,7 @@ def read_camera(work: Workspace, clause: Sequence) -> None:
         return CameraValue(
             name.name,
             _pair(work, options, "focal", Number(1, NONE if model in _COEFFICIENTS else None), scope),
-            _pair(work, options, "center", Number(0, NONE), scope),
+            _pair(work, options, "center", ZERO, scope),
             _distortion(work, distortion, model, scope),
             axes,
             model,
@@ -119,4 +120,4 @@ def _distortion(work: Workspace, form: Form | None, model: str, scope: Scope) ->
     if len(elements) > most:
         message = f"{len(elements)} coefficients"
         raise MbmError(language_faults.length_clash(form.span, message, f"{names} (at most {most})"))
-    return elements + (Number(0, NONE),) * (most - len(elements))
+    return elements + (ZERO,) * (most - len(elements))

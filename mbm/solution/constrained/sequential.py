@@ -17,14 +17,10 @@ from mbm.solution.constrained.linearise import finite, linearise, met, violation
 from mbm.solution.constrained.quadratic import Solved, Subproblem, solve
 from mbm.solution.constrained.types import ConstrainedEquations, Linearised, Stopped, never
 from mbm.solution.solvers.box import Box, box_of
-from mbm.solution.solvers.scaled import EPSILON
-from mbm.solution.solvers.state import relative_offset
 from mbm.solution.types import Floats, Reason
-from mbm.target.decisions import EXACT, POLISH, SETTLED
+from mbm.target.decisions import EPSILON, EXACT, LEAST_GAIN_RATIO, POLISH, SETTLED, SLOW_KKT
+from mbm.target.step_control import relative_offset
 from mbm.values import dataclass
-
-ACCEPT = 1e-4
-"""Least share of the promised decrease of the merit that a step must bring."""
 
 KEPT = 0.1
 HALVINGS = 40
@@ -35,9 +31,8 @@ MOST_DAMPING = 1e8
 HOPELESS = 3
 """Iterations in a row whose linearised constraints contradict one another: other methods do better."""
 
-SLOW = 0.2
-NEAR = 0.1
-"""The second-order term is computed where the offset is below NEAR and shrinks by less than SLOW."""
+NEAR_KKT = 0.1
+"""The second-order term is computed if the relative offset is below this, and does not fall below SLOW_KKT."""
 
 ON_BOUND = 1e-9
 """Standard deviations from a bound that holds a coordinate which are none."""
@@ -214,7 +209,7 @@ def _searched(
         residuals, values = equations.residuals(point), equations.constraint_values(point)
         evaluations += 1
         reached = _merit_of(residuals, values, state.weights, equations)
-        wanted = before - ACCEPT * length * max(promised, 0.0) + rounding
+        wanted = before - LEAST_GAIN_RATIO * length * max(promised, 0.0) + rounding
         if reached > wanted and tries == 0 and isfinite(reached):
             point, reached = _corrected(equations, box, state, problem, values, solved)
             evaluations += 1
@@ -257,7 +252,7 @@ def _arrived(state: Iterate, place: Linearised, length: float) -> Iterate:
         damping = damping / 10.0 if damping > 1e-6 else 0.0
     elif length < 0.2:
         damping = min(max(10.0 * damping, FIRST_DAMPING), MOST_DAMPING)
-    second = state.second or (state.offset <= NEAR and state.offset > SLOW * state.before)
+    second = state.second or (state.offset <= NEAR_KKT and state.offset > SLOW_KKT * state.before)
     return replace(state, place=place, damping=damping, before=state.offset, second=second)
 
 

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.solution.native.code import LANES, SolverCode
+from mbm.solution.native.code import SolverCode
 from mbm.solution.native.consensus_rules import Rules
 from mbm.solution.native.system import AT_A_TIME, NativeSystem, never
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.target.solver import consensus_description as c
 from mbm.target.solver import description as of
+from mbm.target.solver.description import LANES
 from mbm.target.solver.workspace import work_reals
 from mbm.values import dataclass
 
@@ -23,9 +24,6 @@ TRIALS = 10
 
 SHAPES = 100
 """Rooms that are remembered."""
-
-FLAT = 1e-7
-"""Extent of stations across their plane beside that along it, below which mirrored places fit them equally well."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

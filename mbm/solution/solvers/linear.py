@@ -8,10 +8,8 @@ import numpy as np
 
 from mbm.solution.solvers.state import State, answer, begin, place_at
 from mbm.solution.types import Equations, Floats, Minimum, Reason
+from mbm.target.decisions import REFINEMENTS
 from mbm.values import dataclass
-
-REFINEMENTS = 2
-"""Corrections from the residuals at the new point: they restore the digits that a bad start or conditioning costs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,7 +16,7 @@ import numpy as np
 from mbm.kernels.types import MachineCode
 from mbm.solution.assembly import Assembled
 from mbm.solution.pushing import pushed
-from mbm.solution.solvers.state import first_bad, relative_offset
+from mbm.solution.solvers.state import first_bad
 from mbm.solution.sparse.deferred import DeferredMatrix
 from mbm.solution.sparse.equations import blocked
 from mbm.solution.sparse.normal import Normal
@@ -24,6 +24,8 @@ from mbm.solution.sparse.place import BlockEquations, Place, inside, moved, norm
 from mbm.solution.sparse.structure import Structure, Values
 from mbm.solution.sparse.system import BlockJacobian, Factorised, Plan, factorised, plan
 from mbm.solution.types import Equations, Floats, Minimum, Reason
+from mbm.target.decisions import LEAST_GAIN_RATIO, OFFSET_DECREASE, UNDECIDED
+from mbm.target.step_control import damping_factor, relative_offset
 from mbm.values import dataclass
 
 COMPILED = 20_000
@@ -41,8 +43,6 @@ MOST = 1e16
 DIAGONAL = (1e-6, 1e32)
 """Range of the metric's squares."""
 
-ACCEPT = 1e-4
-"""Least share of the promised decrease that a step must bring."""
 
 CLOSE = 1e-2
 """At an offset below this the Jacobian hardly changes any more: the factors of the place before are tried again …"""
@@ -50,16 +50,11 @@ CLOSE = 1e-2
 QUICK = 0.25
 """… and kept as long as each step brings the offset below this share."""
 
-UNDECIDED = 10.0
-"""A promise below so many roundings of the cost is judged by the offset …"""
-
-POLISH = 0.95
-"""… which must fall below this share."""
 
 TRIALS = 60
 """Trial points in one iteration."""
 
-ROUNDS = 20
+BOX_ROUNDS = 20
 """Times that a step is solved for again because it would leave the box."""
 
 
@@ -201,7 +196,7 @@ def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
         cost = float(residuals @ residuals)
         state = replace(state, evaluations=state.evaluations + 1)
         share = (here.cost - cost) / promise if isfinite(cost) else -inf
-        good = here.cost - cost >= -here.rounding if undecided else share > ACCEPT
+        good = here.cost - cost >= -here.rounding if undecided else share > LEAST_GAIN_RATIO
         there = None
         if good:
             values = equations.block_jacobian(point, state.plan.arithmetic)
@@ -283,7 +278,7 @@ def _solved(state: State, here: Place, normal: Normal) -> tuple[Floats | None, F
     layout = state.plan.structure
     gradient, still = here.gradient, layout.dead | here.held
     step = np.zeros(layout.columns)
-    for _ in range(ROUNDS):
+    for _ in range(BOX_ROUNDS):
         added = state.damping * np.clip(here.squares, *DIAGONAL)
         added[still] = 1.0
         factors = factorised(state.plan, normal, added)
@@ -320,7 +315,7 @@ def _offset(equations: Equations, here: Place, promise: float) -> float:
 def _better(equations: BlockEquations, state: State, there: Place) -> State | None:
     """The state at a point that the cost cannot judge, with the step from it, if the offset is clearly smaller."""
     found, onward = _next(state, there)
-    if onward is None or not _offset(equations, there, onward[1]) <= POLISH * state.offset:
+    if onward is None or not _offset(equations, there, onward[1]) <= OFFSET_DECREASE * state.offset:
         return None
     return replace(found, known=replace(found.known, step=onward))
 
@@ -338,7 +333,7 @@ def _shortened(state: State) -> State:
 
 
 def _accepted(state: State, there: Place, share: float) -> State:
-    damping = max(state.damping * max(1.0 / 3.0, 1.0 - (2.0 * share - 1.0) ** 3), LEAST)
+    damping = max(state.damping * damping_factor(share), LEAST)
     return replace(
         state,
         place=there,

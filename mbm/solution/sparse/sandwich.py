@@ -13,13 +13,14 @@ import numpy as np
 
 from mbm.solution.assembly import Assembled, loss_lines
 from mbm.solution.freedom import free_combination, free_combinations
-from mbm.solution.robust.covariance import EXHAUSTED, curved, least_spread
+from mbm.solution.robust.covariance import curved, least_spread
 from mbm.solution.robust.losses.function import LossFunction
 from mbm.solution.sparse.equations import blocked
 from mbm.solution.sparse.observability import NAMED, described, sparse_covariance
 from mbm.solution.sparse.rank import Decision, decided
 from mbm.solution.sparse.system import BlockJacobian, blocks_of
 from mbm.solution.types import Covariance, Floats, Indices, Mask, Minimum, Observability
+from mbm.target.decisions import EXHAUSTED
 
 
 @np.errstate(all="ignore")
