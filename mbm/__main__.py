@@ -8,6 +8,7 @@ import sys
 from typing import NoReturn
 
 from mbm.cli.main import main
+from mbm.cli.output import flush
 
 
 def process() -> NoReturn:
@@ -24,8 +25,7 @@ def process() -> NoReturn:
 def _leave(ending: list[int]) -> None:
     """Ends the process with the status, if there is one: other ways out are left as they are."""
     if ending:
-        sys.stdout.flush()
-        sys.stderr.flush()
+        flush()
         os._exit(ending[0])
 
 

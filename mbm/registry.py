@@ -14,7 +14,7 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.data.types import ManyReader, Reader
     from mbm.kernels.store import Store
-    from mbm.kernels.types import Backend
+    from mbm.kernels.types import Backend, KernelSet
     from mbm.language.values import Vocabulary
     from mbm.solution.closed_forms.types import ClosedForm
 
@@ -90,6 +90,12 @@ class Registry:
     def backend(self, name: str) -> Backend:
         """The backend of a name, with the store to keep what it compiles in."""
         return self.backends[name](self.store())
+
+    def suited(self, backend: Backend, kernels: KernelSet) -> Backend:
+        """``backend``, or what stands in for it where these kernels are not for it."""
+        from mbm.kernels.backends.automatic import suited
+
+        return suited(backend, kernels)
 
 
 ENTRY_POINTS = "mbm.closed_forms"

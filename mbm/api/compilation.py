@@ -61,6 +61,6 @@ def compilation_of(origin: Origin, inputs: Inputs, backend: str) -> Compilation:
     return Compilation(
         elaborated=found.elaborated,
         kernels=found.kernels,
-        cache=EvaluationCache(evaluating, found.without_closed_form),
+        cache=EvaluationCache(origin.registry.suited(evaluating, found.kernels), found.without_closed_form),
         key=found.key,
     )

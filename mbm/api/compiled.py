@@ -13,6 +13,7 @@ from mbm.api.arguments import by_name, coordinates, threads
 from mbm.api.compilation import Compilation, Origin, compilation_of
 from mbm.compiler import Inputs, SolveSettings
 from mbm.data.faults import MISSING_TABLE
+from mbm.files.journal import noting
 from mbm.problem.checks import Mentioned, mentioned
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import EXTERNAL
@@ -116,7 +117,7 @@ class CompiledProblem:
         )
         if now.key is not None:
             self.origin.reading.learned(now.key, now.cache.without_closed_form, known)
-        return result
+        return replace(result, reads=self.origin.reading.journal.reads())
 
     def estimator(self, *columns: str) -> Estimator:
         """The bare estimator for a stream of data sets of one shape: a function from columns to estimates.
@@ -216,7 +217,8 @@ class CompiledProblem:
             inputs = replace(inputs, tables=dict(data), paths={})
         else:
             wanted = declarations  # a name that no table has: loading says so
-        read = compiler.loaded(wanted, self.origin.reading.base, inputs, self.origin.registry)
+        with noting(self.origin.reading.journal):
+            read = compiler.loaded(wanted, self.origin.reading.base, inputs, self.origin.registry)
         return {d.name: read[d.name] if d.name in read else before.raw[d.name] for d in declarations}
 
     def _assembled(self, data: Mapping[str, object] | None = None) -> tuple[Assembled, NDArray[np.float64]]:

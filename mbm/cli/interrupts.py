@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from mbm.cli.main import INTERRUPTED
+from mbm.cli.output import say_error
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -82,7 +83,7 @@ class _Ear:
         """Ask for the end, and say so, once."""
         if self._first.acquire(blocking=False):
             self._interruption.request()
-            print(MESSAGE, file=sys.stderr, flush=True)
+            say_error(MESSAGE)
 
     def _listen(self) -> None:
         """Until the pipe is closed."""
@@ -94,5 +95,5 @@ class _Ear:
                 requested = True
                 self._request()
             elif not self._over.wait(self._patience):
-                print(ABORTED, file=sys.stderr, flush=True)
+                say_error(ABORTED)
                 os._exit(INTERRUPTED)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.problem.tables import CellKey
+from mbm.emit.foreign import Foreign
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -28,7 +27,6 @@ class Reference:
     standard deviations (rows, size) of each derived quantity.
     """
 
-    key: Mapping[str, CellKey]
     status: str
     numbers: Floats
     spread: Floats
@@ -63,7 +61,7 @@ class Whole:
     """
 
     start: Floats
-    names: tuple[str, ...]
+    names: tuple[Foreign, ...]
     bound: tuple[BoundRows, ...]
     residuals: Floats
     jacobian: Floats

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from mbm.emit.answers import Floats, Reference
+from mbm.emit.foreign import Foreign
 from mbm.emit.types import Blueprint, GivenTable, OutputFile, TableShape
 
 MOST_COVARIANCES = 60
@@ -27,26 +28,30 @@ def data_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:
 
 def _table(shape: TableShape, given: GivenTable) -> str:
     """The columns that the solver reads, in the units of the file."""
-    lines = [",".join(_field(c.source) for c in shape.columns)]
+    lines = [",".join(field(c.source) for c in shape.columns)]
     columns = []
     for column in shape.columns:
         held = given.columns[column.name]
         if isinstance(held, tuple):
-            columns.append([_field(text) for text in held])
+            columns.append(list(map(field, held)))
         else:
             columns.append([repr(float(value)) for value in np.asarray(held) / column.factor])
     lines += [",".join(cells) for cells in zip(*columns, strict=True)]
     return "\n".join(lines) + "\n"
 
 
-def _field(text: str) -> str:
-    return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"\n\r') or not text else text
+def field(cell: Foreign) -> str:
+    """A text that is read again as it is: the only way that a `Foreign` gets into a table of the test."""
+    text = cell.unescaped
+    plain = text.isprintable() and text == text.strip() and text != "" and not set(text) & {",", '"'}
+    return text if plain else '"' + text.replace('"', '""') + '"'
 
 
 def _references(blueprint: Blueprint) -> str:
     """``spread`` is the standard deviation by which a difference is measured where the number itself is small.
 
-    Of a covariance it is the product of two, `_scales` where they are zero.
+    Of a number that constraints make zero but for rounding it is the largest one; of a covariance it is the product of
+    two, `_scales` where they are zero.
 
     ``start`` is where the test begins, where that is not where the solver begins by itself.
     """
@@ -63,10 +68,11 @@ def _reference(reference: Reference) -> Iterator[str]:
     for i, value in enumerate(() if reference.elsewhere is None else reference.elsewhere):
         if np.isfinite(value):
             yield f"start,{i},0,{float(value)!r},0"
-    spread = reference.spread
-    for i, value in enumerate(reference.numbers):
+    largest = float(np.max(reference.spread, initial=0.0))
+    for i, (value, own) in enumerate(zip(reference.numbers.tolist(), reference.spread.tolist(), strict=True)):
         if np.isfinite(value):
-            yield f"number,{i},0,{float(value)!r},{float(spread[i])!r}"
+            spread = largest if own == 0.0 and abs(value) <= ROUNDED_BASIS * largest else own
+            yield f"number,{i},0,{value!r},{spread!r}"
     yield f"freedom,0,0,{reference.dof},0"
     yield f"cost,0,0,{reference.cost!r},1"
     for number, (values, sigmas) in enumerate(reference.derived):

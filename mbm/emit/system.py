@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from mbm.emit.foreign import Foreign
 from mbm.emit.routines.description import UNKNOWN
 from mbm.emit.types import BlockCase, BlockShape, Blueprint, EquationShape
 from mbm.problem.types import BlockRole, NoiseKind
@@ -30,7 +31,7 @@ class StaticSystem:
     prefix: tuple[int, ...]
     unknowns: tuple[int, ...]
     losses: tuple[float, ...]
-    noises: tuple[str, ...]
+    noises: tuple[Foreign, ...]
     scaled: bool
 
 

@@ -8,6 +8,7 @@ from itertools import islice
 import numpy as np
 
 from mbm.emit.answers import Agreement, Answers, DerivedRows, Reference, Whole
+from mbm.emit.foreign import Foreign
 from mbm.kernels.serialised import BoundRows
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
@@ -127,7 +128,7 @@ def _whole(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, known:
         column[equations.free] = np.arange(len(equations.free))
         return Whole(
             start=reference.start,
-            names=tuple(equations.layout.name(int(c)) for c in equations.free),
+            names=tuple(Foreign(equations.layout.name(int(c))) for c in equations.free),
             bound=tuple(_bound(group, column) for group in equations.groups),
             residuals=equations.plain_residuals(reference.start),
             jacobian=equations.plain_jacobian(reference.start),
@@ -215,15 +216,14 @@ def _references(
         except MbmError:
             if not selection.key:
                 raise
-            yield _failed(selection.key)
+            yield _failed()
             continue
         yield _reference(solution, solve if solving else None, agreement)
 
 
-def _failed(key: Mapping[str, str | float]) -> Reference:
+def _failed() -> Reference:
     nothing = np.empty(0)
     return Reference(
-        key=key,
         status="failed",
         numbers=nothing,
         spread=nothing,
@@ -250,7 +250,6 @@ def _reference(solution: Solution, again: Again | None, agreement: Agreement | N
     plain = places >= 0
     spread[places[plain]] = np.nan_to_num(solution.covariance.sigma[plain])
     return Reference(
-        key=dict(solution.key),
         status=_status(solution),
         numbers=solution.numbers,
         spread=spread,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from mbm.target.escaping import in_comment
 from mbm.target.tree import (
     ATOM,
     Assign,
@@ -75,7 +76,7 @@ def definition(function: Function) -> str:
     """A whole function with its documentation as a comment."""
     lines = []
     if function.doc:
-        lines.append("/* " + function.doc.replace("*/", "* /").replace("\n", "\n * ") + " */")
+        lines.append("/* " + "\n * ".join(map(in_comment, function.doc.split("\n"))) + " */")
     lines.append(declaration(function))
     lines.append("{")
     lines += [f"    {TYPES[v.type]}{v.name};" for v in function.locals]
@@ -120,7 +121,7 @@ def _statement(node: Statement, depth: int) -> Iterator[str]:
         case Perform():
             yield f"{pad}{_at(node.call)};"
         case Comment():
-            yield f"{pad}/* {node.text.replace('*/', '* /')} */"
+            yield f"{pad}/* {in_comment(node.text)} */"
 
 
 def _block(body: tuple[Statement, ...], depth: int) -> Iterator[str]:

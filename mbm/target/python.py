@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from mbm.target.escaping import in_docstring
 from mbm.target.tree import (
     ATOM,
     Assign,
@@ -54,7 +55,7 @@ def definition(function: Function) -> str:
     parameters = ", ".join(p.name for p in function.parameters)
     lines = [f"def {function.name}({parameters}):"]
     if function.doc:
-        lines.append('    """' + function.doc.replace("\\", "\\\\").replace("\n", "\n    ") + '"""')
+        lines.append('    """' + "\n    ".join(map(in_docstring, function.doc.split("\n"))) + '"""')
     lines += _block(function.body, 1)
     return "\n".join(line.rstrip() for line in lines)
 

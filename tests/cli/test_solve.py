@@ -137,7 +137,7 @@ def test_warnings_go_to_standard_error_unless_quiet(
         (("--workers", "0"), "invalid value for '--workers'"),
         (("--backend", "gpu"), "invalid value for '--backend'"),
         (("--json", "no/such/folder/x.json"), "its folder does not exist"),
-        (("--init", "no-such.json"), "`no-such.json` cannot be read"),
+        (("--init", "no-such.json"), "`no-such.json` does not exist"),
         (("--starts", "0"), "invalid value for '--starts'"),
         (("--overlay", "o.png"), "`--overlay` is not available yet"),
         (("--scheduler", "tcp://a"), "`--scheduler` is not available yet"),

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from mbm.data.columns import row_numbers
-from mbm.data.content import read_text
+from mbm.data.content import BLANKS, read_text
 from mbm.data.readers import faults as format_faults
 from mbm.data.readers.fields import LARGEST_DEVIATION, Line, line_numbers, lines_of, number_columns, number_table
 from mbm.data.readers.spanning import SPACE, euler_quaternions, placed
@@ -81,7 +81,7 @@ def read(path: Path) -> Mapping[str, RawTable | MbmError]:
 
 
 def _read(path: Path) -> Mapping[str, RawTable | MbmError]:
-    text, digest = read_text(path)
+    text, digest = read_text(path, between=BLANKS)
     shown = path.as_posix()
     by_tag = _by_tag(lines_of(text), shown)
     fixed = {field for _, fields in by_tag.pop(FIX, []) for field in fields}

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from mbm.data import faults
-from mbm.data.content import read_text
+from mbm.data.content import BLANKS, read_text
 from mbm.data.readers import faults as format_faults
 from mbm.data.readers.fields import LARGEST_DEVIATION, line_numbers, lines_of, number_columns, number_table
 from mbm.data.readers.tum import POSE_COLUMNS
@@ -29,7 +29,7 @@ def read(path: Path) -> RawTable:
     Raises MbmError as ``read_text`` does, and short-row, long-row, malformed-record (also for a matrix that is no
     rotation).
     """
-    text, digest = read_text(path)
+    text, digest = read_text(path, between=BLANKS)
     shown = path.as_posix()
     lines = lines_of(text)
     matrices = number_table(lines, MATRIX_COLUMNS, shown).reshape(-1, 3, 4)

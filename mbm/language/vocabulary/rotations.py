@@ -9,7 +9,7 @@ from __future__ import annotations
 from mbm.expression import algebra
 from mbm.expression.algebra import ONE, TWO, ZERO, add, apply, constant_value, divide, dot, multiply, negate, subtract
 from mbm.expression.dimension import NONE
-from mbm.expression.nodes import Apply, Expression, Number, Operation
+from mbm.expression.nodes import Apply, Expression, Number, Operation, nearest
 from mbm.language import faults
 from mbm.language.coerce import scalar, vector
 from mbm.language.values import Array, Builtin, Call, PoseValue, RotationValue, Value, describe
@@ -80,7 +80,7 @@ def as_rotation(value: Value, span: Span) -> RotationValue:
 def _may_rotate(m: Array) -> bool:
     """Whether the columns of a constant matrix are orthonormal; one that holds data or unknowns is taken at its word."""
     known = [constant_value(e) for e in m.elements]
-    values = [float(v) for v in known if v is not None]
+    values = [nearest(v) for v in known if v is not None]
     if len(values) < len(known):
         return True
     n = m.shape[0]

@@ -24,6 +24,7 @@ def read_derived(work: Workspace, clause: Sequence) -> list[Derived]:
     for item in clause.items[1:]:
         with work.collecting():
             found.append(_derived(work, item))
+            work.extent.add(found[-1])
     return found
 
 

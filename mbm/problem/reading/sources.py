@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from mbm.expression.nodes import Constant, Number
+from mbm.expression.nodes import Constant, Number, nearest
 from mbm.expression.units import Unit
 from mbm.language import faults as language_faults
 from mbm.language.values import Evaluator, Scope, describe
@@ -215,7 +215,7 @@ def _cell(evaluator: Evaluator, scope: Scope, form: Form) -> tuple[float | str, 
         return form.name, None
     value = evaluator.wanted(form, scope)
     if isinstance(value, Number | Constant):
-        return float(value.value), value.dimension.symbol() if value.dimension is not None else None
+        return nearest(value.value), value.dimension.symbol() if value.dimension is not None else None
     raise MbmError(language_faults.wrong_kind(form.span, "a number or a text", describe(value)))
 
 
