@@ -15,7 +15,6 @@ Reweighted = Callable[[Floats], tuple[Floats, Floats]]
 """From the noise factors (one for each unknown group) to the residuals (m,) and redundancy numbers (m,) at the minimum
 with the rows of group k whitened by its sigma times factor k. The caller starts each solve where the last one ended."""
 
-
 VANISHED = 1e-12
 """A factor that falls below this share of its first value belongs to a group that is fitted exactly."""
 

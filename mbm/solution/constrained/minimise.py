@@ -20,8 +20,7 @@ ROUNDS = 14
 """Rounds of the multiplied penalties."""
 
 FEASIBLE_WEIGHT = 100.0
-"""A violation by one standard deviation costs half the square of this: at first, and from a point without any."""
-
+"""In place of FIRST_WEIGHT from a point without violations."""
 
 TIGHTER = 0.3
 """Standard deviations to which each round after the first is solved; sequential steps give the digits."""

@@ -43,13 +43,11 @@ MOST = 1e16
 DIAGONAL = (1e-6, 1e32)
 """Range of the metric's squares."""
 
-
 CLOSE = 1e-2
 """At an offset below this the Jacobian hardly changes any more: the factors of the place before are tried again …"""
 
 QUICK = 0.25
 """… and kept as long as each step brings the offset below this share."""
-
 
 TRIALS = 60
 """Trial points in one iteration."""

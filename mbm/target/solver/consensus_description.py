@@ -89,7 +89,6 @@ LISTS = 3
 MOST_CANDIDATES = 40
 """Those that are improved, in two ways."""
 
-
 MEDIANS = 0
 CUTS = 1
 REACHES = 2

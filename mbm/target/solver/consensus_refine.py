@@ -37,7 +37,6 @@ from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers,
 NEARLY_STILL = 1e-4
 """A step that promises to lower the objective by less than this has arrived, where a fit is only on the way."""
 
-
 ALIKE = 1e-6
 """Squared distance of two points, in standard deviations of the residuals, below which they lead to one end."""
 
