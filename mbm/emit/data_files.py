@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mbm.emit.answers import Floats, Reference
+from mbm.emit.answers import FAILED, Floats, Reference
 from mbm.emit.foreign import Foreign
 from mbm.emit.types import Blueprint, GivenTable, OutputFile, TableShape
 
@@ -62,6 +62,9 @@ def _references(blueprint: Blueprint) -> str:
 
 
 def _reference(reference: Reference) -> Iterator[str]:
+    """The lines of a solve; none where there was nothing to solve."""
+    if reference.status == FAILED:
+        return
     yield f"status,0,0,{STATUSES.index(reference.status)},0"
     if reference.status != "converged":
         return

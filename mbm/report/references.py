@@ -7,7 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from mbm.emit.answers import Agreement, Answers, DerivedRows, Reference, Whole
+from mbm.emit.answers import FAILED, Agreement, Answers, DerivedRows, Reference, Whole
 from mbm.emit.foreign import Foreign
 from mbm.kernels.serialised import BoundRows
 from mbm.kernels.types import KernelSet
@@ -121,7 +121,7 @@ def _whole(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, known:
     """The equations of the first solve that has an answer, where the generated solver begins."""
     _, picked = selections(found.problem, found.tables)
     for selection, reference in zip(picked, known, strict=False):
-        if reference.status == "failed":
+        if reference.status == FAILED:
             continue
         equations, binder = assemble(found.problem, kernels, selection.tables, {}, cache)
         column = np.full(len(equations.layout.number), -1, dtype=np.int64)
@@ -224,7 +224,7 @@ def _references(
 def _failed() -> Reference:
     nothing = np.empty(0)
     return Reference(
-        status="failed",
+        status=FAILED,
         numbers=nothing,
         spread=nothing,
         covariance=np.empty((0, 0)),
