@@ -1,9 +1,5 @@
-"""Exit statuses that no answer decides."""
+"""What the process says when it ends (CONTRACT §1)."""
 
 from __future__ import annotations
 
-WRONG = 2
-"""The call, the problem or its data are wrong."""
-
-INTERRUPTED = 130
-"""As a shell says it: 128 and the number of the signal."""
+OK, ATTENTION, WRONG, INTERRUPTED = 0, 1, 2, 130

@@ -12,6 +12,8 @@ from mbm.text.types import Code, DataPlace, Diagnostic, Label, Place
 
 LONGEST_CELL_SHOWN = 40
 MOST_NAMES_SHOWN = 12
+MOST_ROWS_REPORTED = 5
+"""Rows of a table, or lines of a file, that are said to be wrong at once."""
 
 EMPTY_FILE = Code(
     "empty-file",

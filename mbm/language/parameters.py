@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from mbm.language import faults
-from mbm.language.evaluator import Evaluator
-from mbm.language.scope import LocalScope, Scope
-from mbm.language.values import Value
+from mbm.language.scope import LocalScope
+from mbm.language.values import Evaluator, Scope, Value
 from mbm.text.printer import print_beginning
 from mbm.text.suggest import closest
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol

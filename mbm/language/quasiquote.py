@@ -5,9 +5,19 @@ from __future__ import annotations
 from mbm.expression.forms import to_form
 from mbm.language import faults
 from mbm.language.coerce import is_form, list_items
-from mbm.language.evaluator import Evaluator
-from mbm.language.scope import Scope
-from mbm.language.values import SCALARS, Array, Callable_, FamilyValue, ListValue, TextColumn, Value, describe, size_of
+from mbm.language.values import (
+    SCALARS,
+    Array,
+    Callable_,
+    Evaluator,
+    FamilyValue,
+    ListValue,
+    Scope,
+    TextColumn,
+    Value,
+    describe,
+    size_of,
+)
 from mbm.text.build import sequence, symbol
 from mbm.text.types import Bracket, Form, MbmError, Sequence, Span, Text
 

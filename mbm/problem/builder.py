@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from mbm.expression.nodes import Number
 from mbm.language import faults as language_faults
-from mbm.language.evaluator import Vocabulary
 from mbm.language.functions import bind_definition, parse_definition
 from mbm.language.limits import Limits
 from mbm.language.program import ProblemDefinition, Program
 from mbm.language.session import Session, open_session
+from mbm.language.values import Vocabulary
 from mbm.problem import faults
 from mbm.problem.checks import check_data
 from mbm.problem.clauses import effective_clauses

@@ -13,9 +13,7 @@ import numpy as np
 from mbm.expression.nodes import Apply, Component, Expression, Number, RowChoice, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, scalar, vector
-from mbm.language.evaluator import Evaluator
-from mbm.language.scope import Scope
-from mbm.language.values import SCALARS, Array, ListValue, StaticColumnNeeded, Value, describe
+from mbm.language.values import SCALARS, Array, Evaluator, ListValue, Scope, StaticColumnNeeded, Value, describe
 from mbm.problem import faults
 from mbm.problem.elaborated import Consulted, Grouping
 from mbm.problem.extent import Extent

@@ -24,7 +24,6 @@ from mbm.problem.tables import Column, reads_as_number
 from mbm.text.types import DataPlace, Diagnostic, MbmError
 
 SEPARATOR_NAMES = {",": "commas", "\t": "tabulators", ";": "semicolons"}
-MOST_ROWS_REPORTED = 5
 ROWS_AT_ONCE = 500
 """Rows split before they are sorted into columns: with more, the garbage collector walks them again and again."""
 
@@ -134,7 +133,7 @@ def _row_faults(text: str, separator: str, path: str) -> list[Diagnostic]:
                 names = tuple(name.strip() for name in cells)
             elif len(cells) != len(names):
                 found.append(_width_fault(row, cells, names, path))
-            if len(found) == MOST_ROWS_REPORTED:
+            if len(found) == faults.MOST_ROWS_REPORTED:
                 break
     except csv.Error as error:
         found.append(format_faults.bad_quotes(DataPlace(file=path, row=row + 1), str(error)))

@@ -6,8 +6,8 @@ from mbm.expression.algebra import number
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, RowChoice, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, integer
-from mbm.language.scope import LocalScope, Scope
-from mbm.language.values import Array, PoseValue, RotationValue
+from mbm.language.scope import LocalScope
+from mbm.language.values import Array, PoseValue, RotationValue, Scope
 from mbm.language.vocabulary.rigid import geometric_difference
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace, shaped

@@ -5,15 +5,7 @@ from __future__ import annotations
 from mbm.expression.nodes import Expression
 from mbm.language import faults as language_faults
 from mbm.language.coerce import scalar, vector
-from mbm.language.scope import Scope
-from mbm.language.values import (
-    Array,
-    ListValue,
-    Placeable,
-    PoseValue,
-    RotationValue,
-    Value,
-)
+from mbm.language.values import Array, ListValue, Placeable, PoseValue, RotationValue, Scope, Value
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
 from mbm.problem.manifold import manifold_of

@@ -8,9 +8,7 @@ from types import MappingProxyType
 from mbm.expression.nodes import Constant, Number, nearest
 from mbm.expression.units import Unit
 from mbm.language import faults as language_faults
-from mbm.language.evaluator import Evaluator
-from mbm.language.scope import Scope
-from mbm.language.values import describe
+from mbm.language.values import Evaluator, Scope, describe
 from mbm.problem import faults
 from mbm.problem.options import split_options
 from mbm.problem.reading.unknowns import stated_unit

@@ -18,8 +18,16 @@ from mbm.expression.nodes import (
 from mbm.expression.units import Unit, parse_unit, refused_unit
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, integer, static_number, vector
-from mbm.language.scope import Scope
-from mbm.language.values import Array, FamilyValue, PoseValue, RotationValue, TextColumn, Value, described_with_space
+from mbm.language.values import (
+    Array,
+    FamilyValue,
+    PoseValue,
+    RotationValue,
+    Scope,
+    TextColumn,
+    Value,
+    described_with_space,
+)
 from mbm.language.vocabulary.rigid import (
     direction_difference,
     geometric_difference,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
+from mbm.target.decisions import POSITIVE_KEPT, ROUNDING_OF_BOUNDS
 from mbm.target.solver.description import BOUNDS_AT, COORDINATES, POSITIVE_AT
 from mbm.target.solver.linear_algebra import (
     append_rows,
@@ -37,14 +38,8 @@ from mbm.target.solver.workspace import (
 )
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals, distinct_arrays
 
-ROUNDING_OF_BOUNDS = 8.881784197001252e-16
-"""Relative error of a bound minus a number plus that number: four roundings."""
-
 INDEPENDENT = 1e-11
 """A column whose part across those before it is below this share of the largest column is as good as dependent."""
-
-KEEP = 0.1
-"""A coordinate of type `positive` keeps at least this part of its value in one step (fraction to the boundary)."""
 
 
 @distinct_arrays
@@ -109,8 +104,8 @@ def marquardt_step(
 def down_of(system: ConstantIntegers, constants: ConstantReals, x: ConstantReals, j: Integer) -> Real:
     """Largest movement down (≤ 0) of a coordinate in one step."""
     found = constants[BOUNDS_AT + j] - x[j]
-    if system[system[POSITIVE_AT] + j] != 0 and found < (KEEP - 1.0) * x[j]:
-        found = (KEEP - 1.0) * x[j]
+    if system[system[POSITIVE_AT] + j] != 0 and found < (POSITIVE_KEPT - 1.0) * x[j]:
+        found = (POSITIVE_KEPT - 1.0) * x[j]
     return found
 
 
