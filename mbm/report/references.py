@@ -250,7 +250,7 @@ def _reference(solution: Solution, again: Again | None, agreement: Agreement | N
         numbers=solution.numbers,
         spread=_spread(solution),
         covariance=np.where(solution.sigma_known, solution.covariance.matrix, np.nan),
-        derived=tuple((each.values, each.sigma) for each in solution.derived),
+        derived=tuple((d.values, np.where(solution.sigma_known, d.sigma, np.nan)) for d in solution.derived),
         cost=solution.fit.cost,
         dof=solution.fit.dof,
         start=np.where(unknown, first.numbers, layout.start),

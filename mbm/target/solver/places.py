@@ -99,7 +99,7 @@ def set_factor(n: Integer, triangle: ConstantReals, scale: ConstantReals, factor
         for i in range(n):
             factor[i * n + j] = triangle[i * (n + 1) + j] / scale[j] if i <= j else 0.0
         image[j] = triangle[j * (n + 1) + n]
-    return without_dependent(n, factor)
+    return without_dependent(n, factor, image)
 
 
 @distinct_arrays

@@ -157,7 +157,7 @@ def surface_step(
         for k in range(width):
             factor[i * width + k] = small[i * (width + 1) + k]
         line[i] = -small[i * (width + 1) + width]
-    if without_dependent(width, factor) > 0:
+    if without_dependent(width, factor, line) > 0:
         return 0
     if curved == 1 and bent_right(system, count, turned, work, flags) == 0:
         return 0
