@@ -6,9 +6,10 @@ RUN := $(VENV)/bin/python -m
 READY := $(VENV)/.ready
 CASES ?= 1000000
 HOSTILE ?= 100000
+PROCESSES ?= 1000
 PARTS ?=
 
-.PHONY: help problems test lint types imports slow fuzz hostile bench wheel clean
+.PHONY: help problems test lint types imports slow fuzz hostile processes bench wheel clean
 
 help:  ## what can be made
 	@sed -n 's/^\([a-z]*\):.*## */make \1\t/p' Makefile | expand -t 16
@@ -37,6 +38,10 @@ fuzz: $(READY)  ## a million random problems, in parts that go on where they end
 
 hostile: $(READY)  ## 100,000 files and command lines that mean harm (make hostile HOSTILE=1000 for fewer)
 	$(RUN) tests.trials.campaign --kinds tests.hostile.kinds --cases $(HOSTILE) --of 10 --record .fuzz/hostile
+
+processes: $(READY)  ## 1,000 of those as whole processes, with attacks by size among them, one at a time
+	$(RUN) tests.trials.campaign --kinds tests.hostile.processes --cases $(PROCESSES) --of 10 --parts "$(PARTS)" \
+	    --processes 1 --record .fuzz/processes
 
 bench: $(READY)  ## the comparisons with other programs, and their page in docs/
 	$(RUN) benchmarks.table --long

@@ -76,6 +76,7 @@ class EvaluationCache:
         self.stated: dict[tuple[int, int], StatedNoise] = {}
         self.last: object = None
         self._prepared: dict[tuple[int, int], Evaluation] = {}
+        self._prepared_rows = 0
         self._streams: dict[int, Stream] = {}
 
     def stream(self, number: int, kernel: Kernel) -> Stream:
@@ -89,10 +90,12 @@ class EvaluationCache:
         """The evaluation of kernel ``number`` for ``rows`` rows."""
         found = self._prepared.get((number, rows))
         if found is None:
-            if sum(size for _, size in self._prepared) + rows > MOST_PREPARED_ROWS:
+            if self._prepared_rows + rows > MOST_PREPARED_ROWS:
                 self._prepared.clear()
+                self._prepared_rows = 0
             found = self.backend.prepare(kernel, rows)
             self._prepared[number, rows] = found
+            self._prepared_rows += rows
         return found
 
 

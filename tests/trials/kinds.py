@@ -9,6 +9,7 @@ from pathlib import Path
 
 from tests.trials.choices import Choices
 from tests.trials.outcome import Outcome, faults_of, outcome
+from tests.trials.processes import outcome_of_process
 from tests.trials.watching import digests, watched
 
 
@@ -32,10 +33,14 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True)
 class Home:
-    """A folder in which cases write what they like, and sound problem files that they may take and change."""
+    """A folder in which cases write what they like, and sound problem files that they may take and change.
+
+    With ``processes`` each command line is run as a process of its own.
+    """
 
     folder: Path
     examples: tuple[Path, ...] = ()
+    processes: bool = False
 
     def cleared(self, name: str) -> Path:
         """A folder inside that is empty."""
@@ -71,7 +76,7 @@ class Trial:
     def __str__(self) -> str:
         texts = [f"{'; '.join(self.wrong)}", "mbm " + " ".join(map(repr, self.case.arguments))]
         for path in self.case.files:
-            content = path.read_bytes()[:4000]
+            content = path.read_bytes()[:4000] if path.is_file() else b""
             texts.append(f"--- {path.name}\n{content.decode('utf-8', errors='backslashreplace')}")
         return "\n".join([*texts, "---", self.found.err[-2000:]])
 
@@ -80,8 +85,12 @@ def attempt(kind: Kind, home: Home, decisions: bytes) -> Trial:
     """Makes the case that the bytes decide, runs it, and judges the answer."""
     case = kind.make(home, Choices(decisions))
     before = digests(case.kept)
-    with watched(home.folder, case.devices, case.closed) as wrong:
-        found = outcome(*case.arguments)
+    if home.processes:
+        inside = case.files[0].parent if case.files else home.folder
+        found, wrong = outcome_of_process(*case.arguments, folder=inside, devices=case.devices, closed=case.closed)
+    else:
+        with watched(home.folder, case.devices, case.closed) as wrong:
+            found = outcome(*case.arguments)
     wrong += [f"{path.name} was changed" for path, digest in digests(case.kept).items() if digest != before[path]]
     wrong += faults_of(found, case.arguments, case.files[0].parent if case.files else home.folder)
     if not wrong:

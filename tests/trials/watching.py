@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -30,12 +30,12 @@ HEARD = {"open"} | CHANGING | LEAVING
 
 @dataclass(kw_only=True)
 class Watch:
-    """Folders in which anything may be written, devices that may be, files that must not be opened; what was seen."""
+    """Folders in which anything may be written, devices that may be, files that must not be opened; who is told."""
 
     inside: tuple[str, ...]
     devices: frozenset[str]
     closed: frozenset[str]
-    seen: list[str] = field(default_factory=list)
+    tell: Callable[[str], object]
 
     def hear(self, event: str, arguments: tuple[Any, ...]) -> None:
         """One audit event."""
@@ -48,20 +48,22 @@ class Watch:
                 if isinstance(path, str | bytes):
                     self._changed(event, os.fsdecode(path))
         elif event in LEAVING:
-            self.seen.append(f"{event} {arguments[:2]!r}")
+            self.tell(f"{event} {arguments[:2]!r}")
 
     def _opened(self, path: str, flags: int) -> None:
         if flags & WRITING:
             self._changed("written", path)
         elif os.path.realpath(path) in self.closed:
-            self.seen.append(f"read: {path}")
+            self.tell(f"read: {path}")
 
     def _changed(self, what: str, path: str) -> None:
         if ".pyc" in path or path.endswith("__pycache__") or path in self.devices:
             return
+        if sys.pycache_prefix is not None and path.startswith(sys.pycache_prefix):
+            return
         place = os.path.join(os.path.realpath(os.path.dirname(path) or "."), os.path.basename(path))  # noqa: PTH118, PTH119, PTH120
         if not place.startswith(self.inside):
-            self.seen.append(f"{what}: {path}")
+            self.tell(f"{what}: {path}")
 
 
 _CURRENT: list[Watch] = []
@@ -77,23 +79,27 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
             _CURRENT.append(watch)
 
 
-@contextmanager
-def watched(folder: Path, devices: Iterable[str], closed: Iterable[Path]) -> Iterator[list[str]]:
-    """Inside, the list gets what happened that should not have; ``folder`` and mbm's cache may be written to."""
+def begin(folder: Path, devices: Iterable[str], closed: Iterable[Path], tell: Callable[[str], object]) -> None:
+    """From now on ``tell`` is told what happens that should not; ``folder`` and mbm's cache may be written to."""
     if not _HEARING:
         sys.addaudithook(_hook)  # for good: hooks cannot be taken away
         _HEARING.append(True)
     inside = [os.path.realpath(folder) + os.sep]
     if VARIABLE in os.environ:
         inside += [os.path.realpath(os.environ[VARIABLE]), os.path.realpath(os.environ[VARIABLE]) + os.sep]
-    watch = Watch(
-        inside=tuple(inside), devices=frozenset(devices), closed=frozenset(os.path.realpath(path) for path in closed)
-    )
-    _CURRENT.append(watch)
+    outside = frozenset(os.path.realpath(path) for path in closed)
+    _CURRENT.append(Watch(inside=tuple(inside), devices=frozenset(devices), closed=outside, tell=tell))
+
+
+@contextmanager
+def watched(folder: Path, devices: Iterable[str], closed: Iterable[Path]) -> Iterator[list[str]]:
+    """Inside, the list gets what happened that should not have (`begin`)."""
+    seen: list[str] = []
+    begin(folder, devices, closed, seen.append)
     try:
-        yield watch.seen
+        yield seen
     finally:
-        _CURRENT.remove(watch)
+        _CURRENT.pop()
 
 
 def digests(paths: Iterable[Path]) -> dict[Path, str | None]:

@@ -74,10 +74,12 @@ def _is_text(kind: Any) -> bool:
 
 
 def _is_flat(kind: Any) -> bool:
-    """Whether a cell is one number or text, directly or by its entry in a dictionary."""
+    """Whether a cell is of bounded size, or a text, which is read as the number of an entry in a dictionary."""
     import pyarrow as pa
 
-    return _is_flat(kind.value_type) if pa.types.is_dictionary(kind) else _is_number(kind) or _is_text(kind)
+    if pa.types.is_dictionary(kind):
+        return _is_flat(kind.value_type)
+    return bool(_is_text(kind) or pa.types.is_null(kind) or pa.types.is_primitive(kind) or pa.types.is_decimal(kind))
 
 
 def _check_size(metadata: Any, kinds: dict[str, Any], path: Path) -> None:
@@ -122,7 +124,8 @@ class _Part:
             self._values.extend(entries[place] for place in places)
         else:
             self._values.extend(array.to_pylist())
-            if not _is_flat(array.type):  # said at once: such cells may be as large as tables
+            if not _is_flat(array.type) and array.null_count < len(array):
+                # Said at once, for such cells may be as large as tables.
                 column_from_values(self._name, self._values, self._path)
 
     def column(self) -> Column:
