@@ -18,7 +18,7 @@ from mbm.kernels.types import Kernel, KernelSet
 from mbm.problem.manifold import Piece
 from mbm.symbolic.types import ResidualBlock, SymbolicModel
 
-PER_PLACE = 25
+PER_PLACE = 400
 """Bytes for one unknown number of an equation in one element of its Jacobian, where each depends on each."""
 
 
