@@ -29,7 +29,7 @@ def free_combinations(null_space: Floats, scale: Floats, point: Floats) -> tuple
         below -= below[:, column, None] * rows[done]
         below[:, column] = 0.0
         pivots.append(column)
-    rows = np.linalg.solve(rows[:, pivots], rows)
+    rows[:] = np.linalg.solve(rows[:, pivots], rows)
     rows[:, pivots] = np.eye(len(pivots))
     order = np.argsort(np.array(pivots, dtype=np.int64), kind="stable")
     return tuple(free_combination(rows[i], scale, point) for i in order)

@@ -46,10 +46,10 @@ def test_a_sum_is_gone_through_once_however_many_choices_it_holds(monkeypatch):
 
 def test_derivatives_that_do_not_fit_are_refused(monkeypatch):
     text = "(problem p (unknowns (v (vector 300) :init 1)) (observe (= 0 (norm v)) :sigma 1))"
-    monkeypatch.setenv(VARIABLE, "2MB")
+    monkeypatch.setenv(VARIABLE, "35MB")
     with pytest.raises(MbmError) as caught:
         mbm.loads(text).solve()
     assert [each.code.name for each in caught.value.diagnostics] == ["too-much-memory"]
     assert "300 unknown numbers" in caught.value.diagnostics[0].message
-    monkeypatch.setenv(VARIABLE, "3MB")
+    monkeypatch.setenv(VARIABLE, "37MB")
     assert mbm.loads(text).solve().status == "attention"
