@@ -109,8 +109,8 @@ def flat_directions(curvature: Floats, weighed: Floats, observed: Observability)
     """Directions (r, k) along which ``curvature`` (r, r) is next to nothing of what is ``weighed`` (r, r); None: none.
 
     Both in the coordinates of ``row_space``. Divided by the singular values they are well conditioned, as the
-    derivatives of the square-root form are never larger than the weights: ``w² s/ρ ≤ w``. Directions that nothing weighs
-    (a loss that ends may leave every row without weight) are among those found.
+    derivatives of the square-root form are never larger than the weights: ``w² s/ρ ≤ w``. Directions that
+    nothing weighs (a loss that ends may leave every row without weight) are among those found.
     """
     strengths = observed.singular_values[: len(curvature)]
     across = np.outer(strengths, strengths)
