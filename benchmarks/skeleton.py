@@ -7,7 +7,6 @@ python -m benchmarks.skeleton [STARTS]
 
 from __future__ import annotations
 
-import csv
 import sys
 import tempfile
 from collections.abc import Mapping
@@ -25,9 +24,7 @@ from mbm.solution.estimate import assemble
 from mbm.solution.layout import Entry
 from mbm.solution.multistart import starting_points
 from mbm.solution.settings import settings_of
-from tests.evidence.material import shared, shared_json
-from tests.evidence.skeleton import POSE
-from tests.evidence.skeleton_limits import write_example
+from tests.evidence.skeleton import COSTS, POSE, TRUTH, seen, write_example
 
 STARTS = 500
 ASKED_SHARE, ASKED_SECONDS = 0.2, 2e-3
@@ -41,7 +38,7 @@ NEAR = 1e-6
 
 def figures(starts: int = STARTS) -> list[Figure]:
     """Share of the starts that reach the best posture, and seconds a start: by parts, all together, whole solves."""
-    best = shared_json("reference", "skeleton", "expected.json")["global_cost"]
+    best = COSTS[0]
     with tempfile.TemporaryDirectory() as folder:
         compiled = mbm.load(write_example(Path(folder), starts)).named("skeleton-limits").compile()
     found = compiled.elaborated
@@ -81,12 +78,10 @@ def figures(starts: int = STARTS) -> list[Figure]:
 
 def _peers(mine: tuple[float, float], points: np.ndarray, best: float, places: Mapping[str, Entry]) -> list[Figure]:
     """The same starts with other programs; their unknowns stand in another order."""
-    given = shared_json("reference", "skeleton", "inputs.json")["unknowns"]
     angles = places["q"]
-    order = [places[n].offset if n in POSE else angles.offset + angles.index[n] for n in given]
-    with shared("reference", "skeleton", "joints.csv").open() as stream:
-        seen = {row["joint"]: (float(row["X"]), float(row["Y"])) for row in csv.DictReader(stream)}
-    image = np.array([seen[joint] for joint in JOINTS]).ravel()
+    order = [places[n].offset if n in POSE else angles.offset + angles.index[n] for n in TRUTH]
+    joints = seen()
+    image = np.array([joints[joint] for joint in JOINTS]).ravel()
     starts = points[:, order]
     box = np.stack([starts.min(axis=0) - MARGIN, starts.max(axis=0) + MARGIN])
     quoted = Figure(

@@ -247,7 +247,7 @@ def emitted(found: Elaborated, target: str, registry: Registry) -> tuple[OutputF
     """Typed equations + tables → the files of a solver in another language, tested against what this one answers."""
     from mbm.emit.blueprint import blueprint
     from mbm.emit.corrections import with_true_values
-    from mbm.emit.refusals import refuse, refuse_gaps, refuse_startless
+    from mbm.emit.refusals import refuse, refuse_cells, refuse_startless
     from mbm.emit.targets import files_of
     from mbm.emit.types import Target
     from mbm.kernels.derive import derive
@@ -261,11 +261,11 @@ def emitted(found: Elaborated, target: str, registry: Registry) -> tuple[OutputF
     refuse(found, made)
     model = symbolic(found)
     kernels = derive(model)
-    cache = EvaluationCache(registry.backend("auto"))
+    cache = EvaluationCache(registry.suited(registry.backend("auto"), kernels))
     known = answered(found, kernels, cache, registry.closed_forms, solving=made.solves)
     refuse_startless(found, made, known.agreement)
     drafted = blueprint(found, model, kernels, known, loss_scale, __version__)
-    refuse_gaps(found, made, drafted.given)
+    refuse_cells(found, made, drafted.given)
     return files_of(drafted, made)
 
 
@@ -274,10 +274,14 @@ def simulator(found: Elaborated, program: Program, inputs: Inputs, registry: Reg
     from mbm.report.simulated import Simulator
     from mbm.solution.binding import EvaluationCache
 
+    def made() -> tuple[KernelSet, EvaluationCache]:
+        kernels = derived(found)
+        return kernels, EvaluationCache(registry.suited(registry.backend("auto"), kernels))
+
     as_read = (replace(p.declaration, columns=(), key=None, skip_missing=False) for p in found.problem.plans)
     return Simulator(
         found=found,
         origins=loaded(as_read, program.base, inputs, registry),
-        kernels=made_once(lambda: (derived(found), EvaluationCache(registry.backend("auto")))),
+        kernels=made_once(made),
         file=file,
     )

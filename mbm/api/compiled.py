@@ -10,8 +10,10 @@ import numpy as np
 
 from mbm import compiler
 from mbm.api.arguments import by_name, coordinates, threads
+from mbm.api.compilation import Compilation, Origin, compilation_of
 from mbm.compiler import Inputs, SolveSettings
 from mbm.data.faults import MISSING_TABLE
+from mbm.files.journal import noting
 from mbm.problem.checks import Mentioned, mentioned
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import EXTERNAL
@@ -22,35 +24,13 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from mbm.api.estimator import Estimator
-    from mbm.api.reading import Reading
     from mbm.kernels.types import KernelSet
     from mbm.problem.tables import Table
     from mbm.problem.types import Problem
-    from mbm.registry import Registry
     from mbm.report.answer import Solved
     from mbm.report.types import Result
     from mbm.solution.assembly import Assembled
     from mbm.solution.binding import EvaluationCache
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Origin:
-    """The problem of a program that is compiled: by name (None: the only one), with what results call its file."""
-
-    reading: Reading = field(repr=False)
-    registry: Registry = field(repr=False)
-    file: str | None
-    name: str | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Compilation:
-    """The equations for tables, and the kernels made ready for them; ``key`` is that of their entry in the store."""
-
-    elaborated: Elaborated
-    kernels: KernelSet
-    cache: EvaluationCache
-    key: str | None = None
 
 
 class Kept:
@@ -137,7 +117,7 @@ class CompiledProblem:
         )
         if now.key is not None:
             self.origin.reading.learned(now.key, now.cache.without_closed_form, known)
-        return result
+        return replace(result, reads=self.origin.reading.journal.reads())
 
     def estimator(self, *columns: str) -> Estimator:
         """The bare estimator for a stream of data sets of one shape: a function from columns to estimates.
@@ -237,7 +217,8 @@ class CompiledProblem:
             inputs = replace(inputs, tables=dict(data), paths={})
         else:
             wanted = declarations  # a name that no table has: loading says so
-        read = compiler.loaded(wanted, self.origin.reading.base, inputs, self.origin.registry)
+        with noting(self.origin.reading.journal):
+            read = compiler.loaded(wanted, self.origin.reading.base, inputs, self.origin.registry)
         return {d.name: read[d.name] if d.name in read else before.raw[d.name] for d in declarations}
 
     def _assembled(self, data: Mapping[str, object] | None = None) -> tuple[Assembled, NDArray[np.float64]]:
@@ -268,35 +249,6 @@ def compiled(origin: Origin, inputs: Inputs, backend: str) -> CompiledProblem:
         if others:
             raise MbmError(*others) from None
     return CompiledProblem(origin=origin, inputs=inputs, backend=backend, complete=made is not None, kept=Kept(made))
-
-
-def compilation_of(origin: Origin, inputs: Inputs, backend: str) -> Compilation:
-    """The compilation for ``inputs``.
-
-    Raises:
-        MbmError: the problem, its data or the name of the backend are wrong.
-
-    """
-    from mbm.kernels.types import BackendUnavailableError
-    from mbm.solution.binding import EvaluationCache
-
-    if backend not in origin.registry.backends:
-        from mbm.problem import faults
-
-        raise MbmError(faults.unknown_backend(backend, tuple(origin.registry.backends)))
-    try:
-        evaluating = origin.registry.backend(backend)
-    except BackendUnavailableError as error:
-        from mbm.problem import faults
-
-        raise MbmError(faults.native_unavailable(str(error))) from None
-    found = origin.reading.compiled(origin.name, inputs)
-    return Compilation(
-        elaborated=found.elaborated,
-        kernels=found.kernels,
-        cache=EvaluationCache(evaluating, found.without_closed_form),
-        key=found.key,
-    )
 
 
 def _values(init: object) -> dict[str, object] | None:

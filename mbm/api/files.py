@@ -11,6 +11,7 @@ from mbm.api.problem import load, opened
 from mbm.compiler import Inputs, SolveSettings
 from mbm.files.source import read_file
 from mbm.problem.types import Override
+from mbm.text.shown import joined
 from mbm.text.types import Diagnostic, Source
 
 if TYPE_CHECKING:
@@ -41,7 +42,10 @@ def solve_file(path: str | Path, options: SolveOptions) -> Result:
         progress=options.progress,
         workers=options.workers,
     )
-    return problem.compiled(inputs, options.backend.value).result(settings)
+    ready = problem.compiled(inputs, options.backend.value)
+    if options.loaded is not None:
+        options.loaded()
+    return ready.result(settings)
 
 
 def simulate_file(
@@ -108,7 +112,7 @@ def explain(
         from mbm.text.printer import print_form
         from mbm.text.reader import read
 
-        return "\n".join(print_form(form) for form in read(read_file(Path(path), str(path)))) + "\n"
+        return joined(print_form(form) for form in read(read_file(Path(path), str(path)))) + "\n"
     loaded = opened(path, sandbox=sandbox)
     found = compiler.elaborated(loaded.program, problem, Inputs(sandbox=sandbox), loaded.registry)
     if stage == "problem":
@@ -118,7 +122,7 @@ def explain(
     kernels = compiler.derived(found)
     if stage == "kernels":
         return explaining.kernel_stage(kernels)
-    cache = EvaluationCache(loaded.registry.backend("auto"))
+    cache = EvaluationCache(loaded.registry.suited(loaded.registry.backend("auto"), kernels))
     return explaining.explanation(
         found, compiler.symbolic(found), kernels, cache, loaded.registry.closed_forms(), latex=latex
     )
@@ -141,4 +145,4 @@ def expand(path: str | Path, form_text: str, *, sandbox: Path | None = None) -> 
         for form in read(Source("<form>", form_text)):
             value = session.evaluator.evaluate(form, session.scope)
             lines.append(print_form(value_form(value, form.span)))
-    return "\n".join(lines) + "\n"
+    return joined(lines) + "\n"

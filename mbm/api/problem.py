@@ -11,10 +11,12 @@ import numpy as np
 
 from mbm import compiler
 from mbm.api.arguments import by_name
-from mbm.api.compiled import CompiledProblem, Origin, as_json, compiled
+from mbm.api.compilation import Origin
+from mbm.api.compiled import CompiledProblem, as_json, compiled
 from mbm.api.reading import Reading
 from mbm.api.recall import Text
 from mbm.compiler import Inputs
+from mbm.files.journal import THE_PROBLEM, Journal, note, noting
 from mbm.files.source import read_file
 from mbm.problem.types import Override
 from mbm.registry import Registry, standard_registry
@@ -49,14 +51,16 @@ def load(path: str | Path, *, sandbox: str | Path | None = None, closed_forms: S
 
 def opened(path: str | Path, *, sandbox: str | Path | None = None, closed_forms: Sequence[ClosedForm] = ()) -> Problem:
     """As ``load``, with nothing read yet but the characters: what is wrong with them, ``.program`` says."""
-    place = Path(path)
+    place, journal = Path(path), Journal()
+    with noting(journal):
+        note(place, THE_PROBLEM)
     text = Text(
         source=read_file(place, str(path)),
         path=place,
         sandbox=Path(sandbox) if sandbox is not None else None,
         closed_forms=tuple(form.name for form in closed_forms),
     )
-    return _problem(text, tuple(closed_forms), str(path))
+    return _problem(text, tuple(closed_forms), str(path), journal)
 
 
 def loads(
@@ -73,15 +77,15 @@ def loads(
         sandbox=Path(sandbox) if sandbox is not None else None,
         closed_forms=tuple(form.name for form in closed_forms),
     )
-    problem = _problem(read, tuple(closed_forms), None)
+    problem = _problem(read, tuple(closed_forms), None, Journal())
     if not problem.reading.is_known():
         _ = problem.program
     return problem
 
 
-def _problem(text: Text, closed_forms: tuple[ClosedForm, ...], file: str | None) -> Problem:
+def _problem(text: Text, closed_forms: tuple[ClosedForm, ...], file: str | None, journal: Journal) -> Problem:
     registry = standard_registry(closed_forms)
-    return Problem(reading=Reading(text, registry), registry=registry, file=file, sandbox=text.sandbox)
+    return Problem(reading=Reading(text, registry, journal), registry=registry, file=file, sandbox=text.sandbox)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -19,6 +19,7 @@ from mbm.api.recall import (
     remember_text,
 )
 from mbm.compiler import Inputs
+from mbm.files.journal import Journal, noting
 from mbm.registry import Registry
 
 if TYPE_CHECKING:
@@ -27,11 +28,15 @@ if TYPE_CHECKING:
 
 
 class Reading:
-    """The definitions of a text, and what they compile to. Local to one loaded problem."""
+    """The definitions of a text, and what they compile to. Local to one loaded problem.
 
-    def __init__(self, text: Text, registry: Registry) -> None:
+    ``journal`` names the files that were read for it: the text, those that it uses, tables.
+    """
+
+    def __init__(self, text: Text, registry: Registry, journal: Journal) -> None:
         self.text = text
         self.registry = registry
+        self.journal = journal
         self._program: Program | None = None
         self._key: str | None = None
         self._digest: str | None = None
@@ -41,7 +46,8 @@ class Reading:
         store = self.registry.store() if self._program is None and self._digest is None else None
         if store is not None:
             self._key = key_of(self.text)
-            self._digest = known_text(store, self._key)
+            with noting(self.journal):
+                self._digest = known_text(store, self._key)
         return self._program is not None or self._digest is not None
 
     @property
@@ -59,7 +65,8 @@ class Reading:
         """
         if self._program is None:
             text = self.text
-            self._program = compiler.read(text.source, text.path, self.registry, text.sandbox)
+            with noting(self.journal):
+                self._program = compiler.read(text.source, text.path, self.registry, text.sandbox)
         return self._program
 
     def compiled(self, name: str | None, inputs: Inputs) -> Recalled:
@@ -71,10 +78,12 @@ class Reading:
         """
         store = self.registry.store()
         if store is not None and self._digest is not None:
-            found = recalled(store, self._digest, name, self.base, inputs, self.registry)
+            with noting(self.journal):
+                found = recalled(store, self._digest, name, self.base, inputs, self.registry)
             if found is not None:
                 return replace(found, without_closed_form=()) if self.text.closed_forms else found
-        elaborated = compiler.elaborated(self.program, name, inputs, self.registry)
+        with noting(self.journal):
+            elaborated = compiler.elaborated(self.program, name, inputs, self.registry)
         kernels = compiler.derived(elaborated)
         key: str | None = None
         if store is not None:

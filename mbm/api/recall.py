@@ -27,7 +27,7 @@ from mbm.compiler import Inputs
 from mbm.files.source import read_file
 from mbm.problem.elaborated import Consulted, Elaborated
 from mbm.problem.types import Problem
-from mbm.text.types import MbmError, Source
+from mbm.text.types import DataPlace, MbmError, Source
 from mbm.values import dataclass
 from mbm.version import __version__
 
@@ -43,7 +43,19 @@ if TYPE_CHECKING:
 TEXT, TABLES, PROBLEM, STARTS = "text", "tables", "problem", "starts"
 """The kinds of entries."""
 
-MAKERS = ("api", "data", "expression", "kernels", "language", "problem", "shapes", "symbolic", "target", "text")
+MAKERS = (
+    "api",
+    "data",
+    "expression",
+    "files",
+    "kernels",
+    "language",
+    "problem",
+    "shapes",
+    "symbolic",
+    "target",
+    "text",
+)
 """Folders of mbm that make equations and kernels, beside its own files: stages import one way, so no later one does."""
 
 CLOSED_FORMS = "solution/closed_forms"
@@ -110,7 +122,9 @@ def _unchanged(path: str, resolved: str, digest: str | None) -> bool:
     """Whether a file that is used leads where it led, and holds what it held."""
     place = Path(path)
     try:
-        return str(place.resolve()) == resolved and (digest is None or _digest(read_file(place, path)) == digest)
+        if str(place.resolve()) != resolved:
+            return False
+        return digest is None or _digest(read_file(place, path, DataPlace(file=path))) == digest
     except (MbmError, OSError, RuntimeError):
         return False
 

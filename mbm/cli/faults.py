@@ -13,21 +13,6 @@ BAD_CALL = Code(
     "The command line cannot be read: an unknown option, a missing argument, or a value of the wrong kind.",
     "`mbm COMMAND --help` lists what a command takes.",
 )
-NOT_WRITABLE = Code(
-    "not-writable",
-    "A file or folder that is to be written cannot be.",
-    "Check the path, its permissions and the space on the disk.",
-)
-EXISTS_ALREADY = Code(
-    "exists-already",
-    "`mbm new` never overwrites: the folder holds files already.",
-    "Choose another name, or empty the folder.",
-)
-FOREIGN_FOLDER = Code(
-    "foreign-folder",
-    "The folder that a generated solver is to be written to holds files that `mbm compile` did not write.",
-    "Choose another folder, or write into this one with `--force`: files of the same name are replaced, others stay.",
-)
 BAD_JSON = Code(
     "bad-json",
     "A file that is to hold JSON does not.",
@@ -56,32 +41,6 @@ def unknown_command(name: str, known: Iterable[str]) -> Diagnostic:
 def not_available_yet(what: str) -> Diagnostic:
     """``what`` is a command or option of a later version."""
     return Diagnostic(code=NOT_AVAILABLE_YET, message=f"`{what}` is not available yet")
-
-
-def not_writable(path: str, reason: str) -> Diagnostic:
-    """``reason`` is what the system says."""
-    return Diagnostic(code=NOT_WRITABLE, message=f"`{path}` cannot be written: {reason}", hint="check the path")
-
-
-def not_readable(path: str, reason: str) -> Diagnostic:
-    """A file of ``--init`` that is missing, is a folder or may not be read."""
-    return Diagnostic(code=BAD_JSON, message=f"`{path}` cannot be read: {reason}", hint="check the path")
-
-
-def exists_already(path: str) -> Diagnostic:
-    """The folder of a new problem holds something."""
-    return Diagnostic(
-        code=EXISTS_ALREADY, message=f"`{path}` exists already", hint="choose another name; nothing is overwritten"
-    )
-
-
-def foreign_folder(path: str, file: str) -> Diagnostic:
-    """``file`` is what stands in the folder and is not ours."""
-    return Diagnostic(
-        code=FOREIGN_FOLDER,
-        message=f"`{path}` holds files that `mbm compile` did not write, such as `{file}`",
-        hint="choose another folder, or `--force`",
-    )
 
 
 def bad_json(path: str, problem: str) -> Diagnostic:

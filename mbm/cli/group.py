@@ -6,7 +6,7 @@ from importlib import import_module
 
 import click
 
-from mbm.cli.options import verbosity_options
+from mbm.cli.options import verbosity_options, version_option
 from mbm.version import __version__
 
 COMMANDS = {
@@ -53,8 +53,8 @@ class Commands(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__, prog_name="mbm")
+@click.group(cls=Commands, context_settings={"help_option_names": []})
+@version_option(f"mbm, version {__version__}")
 @verbosity_options
 def cli() -> None:
     """A compiler for measurement problems: from shapes, data and observation equations to estimates with honest

@@ -14,7 +14,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from mbm.cli.main import INTERRUPTED
+from mbm.cli.output import say_error
+from mbm.cli.statuses import INTERRUPTED
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -82,7 +83,7 @@ class _Ear:
         """Ask for the end, and say so, once."""
         if self._first.acquire(blocking=False):
             self._interruption.request()
-            print(MESSAGE, file=sys.stderr, flush=True)
+            say_error(MESSAGE)
 
     def _listen(self) -> None:
         """Until the pipe is closed."""
@@ -94,5 +95,5 @@ class _Ear:
                 requested = True
                 self._request()
             elif not self._over.wait(self._patience):
-                print(ABORTED, file=sys.stderr, flush=True)
+                say_error(ABORTED)
                 os._exit(INTERRUPTED)

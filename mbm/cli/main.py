@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import sys
-from collections.abc import Sequence
-from io import TextIOWrapper
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
+
+from mbm.cli.output import open_closed_streams, say_error
+from mbm.cli.statuses import INTERRUPTED, WRONG
+from mbm.files.journal import Journal, noting
 
 if TYPE_CHECKING:
     import click
 
 COMPLETION = "_MBM_COMPLETE"
 """Environment variable by which a shell asks what may come next (Click's protocol)."""
-
-INTERRUPTED = 130
-WRONG = 2
 
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Read when NumPy is first imported. One thread unless the environment says otherwise: the matrices are narrow, where
@@ -27,81 +29,84 @@ COLLECTED = 100_000
 of which stay: a tenth of a warm start went into looking at them time and again."""
 
 
-def main() -> int:
-    """The command line of this process, whose exit status it answers.
-
-    A terminal that cannot show a character (``±`` in ASCII) gets a question mark, not a failure; where an output was
-    closed by whoever started the process, what is said goes nowhere.
-    """
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115, PTH123 - until the process ends
+def main(*, heard: bool = False) -> int:
+    """The command line of this process, whose exit status it answers; interrupts are ``heard`` from here on."""
+    open_closed_streams()
     gc.set_threshold(COLLECTED, *gc.get_threshold()[1:])
-    completion = os.environ.get(COMPLETION)
-    if completion:
-        from click.shell_completion import shell_complete
-
-        from mbm.cli.group import cli
-
-        sys.exit(shell_complete(cli, {}, "mbm", COMPLETION, completion))
-    if isinstance(sys.stdout, TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")
     for variable in BLAS_THREADS:
         os.environ.setdefault(variable, "1")
-    return run(sys.argv[1:])
+    asked = os.environ.get(COMPLETION)
+    try:
+        if heard:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        return completed(asked) if asked else run(sys.argv[1:])
+    except KeyboardInterrupt:  # while something else was said
+        return INTERRUPTED
+
+
+def completed(asked: str) -> int:
+    """Answers a shell that asks what may come next."""
+    return _guarded(partial(_complete, asked), (), Journal())
 
 
 def run(arguments: Sequence[str]) -> int:
     """Runs a command line and answers its exit status; whatever goes wrong is said on standard error."""
-    try:
-        status = _guarded(arguments)
-        sys.stdout.flush()
-    except BrokenPipeError:
-        _discard_output()
-        return 0
-    return status
+    journal = Journal()
+    with noting(journal):
+        return _guarded(partial(_invoke, arguments, journal), arguments, journal)
 
 
-def _guarded(arguments: Sequence[str]) -> int:
+def _complete(asked: str) -> int:
+    from mbm.cli.completion import complete
+
+    return complete(COMPLETION, asked)
+
+
+def _invoke(arguments: Sequence[str], journal: Journal) -> object:
+    from mbm.cli.group import cli
+
+    with cli.make_context("mbm", list(arguments), obj=journal) as context:
+        return cli.invoke(context)
+
+
+def _guarded(call: Callable[[], object], arguments: Sequence[str], journal: Journal) -> int:
     """Click's own ``main`` is left out: it would answer a closed pipe with 1, which means something else here."""
     try:
         import click
 
-        from mbm.cli.group import cli
-
-        with cli.make_context("mbm", list(arguments)) as context:
-            status = cli.invoke(context)
+        status = call()
     except KeyboardInterrupt:  # first: it may come before Click is there
-        print("interrupted", file=sys.stderr)
+        say_error("interrupted")
         return INTERRUPTED
     except click.exceptions.Exit as leave:
         return leave.exit_code
     except click.exceptions.NoArgsIsHelpError as error:
-        print(error.format_message(), file=sys.stderr)
+        say_error(error.format_message())
         return WRONG
     except click.ClickException as error:
-        return _report_click(error, arguments)
-    except BrokenPipeError:
-        raise
+        return _report_click(error, arguments, journal)
     except Exception as error:  # noqa: BLE001 - the last resort: nobody gets a traceback for it
-        return _report(error, arguments)
+        return _report(error, arguments, journal)
     return status if isinstance(status, int) else 0
 
 
-def _report(error: Exception, arguments: Sequence[str]) -> int:
+def _report(error: Exception, arguments: Sequence[str], journal: Journal) -> int:
     """Says the diagnostics of an MbmError; anything else is a fault of ours."""
     from mbm.cli import faults
-    from mbm.cli.failure import report_failure
+    from mbm.cli.failure import print_diagnostics, report_failure
     from mbm.text.types import MbmError
 
-    if isinstance(error, MbmError):
-        report_failure(error.diagnostics, arguments)
-    else:
-        report_failure((faults.internal_fault(error),), arguments, error)
+    try:
+        if isinstance(error, MbmError):
+            report_failure(error.diagnostics, arguments, journal)
+        else:
+            report_failure((faults.internal_fault(error),), arguments, journal, error)
+    except Exception as another:  # noqa: BLE001 - a fault while one is told: nobody gets a traceback for it either
+        print_diagnostics((faults.internal_fault(another),), color=False)
     return WRONG
 
 
-def _report_click(error: click.ClickException, arguments: Sequence[str]) -> int:
+def _report_click(error: click.ClickException, arguments: Sequence[str], journal: Journal) -> int:
     import click
 
     from mbm.cli import faults
@@ -110,10 +115,5 @@ def _report_click(error: click.ClickException, arguments: Sequence[str]) -> int:
     context = error.ctx if isinstance(error, click.UsageError) else None
     command = "mbm" if context is None else context.command_path
     message = " ".join(error.format_message().split())  # click lists choices on lines of their own
-    report_failure((faults.bad_call(message, command),), arguments)
+    report_failure((faults.bad_call(message, command),), arguments, journal)
     return WRONG
-
-
-def _discard_output() -> None:
-    """Nobody reads any more: lets the interpreter's last flush go nowhere."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -5,13 +5,18 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
-from typing import Any, TextIO, TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
 import click
 
+from mbm.cli.output import is_terminal, say, shows_colors
+from mbm.files.journal import THE_PROBLEM, Journal, Read, note, noting
 from mbm.values import dataclass
 
-WIDEST, NARROWEST = 100, 60
+WIDEST_TABLE, NARROWEST = 100, 60
+_DIGITS = 9
+"""Of a width that is looked at: Python reads no number of thousands of digits."""
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
@@ -28,12 +33,13 @@ class Terminal:
     @property
     def shows_progress(self) -> bool:
         """Standard error is a terminal, and nobody asked for silence."""
-        return not self.quiet and sys.stderr.isatty()
+        return not self.quiet and is_terminal(sys.stderr)
 
 
 def verbosity_options(function: _Function) -> _Function:
-    """``-q``, ``-v``, ``--no-color``, before the command and behind it; they reach it through `terminal`."""
+    """``-q``, ``-v``, ``--no-color``, before the command and behind it; they reach it through `terminal`. And help."""
     for option in (
+        _told("-h", "--help", text=lambda context: context.get_help(), help="Show this message and exit."),
         click.option("--no-color", is_flag=True, expose_value=False, callback=_remember, help="No colours."),
         click.option("-v", "--verbose", is_flag=True, expose_value=False, callback=_remember, help="Say more."),
         click.option("-q", "--quiet", is_flag=True, expose_value=False, callback=_remember, help="Say less."),
@@ -49,26 +55,51 @@ def terminal() -> Terminal:
     return Terminal(
         quiet=asked.get("mbm.quiet", False),
         verbose=asked.get("mbm.verbose", False),
-        color=colors and colorful(sys.stdout),
-        color_errors=colors and colorful(sys.stderr),
-        width=max(NARROWEST, min(WIDEST, _columns())),
+        color=colors and shows_colors(sys.stdout),
+        color_errors=colors and shows_colors(sys.stderr),
+        width=max(NARROWEST, min(WIDEST_TABLE, _columns())),
     )
 
 
 def _columns() -> int:
     """The width of the terminal; `shutil.get_terminal_size` answers the same, but loads what unpacks archives."""
     stated = os.environ.get("COLUMNS", "")
-    if stated.isdecimal() and int(stated) > 0:
-        return int(stated)
+    if stated.isdecimal() and stated.strip("0"):
+        return int(stated) if len(stated) <= _DIGITS else WIDEST_TABLE
     try:
-        return os.get_terminal_size(sys.__stdout__.fileno()).columns or WIDEST if sys.__stdout__ else WIDEST
+        return os.get_terminal_size(sys.__stdout__.fileno()).columns or WIDEST_TABLE if sys.__stdout__ else WIDEST_TABLE
     except (OSError, ValueError):  # no terminal, or closed
-        return WIDEST
+        return WIDEST_TABLE
 
 
-def colorful(stream: TextIO) -> bool:
-    """The stream is a terminal that shows colours, and NO_COLOR (no-color.org) is not set."""
-    return stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+def version_option(text: str) -> Callable[[_Function], _Function]:
+    """``--version``, which says ``text``."""
+    return _told("--version", text=lambda _context: text, help="Show the version and exit.")
+
+
+def _told(*names: str, text: Callable[[click.Context], str], help: str) -> Callable[[_Function], _Function]:  # noqa: A002 - as Click calls it
+    """An option that says a text and ends the call."""
+
+    def tell(context: click.Context, _parameter: click.Parameter, value: bool) -> None:
+        if value and not context.resilient_parsing:
+            say(text(context))
+            context.exit()
+
+    return click.option(*names, is_flag=True, is_eager=True, expose_value=False, callback=tell, help=help)
+
+
+def problem_at(path: Path) -> tuple[Read, ...]:
+    """The problem file of a call as one that was read, before it is."""
+    journal = Journal()
+    with noting(journal):
+        note(path, THE_PROBLEM)
+    return journal.reads()
+
+
+def reads_so_far() -> tuple[Read, ...]:
+    """The files that this call has read."""
+    journal = click.get_current_context().find_object(Journal)
+    return () if journal is None else journal.reads()
 
 
 def _remember(context: click.Context, parameter: click.Parameter, value: bool) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO, cast
+
+from mbm.cli.output import ErrorStream
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -48,4 +50,6 @@ class ProgressBar:
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        return self._open.enter_context(Progress(*columns, console=Console(stderr=True), transient=True))
+        return self._open.enter_context(
+            Progress(*columns, console=Console(file=cast("TextIO", ErrorStream())), transient=True)
+        )

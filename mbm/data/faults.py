@@ -6,11 +6,14 @@ from collections.abc import Iterable
 
 from mbm.files import faults as file_faults
 from mbm.problem.tables import CellKey
+from mbm.text.faults import shown
 from mbm.text.suggest import closest
 from mbm.text.types import Code, DataPlace, Diagnostic, Label, Place
 
 LONGEST_CELL_SHOWN = 40
 MOST_NAMES_SHOWN = 12
+MOST_ROWS_REPORTED = 5
+"""Rows of a table, or lines of a file, that are said to be wrong at once."""
 
 EMPTY_FILE = Code(
     "empty-file",
@@ -66,6 +69,12 @@ NO_COLUMNS = Code(
     "no-columns",
     "A table has no column at all.",
     "Look at what was written to the file, or at what was given.",
+)
+TOO_MANY_COLUMNS = Code(
+    "too-many-columns",
+    "A table has more columns than any problem names.",
+    "Leave out the columns that the problem does not use, or write what they hold as rows: one column for what the"
+    " names say now, one for the values.",
 )
 MISSING_COLUMN = Code(
     "missing-column",
@@ -126,16 +135,18 @@ def _did_you_mean(name: str, candidates: Iterable[str]) -> str | None:
 
 
 def _short(cell: str | None) -> str:
-    """A text of a file as messages show it: cut short, line breaks and other control characters escaped."""
-    text = cell or ""
-    shown = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in text[:LONGEST_CELL_SHOWN])
-    return "".join(shown) + ("…" if len(text) > LONGEST_CELL_SHOWN else "")
+    return shown(cell or "", LONGEST_CELL_SHOWN)
 
 
 def _names(names: Iterable[str]) -> str:
     every = [f"`{_short(name)}`" for name in names]
     more = len(every) - MOST_NAMES_SHOWN
     return ", ".join(every[:MOST_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
+
+
+def table_of_cells(path: str, cells: int) -> str:
+    """What a message about memory calls a table of so many cells."""
+    return f"a table of {cells:,} cells (`{_short(path)}`)"
 
 
 def unpacks_too_large(place: DataPlace, packed: int, largest: int) -> Diagnostic:
@@ -213,6 +224,12 @@ def no_columns(place: Place) -> Diagnostic:
     return Diagnostic(code=NO_COLUMNS, message="the table has no columns", place=place)
 
 
+def too_many_columns(place: Place, columns: int, most: int) -> Diagnostic:
+    """A table with more columns than are read."""
+    message = f"the table has {columns:,} columns, more than the {most:,} that are read"
+    return Diagnostic(code=TOO_MANY_COLUMNS, message=message, place=place)
+
+
 def missing_column(place: Place, column: str, path: str, present: Iterable[str]) -> Diagnostic:
     """The table read from ``path`` has the columns ``present``, ``column`` is not among them."""
     names = tuple(present)
@@ -274,6 +291,6 @@ def missing_key(place: DataPlace) -> Diagnostic:
 
 def duplicate_key(place: DataPlace, first: DataPlace, key: CellKey) -> Diagnostic:
     """The row at ``place`` has the ``key`` that the row ``first`` has."""
-    shown = _short(key) if isinstance(key, str) else format(key, ".17g")
-    message = f"rows {first.row} and {place.row} have the same key `{shown}` in column `{_short(place.column)}`"
+    same = _short(key) if isinstance(key, str) else format(key, ".17g")
+    message = f"rows {first.row} and {place.row} have the same key `{same}` in column `{_short(place.column)}`"
     return Diagnostic(code=DUPLICATE_KEY, message=message, place=place, labels=(Label(first, "first here"),))

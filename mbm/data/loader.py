@@ -12,15 +12,27 @@ from pathlib import Path
 from typing import TypeAlias
 
 from mbm.data import faults
-from mbm.data.content import COMPRESSED, LARGEST_FILE
+from mbm.data.content import COMPRESSED, PER_ROW
 from mbm.data.given import table_from_given
 from mbm.data.inline import table_from_inline
 from mbm.data.shaping import shape
 from mbm.data.types import ManyReader, RawTable, Reader, asked
-from mbm.files.faults import unreadable_file
+from mbm.files.faults import too_many_files, unreadable_file
+from mbm.files.journal import note, table_role
+from mbm.files.memory import PER_VALUE, check_memory, largest_file
 from mbm.files.reading import check_ordinary
 from mbm.problem.tables import EXTERNAL, Table, TableDeclaration
+from mbm.text.faults import MOST_FAULTS, worth_reading
 from mbm.text.types import Diagnostic, Label, MbmError, Span
+
+MOST_FILES = 1000
+"""Tables of a problem."""
+
+TABLES_SHARE = 2
+"""All tables may take one part in so many of the memory: the rest is for what is made of them."""
+
+PER_CELL = 8
+"""Bytes of a number in a table."""
 
 Parts: TypeAlias = "dict[tuple[str, Path], Mapping[str, RawTable | MbmError]]"
 """Files of several tables that were read, by format and path."""
@@ -45,19 +57,47 @@ def load_all(
     found: list[Diagnostic] = [faults.undeclared_table(name, declared) for name in strangers]
     tables: dict[str, Table] = {}
     parts: Parts = {}
-    for name, declaration in declared.items():
+    for number, (name, declaration) in enumerate(declared.items(), start=1):
+        if number > MOST_FILES:
+            raise MbmError(too_many_files(declaration.span, MOST_FILES))
         try:
             tables[name] = load(
                 declaration, base=base, given=given, paths=paths, sandbox=sandbox, readers=readers, parts=parts
             )
         except MbmError as error:
             found.extend(error.diagnostics)
+        else:
+            _check_together(tables, declaration.span)
+        if len(found) > MOST_FAULTS:
+            raise MbmError(*worth_reading(_once(found), ended=True))
     if found:
-        once: dict[tuple[object, ...], Diagnostic] = {}
-        for fault in found:  # a file of several tables is wrong once, however many clauses read it
-            once.setdefault((fault.code, fault.message, fault.place), fault)
-        raise MbmError(*once.values())
+        raise MbmError(*_once(found))
     return tables
+
+
+def _check_together(tables: Mapping[str, Table], place: Span) -> None:
+    """Refuse tables that together take more than they may have of the memory; ``place`` is the last one's.
+
+    Raises:
+        MbmError: too-much-memory.
+
+    """
+    taken = sum(_size(table) for table in tables.values())
+    check_memory(taken * TABLES_SHARE, f"a problem with the {len(tables)} tables up to here", place)
+
+
+def _size(table: Table) -> int:
+    """Bytes that a table takes."""
+    texts = sum(column.is_text for column in table.columns.values())
+    return len(table) * (PER_ROW + PER_VALUE * texts + PER_CELL * (len(table.columns) - texts))
+
+
+def _once(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
+    """The faults without repetitions: a file of several tables is wrong once, however many clauses read it."""
+    once: dict[tuple[object, ...], Diagnostic] = {}
+    for fault in found:
+        once.setdefault((fault.code, fault.message, fault.place), fault)
+    return tuple(once.values())
 
 
 def load(
@@ -107,12 +147,15 @@ def _raw(
     readers: Mapping[str, Reader | ManyReader],
     parts: Parts,
 ) -> RawTable:
-    """The table as its origin has it."""
+    """The table as its origin has it. The file that the clause names is noted as read also where another one is."""
     name = declaration.name
+    if declaration.path is not None:
+        note(base / declaration.path, table_role(name))
     if name in given:
         return table_from_given(name, given[name])
     if name in paths:
         path = Path(paths[name])
+        note(path, table_role(name))
         return _read(_reader_for(path, declaration, readers), path, declaration, sandbox, parts)
     if declaration.inline is not None:
         return table_from_inline(declaration.inline, declaration.span)
@@ -149,7 +192,7 @@ def _read(
     """Read a file that lies where it may; whether it is there is said of the place that names it."""
     if sandbox is not None:
         _check_confined(path, declaration, sandbox)
-    check_ordinary(path, declaration.span, largest=LARGEST_FILE)
+    check_ordinary(path, declaration.span, largest=largest_file())
     if isinstance(reader, Reader):
         return reader.read(path)
     found = parts.get((reader.name, path))

@@ -1,4 +1,7 @@
-"""Columns → the bytes of a data file, such that its reader gives the same columns back, to the last bit."""
+"""Columns → the bytes of a data file, such that its reader gives the same columns back, to the last bit.
+
+Texts stay as they are for that: a spreadsheet takes a cell that begins with ``= + - @`` for a formula.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from io import BytesIO, StringIO
 from types import MappingProxyType
+from typing import TextIO
 
 import numpy as np
 
@@ -28,11 +32,30 @@ def _short(number: float) -> str:
     return format(number, ".0f") if number.is_integer() and abs(number) < 2**53 else repr(number)
 
 
+class DelimitedLines:
+    """Writes rows of cells to a stream (one opened with ``newline=""``), line by line, each ended by a line feed.
+
+    A cell with a carriage return in it is quoted, which Python's own writer does only where lines end with one.
+    """
+
+    def __init__(self, stream: TextIO, separator: str = ",") -> None:
+        self._stream = stream
+        writer = csv.writer(self, delimiter=separator, lineterminator=_LINE_END)
+        self.row, self.rows = writer.writerow, writer.writerows
+
+    def write(self, line: str) -> int:
+        """Pass a line on that Python's writer made."""
+        return self._stream.write(line.removesuffix(_LINE_END) + "\n")
+
+
+_LINE_END = "\r\n"
+
+
 def _delimited(columns: Sequence[Column], separator: str) -> bytes:
     stream = StringIO(newline="")
-    writer = csv.writer(stream, delimiter=separator, lineterminator="\n")
-    writer.writerow([column.name for column in columns])
-    writer.writerows(zip(*map(_cells, columns), strict=True))
+    lines = DelimitedLines(stream, separator)
+    lines.row([column.name for column in columns])
+    lines.rows(zip(*map(_cells, columns), strict=True))
     return stream.getvalue().encode("utf-8")
 
 

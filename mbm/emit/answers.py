@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.problem.tables import CellKey
+from mbm.emit.foreign import Foreign
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.kernels.serialised import BoundRows
 
 Floats: TypeAlias = NDArray[np.float64]
+
+FAILED = "failed"
+"""The status of a data set that no solve could be set up for: nothing to compare with."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,7 +30,6 @@ class Reference:
     standard deviations (rows, size) of each derived quantity.
     """
 
-    key: Mapping[str, CellKey]
     status: str
     numbers: Floats
     spread: Floats
@@ -63,7 +64,7 @@ class Whole:
     """
 
     start: Floats
-    names: tuple[str, ...]
+    names: tuple[Foreign, ...]
     bound: tuple[BoundRows, ...]
     residuals: Floats
     jacobian: Floats

@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from mbm.emit.answers import Answers
 from mbm.emit.expressions import program_of
-from mbm.emit.identifiers import Identifiers, identifier
+from mbm.emit.foreign import Foreign
+from mbm.emit.identifiers import Identifiers
 from mbm.emit.places import Places
-from mbm.emit.reading import used_columns
+from mbm.emit.reading import counted_tables, used_columns
+from mbm.emit.reserved import (
+    CASE_FORMS,
+    CONSTANT_FORM,
+    DERIVED_CASE_FORMS,
+    DERIVED_FORMS,
+    PROBLEM_FORMS,
+    TABLE_FORMS,
+    TAKEN,
+    UNKNOWN_FORMS,
+)
 from mbm.emit.types import (
     BlockCase,
     BlockShape,
@@ -26,7 +38,7 @@ from mbm.emit.types import (
     TableShape,
     UnknownShape,
 )
-from mbm.expression.nodes import Expression
+from mbm.expression.nodes import ColumnMember, Expression, Member
 from mbm.expression.units import parse_unit
 from mbm.kernels.types import Kernel, KernelSet
 from mbm.problem.elaborated import Elaborated
@@ -69,11 +81,9 @@ class _Drafting:
         self.references = answers.references
         self.answers = answers
         self.loss_scale = loss_scale
-        self.names = Identifiers()
-        self.values = Identifiers()
-        self.table_names = Identifiers()
-        self.name = identifier(self.problem.name)
-        self.places = Places(found, Identifiers())
+        self.names = Identifiers(TAKEN)
+        self.name = self.names.made(self.problem.name, *PROBLEM_FORMS, words=frozenset())
+        self.places = Places(found, self.names)
         self.pairs = tuple(zip(kernels.kernels, model.blocks, strict=True))
         self.position = {u.name: i for i, u in enumerate(self.problem.unknowns)}
 
@@ -87,70 +97,82 @@ class _Drafting:
             for plan in problem.plans
         }
         constants = tuple(
-            ConstantShape(name=element, identifier=self.values.made(element), value=float(value))
+            ConstantShape(name=Foreign(element), identifier=self.names.made(element, CONSTANT_FORM), value=float(value))
             for constant in problem.constants
             for element, value in zip(constant.elements, constant.values, strict=True)
         )
         links = tuple(self.places.links.values())
         families = tuple(self.places.families.values())
         used = used_columns((*blocks, *derived), unknowns, tuple(filters.values()), links, families)
-        tables = tuple(self._table(plan.name, filters[plan.name], used) for plan in problem.plans)
-        counted = {*(f.table for f in families), *(d.table for d in derived)}
+        counted = counted_tables((*blocks, *derived), unknowns, links, families)
+        tables = tuple(self._table(plan.name, filters[plan.name], used, counted) for plan in problem.plans)
         return Blueprint(
-            name=problem.name,
+            name=Foreign(problem.name),
             identifier=self.name,
             version=version,
-            doc=problem.doc,
-            tables=tuple(t for t in tables if t.columns or t.name in counted),
+            doc=Foreign(problem.doc),
+            tables=tuple(t for t in tables if t.columns),
             links=links,
             families=families,
             constants=constants,
             unknowns=unknowns,
             blocks=blocks,
             derived=derived,
-            for_each=problem.request.for_each,
+            for_each=tuple(map(Foreign, problem.request.for_each)),
             settings=SolverSettings(max_iterations=problem.request.max_iterations, tolerance=problem.request.tolerance),
             references=self.references,
-            given=tuple(self._given(t) for t in tables),
+            given=tuple(self._given(t, plan.name) for t, plan in zip(tables, problem.plans, strict=True)),
             whole=self.answers.whole,
             agreement=self.answers.agreement,
         )
 
-    def _table(self, name: str, where: RowPrograms | None, used: frozenset[tuple[str, str]]) -> TableShape:
-        """A table with the columns that the solver reads, and those that tell the solves apart."""
+    def _table(
+        self,
+        name: str,
+        where: RowPrograms | None,
+        used: frozenset[tuple[Foreign, Foreign]],
+        counted: frozenset[Foreign],
+    ) -> TableShape:
+        """A table with the columns that the solver reads, and those that tell the solves apart; one to count rows."""
         raw = self.found.raw[name]
-        wanted = self.problem.request.for_each
+        wanted = {column for column in raw.columns if (Foreign(name), Foreign(column)) in used}
+        wanted.update(self.problem.request.for_each)
+        if Foreign(name) in counted and wanted.isdisjoint(raw.columns):
+            wanted.update(list(raw.columns)[:1])
+        table = self.names.made(name, *TABLE_FORMS)
         columns = []
-        names = Identifiers(frozenset())
         for column in raw.columns.values():
-            if (name, column.name) not in used and column.name not in wanted:
+            if column.name not in wanted:
                 continue
             unit = parse_unit(column.unit) if column.unit else None
             columns.append(
                 TableColumn(
-                    name=column.name,
-                    identifier=names.made(column.name),
-                    source=raw.provenance.source_columns.get(column.name, column.name),
+                    name=Foreign(column.name),
+                    identifier=self.names.made(column.name, f"data.{table}_{{name}}", words=frozenset()),
+                    source=Foreign(raw.provenance.source_columns.get(column.name, column.name)),
                     is_text=column.is_text,
-                    unit=column.unit or "",
+                    unit=Foreign(column.unit or ""),
                     factor=1.0 if unit is None else unit.factor,
                 )
             )
-        return TableShape(name=name, identifier=self.table_names.made(name), columns=tuple(columns), where=where)
+        return TableShape(name=Foreign(name), identifier=table, columns=tuple(columns), where=where)
 
-    def _given(self, table: TableShape) -> GivenTable:
-        raw = self.found.raw[table.name]
-        columns = {}
-        for column in table.columns:
-            held = raw.columns[column.name]
-            columns[column.name] = held.texts if held.texts is not None else raw.numbers(column.name)
-        return GivenTable(name=table.name, columns=columns, rows=len(raw))
+    def _given(self, table: TableShape, name: str) -> GivenTable:
+        raw = self.found.raw[name]
+        wanted = {column.name for column in table.columns}
+        columns = {
+            Foreign(each): raw.numbers(each) if held.texts is None else tuple(map(Foreign, held.texts))
+            for each, held in raw.columns.items()
+            if Foreign(each) in wanted
+        }
+        return GivenTable(name=table.name, columns=columns)
 
     def _rows(self, values: RowValues, name: str) -> RowPrograms:
         table = None if values.table is None else self.places.own_table(values.table)
+        cases = range(len(values.cases))
         return RowPrograms(
-            identifier=self.names.made(name),
-            table=table,
+            identifier=self.names.made(name, "function.{name}", *(f"function.{{name}}_{k + 1}" for k in cases)),
+            table=None if table is None else Foreign(table),
             width=len(values.cases[0].values) if values.cases else 0,
             cases=tuple(self._case(table, case.static, case.values) for case in values.cases),
         )
@@ -179,14 +201,13 @@ class _Drafting:
         replaced = unknown.name in self.found.starts  # what was given from outside becomes numbers
         fallback = tuple(float(v) for v in begun[first : first + unknown.size])
         return UnknownShape(
-            name=unknown.name,
-            identifier=self.values.made(unknown.name),
+            name=Foreign(unknown.name),
+            identifier=self.names.made(unknown.name, *UNKNOWN_FORMS),
             kind=unknown.kind,
             dimension=unknown.dimension,
             shape=unknown.shape,
             size=unknown.size,
             freedom=unknown.freedom,
-            labels=unknown.manifold.labels,
             pieces=tuple((p.label, number, coordinate) for p, number, coordinate in unknown.manifold.spans()),
             angle=unknown.kind is UnknownKind.ANGLE,
             positive=unknown.kind is UnknownKind.POSITIVE,
@@ -199,28 +220,31 @@ class _Drafting:
             upper=rows(unknown.upper, "greatest"),
             bounded=_bounded(unknown.manifold),
             fixed=rows(unknown.fixed, "fixed"),
-            unit="" if unknown.unit is None else unknown.unit.symbol,
+            unit=Foreign("" if unknown.unit is None else unknown.unit.symbol),
             factor=1.0 if unknown.unit is None else unknown.unit.factor,
-            doc=unknown.doc,
+            doc=Foreign(unknown.doc),
         )
 
     def _block(self, number: int, block: Block) -> BlockShape:
-        identifier = self.names.made(block.name)
+        identifier = self.names.made(block.name, "function.{name}_rows", *CASE_FORMS)
         mine = [(k, b) for k, b in self.pairs if k.purpose is Purpose.EQUATION and k.owner == number]
         distinct: tuple[ColumnValue, ...] = ()
-        if block.table is not None:
-            distinct = tuple(self.places.cell(block.table, name) for name in block.distinct)
+        table = None if block.table is None else self.places.own_table(block.table)
+        if block.table is not None and table is not None:
+            distinct = tuple(self.places.cell(table, name) for name in block.distinct)
+            distinct += self.places.distinct(block.table)
         return BlockShape(
-            name=block.name.removeprefix(PRIOR),
+            name=Foreign(block.name.removeprefix(PRIOR)),
             identifier=identifier,
             role=block.role,
-            table=block.table,
+            table=None if table is None else Foreign(table),
             when=None if block.when is None else self._rows(block.when, f"{identifier}_when"),
             distinct=distinct,
-            cases=tuple(self._equations(block, identifier, kernel, symbolic) for kernel, symbolic in mine),
+            cases=tuple(
+                self._equations(replace(block, table=table), identifier, kernel, symbolic) for kernel, symbolic in mine
+            ),
             unknown_factor=block.unknown_factor,
             loss=block.loss,
-            constraint="" if block.constraint is None else block.constraint.value,
         )
 
     def _equations(self, block: Block, name: str, kernel: Kernel, symbolic: ResidualBlock) -> BlockCase:
@@ -234,7 +258,7 @@ class _Drafting:
         lines = printed(symbolic, latex=False)
         sign = "=" if block.role is not BlockRole.CONSTRAINT or shapes[0].equality else ">="
         return BlockCase(
-            identifier=self.names.made(f"{name}_{kernel.case + 1}") if many else name,
+            identifier=self.names.made(f"{name}_{kernel.case + 1}", *CASE_FORMS) if many else name,
             kernel=kernel,
             static=self.places.static(block.table, case.static),
             variables=tuple(self._slot(s, block.table) for s in kernel.variables),
@@ -242,20 +266,20 @@ class _Drafting:
             parameters=tuple(self.places.parameter(p, block.table) for p in kernel.parameters),
             equations=tuple(shapes),
             noise=self._case(block.table, case.static, noise) if block.role is not BlockRole.CONSTRAINT else None,
-            input_names=tuple(s.name for s in (*symbolic.variable_symbols, *symbolic.parameter_symbols)),
-            text=(*lines.definitions, *(f"0 {sign} {line}" for line in lines.components)),
+            input_names=tuple(Foreign(s.name) for s in (*symbolic.variable_symbols, *symbolic.parameter_symbols)),
+            text=tuple(map(Foreign, (*lines.definitions, *(f"0 {sign} {line}" for line in lines.components)))),
         )
 
     def _derived(self, number: int, derived: Derived) -> DerivedShape:
-        identifier = self.values.made(derived.name)
+        identifier = self.names.made(derived.name, *DERIVED_FORMS)
         mine = [(k, b) for k, b in self.pairs if k.purpose is Purpose.DERIVED and k.owner == number]
         return DerivedShape(
-            name=derived.name,
+            name=Foreign(derived.name),
             identifier=identifier,
-            table=derived.table,
+            table=None if derived.table is None else Foreign(derived.table),
             size=len(derived.cases[0].values) if derived.cases else 0,
             cases=tuple(self._value(derived, identifier, kernel, symbolic) for kernel, symbolic in mine),
-            unit="" if derived.unit is None else derived.unit.symbol,
+            unit=Foreign("" if derived.unit is None else derived.unit.symbol),
             factor=1.0 if derived.unit is None else derived.unit.factor,
         )
 
@@ -263,7 +287,7 @@ class _Drafting:
         case, many = derived.cases[kernel.case], len(derived.cases) > 1
         lines = printed(symbolic, latex=False)
         return BlockCase(
-            identifier=self.names.made(f"{name}_{kernel.case + 1}") if many else self.names.made(name),
+            identifier=self.names.made(f"{name}_{kernel.case + 1}" if many else name, *DERIVED_CASE_FORMS),
             kernel=kernel,
             static=self.places.static(derived.table, case.static),
             variables=tuple(self._slot(s, derived.table) for s in kernel.variables),
@@ -271,8 +295,8 @@ class _Drafting:
             parameters=tuple(self.places.parameter(p, derived.table) for p in kernel.parameters),
             equations=(),
             noise=None,
-            input_names=tuple(s.name for s in (*symbolic.variable_symbols, *symbolic.parameter_symbols)),
-            text=(*lines.definitions, *(f"{derived.name} = {line}" for line in lines.components)),
+            input_names=tuple(Foreign(s.name) for s in (*symbolic.variable_symbols, *symbolic.parameter_symbols)),
+            text=tuple(map(Foreign, (*lines.definitions, *(f"{derived.name} = {line}" for line in lines.components)))),
         )
 
     def _equation(self, block: Block, equation: Equation, first: int) -> EquationShape:
@@ -290,7 +314,13 @@ class _Drafting:
             unknown=self.position[slot.unknown],
             component=slot.component,
             member=self.places.member(slot.unknown, slot.member, table),
+            shown=Foreign(slot.unknown if slot.member is None else f"{slot.unknown}[{_shown(slot.member)}]"),
         )
+
+
+def _shown(member: Member) -> str:
+    """The column or the key that names a member."""
+    return member.column if isinstance(member, ColumnMember) else f'"{member.key}"'
 
 
 def _bounded(manifold: Manifold) -> tuple[int, ...]:

@@ -6,12 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mbm.emit.answers import Floats, Reference
+from mbm.emit.answers import FAILED, Floats, Reference
+from mbm.emit.foreign import Foreign
 from mbm.emit.types import Blueprint, GivenTable, OutputFile, TableShape
 
 MOST_COVARIANCES = 60
 """Coordinates up to which all covariances are kept; beyond only the variances."""
-ROUNDING = 1e-12
+ROUNDED_BASIS = 1e-12
 """Of the largest sigma: what a basis of the constraints' null space, rounded, makes of none."""
 STATUSES = ("converged", "not-converged", "unobservable", "infeasible", "no-agreement")
 
@@ -27,26 +28,30 @@ def data_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:
 
 def _table(shape: TableShape, given: GivenTable) -> str:
     """The columns that the solver reads, in the units of the file."""
-    lines = [",".join(_field(c.source) for c in shape.columns)]
+    lines = [",".join(field(c.source) for c in shape.columns)]
     columns = []
     for column in shape.columns:
         held = given.columns[column.name]
         if isinstance(held, tuple):
-            columns.append([_field(text) for text in held])
+            columns.append(list(map(field, held)))
         else:
             columns.append([repr(float(value)) for value in np.asarray(held) / column.factor])
     lines += [",".join(cells) for cells in zip(*columns, strict=True)]
     return "\n".join(lines) + "\n"
 
 
-def _field(text: str) -> str:
-    return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"\n\r') or not text else text
+def field(cell: Foreign) -> str:
+    """A text that is read again as it is: the only way that a `Foreign` gets into a table of the test."""
+    text = cell.unescaped
+    plain = text.isprintable() and text == text.strip() and text != "" and not set(text) & {",", '"'}
+    return text if plain else '"' + text.replace('"', '""') + '"'
 
 
 def _references(blueprint: Blueprint) -> str:
     """``spread`` is the standard deviation by which a difference is measured where the number itself is small.
 
-    Of a covariance it is the product of two, `_scales` where they are zero.
+    Of a number that constraints make zero but for rounding it is the largest one; of a covariance it is the product of
+    two, `_scales` where they are zero.
 
     ``start`` is where the test begins, where that is not where the solver begins by itself.
     """
@@ -57,23 +62,28 @@ def _references(blueprint: Blueprint) -> str:
 
 
 def _reference(reference: Reference) -> Iterator[str]:
+    """The lines of a solve; none where there was nothing to solve."""
+    if reference.status == FAILED:
+        return
     yield f"status,0,0,{STATUSES.index(reference.status)},0"
     if reference.status != "converged":
         return
     for i, value in enumerate(() if reference.elsewhere is None else reference.elsewhere):
         if np.isfinite(value):
             yield f"start,{i},0,{float(value)!r},0"
-    spread = reference.spread
-    for i, value in enumerate(reference.numbers):
+    largest = float(np.max(reference.spread, initial=0.0))
+    for i, (value, own) in enumerate(zip(reference.numbers.tolist(), reference.spread.tolist(), strict=True)):
         if np.isfinite(value):
-            yield f"number,{i},0,{float(value)!r},{float(spread[i])!r}"
+            spread = largest if own == 0.0 and abs(value) <= ROUNDED_BASIS * largest else own
+            yield f"number,{i},0,{value!r},{spread!r}"
     yield f"freedom,0,0,{reference.dof},0"
     yield f"cost,0,0,{reference.cost!r},1"
     for number, (values, sigmas) in enumerate(reference.derived):
         for i, (value, own) in enumerate(zip(values.ravel().tolist(), sigmas.ravel().tolist(), strict=True)):
             if np.isfinite(value) and np.isfinite(own):
                 yield f"derived,{number},{i},{value!r},{own!r}"
-                yield f"derived sigma,{number},{i},{own!r},{own!r}"
+                scale = abs(value) if own <= ROUNDED_BASIS * abs(value) else own
+                yield f"derived sigma,{number},{i},{own!r},{scale!r}"
     covariance = reference.covariance
     sigma = _scales(covariance)
     for i in range(len(covariance)):
@@ -90,4 +100,4 @@ def _scales(covariance: Floats) -> Floats:
     """
     sigma: Floats = np.sqrt(np.diag(covariance))
     largest = float(np.nanmax(sigma, initial=0.0))
-    return np.where(sigma <= ROUNDING * largest, largest, sigma)
+    return np.where(sigma <= ROUNDED_BASIS * largest, largest, sigma)

@@ -1,4 +1,8 @@
-"""Names of the problem → names that C and Python take, each once."""
+"""Names of the problem → names that C and Python take, each once: only here a `Foreign` becomes a name or a file.
+
+A name that is wanted is free if all *forms* are that generated text makes of it: ``result.a`` and ``result.a_sigma``
+are two members of a struct. What stands before the point is where they must differ.
+"""
 
 from __future__ import annotations
 
@@ -6,41 +10,49 @@ import keyword
 import re
 import unicodedata
 
-_WORDS = """auto break case char const continue default do double else enum extern float for goto if inline int long
-register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while main data
-result workspace inputs outputs rows row status cost dof sigma0 covariance iterations evaluations coordinates acos asin
-atan atan2 ceil cos cosh erf exp expm1 fabs floor fmax fmin fmod gamma hypot j0 j1 jn log log1p pow remainder sin sinh
-sqrt tan tanh y0 y1 yn tables constants numbers solve point sigmas free freedom robust_cost np math sys os"""
-RESERVED = frozenset(_WORDS.split())
-"""Words that C, Python or the printed text itself use."""
+from mbm.emit.foreign import Foreign
+from mbm.emit.reserved import MACROS, RESERVED
+
+LONGEST = 100
+"""Characters of a name: file systems take twice as many, with what is added."""
 
 
 class Identifiers:
     """Gives out names, each once; local to one blueprint."""
 
-    def __init__(self, taken: frozenset[str] = RESERVED) -> None:
+    def __init__(self, taken: frozenset[str] = frozenset()) -> None:
+        """``taken`` are forms."""
         self._taken = set(taken)
 
-    def made(self, name: str) -> str:
-        """A name like ``name`` that nobody has yet."""
+    def made(self, name: Foreign | str, *forms: str, words: frozenset[str] = RESERVED) -> str:
+        """A name like ``name`` that is none of ``words`` and whose ``forms`` nobody has yet.
+
+        Forms have ``{name}``, or the same in small or capital letters: ``{lower}``, ``{upper}``.
+        """
         wanted = identifier(name)
-        if keyword.iskeyword(wanted) or wanted in self._taken:
-            wanted += "_"
-        found, number = wanted, 2
-        while found in self._taken:
-            found, number = f"{wanted.rstrip('_')}_{number}", number + 1
-        self._taken.add(found)
+        found, number = wanted, 1
+        while keyword.iskeyword(found) or found in words or not self._free(made := _forms(found, forms or ("{name}",))):
+            found = f"{wanted}_" if number == 1 else f"{wanted}_{number}"
+            number += 1
+        self._taken |= made
         return found
 
+    def _free(self, forms: set[str]) -> bool:
+        return self._taken.isdisjoint(forms) and MACROS.isdisjoint(form.rpartition(".")[2] for form in forms)
 
-def identifier(name: str) -> str:
+
+def _forms(name: str, forms: tuple[str, ...]) -> set[str]:
+    return {form.format(name=name, lower=name.lower(), upper=name.upper()) for form in forms}
+
+
+def identifier(name: Foreign | str) -> str:
     """Letters of other alphabets by their names (``σ`` → ``sigma``), what is no letter or digit as ``_``."""
     parts = []
-    for character in name:
+    for character in name.unescaped if isinstance(name, Foreign) else name:
         if character.isascii():
             parts.append(character if character.isalnum() else "_")
             continue
         words = unicodedata.name(character, "").lower().split()
-        parts.append(words[-1] if "letter" in words else "_")
-    joined = re.sub(r"_+", "_", "".join(parts)).strip("_") or "unnamed"
+        parts.append(re.sub(r"\W", "_", words[-1]) if "letter" in words else "_")
+    joined = re.sub(r"_+", "_", "".join(parts))[:LONGEST].strip("_") or "unnamed"
     return f"n{joined}" if joined[0].isdigit() else joined

@@ -4,11 +4,23 @@ from __future__ import annotations
 
 from dataclasses import field
 
+from mbm.emit.foreign import Foreign, told
 from mbm.emit.identifiers import Identifiers
-from mbm.emit.types import Choice, ColumnValue, ConstantValue, FamilyShape, InputValue, Link, LiteralKey, RowPlace
+from mbm.emit.reserved import FAMILY_FORMS, LINK_FORMS
+from mbm.emit.types import (
+    Choice,
+    ColumnValue,
+    ConstantValue,
+    FamilyShape,
+    InputValue,
+    Key,
+    Link,
+    LiteralKey,
+    RowPlace,
+)
 from mbm.expression.nodes import Column, ColumnMember, Constant, Leaf, LiteralMember, Member, RowChoice
 from mbm.problem.elaborated import Elaborated
-from mbm.problem.tables import ROW
+from mbm.problem.tables import ROW, CellKey
 from mbm.problem.types import Family, Join, Static
 from mbm.symbolic.types import ConstantInput, Parameter
 from mbm.values import dataclass
@@ -28,10 +40,17 @@ class Places:
 
     def own_table(self, name: str) -> str:
         """The table that holds the rows of ``name``: that of the column, for the distinct values of one."""
-        for unknown in self.found.problem.unknowns:
-            if unknown.family is not None and unknown.family.rows == name and unknown.family.column is not None:
-                return unknown.family.table
-        return name
+        return self._column_of(name)[0]
+
+    def distinct(self, name: str) -> tuple[ColumnValue, ...]:
+        """The column whose distinct values ``name`` has one row for, if it is made of them."""
+        table, column = self._column_of(name)
+        return () if column is None else (self.cell(table, column),)
+
+    def _column_of(self, name: str) -> tuple[str, str | None]:
+        families = (u.family for u in self.found.problem.unknowns if u.family is not None and u.family.rows == name)
+        made = next((family for family in families if family.column is not None), None)
+        return (name, None) if made is None else (made.table, made.column)
 
     def cell(self, table: str, name: str, choice: Choice = Choice.HERE) -> ColumnValue:
         """The cell of column ``name``, as the equations call it, in the chosen row of a table."""
@@ -44,8 +63,8 @@ class Places:
             links.append(self._joined(owner, join).number)
             owner, rest = join.table, rest.removeprefix(f"{join.alias}.")
         numbered = rest == ROW and ROW not in self.found.raw[owner].columns
-        place = RowPlace(table=table, choice=choice, links=tuple(links))
-        return ColumnValue(place=place, owner=owner, column=None if numbered else rest)
+        place = RowPlace(table=Foreign(table), choice=choice, links=tuple(links))
+        return ColumnValue(place=place, owner=Foreign(owner), column=None if numbered else Foreign(rest))
 
     def _join(self, table: str, name: str) -> Join | None:
         if name in self.found.raw[table].columns:
@@ -55,14 +74,14 @@ class Places:
 
     def _joined(self, table: str, join: Join) -> Link:
         cell = self.cell(table, join.column)
-        return self._link(table, cell, join.table, self.found.raw[join.table].key, None, join.alias)
+        return self._link(table, cell, Foreign(join.table), _key(self.found, join.table), None, join.alias)
 
     def _link(
         self,
         table: str | None,
         cell: ColumnValue | LiteralKey,
-        target: str,
-        key: str | None,
+        target: Foreign,
+        key: Foreign | None,
         family: int | None,
         name: str,
     ) -> Link:
@@ -70,8 +89,8 @@ class Places:
         if identity not in self.links:
             self.links[identity] = Link(
                 number=len(self.links),
-                identifier=self.names.made(f"{name}_of_{table}" if table else f"{name}_{_shown(cell)}"),
-                table=table,
+                identifier=self.names.made(told(name, "_of_", table) if table else _named(name, cell), *LINK_FORMS),
+                table=None if table is None else Foreign(table),
                 cell=cell,
                 target=target,
                 key=key,
@@ -85,9 +104,9 @@ class Places:
         if identity not in self.families:
             self.families[identity] = FamilyShape(
                 number=len(self.families),
-                identifier=self.names.made(f"{family.rows}_members"),
-                table=family.table,
-                key=family.column if family.column is not None else family.key,
+                identifier=self.names.made(f"{family.rows}_members", *FAMILY_FORMS),
+                table=Foreign(family.table),
+                key=_foreign(family.column if family.column is not None else family.key),
                 distinct=family.column is not None,
             )
         return self.families[identity]
@@ -99,16 +118,16 @@ class Places:
             return None
         shape = self.family(family)
         if isinstance(member, LiteralMember):
-            return self._link(None, LiteralKey(key=member.key), shape.table, shape.key, shape.number, unknown).number
+            return self._link(None, _literal(member), shape.table, shape.key, shape.number, unknown).number
         own = table if member.row is RowChoice.EACH else None
         cell = self.cell(own or member.table, member.column, _choice(member.row))
         return self._link(own, cell, shape.table, shape.key, shape.number, unknown).number
 
-    def static(self, table: str | None, static: Static) -> tuple[tuple[ColumnValue, str | float], ...]:
+    def static(self, table: str | None, static: Static) -> tuple[tuple[ColumnValue, Key], ...]:
         """The cells of the row at hand that decide which case it is, with their values."""
         if table is None:
             return ()
-        return tuple((self.cell(table, name), value) for name, value in static)
+        return tuple((self.cell(table, name), _told_apart(value)) for name, value in static)
 
     def column(self, column: Column, table: str | None) -> InputValue:
         """Where a column of an expression or kernel stands, seen from a row of ``table``."""
@@ -119,17 +138,16 @@ class Places:
         return self.cell(owner, column.name, Choice.HERE if here else _choice(column.row))
 
     def _keyed(self, owner: str, name: str, member: Member, table: str | None) -> ColumnValue:
-        key = self.found.raw[owner].key
         cell: ColumnValue | LiteralKey
         own: str | None = None
         if isinstance(member, LiteralMember):
-            cell = LiteralKey(key=member.key)
+            cell = _literal(member)
         elif isinstance(member, ColumnMember):
             own = table if member.row is RowChoice.EACH else None
             cell = self.cell(own or member.table, member.column, _choice(member.row))
-        link = self._link(own, cell, owner, key, None, owner)
+        link = self._link(own, cell, Foreign(owner), _key(self.found, owner), None, owner)
         target = self.cell(owner, name)
-        place = RowPlace(table=own or owner, choice=Choice.HERE, links=(link.number, *target.place.links))
+        place = RowPlace(table=Foreign(own or owner), choice=Choice.HERE, links=(link.number, *target.place.links))
         return ColumnValue(place=place, owner=target.owner, column=target.column)
 
     def leaf(self, table: str | None) -> _LeafPlaces:
@@ -139,7 +157,7 @@ class Places:
     def parameter(self, parameter: Parameter, table: str | None) -> InputValue:
         """Where a parameter of a kernel stands."""
         if isinstance(parameter, ConstantInput):
-            return ConstantValue(name=parameter.name)
+            return ConstantValue(name=Foreign(parameter.name))
         node = Column(parameter.table, parameter.name, parameter.row, member=parameter.member)
         return self.column(node, table)
 
@@ -153,7 +171,7 @@ class _LeafPlaces:
 
     def __call__(self, leaf: Leaf) -> InputValue:
         if isinstance(leaf, Constant):
-            return ConstantValue(name=leaf.name)
+            return ConstantValue(name=Foreign(leaf.name))
         if not isinstance(leaf, Column):
             raise TypeError(leaf)
         return self.places.column(leaf, self.table)
@@ -164,6 +182,25 @@ def _choice(row: RowChoice) -> Choice:
     return {RowChoice.EACH: Choice.HERE, RowChoice.FIRST: Choice.FIRST}.get(row, Choice.LAST)
 
 
-def _shown(cell: ColumnValue | LiteralKey) -> str:
-    """What a link that holds for all rows looks for."""
-    return str(cell.key) if isinstance(cell, LiteralKey) else f"{cell.place.choice}_{cell.owner}"
+def _named(name: str, cell: ColumnValue | LiteralKey) -> Foreign:
+    """What a link that holds for all rows is called: by what it looks for."""
+    if isinstance(cell, ColumnValue):
+        return told(name, f"_{cell.place.choice}_", cell.owner)
+    return told(name, "_", cell.key if isinstance(cell.key, Foreign) else str(cell.key))
+
+
+def _foreign(name: str | None) -> Foreign | None:
+    return None if name is None else Foreign(name)
+
+
+def _key(found: Elaborated, table: str) -> Foreign | None:
+    """The column whose cells name the rows of a table."""
+    return _foreign(found.raw[table].key)
+
+
+def _literal(member: LiteralMember) -> LiteralKey:
+    return LiteralKey(key=_told_apart(member.key))
+
+
+def _told_apart(key: CellKey) -> Key:
+    return Foreign(key) if isinstance(key, str) else key

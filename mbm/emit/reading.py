@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from mbm.emit.foreign import Foreign
 from mbm.emit.types import (
     BlockShape,
     Blueprint,
@@ -23,7 +24,7 @@ def used_columns(
     filters: Iterable[RowPrograms | None],
     links: Iterable[Link],
     families: Iterable[FamilyShape],
-) -> frozenset[tuple[str, str]]:
+) -> frozenset[tuple[Foreign, Foreign]]:
     """Tables and columns that something of a blueprint reads."""
     links, families = tuple(links), tuple(families)
     values = _values(blocks, unknowns, filters)
@@ -35,6 +36,21 @@ def used_columns(
             found.add((link.target, link.key))
     found.update((family.table, family.key) for family in families if family.key is not None)
     return frozenset(found)
+
+
+def counted_tables(
+    blocks: Iterable[BlockShape | DerivedShape],
+    unknowns: Iterable[UnknownShape],
+    links: Iterable[Link],
+    families: Iterable[FamilyShape],
+) -> frozenset[Foreign]:
+    """Tables whose rows are gone through, or counted, whether or not anything in them is read."""
+    blocks, links = tuple(blocks), tuple(links)
+    values = [v for v in _values(blocks, unknowns, ()) if isinstance(v, ColumnValue)]
+    values += [link.cell for link in links if isinstance(link.cell, ColumnValue)]
+    found = {block.table for block in blocks} | {link.table for link in links} | {link.target for link in links}
+    found |= {family.table for family in families} | {value.place.table for value in values}
+    return frozenset(table for table in found if table is not None)
 
 
 def every_value(blueprint: Blueprint) -> Iterator[InputValue]:

@@ -8,14 +8,14 @@ import numpy as np
 
 from mbm.emit import faults
 from mbm.emit.answers import Agreement
+from mbm.emit.foreign import Foreign
 from mbm.emit.types import GivenTable, Target
 from mbm.expression.nodes import Column, Expression, leaves
 from mbm.problem.elaborated import Elaborated
-from mbm.problem.types import BlockRole, Gauge, Method, Problem, Unknown
+from mbm.problem.tables import Column as TableColumn
+from mbm.problem.types import BlockRole, Gauge, Method, Problem, TablePlan, Unknown
+from mbm.target.decisions import MOST_DENSE
 from mbm.text.types import Diagnostic, MbmError
-
-MOST_COORDINATES = 300
-"""Coordinates beyond which a dense solver is the wrong one: `mbm solve` takes a sparse one there."""
 
 INTERPOLATE = "interpolate before, into a column of the table that the equations are about"
 
@@ -34,8 +34,8 @@ def refuse(found: Elaborated, target: Target) -> None:
     count = sum(
         u.freedom * (1 if u.family is None else len(found.tables[u.family.rows])) for u in found.problem.unknowns
     )
-    if target.solves and count > MOST_COORDINATES:
-        message = f"generated solvers are dense, for up to {MOST_COORDINATES} coordinates"
+    if target.solves and count > MOST_DENSE:
+        message = f"generated solvers are dense, for up to {MOST_DENSE} coordinates"
         todo = "use `mbm solve`, which has a sparse solver; or compile for `casadi`"
         faults_found.append(faults.not_emitted(found.problem.span, f"a problem of {count} coordinates", message, todo))
     if faults_found:
@@ -61,29 +61,40 @@ def refuse_startless(found: Elaborated, target: Target, agreement: Agreement | N
         raise MbmError(*faults_found)
 
 
-def refuse_gaps(found: Elaborated, target: Target, given: Sequence[GivenTable]) -> None:
-    """Raise which columns that a generated solver would read have gaps; ``given`` are its tables.
+def refuse_cells(found: Elaborated, target: Target, given: Sequence[GivenTable]) -> None:
+    """Raise which columns a generated solver could not read: with gaps, or texts that no CSV file holds.
+
+    ``given`` are its tables.
 
     Raises:
         MbmError: with all of them.
 
     """
-    places = {plan.name: plan.declaration.span for plan in found.problem.plans}
-    gaps = [
-        (table.name, name)
-        for table in given
-        for name, cells in table.columns.items()
-        if not isinstance(cells, tuple) and not bool(np.isfinite(cells).all())
-    ]
-    why = "generated solvers want a number in every cell"
-    todo = "leave the rows with gaps out of the tables"
+    tables = {table.name: table.columns for table in given}
     faults_found = [
-        faults.not_emitted(places.get(table), f"the column `{name}` of `{table}`, which has gaps,", why, todo)
-        for table, name in gaps
-        if target.solves
+        fault
+        for plan in found.problem.plans
+        for name, column in found.raw[plan.name].columns.items()
+        if target.solves and Foreign(name) in tables[Foreign(plan.name)]
+        for fault in _cells(plan, column, found.raw[plan.name].provenance.source_columns.get(name, name))
     ]
     if faults_found:
         raise MbmError(*faults_found)
+
+
+def _cells(plan: TablePlan, column: TableColumn, source: str) -> Iterator[Diagnostic]:
+    """What is wrong for generated solvers with the cells of a column, or with its name in a file."""
+    what, place = f"the column `{column.name}` of `{plan.name}`", plan.declaration.span
+    if column.numbers is not None and not bool(np.isfinite(column.numbers).all()):
+        why = "generated solvers want a number in every cell"
+        yield faults.not_emitted(place, f"{what}, which has gaps,", why, "leave the rows with gaps out of the tables")
+    if not all(map(_is_text, (source, *(column.texts or ())))):
+        why = "it has a text with a NUL character or half of a surrogate pair, which no CSV file holds"
+        yield faults.not_emitted(place, what, why, "write the text without it")
+
+
+def _is_text(text: str) -> bool:
+    return "\0" not in text and not any("\ud800" <= character <= "\udfff" for character in text)
 
 
 def _data(problem: Problem) -> Iterator[Diagnostic]:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+from mbm.emit.foreign import Foreign
 from mbm.emit.identifiers import Identifiers
 from mbm.target.program import Operator, Program
+from mbm.target.tree import ATOM
 from mbm.values import dataclass
-
-ATOM = 9
-"""Precedence of names, numbers and calls; sums have 5, products 6, signs 8."""
 
 LONGEST = 90
 """Characters of an expression that is written into another: longer ones get a name."""
@@ -42,9 +41,9 @@ class Statements:
     outputs: tuple[str, ...]
 
 
-def statements(program: Program, names: Sequence[str], dialect: Dialect) -> Statements:
+def statements(program: Program, names: Sequence[Foreign], dialect: Dialect) -> Statements:
     """The text of a program whose inputs are called ``names``."""
-    taken = Identifiers(dialect.reserved)
+    taken = Identifiers()
     uses = [0] * program.values
     for instruction in program.instructions:
         for argument in instruction.arguments:
@@ -59,7 +58,7 @@ def statements(program: Program, names: Sequence[str], dialect: Dialect) -> Stat
     inputs = []
     for position, value in enumerate(program.inputs):
         if value >= 0 and uses[value]:
-            name = taken.made(names[position])
+            name = taken.made(names[position], words=dialect.reserved)
             inputs.append((name, position))
             written[value] = (name, ATOM)
     assignments: list[tuple[str, str]] = []
@@ -71,7 +70,7 @@ def statements(program: Program, names: Sequence[str], dialect: Dialect) -> Stat
         text = shape.template.format(*arguments)
         many = shape.template.count("{0}") > 1
         if uses[instruction.target] > 1 or len(text) > LONGEST or many:
-            name = taken.made(f"t{len(assignments) + 1}")
+            name = taken.made(f"t{len(assignments) + 1}", words=dialect.reserved)
             assignments.append((name, text))
             written[instruction.target] = (name, ATOM)
         else:

@@ -11,11 +11,14 @@ from enum import StrEnum
 from typing import TypeAlias
 
 from mbm.emit.answers import Agreement, Floats, Reference, Whole
+from mbm.emit.foreign import Foreign
 from mbm.kernels.types import Kernel
-from mbm.problem.tables import CellKey
 from mbm.problem.types import BlockRole, Loss, NoiseKind, UnknownKind
 from mbm.target.program import Program
 from mbm.values import dataclass
+
+Key: TypeAlias = Foreign | float
+"""What a cell holds that names or tells rows apart."""
 
 
 class Target(StrEnum):
@@ -33,7 +36,7 @@ class Target(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputFile:
-    """A file of the folder that is made: its path there, and its content."""
+    """A file of the folder that is made: its path there, of identifiers and mbm's own words, and its content."""
 
     path: str
     content: bytes
@@ -44,14 +47,13 @@ class TableColumn:
     """A column of a table: ``source`` is its name in the file's header, ``name`` that of the problem.
 
     Numbers are given to the solver in SI; ``unit`` (of ``factor`` in SI) is what the file states them in, "" for none.
-    ``used``: the solver reads it; the others are no part of its data.
     """
 
-    name: str
+    name: Foreign
     identifier: str
-    source: str
+    source: Foreign
     is_text: bool
-    unit: str
+    unit: Foreign
     factor: float
 
 
@@ -59,12 +61,12 @@ class TableColumn:
 class TableShape:
     """A table that the solver is given: the columns that it reads, and the condition on the rows that it keeps."""
 
-    name: str
+    name: Foreign
     identifier: str
     columns: tuple[TableColumn, ...]
     where: RowPrograms | None = None
 
-    def column(self, name: str) -> TableColumn:
+    def column(self, name: Foreign) -> TableColumn:
         """A column by the problem's name."""
         return next(c for c in self.columns if c.name == name)
 
@@ -81,7 +83,7 @@ class Choice(StrEnum):
 class RowPlace:
     """A row: the one of ``table`` at hand, or its first or last kept, and from there the one that ``links`` lead to."""
 
-    table: str
+    table: Foreign
     choice: Choice
     links: tuple[int, ...] = ()
 
@@ -91,22 +93,22 @@ class ColumnValue:
     """A cell: ``column`` of table ``owner``, where the links of ``place`` end; None: the row's number, from 1."""
 
     place: RowPlace
-    owner: str
-    column: str | None
+    owner: Foreign
+    column: Foreign | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConstantValue:
     """An element of a constant of the problem, by the name that expressions have for it."""
 
-    name: str
+    name: Foreign
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiteralKey:
     """A key that stands in the problem."""
 
-    key: CellKey
+    key: Key
 
 
 InputValue: TypeAlias = ColumnValue | ConstantValue
@@ -122,10 +124,10 @@ class Link:
 
     number: int
     identifier: str
-    table: str | None
+    table: Foreign | None
     cell: ColumnValue | LiteralKey
-    target: str
-    key: str | None
+    target: Foreign
+    key: Foreign | None
     family: int | None
 
 
@@ -138,8 +140,8 @@ class FamilyShape:
 
     number: int
     identifier: str
-    table: str
-    key: str | None
+    table: Foreign
+    key: Foreign | None
     distinct: bool
 
 
@@ -147,7 +149,7 @@ class FamilyShape:
 class CaseProgram:
     """A program for the rows that have the ``static`` values; what it computes, in words, in ``names``."""
 
-    static: tuple[tuple[ColumnValue, CellKey], ...]
+    static: tuple[tuple[ColumnValue, Key], ...]
     inputs: tuple[InputValue, ...]
     program: Program
 
@@ -157,7 +159,7 @@ class RowPrograms:
     """Numbers computed from the row at hand of ``table`` (once if None): ``width`` of them."""
 
     identifier: str
-    table: str | None
+    table: Foreign | None
     width: int
     cases: tuple[CaseProgram, ...]
 
@@ -172,14 +174,13 @@ class UnknownShape:
     (``replaced``) instead of what it states, given by the caller of the compiler.
     """
 
-    name: str
+    name: Foreign
     identifier: str
     kind: UnknownKind
     dimension: int
     shape: tuple[int, ...]
     size: int
     freedom: int
-    labels: tuple[str, ...]
     pieces: tuple[tuple[str, int, int], ...]
     angle: bool
     positive: bool
@@ -192,18 +193,22 @@ class UnknownShape:
     upper: RowPrograms | None
     bounded: tuple[int, ...]
     fixed: RowPrograms | None
-    unit: str
+    unit: Foreign
     factor: float
-    doc: str
+    doc: Foreign
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlotPlace:
-    """An input or tangent of a kernel: component of an unknown, of the member that a link names (None: the one)."""
+    """An input or tangent of a kernel: component of an unknown, of the member that a link names (None: the one).
+
+    ``shown`` is the unknown, with the member that is meant, for readers.
+    """
 
     unknown: int
     component: int
     member: int | None
+    shown: Foreign
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -226,30 +231,29 @@ class BlockCase:
 
     identifier: str
     kernel: Kernel = field(repr=False)
-    static: tuple[tuple[ColumnValue, CellKey], ...]
+    static: tuple[tuple[ColumnValue, Key], ...]
     variables: tuple[SlotPlace, ...]
     tangents: tuple[SlotPlace, ...]
     parameters: tuple[InputValue, ...]
     equations: tuple[EquationShape, ...]
     noise: CaseProgram | None
-    input_names: tuple[str, ...]
-    text: tuple[str, ...]
+    input_names: tuple[Foreign, ...]
+    text: tuple[Foreign, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BlockShape:
     """A clause: observation, prior or constraint, with its rows and cases."""
 
-    name: str
+    name: Foreign
     identifier: str
     role: BlockRole
-    table: str | None
+    table: Foreign | None
     when: RowPrograms | None
     distinct: tuple[ColumnValue, ...]
     cases: tuple[BlockCase, ...]
     unknown_factor: bool
     loss: Loss | None
-    constraint: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -259,12 +263,12 @@ class DerivedShape:
     Its cases have no equations and no noise. ``unit`` has ``factor`` in SI.
     """
 
-    name: str
+    name: Foreign
     identifier: str
-    table: str | None
+    table: Foreign | None
     size: int
     cases: tuple[BlockCase, ...]
-    unit: str
+    unit: Foreign
     factor: float
 
 
@@ -272,7 +276,7 @@ class DerivedShape:
 class ConstantShape:
     """An element of a constant, in SI."""
 
-    name: str
+    name: Foreign
     identifier: str
     value: float
 
@@ -289,19 +293,18 @@ class SolverSettings:
 class GivenTable:
     """The rows of a table at compile time: numbers in SI or texts, by the problem's column name."""
 
-    name: str
-    columns: Mapping[str, Floats | tuple[str, ...]]
-    rows: int
+    name: Foreign
+    columns: Mapping[Foreign, Floats | tuple[Foreign, ...]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Blueprint:
     """A solver as plain data: what is given to it, how the equations are made of that, what it answers."""
 
-    name: str
+    name: Foreign
     identifier: str
     version: str
-    doc: str
+    doc: Foreign
     tables: tuple[TableShape, ...]
     links: tuple[Link, ...]
     families: tuple[FamilyShape, ...]
@@ -309,14 +312,14 @@ class Blueprint:
     unknowns: tuple[UnknownShape, ...]
     blocks: tuple[BlockShape, ...]
     derived: tuple[DerivedShape, ...]
-    for_each: tuple[str, ...]
+    for_each: tuple[Foreign, ...]
     settings: SolverSettings
     references: tuple[Reference, ...]
     given: tuple[GivenTable, ...]
     whole: Whole
     agreement: Agreement | None
 
-    def table(self, name: str) -> TableShape:
+    def table(self, name: Foreign) -> TableShape:
         """A table by name."""
         return next(t for t in self.tables if t.name == name)
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mbm.emit.answers import Agreement
-from mbm.emit.types import BlockShape, Blueprint, UnknownShape
+from mbm.emit.foreign import Foreign, Word, listed, told
+from mbm.emit.markdown import code, fenced, prose
+from mbm.emit.types import BlockShape, Blueprint, ColumnValue, Key, UnknownShape
 from mbm.problem.types import BlockRole, NoiseKind
 
 MOST_CASES = 3
+"""Groups of rows whose equations are printed; the others differ in their static values only."""
 
 
 def described(blueprint: Blueprint) -> Iterator[str]:
@@ -16,25 +19,23 @@ def described(blueprint: Blueprint) -> Iterator[str]:
     yield "## The problem"
     yield ""
     for table in blueprint.tables:
-        columns = ", ".join(f"`{c.source}`" + (f" ({c.unit})" if c.unit else "") for c in table.columns)
+        columns = ", ".join(code(c.source) + (f" ({prose(c.unit)})" if c.unit else "") for c in table.columns)
         kept = "; some rows are left out by a condition" if table.where is not None else ""
-        yield f"* table `{table.name}`: {columns or 'no columns'}{kept}"
+        yield f"* table {code(table.name)}: {columns or 'no columns'}{kept}"
     yield ""
     for unknown in blueprint.unknowns:
         yield f"* unknown {_unknown(blueprint, unknown)}"
     for constant in blueprint.constants:
-        yield f"* constant `{constant.name}` = {constant.value:.17g}"
+        yield f"* constant {code(constant.name)} = {constant.value:.17g}"
     yield ""
     for block in blueprint.blocks:
         yield from _block(block)
     for derived in blueprint.derived:
-        over = f" for each row of `{derived.table}`" if derived.table is not None else ""
-        unit = f", shown in {derived.unit}" if derived.unit else ""
-        yield f"Derived `{derived.name}`{over}{unit}:"
+        over = f" for each row of {code(derived.table)}" if derived.table is not None else ""
+        unit = f", shown in {prose(derived.unit)}" if derived.unit else ""
+        yield f"Derived {code(derived.name)}{over}{unit}:"
         yield ""
-        yield "```"
-        yield from (line for case in derived.cases[:MOST_CASES] for line in case.text)
-        yield "```"
+        yield from fenced(line for case in derived.cases[:MOST_CASES] for line in case.text)
         yield ""
     if blueprint.agreement is not None:
         yield from _agreement(blueprint.agreement)
@@ -48,22 +49,22 @@ def described(blueprint: Blueprint) -> Iterator[str]:
 
 
 def _unknown(blueprint: Blueprint, unknown: UnknownShape) -> str:
-    text = f"`{unknown.name}`: {unknown.kind.value}"
+    text = f"{code(unknown.name)}: {unknown.kind.value}"
     if unknown.dimension:
         text += f" {unknown.dimension}"
     elif unknown.shape:
         text += f" of {' × '.join(map(str, unknown.shape))} numbers"
     if unknown.family is not None:
         family = blueprint.families[unknown.family]
-        over = f"distinct value of `{family.key}`" if family.distinct else "row"
-        text += f", one for each {over} of `{family.table}`"
+        over = f"distinct value of {code(family.key)}" if family.key is not None and family.distinct else "row"
+        text += f", one for each {over} of {code(family.table)}"
     if unknown.unit:
-        text += f", shown in {unknown.unit}"
+        text += f", shown in {prose(unknown.unit)}"
     if blueprint.agreement is not None and blueprint.unknowns.index(unknown) in blueprint.agreement.startless:
         text += "; begins where the data say, by consensus, unless the caller says"
     elif unknown.start is None and unknown.start_range is None and unknown.lower is None:
         text += "; the problem states no start: begins at the answer for the data of `data/`, unless the caller says"
-    return text + (f" ({unknown.doc})" if unknown.doc else "")
+    return text + (f" ({prose(unknown.doc)})" if unknown.doc else "")
 
 
 def _agreement(agreement: Agreement) -> Iterator[str]:
@@ -78,19 +79,29 @@ def _agreement(agreement: Agreement) -> Iterator[str]:
 
 
 def _block(block: BlockShape) -> Iterator[str]:
-    over = f" for each row of `{block.table}`" if block.table is not None else ""
+    over = f" for each row of {code(block.table)}" if block.table is not None else ""
     only = " that a condition keeps" if block.when is not None else ""
-    yield f"{block.role.value.capitalize()} `{block.name}`{over}{only}{_noise(block)}:"
+    yield f"{block.role.value.capitalize()} {code(block.name)}{over}{only}{_noise(block)}:"
     yield ""
-    yield "```"
+    yield from fenced(_equations(block))
+    yield ""
+
+
+def _equations(block: BlockShape) -> Iterator[Word]:
     for case in block.cases[:MOST_CASES]:
         if case.static:
-            yield "where " + ", ".join(f"{value.column} = {key}" for value, key in case.static)
+            yield told("where ", listed(told(_cell(value), " = ", _key(key)) for value, key in case.static))
         yield from case.text
     if len(block.cases) > MOST_CASES:
         yield f"… and {len(block.cases) - MOST_CASES} more groups of rows with other values"
-    yield "```"
-    yield ""
+
+
+def _cell(value: ColumnValue) -> Word:
+    return "row" if value.column is None else value.column
+
+
+def _key(key: Key) -> Word:
+    return key if isinstance(key, Foreign) else str(key)
 
 
 def _noise(block: BlockShape) -> str:

@@ -1,1 +1,1 @@
-"""Makes bytes and sources from files: bounded, ordinary files only; the door by which what users have comes in."""
+"""Makes bytes and sources from files, and files and folders from bytes: the doors to what users have."""

@@ -5,21 +5,25 @@ from __future__ import annotations
 import os
 from pathlib import Path
 from stat import S_ISDIR, S_ISREG
-from typing import NoReturn
+from typing import BinaryIO, NoReturn
 
 from mbm.files import faults
+from mbm.files.journal import note
 from mbm.text.types import MbmError, Place
 
 _PLAIN = os.O_RDONLY | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 _FLAGS = _PLAIN | getattr(os, "O_NONBLOCK", 0)
 """A pipe that nobody writes to is opened at once, and then refused; so is one that takes a file's place meanwhile."""
 
+AT_ONCE = 2**20
+"""Bytes that are asked of a stream at once: Python takes memory for all that is asked for before it reads."""
+
 STREAMS = ("/dev/stdin", "/dev/fd/")
 """Beginnings of the paths by which a shell hands over a stream that is open already."""
 
 
 def read_bytes(path: Path, place: Place, *, largest: int, streams: bool = False) -> bytes:
-    """The content of a file, ``largest`` bytes at most; faults stand at ``place``.
+    """The content of a file, ``largest`` bytes at most; faults stand at ``place``. It is noted as read.
 
     Pipes and devices are refused, for reading them may never end; but where the path comes from the person who runs
     mbm and not from a file (``streams``), what the shell has opened (``/dev/stdin``, ``/dev/fd/63``) is read to its
@@ -29,6 +33,12 @@ def read_bytes(path: Path, place: Place, *, largest: int, streams: bool = False)
         MbmError: missing-file, not-a-file, unreadable-file, file-too-large.
 
     """
+    note(path)
+    return look_into(path, place, largest=largest, streams=streams)
+
+
+def look_into(path: Path, place: Place, *, largest: int, streams: bool = False) -> bytes:
+    """As `read_bytes`, of a file that is to be replaced and only looked at before: it is not noted as read."""
     handed_over = streams and path.as_posix().startswith(STREAMS)
     if not handed_over:  # looked at before it is opened: opening a device may do something
         check_ordinary(path, place, largest=largest)
@@ -37,12 +47,21 @@ def read_bytes(path: Path, place: Place, *, largest: int, streams: bool = False)
             status = os.fstat(stream.fileno())
             if not handed_over and not S_ISREG(status.st_mode):  # it changed since it was looked at
                 raise MbmError(faults.not_a_file(path, place, folder=S_ISDIR(status.st_mode)))
-            content = stream.read(largest + 1)
+            content = _at_most(largest + 1, stream, status.st_size)
     except (OSError, ValueError) as error:
         _refuse(path, place, error)
     if len(content) > largest:
         raise MbmError(faults.file_too_large(path, max(status.st_size, len(content)), largest, place))
     return content
+
+
+def _at_most(most: int, stream: BinaryIO, expected: int) -> bytes:
+    """What is left in a stream, of more than ``most`` bytes only these; memory is taken for what there is."""
+    parts, total = [], 0
+    while part := stream.read(min(most - total, max(expected + 1, AT_ONCE))):
+        parts.append(part)
+        total += len(part)
+    return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
 def check_ordinary(path: Path, place: Place, *, largest: int) -> None:

@@ -13,7 +13,7 @@ from mbm.text.types import DataPlace, MbmError, Place, Source, Span
 
 
 def read_file(path: Path, name: str, asked: Place | None = None) -> Source:
-    """The text of a UTF-8 file; a byte order mark is dropped and every line break becomes a line feed.
+    """The text of a file, as `source_of` has it.
 
     ``name`` is what messages print; ``asked`` is the place that names the file (a ``use`` form). Without one the path
     comes from whoever runs mbm, and may be a stream that the shell hands over (``/dev/stdin``).
@@ -29,6 +29,16 @@ def read_file(path: Path, name: str, asked: Place | None = None) -> Source:
         if error.diagnostics[0].code is FILE_TOO_LARGE:
             raise MbmError(faults.text_too_large(name, LARGEST_TEXT, asked)) from None
         raise
+    return source_of(data, name)
+
+
+def source_of(data: bytes, name: str) -> Source:
+    """The text of UTF-8 bytes; a byte order mark is dropped and every line break becomes a line feed.
+
+    Raises:
+        MbmError: not-text.
+
+    """
     data = data.removeprefix(codecs.BOM_UTF8)
     try:
         text = data.decode("utf-8")

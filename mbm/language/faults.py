@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from mbm.text.faults import shown
 from mbm.text.suggest import closest
 from mbm.text.types import Code, Diagnostic, Label, Place, Severity, Span
 
@@ -338,9 +339,8 @@ def text_in_number_column(span: Span, column: str, cell: str | None, place: Plac
     """A column of texts used as numbers; the first cell that is no number is to blame."""
     if place is None or cell is None:
         return Diagnostic(code=TEXT_IN_NUMBER_COLUMN, message=f"column `{column}` holds texts, not numbers", place=span)
-    shown = cell if len(cell) <= 40 else cell[:37] + "…"
     return Diagnostic(
-        code=TEXT_IN_NUMBER_COLUMN, message=f"column `{column}` is used as numbers, but a cell is `{shown}`",
+        code=TEXT_IN_NUMBER_COLUMN, message=f"column `{column}` is used as numbers, but a cell is `{shown(cell, 40)}`",
         place=place, hint="correct the cell, or leave it empty and allow gaps with `:missing skip`",
         labels=(Label(span, "used as a number here"),),
     )  # fmt: skip
@@ -370,5 +370,6 @@ def outside_sandbox(span: Span, path: str) -> Diagnostic:
 
 def used_here(diagnostic: Diagnostic, span: Span) -> Diagnostic:
     """A fault of a used file, said where it is used."""
-    labels = (*diagnostic.labels, Label(diagnostic.place, "the file")) if diagnostic.place else diagnostic.labels
-    return replace(diagnostic, place=span, labels=labels)
+    if diagnostic.place is None or diagnostic.place == span:
+        return replace(diagnostic, place=span)
+    return replace(diagnostic, place=span, labels=(*diagnostic.labels, Label(diagnostic.place, "the file")))

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from mbm.expression.nodes import Number
 from mbm.language import faults as language_faults
-from mbm.language.evaluator import Vocabulary
 from mbm.language.functions import bind_definition, parse_definition
 from mbm.language.limits import Limits
 from mbm.language.program import ProblemDefinition, Program
 from mbm.language.session import Session, open_session
+from mbm.language.values import Vocabulary
 from mbm.problem import faults
 from mbm.problem.checks import check_data
 from mbm.problem.clauses import effective_clauses
@@ -19,6 +19,7 @@ from mbm.problem.dimensions import infer
 from mbm.problem.elaborated import Consulted, Elaborated
 from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.joining import filtered, joined
+from mbm.problem.naming import TakenNames
 from mbm.problem.pairing import paired
 from mbm.problem.reading.cameras import read_camera
 from mbm.problem.reading.constants import constant_values, read_constants
@@ -83,7 +84,8 @@ def elaborate(
     _definitions(work, clauses)
     unknowns, priors = _unknowns(work, declarations)
     starts = _starts(work, declarations, constants, overrides)
-    taken = {prior.name: prior.span for prior in priors}
+    taken = TakenNames()
+    taken.places.update((prior.name, prior.span) for prior in priors)
     observed, concerns = _observed(work, clauses, taken, plans)
     blocks = (*observed, *priors)
     derived = _derived(work, clauses)
@@ -244,6 +246,7 @@ def _unknowns(work: Workspace, declarations: list[Declaration]) -> tuple[tuple[U
             unknown, prior = read_unknown(work, declaration)
             unknowns.append(unknown)
             if prior is not None:
+                work.extent.add(prior)
                 priors.append(prior)
     return tuple(unknowns), tuple(priors)
 
@@ -263,11 +266,12 @@ def _starts(
     return found
 
 
-def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: dict[str, Span]) -> tuple[Block, ...]:
+def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames) -> tuple[Block, ...]:
     blocks = []
     for clause in _all(clauses, "observe"):
         with work.collecting():
             blocks.append(read_observation(work, clause, taken))
+            work.extent.add(blocks[-1])
     for clause in _all(clauses, "constraints"):
         work.evaluator.budget.reset(clause.span)
         blocks.extend(read_constraints(work, clause, taken))
@@ -275,7 +279,7 @@ def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: dict[str, Spa
 
 
 def _observed(
-    work: Workspace, clauses: tuple[Sequence, ...], taken: dict[str, Span], plans: tuple[TablePlan, ...]
+    work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames, plans: tuple[TablePlan, ...]
 ) -> tuple[tuple[Block, ...], tuple[Diagnostic, ...]]:
     """Observations and constraints with the errors that their columns share, and the warnings about those."""
     observed: tuple[tuple[Block, ...], tuple[Diagnostic, ...]] = _blocks(work, clauses, taken), ()

@@ -3,12 +3,30 @@
 from __future__ import annotations
 
 from mbm.problem.tables import CellKey
+from mbm.text.types import Span
 
 PRIOR = "prior "
 """What the name of the prior begins with that an unknown states for itself; the unknown's name follows."""
 
 EXACT_INTEGERS = 2**53
 """From here on a double no longer tells whole numbers apart."""
+
+
+class TakenNames:
+    """The names of equations so far, each with its place. Local to one elaboration."""
+
+    def __init__(self) -> None:
+        self.places: dict[str, Span] = {}
+        self._next: dict[str, int] = {}
+
+    def free(self, base: str, span: Span) -> str:
+        """``base``, or ``base-2``, ``base-3`` … where that is taken; it is taken from now on."""
+        candidate = base
+        while candidate in self.places:
+            number = self._next.get(base, 2)
+            candidate, self._next[base] = f"{base}-{number}", number + 1
+        self.places[candidate] = span
+        return candidate
 
 
 def plain_number(value: float) -> int | float:

@@ -125,10 +125,17 @@ class Solved:
         return document(self.result)
 
     def to_json(self, path: str | Path | None = None) -> str:
-        """The document as JSON text; written to ``path`` if one is given."""
+        """The document as JSON text; written to ``path`` if one is given.
+
+        Raises:
+            MbmError: the file cannot be written (`not-writable`), or the result was made from it (`would-overwrite`).
+
+        """
         text = encode(lazy_document(self.result))
         if path is not None:
-            Path(path).write_bytes(to_bytes(text))
+            from mbm.files.writing import write_whole
+
+            write_whole(path, to_bytes(text), reads=self.result.reads)
         return text
 
     def table(self) -> Any:
@@ -146,14 +153,25 @@ class Solved:
             return arrays
         return DataFrame(arrays)
 
-    def plot(self) -> Figure:
-        """Residuals, ellipses, data against model: a matplotlib figure."""
-        from mbm.report.plots import draw
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Residuals, ellipses, data against model: a matplotlib figure; drawn into ``path`` if one is given.
 
+        Raises:
+            MbmError: as for ``to_json``, and `plot-format`, `missing-extra`.
+
+        """
+        from mbm.report.plots import draw, save
+
+        if path is not None:
+            save(self.result, path)
         return draw(self.result)
 
     def __str__(self) -> str:
         return text_table(self.result)
+
+    def __repr__(self) -> str:
+        found = self.result
+        return f"Solved(problem={found.problem!r}, status={self.status!r}, solves={len(found.solves)})"
 
     def _repr_html_(self) -> str:
         from html import escape

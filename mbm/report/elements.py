@@ -43,7 +43,9 @@ def element_names(quantity: Quantity, keys: tuple[Key, ...] | None = None) -> tu
     """``p``, ``p[1]``, ``theta[2,1]``, ``q["waist"]``, ``cam["left"][3]``: the names of all scalars, row by row."""
     if quantity.kind in geometric.GEOMETRIC:
         labels = geometric.manifold(quantity).labels
-        return tuple(member_name(quantity.name, key) + label for key in keys or (None,) for label in labels)
+        return tuple(
+            member_name(quantity.name, key) + label for key in ((None,) if keys is None else keys) for label in labels
+        )
     indices = product(*(range(1, n + 1) for n in quantity.shape))
     places = [scalar_name("", None, index) for index in indices]
     names = (member_name(quantity.name, key) for key in ((None,) if keys is None else keys))

@@ -1,12 +1,15 @@
-"""A document → JSON text that people can read too: short lists and dictionaries on one line, the others indented."""
+"""A document → JSON text that people can read too: short lists and dictionaries on one line, the others indented.
+
+What is not printable is escaped: a terminal that shows the text does nothing, and a program reads the same.
+"""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from json.encoder import encode_basestring
+from json.encoder import encode_basestring, encode_basestring_ascii
 
-WIDEST = 100
+WIDEST_LINE = 100
 """Characters of a list or dictionary that is written on one line, its indentation not counted."""
 
 
@@ -22,8 +25,19 @@ def encode(value: object) -> str:
 
 
 def to_bytes(text: str) -> bytes:
-    """The text in UTF-8; what no UTF-8 can hold (bytes of odd file names) becomes the JSON escape for it."""
-    return text.encode("utf-8", errors="backslashreplace")
+    """The text in UTF-8. What no UTF-8 can hold (bytes of odd file names) is escaped by ``encode`` already."""
+    return text.encode("utf-8")
+
+
+def _text(value: str) -> str:
+    """A text in its quotes; every character that is not printable as the escape for it."""
+    if value.isprintable():  # as nearly all are
+        return encode_basestring(value)
+    return f'"{"".join(map(_escaped, encode_basestring(value)[1:-1]))}"'
+
+
+def _escaped(character: str) -> str:
+    return character if character.isprintable() else encode_basestring_ascii(character)[1:-1]
 
 
 def _lines(value: object, indent: str) -> str:
@@ -32,11 +46,11 @@ def _lines(value: object, indent: str) -> str:
         text = repr(value)
         return _ATOMS.encode(value) if "n" in text else text  # inf and nan are refused there
     if kind is str:
-        return encode_basestring(value)  # type: ignore[arg-type]
+        return _text(value)  # type: ignore[arg-type]
     if isinstance(value, dict | Mapping):
         return _table(value, indent) if value else "{}"
     if isinstance(value, str):
-        return _ATOMS.encode(value)
+        return _text(value)
     if isinstance(value, list | Sequence):
         return _list(value, indent) if value else "[]"
     return _ATOMS.encode(value)
@@ -45,9 +59,9 @@ def _lines(value: object, indent: str) -> str:
 def _table(value: Mapping[object, object], indent: str) -> str:
     """The names with their entries."""
     inner = indent + "  "
-    parts = [f"{encode_basestring(str(name))}: {_lines(entry, inner)}" for name, entry in value.items()]
+    parts = [f"{_text(str(name))}: {_lines(entry, inner)}" for name, entry in value.items()]
     joined = ", ".join(parts)
-    if len(joined) + 2 <= WIDEST and "\n" not in joined:
+    if len(joined) + 2 <= WIDEST_LINE and "\n" not in joined:
         return f"{{{joined}}}"
     return f"{{\n{inner}" + f",\n{inner}".join(parts) + f"\n{indent}}}"
 
@@ -57,7 +71,7 @@ def _list(value: Sequence[object], indent: str) -> str:
     inner = indent + "  "
     parts = [_lines(entry, inner) for entry in value]
     joined = ", ".join(parts)
-    if len(joined) + 2 <= WIDEST and "\n" not in joined:
+    if len(joined) + 2 <= WIDEST_LINE and "\n" not in joined:
         return f"[{joined}]"
     of_numbers = all(part[0] not in '[{"' for part in parts)
     return f"[\n{inner}" + f",\n{inner}".join(_filled(parts) if of_numbers else parts) + f"\n{indent}]"
@@ -68,7 +82,7 @@ def _filled(parts: list[str]) -> list[str]:
     row: list[str] = []
     length = 0
     for part in parts:
-        if row and length + len(part) > WIDEST:
+        if row and length + len(part) > WIDEST_LINE:
             rows.append(", ".join(row))
             row, length = [], 0
         row.append(part)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 
+from mbm.emit.words import MOST_CASES
 from mbm.expression.nodes import Number
 from mbm.kernels.types import KernelSet, WithoutMachineCode
 from mbm.problem.elaborated import Elaborated
@@ -11,17 +12,18 @@ from mbm.problem.kinds import ConstraintKind
 from mbm.problem.naming import PRIOR
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, NoiseKind, Problem, UncertainColumn, Unknown, UnknownKind
+from mbm.report.columns import wrapped
 from mbm.report.robust import consensus_text, loss_text
 from mbm.solution.binding import EvaluationCache
 from mbm.solution.choice import chosen_solver
 from mbm.solution.closed_forms.types import ClosedForm
-from mbm.symbolic.printing import printed
+from mbm.symbolic.printing import latex_name, printed
 from mbm.symbolic.types import ColumnInput, Parameter, Purpose, ResidualBlock, Slot, SymbolicModel
+from mbm.text.shown import joined
 from mbm.text.types import MbmError
 
-MOST_CASES = 3
-"""Groups of rows whose equations are printed; the others differ in their static values only."""
-
+WIDEST_PROPERTY = 100
+"""Columns of what a problem says of itself."""
 
 _SOLVERS = {
     "linear": "one step of linear least squares",
@@ -43,7 +45,8 @@ def explanation(
 ) -> str:
     """Equations, unknowns, noise, structure of the Jacobian, and the solver with the reason for it."""
     problem, tables = found.problem, found.tables
-    lines = [f"problem {problem.name}", *([f"  {problem.doc}"] if problem.doc else []), ""]
+    doc = wrapped(problem.doc, WIDEST_PROPERTY - 2) if problem.doc else []
+    lines = [f"problem {problem.name}", *(f"  {line}" for line in doc), ""]
     lines += ["unknowns", *(f"  {line}" for u in problem.unknowns for line in _unknown(u, tables)), ""]
     if problem.constants:
         lines += ["constants", *(f"  {c.name} = {' '.join(f'{v:g}' for v in c.values)}" for c in problem.constants), ""]
@@ -54,7 +57,7 @@ def explanation(
         over = f" for each row of {derived.table}" if derived.table else ""
         lines += [f"derived {derived.name}{over}", *_equations(blocks[:1], derived.name, latex=latex), ""]
     lines += ["solver", *(f"  {line}" for line in _solver(found, kernels, cache, closed_forms))]
-    return "\n".join(lines) + "\n"
+    return joined(lines) + "\n"
 
 
 def _unknown(unknown: Unknown, tables: Mapping[str, Table]) -> Iterator[str]:
@@ -141,7 +144,8 @@ def _equations(blocks: Iterable[ResidualBlock], left: str, *, latex: bool, sign:
     for block in blocks:
         equations = printed(block, latex=latex)
         yield from (f"    {line}" for line in equations.definitions)
-        yield from (f"    {left} {sign} {line}" for line in equations.components)
+        name = latex_name(left) if latex else left
+        yield from (f"    {name} {sign} {line}" for line in equations.components)
 
 
 def _structure(block: ResidualBlock) -> Iterator[str]:
@@ -185,7 +189,7 @@ def problem_stage(problem: Problem, tables: Mapping[str, Table]) -> str:
         over = f" over {block.table}" if block.table else ""
         lines.append(f"{block.role.value} {block.name}{over}: {len(block.cases)} cases of {shown} components")
     lines += [f"derived {d.name}: shape {d.shape or 'number'}" for d in problem.derived]
-    return "\n".join(lines) + "\n"
+    return joined(lines) + "\n"
 
 
 def symbolic_stage(model: SymbolicModel, *, latex: bool) -> str:
@@ -196,7 +200,7 @@ def symbolic_stage(model: SymbolicModel, *, latex: bool) -> str:
         lines.append(f"  variables: {', '.join(s.name for s in block.variable_symbols) or 'none'}")
         lines.append(f"  parameters: {', '.join(s.name for s in block.parameter_symbols) or 'none'}")
         lines.extend(_equations([block], "h", latex=latex))
-    return "\n".join(lines) + "\n"
+    return joined(lines) + "\n"
 
 
 def kernel_stage(kernels: KernelSet) -> str:
@@ -210,7 +214,7 @@ def kernel_stage(kernels: KernelSet) -> str:
         )
         lines.append(f"  variables: {', '.join(_slot(s) for s in kernel.variables) or 'none'}")
         lines.append(f"  parameters: {', '.join(_parameter(p) for p in kernel.parameters) or 'none'}")
-    return "\n".join(lines) + "\n"
+    return joined(lines) + "\n"
 
 
 def _slot(slot: Slot) -> str:

@@ -1,18 +1,36 @@
-"""Result → CSV: one row for each solve, or one for each scalar residual. Floats with the digits that give them back."""
+"""Result → CSV: one row for each solve, or one for each scalar residual. Floats with the digits that give them back.
+
+Spreadsheets compute what begins as a formula does. Texts of a problem or of its data, in cells or in the header, are
+therefore written by `text_cell`.
+"""
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite
 from typing import TextIO
 
+from mbm.data.writers import DelimitedLines
 from mbm.report.elements import plain_key
 from mbm.report.solve_columns import solve_columns
 from mbm.report.types import Key, Result, SolveReport
 
 SOLVE_COLUMNS = ("status", "cost", "dof", "sigma0", "chi2_p")
 RESIDUAL_COLUMNS = ("clause", "row", "value", "residual", "weight", "component", "file_row", "used")
+
+
+FORMULAS = "=+-@\uff1d\uff0b\uff0d\uff20"
+"""Signs with which formulas begin in spreadsheets; the last four are their full-width forms."""
+
+
+def text_cell(text: str) -> str:
+    """A text that no spreadsheet takes for a formula: before a sign of `FORMULAS`, a tabulator or a line break that it
+    begins with, an apostrophe.
+
+    Blanks and what is invisible do not count as a beginning, as some programs leave them out.
+    """
+    seen = next((character for character in text if character.isprintable() and not character.isspace()), "")
+    return f"'{text}" if text[:1] in ("\t", "\r", "\n") or (seen and seen in FORMULAS) else text
 
 
 def write_solves(result: Result, stream: TextIO) -> None:
@@ -26,16 +44,16 @@ def write_solves(result: Result, stream: TextIO) -> None:
     names = [scalar.name for scalar in found.scalars]
     taken = {*SOLVE_COLUMNS, *names, *(f"{name}.sigma" for name in names)}
     keys = found.key_names
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(
-        [*_titles(keys, taken), *SOLVE_COLUMNS, *(f"{name}{end}" for name in names for end in ("", ".sigma"))]
+    lines = DelimitedLines(stream)
+    lines.row(
+        [*_titles(keys, taken), *SOLVE_COLUMNS, *(text_cell(name + end) for name in names for end in ("", ".sigma"))]
     )
     cells = [[_key_cell(key.get(name)) for key in found.keys] for name in keys]
     cells.append([status.label for status in found.statuses])
     cells += [[_cell(number) for number in numbers] for numbers in found.fits.values()]
     for scalar in found.scalars:  # what is not there is NaN
         cells += [[_cell(number) for number in numbers.tolist()] for numbers in (scalar.values, scalar.sigmas)]
-    writer.writerows(zip(*cells, strict=True))
+    lines.rows(zip(*cells, strict=True))
 
 
 def write_residuals(result: Result, stream: TextIO) -> None:
@@ -45,15 +63,15 @@ def write_residuals(result: Result, stream: TextIO) -> None:
     in SI, ``residual`` normalised. Open ``stream`` with ``newline=""``.
     """
     keys = _key_columns(result.solves)
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow([*_titles(keys, set(RESIDUAL_COLUMNS)), *RESIDUAL_COLUMNS])
+    lines = DelimitedLines(stream)
+    lines.row([*_titles(keys, set(RESIDUAL_COLUMNS)), *RESIDUAL_COLUMNS])
     for solve in result.solves:
         key = _key_cells(solve.key, keys)
         for row in solve.rows():
-            writer.writerow(
+            lines.row(
                 [
                     *key,
-                    row.clause,
+                    text_cell(row.clause),
                     _cell(row.row),
                     _cell(row.value),
                     _cell(row.residual),
@@ -70,7 +88,7 @@ def _key_columns(solves: Sequence[SolveReport]) -> list[str]:
 
 
 def _titles(keys: Iterable[str], taken: set[str]) -> list[str]:
-    return [f"key.{name}" if name in taken else name for name in keys]
+    return [f"key.{name}" if name in taken else text_cell(name) for name in keys]
 
 
 def _key_cells(key: Mapping[str, Key], columns: Iterable[str]) -> list[str]:
@@ -79,7 +97,7 @@ def _key_cells(key: Mapping[str, Key], columns: Iterable[str]) -> list[str]:
 
 def _key_cell(key: Key | None) -> str:
     cell = None if key is None else plain_key(key)
-    return "" if cell is None else str(cell)
+    return "" if cell is None else text_cell(cell) if isinstance(cell, str) else str(cell)
 
 
 def _cell(number: float | int | None) -> str:

@@ -324,7 +324,7 @@ def _unused(solution: Solution) -> tuple[str, ...]:
     names: list[str] = []
     for entry in solution.layout.entries:
         keys = entry.keys if entry.keys is not None else (None,)
-        alone = unused[entry.coordinates].reshape(entry.members, -1).all(axis=1)
+        alone = unused[entry.coordinates].reshape(entry.members, entry.unknown.freedom).all(axis=1)
         names.extend(member_name(entry.unknown.name, keys[member]) for member in np.flatnonzero(alone))
     return tuple(names)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 
 from mbm.problem.naming import key_text
@@ -14,7 +14,7 @@ from mbm.report.elements import Scalar, solve_scalars, unit_text
 from mbm.report.sentences import diagnostic_sentence, observability_sentences
 from mbm.report.solve_columns import solve_columns
 from mbm.report.types import SolveReport, SolveStatus
-from mbm.text.shown import Paint, Style
+from mbm.text.shown import Paint, Style, cell_width
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
@@ -27,12 +27,17 @@ _MOST_EXPLAINED = 5
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    title: str
-    cells: tuple[str, ...]
+    """A title and, below it, cells: ``lines``, padded to one ``width``."""
+
+    lines: tuple[str, ...]
 
     @property
     def width(self) -> int:
-        return max(len(self.title), *(len(cell) for cell in self.cells))
+        return cell_width(self.lines[0])
+
+
+def _column(title: str, cells: Iterable[str]) -> _Column:
+    return _Column(tuple(left((title, *cells))))
 
 
 def many_solves(solves: Sequence[SolveReport], width: int, paint: Paint, full: bool) -> Iterator[str]:
@@ -42,12 +47,10 @@ def many_solves(solves: Sequence[SolveReport], width: int, paint: Paint, full: b
         return
     shown = tuple(solves) if full or len(solves) <= MOST_SOLVES else solves[:_FIRST_SOLVES]
     columns, left_out = _fitting(shown, width, full)
-    widths = [column.width for column in columns]
-    titles = (column.title.ljust(width) for column, width in zip(columns, widths, strict=True))
-    yield paint("  ".join(titles).rstrip(), Style.HEADING)
-    for i in range(len(shown)):
-        line = "  ".join(column.cells[i].ljust(width) for column, width in zip(columns, widths, strict=True))
-        yield line if shown[i].status.trusted else paint(line.rstrip(), Style.WARNING)
+    titles, *lines = ("  ".join(cells).rstrip() for cells in zip(*(column.lines for column in columns), strict=True))
+    yield paint(titles, Style.HEADING)
+    for line, solve in zip(lines, shown, strict=True):
+        yield line if solve.status.trusted else paint(line, Style.WARNING)
     if len(shown) < len(solves):
         yield paint(f"… {len(solves) - len(shown)} more solves (-v shows all)", Style.QUIET)
     if left_out:
@@ -60,10 +63,10 @@ def _fitting(solves: Sequence[SolveReport], width: int, full: bool) -> tuple[lis
     """The columns that fit, keys first, and how many scalars found no room."""
     columns = _key_columns(solves)
     if any(solve.status is not SolveStatus.CONVERGED for solve in solves):
-        columns.append(_Column("status", tuple(left(solve.status.label for solve in solves))))
+        columns.append(_column("status", (solve.status.label for solve in solves)))
     fit = [
-        _Column("cost", tuple(aligned(["" if s.cost is None else plain(s.cost, 5) for s in solves]))),
-        _Column("dof", tuple(right("" if s.dof is None else str(s.dof) for s in solves))),
+        _column("cost", aligned(["" if s.cost is None else plain(s.cost, 5) for s in solves])),
+        _column("dof", right("" if s.dof is None else str(s.dof) for s in solves)),
     ]
     wanted = _scalar_columns(solves)
     taken = sum(column.width + 2 for column in chain(columns, fit))
@@ -83,7 +86,7 @@ def _key_columns(solves: Sequence[SolveReport]) -> list[_Column]:
         keys = [solve.key.get(name) for solve in solves]
         texts = ["" if key is None else key if isinstance(key, str) else key_text(key) for key in keys]
         numeric = all(isinstance(key, float | int) for key in keys)
-        columns.append(_Column(name, tuple(aligned(texts) if numeric else left(texts))))
+        columns.append(_column(name, aligned(texts) if numeric else texts))
     return columns
 
 
@@ -97,7 +100,7 @@ def _scalar_columns(solves: Sequence[SolveReport]) -> list[_Column]:
         values, sigmas = aligned([cell.value for cell in cells]), aligned([cell.sigma for cell in cells])
         signs = ["±" if cell.sigma else " " for cell in cells]
         texts = [f"{value} {sign} {sigma}" for value, sign, sigma in zip(values, signs, sigmas, strict=True)]
-        columns.append(_Column(f"{name} ({unit})" if unit else name, tuple(text.rstrip() for text in texts)))
+        columns.append(_column(f"{name} ({unit})" if unit else name, (text.rstrip() for text in texts)))
     return columns
 
 

@@ -36,7 +36,8 @@ class SolveOptions:
     ``--init``: name → value, or a whole result document (`mbm.report.initial.initial_values` reads it for one solve).
     ``method`` is a name of LANGUAGE §7 as typed. ``sandbox`` confines reads and ``use`` to a folder. ``interruption``
     ends the solve with the best point so far when it is requested. ``workers`` threads share many solves, or a large
-    one (None: one for each processor).
+    one (None: one for each processor). ``loaded`` is called when all that the problem reads was read, and nothing was
+    solved yet; it may raise MbmError.
     """
 
     problem: str | None = None
@@ -52,6 +53,7 @@ class SolveOptions:
     covariance_full: bool = False
     progress: Progress | None = None
     interruption: Interruption | None = None
+    loaded: Callable[[], None] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,6 +11,7 @@ import numpy as np
 
 from mbm.report.elements import Scalar, element_names, plain_key, solve_scalars, unit_text
 from mbm.report.types import Estimate, Floats, Kind, PlotData, ResidualRow, Result, SolveReport
+from mbm.text.shown import cut
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,6 +22,9 @@ BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#6
 SERIES = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9")
 CHI_95_2D = 2.447746830680816
 """Radius in standard deviations that holds 95 % of a normal distribution of the plane: sqrt(-2 ln 0.05)."""
+
+LONGEST_MARK = 24
+"""Characters of a key below a mark of an axis; the frame shrinks to nothing above longer ones."""
 
 _MOST_OVER_KEY = 6
 
@@ -62,8 +66,8 @@ def _draw_data(data: PlotData, axes: Axes) -> None:
     if data.abscissa is None and data.measured.shape[1] == 2:
         axes.plot(data.measured[:, 0], data.measured[:, 1], "o", color=BLUE, markersize=4, label="measured")
         axes.plot(data.model[:, 0], data.model[:, 1], "x", color=RED, markersize=5, label="model")
-        axes.set_xlabel(_literal(data.labels[0]))
-        axes.set_ylabel(_literal(data.labels[1]))
+        axes.set_xlabel(data.labels[0])
+        axes.set_ylabel(data.labels[1])
         axes.set_aspect("equal", adjustable="datalim")
     else:
         _draw_over_abscissa(data, axes)
@@ -76,15 +80,15 @@ def _draw_over_abscissa(data: PlotData, axes: Axes) -> None:
     several = data.measured.shape[1] > 1
     for column, label in enumerate(data.labels):
         color = SERIES[column % len(SERIES)]
-        name = f"{label}, measured" if several else "measured"
+        name = f"measured {label}" if several else "measured"
         axes.plot(abscissa, data.measured[:, column], "o", color=color, markersize=3.5, alpha=0.8, label=name)
-        name = f"{label}, model" if several else "model"
+        name = f"model {label}" if several else "model"
         axes.plot(
             abscissa[order], data.model[order, column], "-", linewidth=1.3, color=color if several else RED, label=name
         )
-    axes.set_xlabel(_literal(data.abscissa_label or "row"))
+    axes.set_xlabel(data.abscissa_label or "row")
     if not several:
-        axes.set_ylabel(_literal(data.labels[0]))
+        axes.set_ylabel(data.labels[0])
 
 
 def _draw_residuals(clause: str, rows: Sequence[ResidualRow], axes: Axes) -> None:
@@ -137,10 +141,10 @@ def _draw_over_key(key: str, name: str, points: Sequence[tuple[object, Scalar]],
     sigma = np.nan_to_num(np.array([scalar.sigma for _, scalar in points]), nan=0.0)
     axes.errorbar(x, y, yerr=sigma, fmt="o", color=BLUE, ecolor=GREY, markersize=3, elinewidth=0.9)
     if not numeric and len(points) <= 20:
-        axes.set_xticks(x, [_literal(str(where)) for where, _ in points], rotation=45, ha="right")
+        axes.set_xticks(x, [cut(str(where), LONGEST_MARK) for where, _ in points], rotation=45, ha="right")
     unit = unit_text(points[0][1].quantity)
     axes.set_title(f"{name} ± standard deviation", fontsize=10)
-    axes.set_xlabel(_literal(key or "solve"))
+    axes.set_xlabel(key or "solve")
     axes.set_ylabel(f"{name} ({unit})" if unit else name)
     _finish(axes, legend=False)
 
@@ -196,11 +200,6 @@ def _ellipse(covariance: Floats) -> tuple[tuple[float, float], float]:
     axes = 2 * CHI_95_2D * np.sqrt(np.maximum(variances, 0.0))
     angle = np.degrees(np.arctan2(directions[1, 1], directions[0, 1]))
     return (float(axes[1]), float(axes[0])), float(angle)
-
-
-def _literal(text: str) -> str:
-    """Text that Matplotlib shows as it is: dollar signs would begin a formula."""
-    return text.replace("$", r"\$")
 
 
 def _finish(axes: Axes, *, legend: bool) -> None:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from mbm.files.writing import checked_target, write_whole
 from mbm.report import faults
 from mbm.report.types import Result
 from mbm.text.faults import missing_extra
+from mbm.text.shown import cut
 from mbm.text.types import MbmError
 
 if TYPE_CHECKING:
@@ -20,6 +24,9 @@ MOST_PANELS = 12
 """Panels of one picture; data come first, then estimates, then residuals."""
 
 Panel: TypeAlias = "Callable[[Axes], None]"
+
+LONGEST_LABEL = 80
+"""Characters of a title or label; longer ones would leave no room for the panel."""
 
 _PANEL_INCHES = (4.6, 3.4)
 
@@ -43,23 +50,52 @@ def draw(result: Result) -> Figure:
         panel(figure.add_subplot(rows, columns, number))
     if not panels:
         figure.text(0.5, 0.5, "nothing was solved", ha="center", va="center")
+    _show_plainly(figure)
     return figure
 
 
-def save(result: Result, path: Path) -> None:
-    """Draws the result into a file; the ending of ``path`` is the format (``FORMATS``). Equal results, equal bytes.
+def _show_plainly(figure: Figure) -> None:
+    """Every text of the figure on one line, as it is: dollar signs begin no formula, and nothing is handed to TeX."""
+    from matplotlib.text import Text
 
-    Raises MbmError (missing-extra, plot-format) and OSError if the file cannot be written.
+    for text in figure.findobj(Text):
+        if isinstance(text, Text):
+            text.set_usetex(False)
+            text.set_parse_math(False)
+            text.set_text(cut(text.get_text(), LONGEST_LABEL))
+
+
+def save(result: Result, path: str | Path) -> None:
+    """Draws the result into a file, in the format that its name ends in.
+
+    Raises:
+        MbmError: missing-extra, plot-format, not-writable; would-overwrite: the result was made from that file.
+
     """
-    ending = path.suffix.lower()
+    ending = format_of(path)
+    checked_target(path, reads=result.reads)
+    write_whole(path, picture(result, ending), reads=result.reads)
+
+
+def format_of(path: str | Path) -> str:
+    """The format that the name of a file ends in, one of ``FORMATS``. Raises MbmError (plot-format)."""
+    ending = Path(path).suffix.lower()
     if ending not in FORMATS:
         raise MbmError(faults.plot_format(str(path), ", ".join(FORMATS)))
+    return ending
+
+
+def picture(result: Result, ending: str) -> bytes:
+    """The picture of a result in the format ``ending``. Equal results, equal bytes. Raises MbmError (missing-extra)."""
     figure = draw(result)
     import matplotlib as mpl
 
     dateless = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(ending, {})
-    with mpl.rc_context({"svg.hashsalt": "mbm"}):
-        figure.savefig(path, dpi=130, metadata=dateless)
+    stream = BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "mbm"}), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of a character that the font lacks, or of little room
+        figure.savefig(stream, format=ending.removeprefix("."), dpi=130, metadata=dateless)
+    return stream.getvalue()
 
 
 def _panels(result: Result) -> Iterator[Panel]:

@@ -195,10 +195,10 @@ def _estimate(quantity: Quantity, entry: Entry, truth: Truth) -> dict[str, Any]:
         values = [written(quantity, each) for each in numbers]
     else:
         values = (numbers / quantity.factor).tolist()
-    found: dict[str, Any] = {"value": values[0]}
-    if entry.keys is not None:
-        found = {"keys": [plain_key(key) for key in entry.keys], "value": values}
-    return found | {"unit": unit_text(quantity) or None}
+    unit = unit_text(quantity) or None
+    if entry.keys is None:
+        return {"value": values[0], "unit": unit}
+    return {"keys": [plain_key(key) for key in entry.keys], "value": values, "unit": unit}
 
 
 def noise_factors(problem: Problem, at: Mapping[str, object], given: Mapping[str, object]) -> FactorsFinder:

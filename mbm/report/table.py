@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from itertools import chain
 from math import pi
 
-from mbm.report.columns import aligned, left, wrapped
+from mbm.report.columns import aligned, fitting, left, wrapped
 from mbm.report.digits import Measured, measured, plain
 from mbm.report.elements import Scalar, scalars, unit_text
 from mbm.report.others import search_sentences
@@ -20,10 +20,13 @@ from mbm.report.sentences import (
     residual_sentences,
 )
 from mbm.report.types import DerivedValue, Estimate, Kind, Result, SolveReport, SolveStatus
-from mbm.text.shown import Paint, Style
+from mbm.text.shown import Paint, Style, cell_width, joined
 
 MOST_SCALARS = 24
 """Rows of one vector, array or family that are shown; the table says how many more there are."""
+
+LEAST_DOC = 40
+"""Columns of a ``:doc`` that are shown in any case."""
 
 _FIRST_SCALARS = 20
 
@@ -40,7 +43,7 @@ def table(result: Result, *, width: int = 80, color: bool = False, full: bool = 
         from mbm.report.many import many_solves
 
         lines = [_heading(result, None, paint), "", *many_solves(result.solves, width, paint, full)]
-    return "\n".join(line.rstrip() for line in lines) + "\n"
+    return joined((line.rstrip() for line in lines), color=color) + "\n"
 
 
 def _heading(result: Result, status: SolveStatus | None, paint: Paint) -> str:
@@ -101,14 +104,18 @@ def estimate_lines(items: Iterable[Estimate | DerivedValue], width: int, paint: 
     for i, (scalar, left_out) in enumerate(shown):
         sign = "±" if texts[i].sigma else " "
         line = f"  {paint(names[i], Style.HEADING)}  {values[i]} {sign} {sigmas[i]}  {units[i]}"
-        plain_length = 2 + len(names[i]) + 2 + len(values[i]) + 3 + len(sigmas[i]) + 2 + len(units[i])
-        yield line + _notes(scalar, width - plain_length, paint)
+        taken = 9 + sum(map(cell_width, (names[i], values[i], sigmas[i], units[i])))  # with what stands between them
+        yield line + _notes(scalar, width - taken, paint)
         if left_out:
             yield paint(f"  … {left_out} more of `{scalar.quantity.name}` (-v shows all)", Style.QUIET)
 
 
 def _notes(scalar: Scalar, room: int, paint: Paint) -> str:
-    """What is known beside the number, as far as there is room; the reason of a missing sigma always."""
+    """What is known beside the number, as far as there is room; the reason of a missing sigma always.
+
+    Of a ``:doc`` that stands alone a part is shown: where a terminal goes on with it on the next line, it would seem to
+    be a line of the table.
+    """
     notes: list[str] = []
     if scalar.fixed:
         notes.append("fixed")
@@ -121,11 +128,11 @@ def _notes(scalar: Scalar, room: int, paint: Paint) -> str:
     if scalar.derived:
         notes.append("derived")
     if scalar.quantity.doc and not scalar.name.endswith("]"):
-        notes.append(scalar.quantity.doc)
+        notes.append(scalar.quantity.doc if notes else fitting(scalar.quantity.doc, max(room - 2, LEAST_DOC)))
     text = ""
     for i, note in enumerate(notes):
         longer = f"{text}, {note}" if text else note
-        if i > 0 and len(longer) + 2 > room:
+        if i > 0 and cell_width(longer) + 2 > room:
             break
         text = longer
     return f"  {paint(text, Style.QUIET)}" if text else ""

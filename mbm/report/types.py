@@ -14,6 +14,7 @@ from typing import Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from mbm.files.journal import Read
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
@@ -359,7 +360,8 @@ class Result:
     """Everything that a run of one problem answers. ``file`` is None for problems that were built without one.
 
     ``solves`` may make a report when it is asked for: keep it where it is needed again. ``complete`` is False where the
-    run was interrupted before all solves were made.
+    run was interrupted before all solves were made. ``reads`` are the files that it was made from: nothing of it is
+    written onto one of them.
     """
 
     version: str
@@ -371,6 +373,7 @@ class Result:
     inputs: tuple[InputFile, ...] = ()
     diagnostics: tuple[Diagnostic, ...] = ()
     complete: bool = True
+    reads: tuple[Read, ...] = ()
 
     @property
     def status(self) -> ResultStatus:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import sympy
 from sympy.functions.elementary.piecewise import ExprCondPair
 
 from mbm.symbolic.types import ResidualBlock
+from mbm.text.shown import one_line
 from mbm.values import dataclass
 
 LEAST_SIZE = 3
@@ -41,9 +43,38 @@ def _plain(node: sympy.Basic) -> str:
 
 
 def _latex(node: sympy.Basic) -> str:
-    hyphenated = [s for s in node.free_symbols if "-" in s.name]
-    names = {s: "\\mathrm{" + s.name.replace("-", "\\mbox{-}") + "}" for s in hyphenated}
-    return str(sympy.latex(node, order="none", symbol_names=names))
+    named = {symbol: latex_name(symbol.name) for symbol in node.free_symbols}
+    return str(sympy.latex(node, order="none", symbol_names=named))
+
+
+def latex_name(name: str) -> str:
+    """A name in a formula of LaTeX: as SymPy writes it where that is safe, else upright, and no command in it is one.
+
+    The names of a problem, and the keys of a table, may hold what TeX would carry out, e.g. ``$`` or ``%``.
+    """
+    if _PLAIN_NAME.fullmatch(name):
+        return str(sympy.latex(sympy.Symbol(name)))
+    return "\\mathrm{" + "".join(map(_in_formula, one_line(name))) + "}"
+
+
+_PLAIN_NAME = re.compile(r"""[^\W_]+([_.][^\W_]+)*('\d*)?(\[("?[^\W_]*"?|\d+(,\d+)*)\](\.[a-z]+)?)*""")
+"""Words, dots and indices; underscores, after which SymPy writes an index, between words only."""
+
+_IN_TEXT = {
+    "\\": "\\textbackslash{}",
+    "^": "\\textasciicircum{}",
+    "~": "\\textasciitilde{}",
+    "<": "\\textless{}",
+    ">": "\\textgreater{}",
+    **{special: "\\" + special for special in "{}$&#%_"},
+}
+
+
+def _in_formula(character: str) -> str:
+    """A character of an upright name: what has a meaning of its own, there or in formulas, stands as text."""
+    if character.isalnum() or character in "[],.'\"":
+        return character
+    return f"\\mbox{{{_IN_TEXT.get(character, character)}}}"
 
 
 def named_subexpressions(

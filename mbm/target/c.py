@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 
+from mbm.target.escaping import in_comment
 from mbm.target.kinds import Held, Kind, Member, Record, Records, Type
 from mbm.target.tree import (
+    ATOM,
     Assign,
     Binary,
     Break,
@@ -60,7 +62,6 @@ _PRECEDENCE = {
     "/": 6,
     "%": 6,
 }
-_ATOM = 9
 _UNARY = 8
 
 
@@ -119,7 +120,7 @@ def definition(function: Function) -> str:
     """A whole function with its documentation as a comment."""
     lines = []
     if function.doc:
-        lines.append("/* " + function.doc.replace("*/", "* /").replace("\n", "\n * ") + " */")
+        lines.append("/* " + "\n * ".join(map(in_comment, function.doc.split("\n"))) + " */")
     lines.append(declaration(function))
     lines.append("{")
     lines += [f"    {type_of(v.type)}{v.name};" for v in function.locals]
@@ -165,7 +166,7 @@ def _statement(node: Statement, depth: int) -> Iterator[str]:
         case Perform():
             yield f"{pad}{_at(node.call)};"
         case Comment():
-            yield f"{pad}/* {node.text.replace('*/', '* /')} */"
+            yield f"{pad}/* {in_comment(node.text)} */"
 
 
 def _block(body: tuple[Statement, ...], depth: int) -> Iterator[str]:
@@ -183,18 +184,18 @@ def _at(node: Expression, outer: int = 0) -> str:
 def _expression(node: Expression) -> tuple[str, int]:
     match node:
         case Literal():
-            return number(node.value), _UNARY if node.value < 0 else _ATOM
+            return number(node.value), _UNARY if node.value < 0 else ATOM
         case Name():
-            return node.name, _ATOM
+            return node.name, ATOM
         case Element():
-            one = f"{_at(node.array, _ATOM)}[{_at(node.index)}]"
-            return (f"&{one}", _UNARY) if isinstance(node.type, Record) else (one, _ATOM)
+            one = f"{_at(node.array, ATOM)}[{_at(node.index)}]"
+            return (f"&{one}", _UNARY) if isinstance(node.type, Record) else (one, ATOM)
         case Offset():
             return f"{_at(node.array, 5)} + {_at(node.index, 6)}", 5
         case View():
             return f"({type_of(node.type)})({_at(node.array)})", _UNARY
         case Field(member=member):
-            return _field(node), _UNARY if member.held is Held.INSIDE else _ATOM
+            return _field(node), _UNARY if member.held is Held.INSIDE else ATOM
         case Binary():
             operator = "/" if node.operator == "//" else node.operator
             level = _PRECEDENCE[operator]
@@ -212,9 +213,9 @@ def _expression(node: Expression) -> tuple[str, int]:
         case Convert():
             return f"(double){_at(node.argument, _UNARY)}", _UNARY
         case Primitive():
-            return _primitive(node), _ATOM
+            return _primitive(node), ATOM
         case Call():
-            return f"{node.function}({', '.join(_at(a) for a in node.arguments)})", _ATOM
+            return f"{node.function}({', '.join(_at(a) for a in node.arguments)})", ATOM
 
 
 def _field(node: Field) -> str:
@@ -225,7 +226,7 @@ def _field(node: Field) -> str:
     if isinstance(owner, Element) or (isinstance(owner, Field) and owner.member.held is Held.INSIDE):
         found = f"{_at(owner).removeprefix('&')}.{member.name}"
     else:
-        found = f"{_at(owner, _ATOM)}->{member.name}"
+        found = f"{_at(owner, ATOM)}->{member.name}"
     return f"&{found}" if member.held is Held.INSIDE else found
 
 
@@ -234,7 +235,7 @@ def _logical(node: Logical) -> tuple[str, int]:
         return f"!{_at(node.arguments[0], _UNARY)}", _UNARY
     # In parentheses always: compilers warn about the mixture of the two.
     word = " && " if node.operator == "and" else " || "
-    return "(" + word.join(_at(a, 3) for a in node.arguments) + ")", _ATOM
+    return "(" + word.join(_at(a, 3) for a in node.arguments) + ")", ATOM
 
 
 def _primitive(node: Primitive) -> str:

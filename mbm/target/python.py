@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from mbm.target.escaping import in_docstring
 from mbm.target.kinds import Held, Kind, Record, Records, Type
 from mbm.target.tree import (
+    ATOM,
     Assign,
     Binary,
     Break,
@@ -43,7 +45,6 @@ from mbm.target.tree import (
 _PRECEDENCE = {"or": 1, "and": 2, "not": 3, "+": 5, "-": 5, "*": 6, "/": 6, "//": 6, "%": 6}
 _COMPARISON = 4
 _UNARY = 7
-_ATOM = 9
 _NAMES: Mapping[Intrinsic, str] = {
     Intrinsic.MAX: "greater",
     Intrinsic.MIN: "smaller",
@@ -56,7 +57,7 @@ def definition(function: Function) -> str:
     parameters = ", ".join(p.name for p in function.parameters)
     lines = [f"def {function.name}({parameters}):"]
     if function.doc:
-        lines.append('    """' + function.doc.replace("\\", "\\\\").replace("\n", "\n    ") + '"""')
+        lines.append('    """' + "\n    ".join(map(in_docstring, function.doc.split("\n"))) + '"""')
     lines += _block(function.body, 1)
     return "\n".join(line.rstrip() for line in lines)
 
@@ -148,36 +149,36 @@ def _at(node: Expression, outer: int = 0) -> str:
 def _expression(node: Expression) -> tuple[str, int]:
     match node:
         case Literal():
-            return _literal(node.value), _UNARY if node.value < 0 else _ATOM
+            return _literal(node.value), _UNARY if node.value < 0 else ATOM
         case Name():
-            return node.name, _ATOM
+            return node.name, ATOM
         case View():
             return _expression(node.array)
         case Element() | Offset() | Field():
-            return _access(node), _ATOM
+            return _access(node), ATOM
         case Binary():
             level = _PRECEDENCE[node.operator]
             return f"{_at(node.left, level)} {node.operator} {_at(node.right, level + 1)}", level
         case Negate():
             return f"-{_at(node.argument, _UNARY + 1)}", _UNARY
         case Compare() | Logical():
-            return f"int({_condition(node)})", _ATOM
+            return f"int({_condition(node)})", ATOM
         case Choose():
             then = _number(node.then) if isinstance(node.then, Literal) else _at(node.then, 1)
             return f"{then} if {_condition(node.condition, 1)} else {_number(node.otherwise)}", 0
         case Convert():
-            return f"float64({_at(node.argument)})", _ATOM
+            return f"float64({_at(node.argument)})", ATOM
         case Primitive():
             name = _NAMES.get(node.function, node.function.value)
-            return f"{name}({', '.join(_at(a) for a in node.arguments)})", _ATOM
+            return f"{name}({', '.join(_at(a) for a in node.arguments)})", ATOM
         case Call():
-            return f"{node.function}({', '.join(_number(a) for a in node.arguments)})", _ATOM
+            return f"{node.function}({', '.join(_number(a) for a in node.arguments)})", ATOM
 
 
 def _access(node: Element | Offset | Field) -> str:
     """An element, a field, or the part of an array that begins with it: flat records are arrays."""
     if isinstance(node, Field) and not _flat(node.record.type):
-        return f"{_at(node.record, _ATOM)}.{node.member.name}"
+        return f"{_at(node.record, ATOM)}.{node.member.name}"
     array, terms = _begins(node)
     where = " + ".join(terms or ["0"])
     whole = isinstance(node, Offset) or (isinstance(node.type, Record | Records) or node.type not in _NUMBERS)
@@ -204,7 +205,7 @@ def _begins(node: Expression) -> tuple[str, list[str]]:
             more = _at(index, 5) if step == 1 else f"{_at(index, 6)} * {step}"
             return array, [*terms, more] if index != Literal(0) or not terms else terms
         case _:
-            return _at(node, _ATOM), []
+            return _at(node, ATOM), []
 
 
 def _flat(kind: Kind | None) -> bool:

@@ -13,6 +13,9 @@ from typing import TypeAlias
 from mbm.target.kinds import Kind, Member, Record, Type
 from mbm.values import dataclass
 
+ATOM = 9
+"""Precedence, in printed text, of what never needs brackets: names, numbers, elements, calls."""
+
 
 class Intrinsic(Enum):
     """Functions that every target brings; the value is the name in solvers. All take reals and give one.

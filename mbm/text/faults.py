@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
+from mbm.text.shown import cut
 from mbm.text.types import Code, DataPlace, Diagnostic, Label, Place, Span
 
 UNCLOSED_BRACKET = Code(
@@ -90,6 +92,11 @@ NOT_TEXT = Code(
     "not-text",
     "The file is no UTF-8 text: it holds bytes or characters that no text has.",
     "Name the right file, or save it as UTF-8.",
+)
+TOO_LONG_TO_PRINT = Code(
+    "too-long-to-print",
+    "A form is too long to be printed: parts that occur in it many times are kept once, but are printed each time.",
+    "Print a smaller part of it; what it stands for can be used in a problem nevertheless.",
 )
 TEXT_TOO_LARGE = Code(
     "text-too-large",
@@ -259,14 +266,25 @@ def nothing_to_quote(place: Span) -> Diagnostic:
     )
 
 
-def more_faults(count: int, place: Place | None) -> Diagnostic:
-    """``count`` faults beyond those shown; ``place`` is that of the first of them."""
-    return Diagnostic(
-        code=MORE_FAULTS,
-        message=f"{count} more {'fault' if count == 1 else 'faults'} from here on",
-        place=place,
-        hint="mend the ones above first",
-    )
+MOST_FAULTS = 30
+"""Diagnostics of one kind, errors or warnings, that are worth a reader's time."""
+
+
+def worth_reading(found: Sequence[Diagnostic], *, ended: bool = False) -> tuple[Diagnostic, ...]:
+    """The first ``MOST_FAULTS`` of the diagnostics, and one that says how many more there are.
+
+    ``ended``: looking for faults ended after these, so that nobody knows how many more there are.
+    """
+    if len(found) <= MOST_FAULTS:
+        return tuple(found)
+    first = found[MOST_FAULTS]
+    count = len(found) - MOST_FAULTS
+    message = f"{count} more {'fault' if count == 1 else 'faults'} from here on"
+    if ended:
+        message = f"after {MOST_FAULTS} faults the rest is not looked at"
+    hint = "mend the ones above first"
+    rest = Diagnostic(code=MORE_FAULTS, message=message, place=first.place, hint=hint, severity=first.severity)
+    return (*found[:MOST_FAULTS], rest)
 
 
 def not_text(name: str, what: str, place: Place) -> Diagnostic:
@@ -289,6 +307,16 @@ def missing_extra(what: str, extra: str, place: Place | None = None) -> Diagnost
     )
 
 
+def too_long_to_print(place: Place, limit: int) -> Diagnostic:
+    """More than ``limit`` characters."""
+    return Diagnostic(
+        code=TOO_LONG_TO_PRINT,
+        message=f"this stands for a form of more than {limit:,} characters, too long to be printed",
+        place=place,
+        hint="print a smaller part of it",
+    )
+
+
 def text_too_large(name: str, limit: int, place: Place | None = None) -> Diagnostic:
     """More than ``limit`` characters (of a file: bytes)."""
     return Diagnostic(
@@ -299,10 +327,39 @@ def text_too_large(name: str, limit: int, place: Place | None = None) -> Diagnos
     )
 
 
-def shown(words: str | Path, limit: int = 60) -> str:
+def too_many_words_in_all(place: Span, limit: int) -> Diagnostic:
+    """``place`` begins the file with which all files together have more words than the ``limit``."""
+    return Diagnostic(
+        code=TEXT_TOO_LARGE,
+        message=f"with this file, the problem and what it uses have more than {limit:,} names, numbers and brackets",
+        place=place,
+        hint="use fewer files, or keep measurements in data files",
+    )
+
+
+def too_long_in_all(place: Span, limit: int) -> Diagnostic:
+    """``place`` begins the file with which all files together have more characters than the ``limit``."""
+    return Diagnostic(
+        code=TEXT_TOO_LARGE,
+        message=f"with this file, the problem and what it uses are larger than {limit // 2**20} MiB",
+        place=place,
+        hint="use fewer files, or keep measurements in data files",
+    )
+
+
+def too_many_words(place: Span, limit: int) -> Diagnostic:
+    """``place`` is the first word beyond the ``limit``."""
+    return Diagnostic(
+        code=TEXT_TOO_LARGE,
+        message=f"the text goes on after {limit:,} names, numbers and brackets, which is as far as it is read",
+        place=place,
+        hint="keep measurements in data files and name them in a `data` clause",
+    )
+
+
+def shown(words: str | Path, longest: int = 60) -> str:
     """Words of a user as a message shows them: on one line, printable, and not endless."""
-    clean = "".join(character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in str(words))
-    return clean if len(clean) <= limit else f"{clean[: limit - 1]}…"
+    return cut(str(words), longest)
 
 
 def _is_plain_number(written: str) -> bool:

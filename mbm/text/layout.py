@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from itertools import groupby
 
 from mbm.text.layout_rules import Context
@@ -65,10 +66,19 @@ class Layouter:
         return self._known[key]
 
     def _broken(self, group: Group, column: int, tail: int, base: int) -> Block:
-        candidates = [_Flow(self, group, plan, column, tail, base).block() for plan in _plans(group, column, base)]
+        candidates = [self._planned(group, plan, column, tail, base) for plan in _plans(group, column, base)]
         if group.flat is not None:
             candidates.append(Block(lines=(group.flat,)))
         return min(candidates, key=lambda candidate: candidate.cost(column, tail))
+
+    def _planned(self, group: Group, plan: _Plan, column: int, tail: int, base: int) -> Block:
+        """The group by a plan. Lines are aligned with the first argument only where that stands beside the head."""
+        flow = _Flow(self, group, plan, column, tail, base)
+        block = flow.block()
+        if group.rule.align and group.rule.keep and flow.moved and plan.indent != column + _INDENT:
+            plan = replace(plan, indent=column + _INDENT)
+            block = _Flow(self, group, plan, column, tail, base).block()
+        return block
 
 
 def _plans(group: Group, column: int, base: int) -> Iterator[_Plan]:
@@ -141,6 +151,7 @@ class _Flow:
         self._start = column  # the column in which the chain on the current line begins
         self._fresh = True  # nothing stands on the line yet, or the opening bracket alone
         self._full = False  # nothing can follow on the line
+        self.moved = False  # the item behind the head went to a line of its own
 
     def block(self) -> Block:
         """The group as laid out by the plan."""
@@ -175,6 +186,8 @@ class _Flow:
             self._lines.append("")
         if not self._fits(item, tail) and not self._fresh and not self._opens_here(item, tail, last_of_row):
             self._new_line()
+        if self._fresh and self._lines and self._group.headed and any(item is each for each in self._group.items[1:2]):
+            self.moved = True
         block = self._item_block(item, self._column(), tail, self._start)
         self._append(block)
         self._full = item.ends_line or (len(block.lines) > 1 and isinstance(item.nodes[-1], Group))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from mbm.text import faults
@@ -24,8 +25,8 @@ from mbm.text.types import (
 if TYPE_CHECKING:
     from lark import Token, Tree
 
-MOST_FAULTS = 30
-"""Diagnostics of one text that are worth a reader's time."""
+MOST_COUNTED = 10_000
+"""Faulty words that are looked at."""
 
 _QUOTES = {"QUOTE": "quote", "QUASIQUOTE": "quasiquote", "UNQUOTE": "unquote", "UNQUOTE_SPLICING": "unquote-splicing"}
 
@@ -45,8 +46,8 @@ def read(source: Source) -> tuple[Form, ...]:
     return _forms(tokens, source)
 
 
-def _faults(tokens: tuple[Token, ...], comments: tuple[Comment, ...], source: Source) -> list[Diagnostic]:
-    found = [fault for token in tokens for fault in token_faults(token, source)]
+def _faults(tokens: tuple[Token, ...], comments: tuple[Comment, ...], source: Source) -> tuple[Diagnostic, ...]:
+    found = list(islice((fault for token in tokens for fault in token_faults(token, source)), MOST_COUNTED))
     open_string = bool(tokens) and tokens[-1].type == "OPEN_STRING"
     open_comment = bool(comments) and not comments[-1].closed
     if open_string:
@@ -56,10 +57,7 @@ def _faults(tokens: tuple[Token, ...], comments: tuple[Comment, ...], source: So
         found.append(faults.unterminated_comment(Span(source=source, start=start, end=start + 2)))
     found.extend(nesting_faults(tokens, source, cut_off=open_string or open_comment))
     found.sort(key=_start)
-    if len(found) > MOST_FAULTS:
-        rest = faults.more_faults(len(found) - MOST_FAULTS, found[MOST_FAULTS].place)
-        found[MOST_FAULTS:] = [rest]
-    return found
+    return faults.worth_reading(found, ended=len(found) >= MOST_COUNTED)
 
 
 def _start(diagnostic: Diagnostic) -> int:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import unicodedata
-
-from mbm.text.shown import Paint, Style, one_line
+from mbm.text.shown import Paint, Style, cell_width, joined, one_line
 from mbm.text.types import Diagnostic, Place, Severity, Span
 
-WIDEST = 100
+WIDEST_EXCERPT = 100
 """Columns of an excerpt; longer lines are cut around the place."""
 
 _TAB = 4
+_LONGEST = 4
+"""Characters of a line that are looked at on each side of the place, and in it, for each column of the excerpt."""
+
 _LONGEST_SIDE_HINT = 60
 _STYLES = {Severity.ERROR: Style.BAD, Severity.WARNING: Style.WARNING}
 
@@ -24,11 +25,11 @@ def render(diagnostic: Diagnostic, *, color: bool = False) -> str:
     paint = Paint(color)
     style = _STYLES[diagnostic.severity]
     head = paint(f"{diagnostic.severity.value}[{diagnostic.code.name}]", style) + paint(
-        f": {one_line(diagnostic.message)}", Style.HEADING
+        f": {diagnostic.message}", Style.HEADING
     )
     gutter = _gutter(diagnostic)
     lines = [head]
-    place, hint = diagnostic.place, None if diagnostic.hint is None else one_line(diagnostic.hint)
+    place, hint = diagnostic.place, diagnostic.hint
     if isinstance(place, Span):
         beside = hint if hint is not None and _fits_beside(place, hint, gutter) else None
         lines.extend(_excerpt(place, beside, "^", gutter, paint, style))
@@ -36,14 +37,13 @@ def render(diagnostic: Diagnostic, *, color: bool = False) -> str:
     elif place is not None:
         lines.append(_arrow(place, gutter, paint))
     for label in diagnostic.labels:
-        message = one_line(label.message)
         if isinstance(label.place, Span):
-            lines.extend(_excerpt(label.place, message, "-", gutter, paint, Style.NOTE))
+            lines.extend(_excerpt(label.place, label.message, "-", gutter, paint, Style.NOTE))
         else:
-            lines.append(f"{_arrow(label.place, gutter, paint)}: {message}")
+            lines.append(f"{_arrow(label.place, gutter, paint)}: {label.message}")
     if hint is not None:
         lines.append(f"{' ' * gutter} {paint('=', Style.NOTE)} {paint('help', Style.HEADING)}: {hint}")
-    return "\n".join(lines)
+    return joined(lines, color=color)
 
 
 def as_json(diagnostic: Diagnostic) -> dict[str, str | int | None]:
@@ -85,9 +85,9 @@ def _arrow(place: Place, gutter: int, paint: Paint) -> str:
 
 
 def _excerpt(place: Span, words: str | None, mark: str, gutter: int, paint: Paint, style: Style) -> list[str]:
-    shown, indent, width = _window(place, WIDEST - gutter - 3)
+    shown, indent, taken = _window(place, WIDEST_EXCERPT - gutter - 3)
     bar = paint("|", Style.NOTE)
-    under = mark * width if words is None else f"{mark * width} {words}"
+    under = mark * taken if words is None else f"{mark * taken} {words}"
     return [
         _arrow(place, gutter, paint),
         f"{' ' * gutter} {bar}",
@@ -97,8 +97,8 @@ def _excerpt(place: Span, words: str | None, mark: str, gutter: int, paint: Pain
 
 
 def _fits_beside(place: Span, hint: str, gutter: int) -> bool:
-    _shown, indent, width = _window(place, WIDEST - gutter - 3)
-    return len(hint) <= _LONGEST_SIDE_HINT and gutter + 3 + indent + width + 1 + _width(hint) <= WIDEST
+    _shown, indent, taken = _window(place, WIDEST_EXCERPT - gutter - 3)
+    return len(hint) <= _LONGEST_SIDE_HINT and gutter + 3 + indent + taken + 1 + cell_width(hint) <= WIDEST_EXCERPT
 
 
 def _window(place: Span, room: int) -> tuple[str, int, int]:
@@ -106,15 +106,16 @@ def _window(place: Span, room: int) -> tuple[str, int, int]:
     text = place.source.line_text(place.line)
     start = place.column - 1
     end = min(start + max(place.length, 1), max(len(text), start + 1))
-    before, inside, after = text[:start], text[start:end], text[end:]
+    longest = _LONGEST * room  # marks that combine take no columns: any number of them would have room
+    before, inside, after = text[max(start - longest, 0) : start], text[start:end][:longest], text[end : end + longest]
     before, inside, after = _columns(before), _columns(inside), _columns(after)
-    if _width(before + inside + after) > room:
+    if cell_width(before + inside + after) > room:
         inside = _cut(inside, room - 2)
-        margin = max((room - _width(inside)) // 2, 1)
-        if _width(before) > margin and _width(before + inside) + 1 > room:
+        margin = max((room - cell_width(inside)) // 2, 1)
+        if cell_width(before) > margin and cell_width(before + inside) + 1 > room:
             before = "…" + _cut_left(before, margin - 1)
-        after = _cut(after, room - _width(before + inside))
-    return before + inside + after, _width(before), max(_width(inside), 1)
+        after = _cut(after, room - cell_width(before + inside))
+    return before + inside + after, cell_width(before), max(cell_width(inside), 1)
 
 
 def _columns(text: str) -> str:
@@ -122,25 +123,15 @@ def _columns(text: str) -> str:
 
 
 def _cut(text: str, room: int) -> str:
-    if _width(text) <= room:
+    if cell_width(text) <= room:
         return text
-    while text and _width(text) > room - 1:
+    while text and cell_width(text) > room - 1:
         text = text[: min(len(text) - 1, room)]
     return text + "…"
 
 
 def _cut_left(text: str, room: int) -> str:
     text = text[max(len(text) - room, 0) :]
-    while _width(text) > room:
+    while cell_width(text) > room:
         text = text[1:]
     return text
-
-
-def _width(text: str) -> int:
-    """Columns of a terminal: East Asian wide characters take two, combining marks none."""
-    if text.isascii():
-        return len(text)
-    return sum(
-        0 if unicodedata.combining(character) else 2 if unicodedata.east_asian_width(character) in "WF" else 1
-        for character in text
-    )

@@ -9,7 +9,11 @@ from fractions import Fraction
 from functools import cached_property
 from typing import TypeAlias
 
+from mbm.text.shown import cut
 from mbm.values import dataclass
+
+LONGEST_MESSAGE = 4000
+"""Characters of what a diagnostic says: far more than mbm's own words and a few names and paths take."""
 
 
 @dataclass(frozen=True)
@@ -96,15 +100,22 @@ class Code:
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """A second place that a diagnostic speaks of."""
+    """A second place that a diagnostic speaks of; ``message`` becomes a line as in `Diagnostic`."""
 
     place: Place
     message: str
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "message", cut(self.message, LONGEST_MESSAGE))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnostic:
-    """What is wrong, where, and the likely mend. Built by the constructors in each stage's ``faults`` module."""
+    """What is wrong, where, and the likely mend. Built by the constructors in each stage's ``faults`` module.
+
+    Whatever the constructors put into ``message`` and ``hint``, names, cells, paths, what a library says: each becomes
+    one line of printable characters, `LONGEST_MESSAGE` of them at most.
+    """
 
     code: Code
     message: str
@@ -112,6 +123,11 @@ class Diagnostic:
     hint: str | None = None
     labels: tuple[Label, ...] = ()
     severity: Severity = Severity.ERROR
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "message", cut(self.message, LONGEST_MESSAGE))
+        if self.hint is not None:
+            object.__setattr__(self, "hint", cut(self.hint, LONGEST_MESSAGE))
 
 
 class MbmError(Exception):

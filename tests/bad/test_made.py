@@ -35,6 +35,38 @@ def test_a_text_larger_than_any_problem(tmp_path: Path, capfd: pytest.CaptureFix
     assert "keep measurements in data files" in said
 
 
+def test_files_that_are_larger_than_any_problem_together(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for number in range(3):
+        used = f'(use "{number + 1}.mbm")\n' if number < 2 else ""
+        (tmp_path / f"{number}.mbm").write_text(used + "; " + "x" * (2**21 - 100) + "\n", "utf-8")
+    status, said = checked(tmp_path, capfd, '(use "0.mbm")\n')
+    assert status == 2
+    assert "error[text-too-large]: with this file, the problem and what it uses are larger than 4 MiB" in said
+    assert "2.mbm:1" in said
+
+
+@pytest.mark.parametrize(
+    "form",
+    ["(doubled 40 1)", "`(a ,(doubled 40 1))", "(doubled 40 [1 2])", "(grown 40 'x)", "(grown 40 y)", "(grown 4000 y)"],
+)
+def test_a_form_whose_parts_are_shared_is_not_printed_without_end(
+    form: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Written out, each is 2⁴⁰ words and more; what is kept of it are 40 lists."""
+    file = tmp_path / "bomb.mbm"
+    file.write_text(
+        "(defun doubled (n x) (if (= n 0) x (let ((y (doubled (- n 1) x))) (list y y))))\n"
+        "(defun grown (n x) (if (= n 0) x (let ((y (grown (- n 1) x))) `(+ ,y ,y))))\n(defconst y 2)\n",
+        "utf-8",
+    )
+    status = run(["expand", str(file), form])
+    said = capfd.readouterr()
+    assert status == 2
+    assert said.out == ""
+    assert "error[too-long-to-print]" in said.err or "error[too-many" in said.err or "error[too-deep" in said.err
+    assert run(["expand", str(file), form.replace("4000", "3").replace("40", "3")]) == 0
+
+
 def test_an_unknown_backend_is_named_with_those_there_are() -> None:
     problem = mbm.loads("(problem p (unknowns (a :init 1)) (observe o (= 1 a) :sigma 1))")
     with pytest.raises(mbm.MbmError) as caught:

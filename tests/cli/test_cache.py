@@ -56,10 +56,43 @@ def test_clear_removes_what_is_there_and_says_so(mbm: Run, store: Store, tmp_pat
 def test_a_cache_that_is_switched_off_is_none(mbm: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MBM_CACHE", "off")
     assert mbm("cache").out.startswith("no cache")
-    assert json.loads(mbm("cache", "clear", "--json", "-").out) == {"path": None, "entries": 0, "bytes": 0, "kinds": {}}
+    found = json.loads(mbm("cache", "clear", "--json", "-").out)
+    assert found == {"path": None, "entries": 0, "bytes": 0, "kinds": {}, "unused": []}
 
 
 def test_quiet_says_nothing_and_other_words_are_refused(mbm: Run, store: Store) -> None:
     assert mbm("cache", "-q").out == ""
     assert mbm("cache", "purge").status == 2
     assert mbm("cache", "--json", store.directory / "none" / "x.json").status == 2
+
+
+def test_a_folder_that_is_not_used_is_said_with_what_mends_it(mbm: Run, store: Store) -> None:
+    store.put("object", "a" * 64, b"x")
+    store.put("problem", "b" * 64, b"y")
+    (store.directory / "object").chmod(0o770)
+    lines = mbm("cache").out.splitlines()
+    assert lines[1] == "  1 entry, " + lines[1].partition(", ")[2]
+    assert lines[3:] == [f"  object: not used: others may write to it; mend: chmod go-w {store.directory / 'object'}"]
+    assert json.loads(mbm("cache", "clear", "--json", "-").out)["unused"] == [
+        {"path": str(store.directory / "object"), "reason": "others may write to it"}
+    ]
+    store.directory.chmod(0o777)
+    outcome = mbm("cache", "clear")
+    assert outcome.status == 0
+    assert outcome.out.splitlines()[1:] == [
+        "  removed 0 entries, 0 B",
+        f"  not used: others may write to it; mend: chmod go-w {store.directory}",
+    ]
+    (store.directory / "object").chmod(0o700)
+    store.directory.chmod(0o700)
+    assert store.get("object", "a" * 64) == b"x"
+
+
+def test_a_link_is_not_used_either(mbm: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a b").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "a b")
+    monkeypatch.setenv("MBM_CACHE", str(tmp_path / "link"))
+    assert mbm("cache").out.splitlines()[2:] == ["  not used: it is a link; remove it, or name a folder with MBM_CACHE"]
+    (tmp_path / "a b").chmod(0o777)
+    monkeypatch.setenv("MBM_CACHE", str(tmp_path / "a b"))
+    assert mbm("cache").out.endswith(f"; mend: chmod go-w '{tmp_path / 'a b'}'\n")

@@ -25,6 +25,8 @@ CASES = [
     ("malformed-record", "kitti", "1 0 0 0 0 1 0 0 0 0 -1 0\n", 1, None, "no rotation matrix"),
     ("malformed-record", "euroc", "x,1,2,3,1,0,0,0\n", 1, "timestamp", "`timestamp` is `x`, no number"),
     ("malformed-record", "euroc", "inf,1,2,3,1,0,0,0\n", 1, None, "`timestamp` is not finite"),
+    ("malformed-record", "euroc", "nan,1,2,3,1,0,0,0\n", 1, None, "`timestamp` is not finite"),
+    ("malformed-record", "euroc", "1403636579.763555584,1,2,3,1,0,0,0\n", 1, None, "579.763555584, no whole number"),
     ("malformed-record", "bal:points", "1 1\n", 1, None, "begins with the numbers of cameras, points"),
     ("malformed-record", "bal:points", "1 1 1\n0 0 1 x\n", 2, None, "`x` is no number"),
     ("malformed-record", "bal:points", "1 1 1\n0 0 1 2\n", None, None, "7 numbers where its first line announces 19"),

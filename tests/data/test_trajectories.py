@@ -66,6 +66,23 @@ def test_euroc_is_read_in_seconds_with_the_real_part_last(tmp_path):
     assert list(columns(read("euroc", tmp_path, f"{header}\n{line}\n"))) == POSE
 
 
+@pytest.mark.parametrize(
+    ("stamp", "seconds"),
+    [
+        ("1403636580838555648", 1403636580.838555648),
+        ("1403636580838555648.000", 1403636580.838555648),
+        ("1.403636580838555648e18", 1403636580.838555648),
+        ("-1500000000", -1.5),
+        ("1", 1e-9),
+        ("0", 0.0),
+    ],
+)
+def test_whole_nanoseconds_are_read_however_they_are_written(tmp_path, stamp, seconds):
+    found = columns(read("euroc", tmp_path, f"{stamp},1,2,3,1,0,0,0\n"))
+    # A stamp written as a float has 53 bits, of nanoseconds and then of seconds.
+    assert found["t"] == [pytest.approx(seconds, rel=2.3e-16)]
+
+
 @pytest.mark.parametrize(("ending", "pack"), [("gz", gzip.compress), ("bz2", bz2.compress), ("xz", lzma.compress)])
 def test_packed_files_are_read_as_they_are(tmp_path, ending, pack):
     text = "1 1 2 3 0 0 0 1\n"

@@ -15,7 +15,11 @@ NUMBERS = np.array([0.1, -1 / 3, 1e300, 5e-324, 0.0, 3.0, 2.0**60, np.nan, 12345
 COLUMNS = (
     Column(name="x", numbers=NUMBERS),
     Column(name="with space, and comma", numbers=np.arange(9.0)),
-    Column(name="part", texts=("a", 'quote " here', "comma, here", "Größe", "1x", "b c", "line\nbreak", "d", "e")),
+    Column(
+        name="part",
+        texts=("a", 'quote " here', "comma, here", "Größe", "1x", "b c", "line\nbreak", "a\rb", "=1+1"),
+    ),
+    Column(name="@name\rof two lines", texts=("-1", "@a", "+b", "'=c", "\x1b[2J", "\u202ed", ",", ";", "x")),
 )
 
 

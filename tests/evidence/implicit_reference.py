@@ -27,6 +27,22 @@ PEARSON = np.array(
 )
 """x, weight of x, y, weight of y: Pearson's points (1901) with the weights of York (1966)."""
 
+ODRPACK_GROWTH = np.array(
+    [
+        [0.0, 1265.0], [0.0, 1263.6], [5.0, 1258.0], [7.0, 1254.0], [7.5, 1253.0], [10.0, 1249.8],
+        [16.0, 1237.0], [26.0, 1218.0], [30.0, 1220.6], [34.0, 1213.8], [34.5, 1215.5], [100.0, 1212.0],
+    ]
+)  # fmt: skip
+"""x, y of the explicit example that comes with ODRPACK 2.01 (Boggs, Byrd, Rogers and Schnabel 1992)."""
+ODRPACK_CONIC = np.array(
+    [
+        [0.50, -0.12], [1.20, -0.60], [1.60, -1.00], [1.86, -1.40], [2.12, -2.54], [2.36, -3.36], [2.44, -4.00],
+        [2.36, -4.75], [2.06, -5.25], [1.74, -5.64], [1.34, -5.97], [0.90, -6.32], [-0.28, -6.44], [-0.78, -6.44],
+        [-1.36, -6.41], [-1.90, -6.25], [-2.50, -5.88], [-2.88, -5.50], [-3.18, -5.24], [-3.44, -4.86],
+    ]
+)  # fmt: skip
+"""x, y of its implicit example: points near an ellipse."""
+
 
 @dataclass(frozen=True)
 class Exact:

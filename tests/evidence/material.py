@@ -1,30 +1,45 @@
-"""Where the reference answers and real measurements lie, and how tests turn arrays into files beside a problem."""
+"""Where data and real measurements lie, and how tests turn arrays into files beside a problem."""
 
 from __future__ import annotations
 
 import csv
-import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import mbm
 
+ROOT = Path(__file__).parents[2]
+PROBLEMS = ROOT / "problems"
+EXAMPLES = ROOT / "tests" / "problems" / "examples"
 
-def shared(*parts: str) -> Path:
-    """A file or folder of the shared material: below MBM_SHARED, or beside the checkout. Skips the test without it."""
-    root = Path(os.environ.get("MBM_SHARED", Path(__file__).parents[2].parent / "shared"))
-    path = root.joinpath(*parts)
+
+def measured(*parts: str) -> Path:
+    """A file or folder of measurements made by others, which are too large to be typed in or not ours to give away.
+
+    Below MBM_SHARED, or beside the checkout; skips the test without it.
+    """
+    path = Path(os.environ.get("MBM_SHARED", ROOT.parent / "shared")).joinpath("data", *parts)
     if not path.exists():
-        pytest.skip(f"not here: {path} (set MBM_SHARED)")
+        pytest.skip(f"real measurements that are not here: {parts[0]} (set MBM_SHARED)")
     return path
 
 
-def shared_json(*parts: str) -> Any:
-    return json.loads(shared(*parts).read_text())
+def read_table(path: Path) -> dict[str, list[str]]:
+    """The columns of a CSV file, as texts."""
+    with path.open(newline="", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+def read_numbers(path: Path) -> dict[str, NDArray[np.float64]]:
+    """The columns of a CSV file of numbers."""
+    return {name: np.array([float(cell) for cell in cells]) for name, cells in read_table(path).items()}
 
 
 def write_table(path: Path, columns: Mapping[str, Sequence[object]]) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.evidence.material import shared
+from tests.evidence.material import measured
 
 CALIBRATION = """
 ;; What is wrong with each radio: the mower's true places are known, scale and offset of every node are not.
@@ -50,7 +50,7 @@ def recorded() -> dict[str, np.ndarray]:
     """The arrays of the file, times from the first range."""
     import scipy.io
 
-    found = scipy.io.loadmat(str(shared("data", "plaza", "Plaza1_.mat")))
+    found = scipy.io.loadmat(str(measured("plaza", "Plaza1_.mat")))
     truth, ranges = found["GT"].copy(), found["TD"].copy()
     ranges = ranges[np.argsort(ranges[:, 0], kind="stable")]
     origin = ranges[0, 0]

@@ -24,7 +24,7 @@ V4 = f"(constraints {PRIOR} (= (+ x y) 0.96m :name sum))"
 def residuals(v: Floats) -> Floats:
     """The 12 image residuals and the prior on h, whitened: the reference's model in plain NumPy."""
     psi, xg, yg, x, y, h = v
-    data = corners("fixed")
+    data = corners()
     foot = {"leg1/origin": (x - 0.03, y - 0.03, 0.0), "leg4/origin": (x - 0.03, -(y - 0.03), 0.0)}
     corner = ((1, 1), (-1, 1), (-1, -1), (1, -1))
     board = {f"board/vertex/{i + 1}": (sx * x, sy * y, h) for i, (sx, sy) in enumerate(corner)}
@@ -67,6 +67,15 @@ RATIO_FIXED = np.column_stack([EYE[:, 0], EYE[:, 1], EYE[:, 2], 1.80 * EYE[:, 3]
 SUM_FIXED = np.column_stack([EYE[:, 0], EYE[:, 1], EYE[:, 2], EYE[:, 3] - EYE[:, 4], EYE[:, 5]]), 0.96 * EYE[4]
 
 
+def test_the_covariance_without_constraints(tmp_path):
+    """All six unknowns from the image alone; problems/desk says the estimates."""
+    solved = loaded(tmp_path, DESK % (*LEGS["fixed"], "", FREE, ""), corners=corners()).solve()
+    jacobian = derivative(lambda v: residuals(v)[:12], least(lambda v: residuals(v)[:12], START))
+    # The condition is 6, and the Jacobian exact.
+    expected = np.linalg.inv(jacobian.T @ jacobian)
+    np.testing.assert_allclose(solved.covariance.matrix, expected, rtol=1e-8, atol=1e-14)
+
+
 @pytest.mark.parametrize("method", ["penalty", "exact"])
 @pytest.mark.parametrize(
     ("constraints", "surface", "active", "dof"),
@@ -79,7 +88,7 @@ SUM_FIXED = np.column_stack([EYE[:, 0], EYE[:, 1], EYE[:, 2], EYE[:, 3] - EYE[:,
 )
 def test_optimum_on_the_active_surface(constraints, surface, active, dof, method, tmp_path):
     text = DESK % (*LEGS["fixed"], "", FREE, f"{constraints} (solve :constraints {method})")
-    solved = loaded(tmp_path, text, corners=corners("fixed")).solve()
+    solved = loaded(tmp_path, text, corners=corners()).solve()
     expected, cost, covariance = optimum(*surface)
     assert solved.status == "ok"
     np.testing.assert_allclose([float(solved[n].value) for n in NAMES], expected, rtol=1e-8)
@@ -99,7 +108,7 @@ def test_single_penalty_stated_as_an_observation(weight, tmp_path):
       (observe low (max 0m (- 0.30m y)) :sigma {sigma}m)
       (observe high (max 0m (- y 0.345m)) :sigma {sigma}m)
       (observe ratio (max 0m (- (* 1.75 y) x)) :sigma {sigma}m)"""
-    solved = loaded(tmp_path, DESK % (*LEGS["fixed"], "", FREE, penalties), corners=corners("fixed")).solve()
+    solved = loaded(tmp_path, DESK % (*LEGS["fixed"], "", FREE, penalties), corners=corners()).solve()
 
     def penalised(v: Floats) -> Floats:
         excess = np.array([0.30 - v[4], v[4] - 0.345, 1.75 * v[4] - v[3]])

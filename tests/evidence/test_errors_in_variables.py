@@ -7,6 +7,8 @@ import pytest
 
 import mbm
 from tests.evidence.implicit_reference import (
+    ODRPACK_CONIC,
+    ODRPACK_GROWTH,
     PEARSON,
     deming,
     joint_optimum,
@@ -14,7 +16,7 @@ from tests.evidence.implicit_reference import (
     rim_points,
     york,
 )
-from tests.evidence.material import shared
+from tests.evidence.material import EXAMPLES
 
 LINE = """
 (problem line
@@ -75,12 +77,11 @@ def test_a_line_with_equal_errors_is_demings(ratio: float) -> None:
 
 
 def test_odrpacks_first_set_to_its_digits_and_beyond() -> None:
-    table = np.loadtxt(shared("data", "odrpack", "data1.dat"), skiprows=2)
-    x, y = table.T
+    x, y = ODRPACK_GROWTH.T
     sx = np.where((x == 0) | (x == 100), 0.0, 1.0)  # ODRPACK's run holds these three fixed
     solved = mbm.loads(GROWTH).solve(data={"d": {"x": x, "y": y, "sx": sx}})
     found, deviations = value(solved, "b1", "b2", "b3"), sigma(solved, "b1", "b2", "b3")
-    # report1.dat: its test on the sum of squares (1.5e-8) leaves the parameters within 1e-4 standard deviations
+    # ODRPACK's report: its test on the sum of squares (1.5e-8) leaves the parameters within 1e-4 standard deviations
     report = np.array([1264.65481, -54.0184100, -0.0878497122])
     assert np.abs((found - report) / deviations).max() < 1e-4
     assert solved.first.cost == pytest.approx(21.4455017, abs=6e-8)
@@ -106,11 +107,11 @@ def test_odrpacks_first_set_to_its_digits_and_beyond() -> None:
 
 
 def test_odrpacks_implicit_conic_to_its_digits_and_beyond() -> None:
-    points = np.loadtxt(shared("data", "odrpack", "data2.dat"), skiprows=2)
+    points = ODRPACK_CONIC
     solved = mbm.loads(CONIC).solve(data={"pts": {"x": points[:, 0], "y": points[:, 1]}})
     names = ("b1", "b2", "b3", "b4", "b5")
     found = value(solved, *names)
-    # report2.dat: a penalty of 1e5 stands for the equations, which leaves four to five digits
+    # ODRPACK's report: a penalty of 1e5 stands for the equations, which leaves four to five digits
     report = np.array([-0.999381804, -2.93104759, 0.0875730238, 0.0162299929, 0.0797537723])
     np.testing.assert_allclose(found, report, rtol=1e-5)
     scale = (solved.first.cost / solved.first.dof) ** 0.5
@@ -137,7 +138,7 @@ def ellipse_points(random: np.random.Generator, count: int, spread: float) -> np
 
 @pytest.mark.parametrize("spread", [0.02, 0.2])
 def test_the_ellipse_of_the_examples_is_the_exact_optimum(spread: float, tmp_path) -> None:
-    text = shared("examples", "ellipse.mbm").read_text().replace("0.02", repr(spread))
+    text = (EXAMPLES / "ellipse.mbm").read_text().replace("0.02", repr(spread))
     points = ellipse_points(np.random.default_rng(1), 60, spread)
     (tmp_path / "ellipse.mbm").write_text(text)
     rows = "".join(f"{x!r},{y!r}\n" for x, y in points.tolist())

@@ -7,7 +7,7 @@ import pytest
 
 import mbm
 from mbm.report.types import SolveStatus
-from tests.evidence.material import shared
+from tests.evidence.material import measured
 
 GRAPH = """
 (problem pose-graph
@@ -43,7 +43,7 @@ BUNDLE = """
 
 
 def solve_graph(name, gauge="free"):
-    file = shared("data", "posegraph", name)
+    file = measured("posegraph", name)
     return mbm.loads(GRAPH.format(file=file, gauge=gauge)).solve()
 
 
@@ -67,7 +67,7 @@ def test_a_pose_graph_may_move_as_a_whole():
 
 @pytest.mark.slow
 def test_ladybug():
-    found = mbm.loads(BUNDLE.format(file=shared("data", "bundle", "problem-16-22106-pre.txt.bz2"))).solve()
+    found = mbm.loads(BUNDLE.format(file=measured("bundle", "problem-16-22106-pre.txt.bz2"))).solve()
     assert found.first.status is SolveStatus.CONVERGED
     assert found.first.cost / 2 == pytest.approx(18033.90, abs=0.01)  # as the Ceres solver has it
     assert found.observability.dimension == 16 * 9 + 22106 * 3

@@ -6,24 +6,11 @@ import numpy as np
 import pytest
 
 import mbm
-from tests.evidence.material import shared
 from tests.evidence.nist_problems import FORMULAS, problem_file
-from tests.solution.nist import MODELS, digits, read_set
+from tests.solution.nist import MODELS, digits
 from tests.solution.nist_typed import TYPED
 
-DISTRIBUTED = (
-    *("Chwirut1", "Chwirut2", "DanWood", "ENSO", "Gauss1", "Gauss2", "Kirby2"),
-    *("Lanczos2", "Lanczos3", "Misra1a", "Misra1b", "Misra1c", "Rat42", "Roszman1"),
-)
 BY_NAME = {reference.name: reference for reference in TYPED}
-
-
-@pytest.fixture(scope="module")
-def reference_of():
-    def find(name):
-        return BY_NAME[name] if name in BY_NAME else read_set(shared("data", "nist_strd", f"{name}.dat"))
-
-    return find
 
 
 def estimates(solved, reference):
@@ -32,9 +19,9 @@ def estimates(solved, reference):
 
 
 @pytest.mark.parametrize("start", [0, 1])
-@pytest.mark.parametrize("name", [*DISTRIBUTED, *BY_NAME])
-def test_certified_digits_with_default_settings(name, start, reference_of, tmp_path):
-    reference = reference_of(name)
+@pytest.mark.parametrize("name", BY_NAME)
+def test_certified_digits_with_default_settings(name, start, tmp_path):
+    reference = BY_NAME[name]
     solved = mbm.load(problem_file(reference, start, tmp_path)).solve()
     assert solved.status == "ok"
     found, sigma = estimates(solved, reference)
@@ -47,10 +34,10 @@ def test_certified_digits_with_default_settings(name, start, reference_of, tmp_p
         assert solved.first.cost == pytest.approx(reference.sum_of_squares, rel=1e-8)
 
 
-@pytest.mark.parametrize("name", [*DISTRIBUTED, *BY_NAME])
-def test_formulas_as_written_are_the_models(name, reference_of, tmp_path):
+@pytest.mark.parametrize("name", BY_NAME)
+def test_formulas_as_written_are_the_models(name, tmp_path):
     """The residuals at the first start, against the model in NumPy."""
-    reference = reference_of(name)
+    reference = BY_NAME[name]
     compiled = mbm.load(problem_file(reference, 0, tmp_path)).compile()
     start = reference.starts[0]
     residuals = compiled.residuals(np.zeros(start.size))

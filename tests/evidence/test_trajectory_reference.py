@@ -1,19 +1,28 @@
-"""The trajectories of shared/reference: every window's alignment, by similarity, by rigid motion, with Huber's loss."""
+"""Two tracks of one walk: every window's alignment, by similarity, by rigid motion, with Huber's loss."""
 
 from __future__ import annotations
 
-import csv
 import json
-import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import mbm
-from tests.evidence.material import shared
+from tests.evidence.material import read_numbers, write_table
 
 DIGITS = 1e-9
 """What the reference asks for; its numbers carry ten significant digits of inputs and thirteen of results."""
+REFERENCE = {
+    (60, 75.0): (1.033765708856, 2.123798964795, 3.898294924946, -7.018566674862, 34.5975123004),
+    (60, 199.0): (1.108771737884, 2.116798588024, 4.484272637609, -7.904998734231, 46.3979200674),
+    (1000, 130.0): (1.04762796275, 2.120778331051, 3.848277282724, -7.290862017471, 97.10290655507),
+    (1000, 199.0): (1.070928498475, 2.113987493995, 3.929324289748, -7.519229410987, 185.3420379375),
+}
+"""Scale, turn in rad, shift in m and cost in m² of some windows, by length and end in s."""
+WALKED = Path(__file__).with_name("office_walk.csv")
+COUNT = 200
+"""Seconds of the walk, made after Yamamoto (2019): laps of 13 m by 19 m, by radio and step counts, and by camera."""
 WALK = """
 (problem office-walk
   (data ble (csv "ble.csv"))
@@ -28,9 +37,14 @@ WALK = """
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory):
+    """Solves windows of the walk; the camera's track has nine places more in every second, which find no partner."""
     folder = tmp_path_factory.mktemp("walk")
-    shutil.copy(shared("reference", "trajectory", "ble_pdr_1hz.csv"), folder / "ble.csv")
-    shutil.copy(shared("reference", "trajectory", "vio_10hz.csv"), folder / "vio.csv")
+    track = read_numbers(WALKED)
+    t = track["t"]
+    write_table(folder / "ble.csv", {"t": t.tolist(), "x": track["ble_x"].tolist(), "y": track["ble_y"].tolist()})
+    between = np.round(np.arange(0, t[-1] + 0.05, 0.1), 1)
+    vio = {name: np.interp(between, t, track[f"vio_{name}"]).tolist() for name in "xy"}
+    write_table(folder / "vio.csv", {"t": between.tolist(), **vio})
 
     def solve(length, kind="(similarity 2)", sigma="1m", options=""):
         text = WALK.format(length=length, kind=kind, sigma=sigma, options=options)
@@ -39,18 +53,10 @@ def walk(tmp_path_factory):
     return solve
 
 
-def columns(name):
-    with shared("reference", "trajectory", name).open() as file:
-        rows = list(csv.DictReader(file))
-    return {key: np.array([float(row[key]) for row in rows]) for key in rows[0]}
-
-
 def samples():
     """The positions of both tracks at the same instants, as complex numbers (n,)."""
-    ble, vio = columns("ble_pdr_1hz.csv"), columns("vio_10hz.csv")
-    place = {round(10 * t): i for i, t in enumerate(vio["t"])}
-    chosen = [place[round(10 * t)] for t in ble["t"]]
-    return vio["x"][chosen] + 1j * vio["y"][chosen], ble["x"] + 1j * ble["y"]
+    track = read_numbers(WALKED)
+    return track["vio_x"] + 1j * track["vio_y"], track["ble_x"] + 1j * track["ble_y"]
 
 
 def found(result):
@@ -68,24 +74,40 @@ def found(result):
     return by_end
 
 
-@pytest.mark.parametrize(("length", "name"), [(60, "align_similarity_T60.csv"), (1000, "align_similarity_Tall.csv")])
-def test_every_similarity_is_that_of_the_reference(walk, length, name):
-    """Windows in which the reference falls back to the Bluetooth point have no alignment to compare."""
-    wanted = columns(name)
+def similarity(vio, ble, weights):
+    """The weighted similarity of the plane, by complex numbers: ``ble = turn · vio + shift``, scale in the turn."""
+    mean, other = np.average(vio, weights=weights), np.average(ble, weights=weights)
+    turn = (weights * (ble - other) * np.conj(vio - mean)).sum() / (weights * np.abs(vio - mean) ** 2).sum()
+    return turn, other - turn * mean
+
+
+@pytest.mark.parametrize("length", [60, 1000])
+def test_every_similarity_is_the_one_computed_apart(walk, length):
+    vio, ble = samples()
     result = walk(length)
-    assert [s.key["t"] for s in result.solves] == wanted["t"].tolist()
+    assert [s.key["t"] for s in result.solves] == list(range(COUNT))
     assert [s.status.label for s in result.solves if s.key["t"] < 1] == ["skipped"]
     solved = found(result)
     assert result.status == "ok"
-    compared = np.flatnonzero(wanted["fallback"] == 0)
-    assert len(compared) > 390
-    for i in compared:
-        scale, turn, shift, cost, here = solved[wanted["t"][i]]
-        assert abs(scale - wanted["c"][i]) < DIGITS
-        assert abs(np.angle(turn * np.exp(-1j * wanted["yaw"][i]))) < DIGITS
-        assert abs(shift - complex(wanted["tx"][i], wanted["ty"][i])) < DIGITS
-        assert abs(cost - wanted["cost"][i]) < DIGITS
-        assert abs(here - complex(wanted["x_est"][i], wanted["y_est"][i])) < DIGITS
+    for end in range(1, COUNT):
+        rows = slice(max(end - length + 1, 0), end + 1)
+        turn, shift = similarity(vio[rows], ble[rows], np.ones(end + 1 - rows.start))
+        scale, found_turn, moved, cost, here = solved[float(end)]
+        assert abs(scale * found_turn - turn) < DIGITS
+        assert abs(moved - shift) < DIGITS
+        assert abs(cost - (np.abs(ble[rows] - turn * vio[rows] - shift) ** 2).sum()) < DIGITS
+        assert abs(here - (turn * vio[end] + shift)) < DIGITS
+
+
+@pytest.mark.parametrize(("length", "end"), REFERENCE)
+def test_windows_of_the_reference(walk, length, end):
+    """Computed apart by the singular value decomposition (Umeyama 1991)."""
+    scale, turn, shift, cost, _ = found(walk(length))[end]
+    wanted_scale, yaw, x, y, wanted_cost = REFERENCE[length, end]
+    assert abs(scale - wanted_scale) < DIGITS
+    assert abs(np.angle(turn * np.exp(-1j * yaw))) < DIGITS
+    assert abs(shift - complex(x, y)) < DIGITS
+    assert abs(cost - wanted_cost) < DIGITS
 
 
 def rigid(vio, ble, weights):
@@ -100,7 +122,7 @@ def rigid(vio, ble, weights):
 def test_every_rigid_motion_is_the_one_computed_apart(walk):
     vio, ble = samples()
     solved = found(walk(60, kind="(pose 2)"))
-    for end in range(1, 396):
+    for end in range(1, COUNT):
         rows = slice(max(end - 59, 0), end + 1)
         turn, shift = rigid(vio[rows], ble[rows], np.ones(end + 1 - rows.start))
         _, found_turn, moved, cost, here = solved[float(end)]
@@ -114,9 +136,7 @@ def huber_similarity(vio, ble, limit):
     """The similarity that minimises Huber's loss, by weights min(1, limit/|r|) until they settle."""
     weights = np.ones(len(vio))
     for _ in range(5000):
-        mean, other = np.average(vio, weights=weights), np.average(ble, weights=weights)
-        turn = (weights * (ble - other) * np.conj(vio - mean)).sum() / (weights * np.abs(vio - mean) ** 2).sum()
-        shift = other - turn * mean
+        turn, shift = similarity(vio, ble, weights)
         distance = np.abs(ble - turn * vio - shift)
         again = np.minimum(1, limit / np.maximum(distance, 1e-300))
         if np.abs(again - weights).max() < 1e-14:
@@ -129,7 +149,7 @@ def test_every_similarity_under_hubers_loss_is_the_one_computed_apart(walk):
     """The paper's variant: k = 1.345 of 0.5 m."""
     vio, ble = samples()
     solved = found(walk(60, sigma="0.5m", options=":loss (huber 1.345)"))
-    for end in range(20, 396, 5):
+    for end in range(20, COUNT, 5):
         rows = slice(max(end - 59, 0), end + 1)
         turn, shift = huber_similarity(vio[rows], ble[rows], 1.345 * 0.5)
         scale, found_turn, moved, _, here = solved[float(end)]

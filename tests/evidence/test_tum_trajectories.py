@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import mbm
-from tests.evidence.material import shared
+from tests.evidence.material import measured
 
 ALIGN = """
 (problem align
@@ -24,7 +24,7 @@ ALIGN = """
 
 def aligned(track, truth, kind):
     """The problem solved, its rows, and the transformation as numbers."""
-    paths = [shared("data", "trajectory", name).as_posix() for name in (truth, track)]
+    paths = [measured("trajectory", name).as_posix() for name in (truth, track)]
     solved = mbm.loads(ALIGN.format(truth=paths[0], track=paths[1], kind=kind)).solve()
     assert solved.status == "ok"
     (solve,) = json.loads(solved.to_json())["solves"]
@@ -32,7 +32,7 @@ def aligned(track, truth, kind):
 
 
 def loaded(name):
-    return np.loadtxt(shared("data", "trajectory", name), ndmin=2)
+    return np.loadtxt(measured("trajectory", name), ndmin=2)
 
 
 def umeyama(track, truth, rows, *, scaled):

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import mbm
-from tests.evidence.material import shared
+from tests.evidence.material import measured
 
 TEXT = """
 ;; Where the tag is at the end of each second.
@@ -47,7 +47,7 @@ def rows_of(path):
 
 def scene(sight, case):
     """Anchors (4, 3), ranges (t, anchor, range) in time order, truth (t, x, y), and the authors' least squares."""
-    folder = shared("data", "hanyang_uwb", sight, "Trajectory_A", f"Case_{case}")
+    folder = measured("hanyang_uwb", sight, "Trajectory_A", f"Case_{case}")
     truth = np.array([[float(c) for c in r[:3]] for r in rows_of(folder / "trajectory.csv.gz")])
     begin = truth[0, 0]
     truth[:, 0] = (truth[:, 0] - begin) / 1e9

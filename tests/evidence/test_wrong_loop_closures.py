@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import mbm
-from tests.evidence.material import shared
+from tests.evidence.material import measured
 
 TEXT = """
 (problem graph
@@ -22,7 +22,7 @@ WRONG = 15
 @pytest.mark.slow
 @pytest.mark.parametrize(("loss", "solve"), [("", "(solve :robust gnc)"), (":loss geman-mcclure", "")])
 def test_wrong_loop_closures_are_found_among_five_thousand_unknowns(tmp_path, loss, solve):
-    lines = shared("data", "posegraph", "intel.g2o").read_text().splitlines()
+    lines = measured("posegraph", "intel.g2o").read_text().splitlines()
     nodes = [line for line in lines if line.startswith("VERTEX")]
     edges = [line for line in lines if line.startswith("EDGE")]
     generator = np.random.default_rng(0)

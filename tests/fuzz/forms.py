@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from tests.fuzz.choices import Choices
+from tests.trials.choices import Choices
 
 
 def _words(text: str) -> list[str]:
@@ -70,7 +70,7 @@ class Names:
     numbers: list[str] = field(default_factory=lambda: ["a"])
     vectors: list[str] = field(default_factory=list)
     rotations: list[str] = field(default_factory=list)
-    poses: list[str] = field(default_factory=list)
+    poses: dict[int, list[str]] = field(default_factory=lambda: {2: [], 3: []})
 
 
 class Forms:
@@ -210,8 +210,8 @@ class Forms:
     def pose(self, depth: int, size: int) -> str:
         if self.astray():
             return self.wild(depth)
-        if self.names.poses and self.choices.chance(3):
-            return self.choices.one_of(self.names.poses)
+        if self.names.poses[size] and self.choices.chance(3):
+            return self.choices.one_of(self.names.poses[size])
         if depth > 0 and self.choices.chance(3):
             return f"(inverse {self.pose(depth - 1, size)})"
         if size == 2:

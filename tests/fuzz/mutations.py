@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
-from tests.fuzz.choices import Choices
 from tests.fuzz.forms import DOUBTFUL, HUGE, WILD
+from tests.trials.choices import Choices
 
 WORD = re.compile(r'"(?:[^"\\]|\\.)*"|;[^\n]*|[()\[\]]|[^\s()\[\]"]+|\s+')
 CELL = re.compile(r"[,\n]|[^,\n]+")

@@ -4,41 +4,66 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from tests.fuzz.choices import Choices
-from tests.fuzz.forms import DOUBTFUL, HUGE, NUMBERS, Forms, Names
+from tests.fuzz.forms import DOUBTFUL, HUGE, NUMBERS
+from tests.fuzz.observations import Observations
+from tests.trials.choices import Choices
 
 DEFINITIONS = """
 (defun twice (n &optional (factor 2)) "twice" (* factor n))
 (gate (w h) (declare (half (/ w 2))) (post (trans (half 0 0) (box 0.1 0.1 h))) (beam (trans (0 0 h) (box w 0.1 0.1))))
 """
 CELLS = ["1", "2", "0", "-1.5", "3e2", "1/3", "4", "5", "6"]
-DOUBTFUL_CELLS = ['"p"', '"q"', "5mm", "1e300", "true", "zzz", "()", "(1)", ":key"]
+DOUBTFUL_CELLS = ['"p"', '"q"', "5mm", "1e300", "true", "zzz", "()", "(1)", ":key", '""', '"a\tb"', '"\\n"', '"=1+1"']
 TYPES = ["real", "", "positive", "angle", "(vector 3)", "(vector 2)", "(array 2)", "(array 2 2)"]
+GEOMETRIC = {
+    "direction": "[0 0 1]",
+    "(rotation 2)": "(rot2 0.1)",
+    "(rotation 3)": "(rot-x 0.2)",
+    "(pose 2)": "(pose2 0 1 2)",
+    "(pose 3)": "(pose3 (rot-z 0.1) [0 0 1])",
+}
+"""Types of geometry, and an initial value for each."""
 DOUBTFUL_TYPES = [
-    "direction",
-    "(rotation 3)",
-    "(pose 2)",
+    "(similarity 2)",
     "(similarity 3)",
     "(vector 0)",
     "(vector x)",
     "text",
     "(array)",
+    "(vector 1e9)",
+    "(array 2 0)",
 ]
 UNITS = ["m", "mm", "deg", "rad", "s", "px", "m/s^2", "%"]
 DOUBTFUL_UNITS = ["degC", "furlong", "1", '"m"', "m//s", "m^x"]
-LOSSES = ["none", "(huber 1.5)", "cauchy", "(barron 1 2)", "zzz"]
+DOCS = [
+    '"text"',
+    '"√x ≤ 2 µm"',
+    '"a \\" quote"',
+    '"*/ }) \\\\ % {x}"',
+    '"two\nlines"',
+    '"\x1b[31mred"',
+    '"\u202eback"',
+    '""',
+]
 METHODS = ["auto", "lm", "dogleg", "gauss-newton"]
 DOUBTFUL_METHODS = ["ipopt", "closed-form", "direct-search", "zzz", "(interval :width 1)", "1"]
+ROBUST = ["none", "lmeds", "(ransac :threshold 3)", "msac", "(gnc)"]
+SOURCES = [
+    "external",
+    '(csv "zzz.csv")',
+    '(csv "nodes*.csv")',
+    '(tsv "nodes.csv")',
+    '(csv "../nodes.csv")',
+    "(table ())",
+]
 
 
-class Problems(Forms):
+class Problems(Observations):
     """Writes one problem file."""
 
     def __init__(self, choices: Choices) -> None:
-        super().__init__(choices, Names(numbers=["a", "b"]))
-        self.made = 0
+        super().__init__(choices)
         self.declared = False
-        self.tables = ["readings", "nodes"]
 
     def file(self) -> str:
         problems = [self.problem("first")]
@@ -74,17 +99,6 @@ class Problems(Forms):
             return self.wild(3)
         return writers[self.choices.below(len(writers))]()
 
-    def name(self, stem: str) -> str:
-        """A name that is not taken."""
-        self.made += 1
-        return f"{stem}{self.made}"
-
-    def options(self, sound: tuple[str, ...], doubtful: tuple[str, ...], one_in: int) -> str:
-        chosen = [option for option in sound if self.choices.chance(one_in)]
-        if self.astray():
-            chosen.append(self.choices.one_of(doubtful))
-        return " ".join(chosen)
-
     def data(self) -> str:
         options = self.options(
             (":with (nodes id)", ":with (other nodes id)", ":where (< x 5)", ":missing skip"),
@@ -96,27 +110,28 @@ class Problems(Forms):
                 ":zzz 1",
                 ":with (zzz id)",
                 ":where x",
+                ":where (< x -100)",
             ),
             one_in=6,
         )
-        nodes = self.options((), (":key name", ":key", ":columns ()", ":missing zzz"), one_in=6)
-        return f'(data nodes (csv "nodes.csv") :key id {nodes})\n  (data readings (csv "readings.csv") {options})'
+        nodes = self.options((), (":key name", ":key", ":columns ()", ":missing zzz", ":where (= id 1)"), one_in=6)
+        source = self.choices.one_of(SOURCES) if self.astray() else '(csv "readings.csv")'
+        return f'(data nodes (csv "nodes.csv") :key id {nodes})\n  (data readings {source} {options})'
 
     def table(self) -> str:
+        """A table in the problem, now and then without rows."""
         name = self.name("table")
         columns = ["id", "x", "y"][: self.choices.count(1, 3)]
         rows = [
             "(" + " ".join(self._cell() for _ in range(len(columns) + self.astray())) + ")"
-            for _ in range(self.choices.count(1, 3))
+            for _ in range(self.choices.one_of((1, 2, 3, 1, 2, 3, 0)))
         ]
         if len(columns) == 3:
             self.tables.append(name)
         return f"(data {name} (table ({' '.join(columns)}) {' '.join(rows)}))"
 
     def pair(self) -> str:
-        tables = " ".join(
-            self.choices.one_of(["readings", "nodes"] if not self.astray() else self.tables) for _ in "ab"
-        )
+        tables = " ".join(self.choices.one_of(self.tables) for _ in "ab") if self.astray() else "readings nodes"
         by = self.choices.one_of(["x", "x", "id", "zzz"] if self.astray() else ["x"])
         options = self.options(
             (":tolerance 1", ":interpolate true"), (":tolerance 0", ":tolerance zzz", ":interpolate 1", ":by"), one_in=3
@@ -145,6 +160,8 @@ class Problems(Forms):
         return f"(unknowns {' '.join(items)})"
 
     def _unknown(self, name: str) -> str:
+        if self.choices.chance(5):
+            return self._geometric(name)
         kind = self.choices.one_of(DOUBTFUL_TYPES if self.astray() else TYPES)
         size = 3 if kind == "(vector 3)" else 2
         init = (
@@ -152,8 +169,27 @@ class Problems(Forms):
             if kind.startswith("(vector")
             else self.choices.one_of(("1", "2.5", "3", "0"))
         )
-        options = self.options(
-            (":in (0 10)", ":sigma 2", f":unit {self.choices.one_of(UNITS)}", ':doc "text"', ":start (0 1)"),
+        options = self._unknown_options()
+        if kind in ("real", "angle") and self.choices.chance(3):
+            self.names.numbers.append(f"({name} {self.choices.count(1, 3)})")
+            options += f" :per {self.choices.one_of(('nodes', 'readings.id', 'nodes', 'readings.name'))}"
+        elif kind == "(vector 3)":
+            self.names.vectors.append(name)
+        elif kind == "(array 2)":
+            self.names.numbers.append(f"({name} {self.choices.count(1, 2)})")
+        elif kind in ("", "real", "positive", "angle"):
+            self.names.numbers.append(name)
+        return f"({name} {kind} :init {init} {options})"
+
+    def _unknown_options(self) -> str:
+        return self.options(
+            (
+                ":in (0 10)",
+                ":sigma 2",
+                f":unit {self.choices.one_of(UNITS)}",
+                f":doc {self.choices.one_of(DOCS)}",
+                ":start (0 1)",
+            ),
             (
                 f":in ({self.number(0)} {self.number(0)})",
                 f":sigma {self.number(0)}",
@@ -164,85 +200,26 @@ class Problems(Forms):
                 ":per nodes",
                 ":covariance [[1 0] [0 1]]",
                 f":fixed {self.condition(0)}",
+                ":fixed (= id 1) :per nodes",
                 ":per zzz",
                 f":unit {self.choices.one_of(DOUBTFUL_UNITS)}",
                 f":init {self.number(1)}",
             ),
             one_in=9,
         )
-        if kind in ("real", "angle") and self.choices.chance(3):
-            self.names.numbers.append(f"({name} {self.choices.count(1, 3)})")
-            options += " :per nodes"
-        elif kind == "(vector 3)":
-            self.names.vectors.append(name)
-        elif kind == "(array 2)":
-            self.names.numbers.append(f"({name} {self.choices.count(1, 2)})")
-        elif kind in ("", "real", "positive", "angle"):
-            self.names.numbers.append(name)
-        return f"({name} {kind} :init {init} {options})"
 
-    def observe(self) -> str:
-        before = list(self.names.numbers)
-        table, measured = "", "3"
-        if not self.choices.chance(6):
-            table = "zzz" if self.astray() else self.choices.one_of(self.tables)
-            self.names.numbers += ["x", "y", "id", f"{table}.x"]
-            measured = "y"
-        options = self.options(
-            (f":when (< {self.choices.one_of(('1', 'id', 'row') if table else ('1', '2'))} 4)",),
-            (
-                f":when {self.condition(1)}",
-                f":covariance [[1 {self.number(0)}] [0 1]]",
-                ":information [[2]]",
-                f":sigma {self.vector(1, 2)}",
-                ":zzz 1",
-                f":loss {self.choices.one_of(LOSSES)}",
-                ":bound 1",
-                ":errors ((x 1))",
-                ":sigma",
-                f":sigma {self.number(1)}",
-            ),
-            one_in=9,
-        )
-        sigma = self.choices.one_of((":sigma 1", ":sigma 0.5", "", ":sigma unknown", ":sigma (unknown 2)"))
-        equations = " ".join(self.equation(self.choices.count(0, 3), measured) for _ in range(self.choices.count(1, 2)))
-        name = self.name("named") if table and self.choices.chance(3) else ""
-        self.names.numbers = before
-        return f"(observe {name} {table} {equations} {sigma} {options})"
-
-    def equation(self, depth: int, measured: str) -> str:
-        match self.choices.below(8):
-            case 0 | 1:
-                return f"(= {measured} {self.number(depth)})"
-            case 2:
-                return f"(= {self.vector(0, 2)} {self.vector(depth, 2)})"
-            case 3:
-                return f"(= {self.vector(0, 3)} {self.vector(depth, 3)})"
-            case 4:
-                return f"(- {self.number(depth)} 1)"
-            case 5:
-                return f"(let ((q {self.number(depth)})) (= q {self.number(depth)}))"
-            case 6:
-                return f"(if {self.condition(1)} (= 1 {self.number(depth)}) (= {measured} {self.number(depth)}))"
-            case _:
-                return f"`(= ,{measured} (+ ,{self.number(1)} {self.number(depth)}))"
-
-    def constraints(self) -> str:
-        return f"(constraints {' '.join(self._constraint(2) for _ in range(self.choices.count(1, 2)))})"
-
-    def _constraint(self, depth: int) -> str:
-        if self.astray():
-            head = self.choices.one_of(("<=", "=", "uniform", "<", "zzz", "normal"))
-            return f"({head} {self.number(0)} {self.number(1)} {self.number(0)})"
-        match self.choices.below(4 if depth else 3):
-            case 0:
-                return f"(normal {self.number(2)} {self.choices.one_of(NUMBERS)} 1)"
-            case 1:
-                return f"(normal {self.number(1)} 1 1 :over readings :name {self.name('n')})"
-            case 2:
-                return f"(normal (norm {self.vector(1, 3)}) 2 0.5)"
-            case _:
-                return f"(for (i 1 {self.choices.count(0, 3)}) {self._constraint(depth - 1)})"
+    def _geometric(self, name: str) -> str:
+        """A direction, rotation, pose or similarity, alone or as a family."""
+        kind = self.choices.one_of(tuple(GEOMETRIC))
+        family = self.choices.chance(3)
+        member = f"({name} {self.choices.count(1, 3)})" if family else name
+        if kind == "direction":
+            self.names.vectors.append(member)
+        elif kind == "(rotation 3)":
+            self.names.rotations.append(member)
+        elif kind.startswith("(pose"):
+            self.names.poses[int(kind[-2])].append(member)
+        return f"({name} {kind} :init {GEOMETRIC[kind]} {':per nodes' if family else ''} {self._unknown_options()})"
 
     def derive(self) -> str:
         form = self.vector(2, 3) if self.choices.chance(3) else self.number(3)
@@ -258,12 +235,22 @@ class Problems(Forms):
     def solve(self) -> str:
         method = self.choices.one_of(DOUBTFUL_METHODS if self.astray() else METHODS)
         options = self.options(
-            (f":method {method}", ":seed 1", ":max-iterations 3", ":tolerance 1e-3", ":constraints penalty"),
+            (
+                f":method {method}",
+                ":seed 1",
+                ":max-iterations 3",
+                ":tolerance 1e-3",
+                ":constraints penalty",
+                f":robust {self.choices.one_of(ROBUST)}",
+                ":gauge free",
+                ":starts (random 3)",
+            ),
             (
                 ":robust (lmeds :trials 500)",
+                ":robust (ransac)",
                 ":starts (random 100)",
                 ":constraints exact",
-                ":gauge free",
+                ":constraints truncate",
                 ":seed -1",
                 ":seed",
                 ":max-iterations 0",
@@ -272,7 +259,7 @@ class Problems(Forms):
                 ":tolerance -1",
                 ":zzz 1",
             ),
-            one_in=4,
+            one_in=5,
         )
         return f"(solve {options})"
 

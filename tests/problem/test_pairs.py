@@ -122,9 +122,12 @@ def test_angles_with_a_unit_go_the_shorter_way_round(estimate):
     assert found == pytest.approx(np.cos(np.deg2rad([-5, 5])).mean(), rel=EXACT)
 
 
-def test_quaternions_are_interpolated_on_the_great_circle(estimate):
+@pytest.mark.parametrize("sign", [1, -1])
+def test_quaternions_are_interpolated_on_the_great_circle(estimate, sign):
+    """Of both signs of a quaternion, which are one rotation, the nearer one counts: no detour."""
     turns = Rotation.random(2, random_state=7)
-    cells = turns.as_quat() * [[1], [-1]]  # the same rotation with the other sign: no detour
+    cells = turns.as_quat() * [[1], [sign * np.sign(turns[0].as_quat() @ turns[1].as_quat())]]
+    assert np.sign(cells[0] @ cells[1]) == sign
     data = {"b": {"t": [0.0, 1.0], "bearing": [0, 0], **dict(zip(("qx", "qy", "qz", "qw"), cells.T, strict=True))}}
     between = Slerp([0, 1], turns)([0.25, 0.5])
     form = "(((rotate (quaternion b.qw b.qx b.qy b.qz) [1 2 3])) {})"

@@ -9,8 +9,10 @@ from dataclasses import replace
 from typing import TextIO
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from mbm.report.exports import write_residuals, write_solves
+from mbm.report.exports import text_cell, write_residuals, write_solves
 from mbm.report.types import Result
 
 
@@ -59,3 +61,66 @@ def test_residuals(tag_result: Result) -> None:
 def test_residuals_of_many_solves_name_the_key(epochs: Result) -> None:
     rows = written(write_residuals, epochs)
     assert [row["epoch"] for row in rows] == ["1"] * 4 + ["3"] * 4
+
+
+FORMULAS = [
+    "=1+1",
+    "+1",
+    "-1",
+    "@SUM(A1)",
+    "\t=1",
+    "\r=1",
+    "\n=1",
+    " =1",
+    "\ufeff=1",
+    "\u200b @x",
+    "\uff1d1",
+    '=1"',
+    "=a,b",
+]
+
+
+@pytest.mark.parametrize("text", FORMULAS)
+def test_texts_that_begin_as_formulas_do_get_an_apostrophe(text: str) -> None:
+    assert text_cell(text) == f"'{text}"
+
+
+@given(st.text(st.characters(exclude_categories=("Cs",))))
+def test_a_cell_never_begins_as_a_formula_and_others_are_as_they_were(text: str) -> None:
+    """The signs are those that OWASP lists under CSV injection (equals, plus, minus, at, tabulator, line breaks)."""
+    cell = text_cell(text)
+    assert cell[:1] not in set("=+-@\t\r\n")
+    assert cell in (text, f"'{text}")
+    assert cell == text or not text[0].isalnum()
+
+
+@pytest.mark.parametrize("text", [*FORMULAS, "a\r=1", "a\n=1", 'a",=1', "a\r\n@x"])
+def test_formulas_in_keys_names_and_headers(text: str, epochs: Result) -> None:
+    """As another reader takes the file apart; numbers below zero stay numbers."""
+    solves = tuple(
+        replace(
+            solve,
+            key={text: text},
+            estimates=tuple(replace(e, quantity=replace(e.quantity, name=text)) for e in solve.estimates),
+            residual_rows=tuple(replace(row, clause=text) for row in solve.rows()),
+        )
+        for solve in epochs.solves
+    )
+    result = replace(epochs, solves=solves)
+    for write in (write_solves, write_residuals):
+        stream = io.StringIO(newline="")
+        write(result, stream)
+        header, *rows = csv.reader(io.StringIO(stream.getvalue(), newline=""))
+        assert {len(row) for row in rows} == {len(header)}
+        texts = [*header, *(cell for row in rows for cell in row if not _is_number(cell))]
+        assert text_cell(text) in texts
+        assert all(cell[:1] not in set("=+-@\t\r\n") for cell in texts if cell)
+        assert "-10.5" in rows[-1] or "-0.002" in rows[1]
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return cell[:1] != "+"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -37,6 +38,59 @@ def test_data_and_model(tag: SolveReport, tag_result: Result) -> None:
     solve = replace(tag, plot_data=lambda: (curve, plane))
     found = titles(replace(tag_result, solves=(solve,)))
     assert found[:2] == ["decay: data and model", "corners: data and model"]
+
+
+HOSTILE = "_a$\\frac{1}{2}$ \\$b$ 日本\x1b[2J\n\u202ec\ud800 <!-- -- ]]> $"
+
+
+def hostile(tag: SolveReport, tag_result: Result) -> Result:
+    """The result with hostile names, units, keys and labels, in a picture of every kind of panel."""
+    x = np.linspace(0.0, 1.0, 5)[:, None]
+    pair = np.hstack([x, x])
+    data = (
+        PlotData(clause=HOSTILE, measured=x, model=x, labels=(HOSTILE,), abscissa=x[:, 0], abscissa_label=HOSTILE),
+        PlotData(clause=HOSTILE, measured=pair, model=pair, labels=(HOSTILE, HOSTILE)),
+        PlotData(clause=HOSTILE, measured=pair, model=pair, labels=(HOSTILE, "v"), abscissa=x[:, 0]),
+    )
+    estimates = tuple(
+        replace(e, quantity=replace(e.quantity, name=f"{HOSTILE}{i}", unit=HOSTILE))
+        for i, e in enumerate(tag.estimates)
+    )
+    rows = tuple(replace(row, clause=HOSTILE) for row in tag.rows())
+    solves = tuple(
+        replace(tag, key={HOSTILE: f"{key}{HOSTILE}"}, estimates=estimates, residual_rows=rows, plot_data=lambda: data)
+        for key in "ab"
+    )
+    return replace(tag_result, problem=HOSTILE, solves=solves)
+
+
+@pytest.mark.parametrize("tex", [False, True])
+@pytest.mark.parametrize("ending", [".png", ".svg", ".pdf"])
+def test_texts_are_drawn_as_they_are(
+    tex: bool, ending: str, tag: SolveReport, tag_result: Result, tmp_path: Path
+) -> None:
+    """No formula, which would be a mistake in most of them, no TeX, no warning of characters that the font lacks."""
+    import matplotlib as mpl
+
+    result = hostile(tag, tag_result)
+    with mpl.rc_context({"text.usetex": tex}):
+        save(result, tmp_path / f"a{ending}")
+        figure = draw(result)
+    texts = [text for text in figure.findobj(mpl.text.Text) if text.get_text()]
+    assert not any(text.get_usetex() or text.get_parse_math() for text in texts)
+    assert all(text.get_text().isprintable() for text in texts)
+    assert sum("$\\frac{1}{2}$" in text.get_text() for text in texts) > 10
+    if ending == ".svg":
+        ElementTree.parse(tmp_path / "a.svg")  # noqa: S314 - our own
+
+
+def test_labels_that_begin_with_an_underscore_stand_in_the_legend(tag: SolveReport, tag_result: Result) -> None:
+    pair = np.zeros((3, 2))
+    data = PlotData(clause="d", measured=pair, model=pair, labels=("_u", "_v"), abscissa=np.arange(3.0))
+    solve = replace(tag, plot_data=lambda: (data,))
+    legend = draw(replace(tag_result, solves=(solve,))).axes[0].get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["measured _u", "model _u", "measured _v", "model _v"]
 
 
 def test_the_ellipse_holds_95_percent(tag_result: Result) -> None:

@@ -66,7 +66,7 @@ def test_what_other_rows_determine_keeps_its_deviation(backend):
 
 
 def test_so_it_does_in_sparse_problems(monkeypatch):
-    monkeypatch.setattr(sparsity, "LARGE", 0)
+    monkeypatch.setattr(sparsity, "MOST_DENSE", 0)
     monkeypatch.setattr(sparsity, "SPARSE", 1.0)
     # both in one equation of two, so that the problem does not fall apart
     tied = BESIDE.replace("(derive", "(observe d (= (* 0 y) (* 0 a b)) :sigma 1) (derive")
@@ -133,3 +133,13 @@ def test_generated_c(tmp_path):
     found = run("./flat", "data/d.csv", folder=folder)
     assert found.returncode == 1
     assert all(line.split(",")[-1] == "" for line in found.stdout.splitlines()[1:])
+
+
+@pytest.mark.parametrize("backend", ["numpy", "native", "casadi"])
+def test_rows_without_weight_determine_nothing(backend: str) -> None:
+    problem = mbm.loads("""(problem far (data d (table (x) (1.5) (2.25) (3.5) (4.75) (6.5)))
+      (unknowns (a :init 1) (b :init 0 :sigma 2)) (observe d (= [a a] (* x [10 a])) :sigma 1 :loss tukey))""")
+    solve = problem.solve(backend=backend).solves[0]
+    assert solve.status.value[0] == "unobservable"
+    assert [name for each in solve.observability.unobservable for name in each.unknowns] == ["a"]
+    assert problem.solve(backend=backend)["b"].sigma == pytest.approx(2.0)

@@ -236,3 +236,27 @@ def test_asked_starts_look_for_other_solutions_of_the_measurements_that_agree():
     np.testing.assert_allclose(solve.estimates[0].value, [1.0, 1.0], rtol=0, atol=1e-6)
     (mirrored,) = solve.alternatives
     np.testing.assert_allclose(mirrored.estimates[0].value, [1.0, -1.0], rtol=0, atol=1e-6)
+
+
+LEVELS = """(problem p (data t external) (unknowns (a :init 5))
+  (observe t (= y a) :sigma {sigma} {loss}) {solve} {clause})"""
+
+
+@pytest.mark.parametrize("count", [1, 40])
+@pytest.mark.parametrize("sigma", ["0.1", "unknown"])
+@pytest.mark.parametrize(("loss", "solve"), [("", "(solve :robust lmeds)"), (":loss tukey", "")])
+def test_outliers_do_not_count_for_the_root_mean_square(loss, solve, sigma, count):
+    """Nine levels about 5 and one at 50: alone, and beside others of the same kind."""
+    levels = 5 + 0.1 * np.random.default_rng(3).normal(size=(count, 10))
+    levels[:, 9] = 50.0
+    data = {"y": levels.ravel(), "k": np.repeat(np.arange(count), 10)}
+    clause = "(for-each k)" if count > 1 else ""
+    solved = mbm.loads(LEVELS.format(sigma=sigma, loss=loss, solve=solve, clause=clause)).solve(data={"t": data})
+    for found, each in zip(solved.solves, levels, strict=True):
+        summary = found.residual_summaries["t"]
+        counts = np.array([row.weight > 0 for row in found.rows()])
+        assert not counts[9]
+        assert (summary.rows, summary.used) == (10, counts.sum())
+        deviation = 0.1 if sigma == "0.1" else found.noise["t"]
+        wanted = np.sqrt(np.mean((each[counts] - found.estimates[0].value) ** 2)) / deviation
+        assert summary.rms == pytest.approx(wanted, rel=1e-9)

@@ -53,6 +53,7 @@ def test_the_folder_holds_all_files_in_their_formats_and_units(folder: Path) -> 
     names = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
     assert names == {
         "site.mbm", "lib/models.mbm", "outside.mbm", "in/stations.csv", "ranges.json", "angles.csv", "truth.json",
+        ".mbm-simulate",
     }  # fmt: skip
     ranges = json.loads((out / "ranges.json").read_text())["range"]
     true = [1 + 1000 * np.hypot(x - 1.5, y - 2.5) for x, y in ((0, 0), (4, 0), (0, 5))] * 3
@@ -104,7 +105,7 @@ def test_wrong_calls(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
         (["--noise", "angles=fast"], "bad-initial-value"),
         (["--noise", "zzz=1"], "unknown-observation"),
         (["--measured", "zzz=a,b"], "unknown-observation"),
-        (["--at", str(folder / "nothing.json")], "bad-json"),
+        (["--at", str(folder / "nothing.json")], "missing-file"),
         (["--set", "zzz=1"], "unknown-override"),
     ):
         assert run(["simulate", file, *out, *options]) == 2
@@ -154,3 +155,22 @@ def test_formats_that_cannot_be_written_become_csv_with_their_keys(tmp_path: Pat
     found = dict(zip(header.split(","), map(float, row.split(",")), strict=True))
     np.testing.assert_allclose([found["u"], found["v"]], [-10, -20], atol=0.5)  # five deviations
     assert run(["solve", str(tmp_path / "out" / "scene.mbm"), "-q"]) == 0
+
+
+def test_a_used_file_of_any_name_is_found_again_by_the_copy(tmp_path: Path) -> None:
+    """The name is a text of the language, which has four escapes only: those of JSON mean nothing there."""
+    name = 'models \x1b[2J\x7f\u202e "q" \\ \n\t.mbm'
+    written = name.replace("\\", "\\\\").replace('"', '\\"')
+    (tmp_path / name).write_text("(defun twice (d) (* 2 d))\n", encoding="utf-8")
+    place = tmp_path / "site"
+    place.mkdir()
+    (place / "site.mbm").write_text(
+        f'(use "../{written}")\n(problem p (data d (table (x y) (1 2) (2 4))) (unknowns (a :init 1)) '
+        "(observe d (= y (twice (* a x))) :sigma 1))\n",
+        encoding="utf-8",
+    )
+    assert run(["simulate", str(place / "site.mbm"), "-o", str(place / "out"), "-q"]) == 0
+    (copy,) = set((place / "out").glob("*.mbm")) - {place / "out" / "site.mbm"}
+    assert copy.name.isprintable()
+    assert "(defun twice" in copy.read_text(encoding="utf-8")
+    assert run(["solve", str(place / "out" / "site.mbm"), "-q"]) == 0

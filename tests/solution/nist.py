@@ -1,4 +1,4 @@
-"""The nonlinear regression sets of the NIST Statistical Reference Datasets: parser, models, sets typed in.
+"""The nonlinear regression sets of the NIST Statistical Reference Datasets: their models, and equations made of them.
 
 Data and certified values are works of the United States government (NIST/ITL StRD, https://www.itl.nist.gov/div898/strd/).
 Jacobians are by the complex step (Squire and Trapp 1998), exact to rounding.
@@ -6,11 +6,8 @@ Jacobians are by the complex step (Squire and Trapp 1998), exact to rounding.
 
 from __future__ import annotations
 
-import os
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -27,11 +24,6 @@ class ReferenceSet:
     deviations: np.ndarray
     sum_of_squares: float
     model: Callable
-
-
-def shared_folder() -> Path:
-    """Where the measured data lie: MBM_SHARED, or beside the checkout."""
-    return Path(os.environ.get("MBM_SHARED", Path(__file__).parents[2].parent / "shared"))
 
 
 def exponentials(b, x):
@@ -98,27 +90,23 @@ MODELS: dict[str, Callable] = {
 }
 
 
-def read_set(path: Path) -> ReferenceSet:
-    """A ``.dat`` file of the collection as distributed."""
-    lines = path.read_text().splitlines()
-    parameters = [
-        [float(v) for v in line.split("=")[1].split()]
-        for line in lines
-        if re.match(r"\s*b\d+\s*=(\s+[-+.\dE]+){4}\s*$", line)
-    ]
-    table = np.array(parameters)
-    squares = next(float(line.split(":")[1]) for line in lines if line.startswith("Residual Sum of Squares"))
-    start = max(i for i, line in enumerate(lines) if line.startswith("Data:")) + 1
-    data = np.array([[float(v) for v in line.split()] for line in lines[start:] if line.strip()])
+def numbers(text: str) -> np.ndarray:
+    return np.array([float(v) for v in text.split()])
+
+
+def typed(
+    name: str, x: str, y: str, starts: tuple[str, str], certified: str, deviations: str, squares: float
+) -> ReferenceSet:
+    """A set whose columns are given as texts."""
     return ReferenceSet(
-        name=path.stem,
-        x=data[:, 1] if data.shape[1] == 2 else data[:, 1:].T,
-        y=data[:, 0],
-        starts=(table[:, 0], table[:, 1]),
-        certified=table[:, 2],
-        deviations=table[:, 3],
+        name=name,
+        x=numbers(x),
+        y=numbers(y),
+        starts=(numbers(starts[0]), numbers(starts[1])),
+        certified=numbers(certified),
+        deviations=numbers(deviations),
         sum_of_squares=squares,
-        model=MODELS[path.stem],
+        model=MODELS[name],
     )
 
 

@@ -1,30 +1,11 @@
-"""Sets of the collection that are typed in here, so that they are tried wherever the tests run."""
+"""All sets of the collection, typed in, so that they are tried wherever the tests run."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from tests.solution.nist import MODELS, ReferenceSet
-
-
-def numbers(text: str) -> np.ndarray:
-    return np.array([float(v) for v in text.split()])
-
-
-def typed(
-    name: str, x: str, y: str, starts: tuple[str, str], certified: str, deviations: str, squares: float
-) -> ReferenceSet:
-    return ReferenceSet(
-        name=name,
-        x=numbers(x),
-        y=numbers(y),
-        starts=(numbers(starts[0]), numbers(starts[1])),
-        certified=numbers(certified),
-        deviations=numbers(deviations),
-        sum_of_squares=squares,
-        model=MODELS[name],
-    )
-
+from tests.solution.nist import MODELS, ReferenceSet, numbers, typed
+from tests.solution.nist_more import MORE
 
 BOXBOD = typed(
     "BoxBOD",
@@ -288,4 +269,5 @@ TYPED = (
     bennett5(),
     HAHN1,
     GAUSS3,
+    *MORE,
 )

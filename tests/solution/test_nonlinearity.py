@@ -150,6 +150,40 @@ def test_triangulation_at_short_range_does_not() -> None:
     assert not [d for d in sighted(3.0).first.diagnostics if d.code.name == "too-nonlinear"]
 
 
+def doubted(text: str) -> list[str]:
+    """What is said to be too nonlinear."""
+    return [d.message for d in mbm.loads(text).solve().first.diagnostics if d.code.name == "too-nonlinear"]
+
+
+@pytest.mark.parametrize(("share", "warned"), [(0.6, False), (0.7, True)])
+def test_an_unknown_is_doubted_from_a_quarter_on(share: float, warned: bool) -> None:
+    """x² = 9 with 1.96 σ = share · 9: the lower end lies 2 / (1 + √(1 - share)) times as far as stated, that is 1.225
+    and 1.292 times."""
+    sigma = share * 9 / NORMAL_95
+    found = doubted(f"(problem p (unknowns (x :init 3)) (observe (= 9 (^ x 2)) :sigma {sigma!r}))")
+    assert bool(found) == warned
+
+
+@pytest.mark.parametrize(("share", "warned"), [(0.48, False), (0.52, True)])
+def test_a_derived_quantity_is_doubted_from_a_quarter_on(share: float, warned: bool) -> None:
+    """x = 3 with 1.96 σ = share · 3: the ends of x² lie share / 2 nearer and farther than is stated."""
+    sigma = share * 3 / NORMAL_95
+    found = doubted(f"(problem p (unknowns (x :init 3)) (observe (= 3 x) :sigma {sigma!r}) (derive (square (^ x 2))))")
+    assert bool(found) == warned
+    assert all("`square`" in message for message in found)
+
+
+@pytest.mark.parametrize("side", [0.01, 0.0, -0.01])
+def test_a_derived_angle_may_have_an_interval_across_the_cut(side: float) -> None:
+    """A direction of 180° ± 0.6°: it jumps by a turn within its interval, and is as good as any other."""
+    at = f"[-10 {side}]"
+    text = f"""(problem p (unknowns (v (vector 2) :init {at})) (observe (= {at} v) :sigma 0.1)
+      (derive (direction (atan2 (v 2) (v 1)))))"""
+    solved = mbm.loads(text).solve()
+    assert float(solved["direction"].sigma) == pytest.approx(0.01, rel=1e-5)  # the distance is 10 to 5e-7
+    assert not solved.first.diagnostics
+
+
 def test_linear_models_end_where_it_is_stated() -> None:
     x = np.linspace(0, 1, 5)
     bent = Curve(lambda b: b[0] + b[1] * x, x**2, 2)

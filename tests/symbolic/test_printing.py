@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy
+from hypothesis import example, given
+from hypothesis import strategies as st
 from sympy.parsing.sympy_parser import parse_expr
 
 import mbm
 from mbm.symbolic.conversion import Finite
-from mbm.symbolic.printing import printed
+from mbm.symbolic.printing import latex_name, printed
 from tests.symbolic.derivatives import blocks_of, by_kernel, number, point_of, single
 from tests.symbolic.test_operation_derivatives import CASES
 
@@ -111,3 +113,40 @@ def test_hyphens_in_names_are_no_minus_signs_in_latex():
     block, _ = single("(* k-1 b)", names="k-1 b")
     (line,) = printed(block, latex=True).components
     assert r"\mathrm{k\mbox{-}1}" in line
+
+
+IN_FORMULA = re.compile(
+    r"\\mathrm\{(?:[^\W_]|[\[\],.'\"]"
+    r"|\\mbox\{(?:\\text(?:backslash|asciicircum|asciitilde|less|greater)\{\}|\\[{}$&#%_]|[^\\{}$&#%_^~<>])\})*\}"
+)
+"""An upright name in which no character is a command, ends a group or a formula, or begins a comment."""
+
+
+@given(st.text(st.characters()))
+@example('q["\\input{x}$"]')
+@example("a%b&c#d~e^f_g__h")
+@example("x}y{z")
+def test_no_name_is_a_command_of_latex(name):
+    shown = latex_name(name)
+    plain = re.fullmatch(r"\\?[^\W_]+|[^\\$%&#~<>]*", shown)
+    assert IN_FORMULA.fullmatch(shown) or (plain and shown.count("{") == shown.count("}"))
+    assert shown.isprintable()
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("p[1]", "p[1]"),
+        ("k_0", "k_{0}"),
+        ("alpha", r"\alpha"),
+        ('cam["left"][3]', 'cam["left"][3]'),
+        ("first.t", "first.t"),
+        ("x'2", "x'2"),
+        ('cam["a_b"]', r'\mathrm{cam["a\mbox{\_}b"]}'),
+        ("50%", r"\mathrm{50\mbox{\%}}"),
+        ("a\\b", r"\mathrm{a\mbox{\textbackslash{}}b}"),
+        ("a\nb\x1b", "\\mathrm{a\\mbox{ }b\\mbox{\ufffd}}"),
+    ],
+)
+def test_names_in_latex(name, shown):
+    assert latex_name(name) == shown

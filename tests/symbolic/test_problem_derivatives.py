@@ -1,8 +1,7 @@
-"""Every block of every problem that ships with mbm, and of the shared examples: kernel = SymPy = differences."""
+"""Every block of every problem that ships with mbm, and of two examples besides: kernel = SymPy = differences."""
 
 from __future__ import annotations
 
-import os
 import shutil
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from tests.symbolic.derivatives import blocks_of, check
 ROOT = Path(__file__).parents[2]
 PROBLEMS = ROOT / "problems"
 CASES = [(path, name) for path in sorted(PROBLEMS.glob("*/*.mbm")) for name in mbm.load(path).names]
-EXAMPLES = Path(os.environ.get("MBM_SHARED", ROOT.parent / "shared")) / "examples"
+EXAMPLES = ROOT / "tests" / "problems" / "examples"
 ROWS = 2
 """Rows of each block that are compared: the equations of all rows of a block are the same."""
 
@@ -31,9 +30,7 @@ def test_problem(path, name):
 
 @pytest.fixture
 def folder(tmp_path):
-    """The shared examples beside the data of the problems of the same name."""
-    if not EXAMPLES.is_dir():
-        pytest.skip("the shared examples are not here (set MBM_SHARED)")
+    """The examples beside the data of the problems of the same name."""
     for path in EXAMPLES.glob("*.mbm"):
         shutil.copy(path, tmp_path)
     for name in ("desk/furniture.mbm", "skeleton/skeleton_joints.csv", "skeleton/skeleton_dofs.csv"):
@@ -46,7 +43,7 @@ def folder(tmp_path):
 
 
 @pytest.mark.parametrize(("file", "name", "groups"), [("desk", "desk", 3), ("skeleton", "skeleton-near", 15)])
-def test_shared_example(file, name, groups, folder):
+def test_example(file, name, groups, folder):
     found = list(blocks_of(mbm.load(folder / f"{file}.mbm").named(name)))
     assert len({(b.owner, b.case) for b, _, _ in found if b.purpose.value == "equation"}) >= groups
     for block, kernel, inputs in found:

@@ -170,3 +170,13 @@ def test_very_deep_forms_are_formatted():
 def test_the_problems_that_come_with_mbm_format_once_and_for_all(path):
     once = formatted(path.read_text(encoding="utf-8"))
     assert formatted(once) == once
+
+
+def test_lines_stand_below_an_argument_only_beside_the_head():
+    """Where the first clause of `cond` goes to a line of its own, a second layout changes nothing."""
+    clause = "((and (< first-name second-name) (not (< third-name fourth-name))) (+ first-name second-name third-name))"
+    text = formatted(f"(problem p (observe d (= y (cond {clause} (true (+ a b))))))")
+    assert formatted(text) == text
+    line = next(line for line in text.splitlines() if "((and" in line)
+    head = next(line for line in text.splitlines() if "(cond" in line)
+    assert line.index("((and") == head.index("(cond") + 2

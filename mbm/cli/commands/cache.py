@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import click
 
-from mbm.cli import faults
-from mbm.cli.failure import write_bytes
+from mbm.cli.documents import STANDARD_OUTPUT, check_document, write_document
 from mbm.cli.options import terminal, verbosity_options
-from mbm.text.types import MbmError
+from mbm.cli.output import say
+from mbm.text.shown import joined, one_line
 
 if TYPE_CHECKING:
-    from mbm.kernels.store import Entry
+    from mbm.kernels.store import Doubt, Entry
 
 
 @click.command("cache")
@@ -24,18 +25,20 @@ if TYPE_CHECKING:
 def command(action: str | None, json_path: str | None) -> int:
     """Show where the cache is and what it holds; `clear` empties it.
 
-    The cache makes a second start fast and changes no answer. The environment variable MBM_CACHE names its folder, or
-    says `off`.
+    The cache makes a second start fast and changes no answer. It holds machine code that is executed: a folder that
+    others may write to is not used. The environment variable MBM_CACHE names the folder, or says `off`.
     """
     from mbm.kernels.store import Store, standard_directory
 
+    check_document(json_path, ())
     directory = standard_directory()
     store = None if directory is None else Store(directory=directory)
     entries = () if store is None else store.entries() if action is None else store.clear()
+    doubts = () if store is None else store.doubts()
     if json_path is not None:
-        _write(_document(directory, entries), json_path)
-    if json_path != "-" and not terminal().quiet:
-        click.echo(_text(directory, entries, cleared=action is not None))
+        _write(_document(directory, entries, doubts), json_path)
+    if json_path != STANDARD_OUTPUT and not terminal().quiet:
+        say(_text(directory, entries, doubts, cleared=action is not None))
     return 0
 
 
@@ -48,24 +51,46 @@ def _kinds(entries: Iterable[Entry]) -> dict[str, tuple[int, int]]:
     return found
 
 
-def _document(directory: Path | None, entries: tuple[Entry, ...]) -> dict[str, object]:
+def _document(
+    directory: Path | None, entries: tuple[Entry, ...], doubts: tuple[tuple[Path, Doubt], ...]
+) -> dict[str, object]:
     kinds = _kinds(entries)
     return {
         "path": None if directory is None else str(directory),
         "entries": len(entries),
         "bytes": sum(entry.size for entry in entries),
         "kinds": {kind: {"entries": count, "bytes": size} for kind, (count, size) in kinds.items()},
+        "unused": [{"path": str(folder), "reason": doubt.value} for folder, doubt in doubts],
     }
 
 
-def _text(directory: Path | None, entries: tuple[Entry, ...], *, cleared: bool) -> str:
+def _text(
+    directory: Path | None, entries: tuple[Entry, ...], doubts: tuple[tuple[Path, Doubt], ...], *, cleared: bool
+) -> str:
     if directory is None:
         return "no cache: MBM_CACHE=off, or there is no home folder"
     total = sum(entry.size for entry in entries)
     said = "removed " if cleared else ""
-    lines = [str(directory), f"  {said}{len(entries)} {'entry' if len(entries) == 1 else 'entries'}, {_size(total)}"]
+    lines = [
+        one_line(str(directory)),
+        f"  {said}{len(entries)} {'entry' if len(entries) == 1 else 'entries'}, {_size(total)}",
+    ]
     lines += [f"  {kind:9}{count:6}  {_size(size)}" for kind, (count, size) in _kinds(entries).items()]
-    return "\n".join(lines)
+    for folder, doubt in doubts:
+        name = "" if folder == directory else f"{folder.name}: "
+        lines.append(f"  {name}not used: {doubt.value}; {_mend(folder, doubt)}")
+    return joined(lines)
+
+
+def _mend(folder: Path, doubt: Doubt) -> str:
+    """What makes a folder one that is used."""
+    from mbm.kernels.store import VARIABLE, Doubt
+
+    if doubt is Doubt.OPEN:
+        return f"mend: chmod go-w {quote(str(folder))}"
+    if doubt in (Doubt.ANOTHERS, Doubt.ABOVE):
+        return f"name a folder of your own with {VARIABLE}"
+    return f"remove it, or name a folder with {VARIABLE}"
 
 
 def _size(count: int) -> str:
@@ -76,11 +101,4 @@ def _size(count: int) -> str:
 def _write(document: dict[str, object], destination: str) -> None:
     from mbm.report.encode import encode, to_bytes
 
-    content = to_bytes(encode(document))
-    if destination == "-":
-        write_bytes(content)
-        return
-    try:
-        Path(destination).write_bytes(content)
-    except OSError as error:
-        raise MbmError(faults.not_writable(destination, error.strerror or str(error))) from error
+    write_document(to_bytes(encode(document)), destination, reads=())

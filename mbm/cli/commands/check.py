@@ -6,12 +6,14 @@ from pathlib import Path
 
 import click
 
+from mbm.cli.documents import STANDARD_OUTPUT, check_document
 from mbm.cli.failure import print_diagnostics, write_json
 from mbm.cli.inputs import named_paths
-from mbm.cli.options import terminal, verbosity_options
+from mbm.cli.options import reads_so_far, terminal, verbosity_options
+from mbm.cli.output import say
+from mbm.cli.statuses import OK, WRONG
+from mbm.text.shown import one_line
 from mbm.text.types import Severity
-
-OK, WRONG = 0, 2
 
 
 @click.command("check")
@@ -36,6 +38,7 @@ def command(
     """
     from mbm.api import check
 
+    check_document(json_path, ())
     found = check(
         file,
         problem=problem,
@@ -47,9 +50,9 @@ def command(
     errors = [diagnostic for diagnostic in found if diagnostic.severity is Severity.ERROR]
     print_diagnostics(errors if screen.quiet else found, color=screen.color_errors)
     if json_path is not None:
-        write_json(found, json_path)
-    if json_path != "-" and not screen.quiet:
-        click.echo(f"{file}: {_counted(len(errors), 'error')}, {_counted(len(found) - len(errors), 'warning')}")
+        write_json(found, json_path, reads=reads_so_far())
+    if json_path != STANDARD_OUTPUT and not screen.quiet:
+        say(f"{one_line(str(file))}: {_counted(len(errors), 'error')}, {_counted(len(found) - len(errors), 'warning')}")
     return WRONG if errors else OK
 
 

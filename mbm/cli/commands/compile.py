@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from mbm.cli import faults
 from mbm.cli.inputs import named_paths, named_texts
-from mbm.cli.options import terminal, verbosity_options
-from mbm.text.types import MbmError
-
-if TYPE_CHECKING:
-    from mbm.emit.types import OutputFile
+from mbm.cli.options import problem_at, reads_so_far, terminal, verbosity_options
+from mbm.cli.output import say
+from mbm.files.folders import check_folder, write_folder
+from mbm.files.manifest import COMPILE
+from mbm.text.shown import one_line
 
 TARGETS = ("c", "python", "casadi")
-
-MANIFEST = ".mbm-compile"
-"""The file that says which files of a folder this command wrote."""
 
 
 @click.command("compile")
@@ -41,7 +37,7 @@ def command(**given: Any) -> int:
     from mbm.report.options import SolveOptions
 
     folder = Path(given["folder"])
-    _refuse_foreign(folder, force=given["force"])
+    check_folder(folder, COMPILE, force=given["force"], reads=problem_at(given["file"]))
     options = SolveOptions(
         problem=given["problem"],
         set=named_texts("--set", given["settings"]),
@@ -49,28 +45,9 @@ def command(**given: Any) -> int:
         sandbox=None if given["sandbox"] is None else Path(given["sandbox"]),
     )
     files = emit_file(given["file"], options, given["target"])
-    _write(folder, files)
+    made = [(file.path, file.content) for file in files]
+    write_folder(folder, made, COMPILE, force=given["force"], reads=reads_so_far())
     if not terminal().quiet:
-        for file in files:
-            click.echo(str(folder / file.path))
+        for path, _ in made:
+            say(one_line(str(folder / path)))
     return 0
-
-
-def _refuse_foreign(folder: Path, *, force: bool) -> None:
-    """A folder with files is written to only if this command made it, or with ``force``."""
-    if force or not folder.is_dir() or (folder / MANIFEST).is_file():
-        return
-    other = next((entry.name for entry in sorted(folder.iterdir())), None)
-    if other is not None:
-        raise MbmError(faults.foreign_folder(str(folder), other))
-
-
-def _write(folder: Path, files: tuple[OutputFile, ...]) -> None:
-    try:
-        for file in files:
-            target = folder / file.path
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes(file.content)
-        (folder / MANIFEST).write_text("".join(f"{file.path}\n" for file in files), encoding="utf-8")
-    except OSError as error:
-        raise MbmError(faults.not_writable(str(folder), error.strerror or str(error))) from error

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from mbm.cli.options import verbosity_options
+from mbm.cli.output import say
 
 
 @click.command("expand")
@@ -18,5 +19,5 @@ def command(file: Path, form: str, sandbox: str | None) -> int:
     """Print the form that FORM expands to with the definitions of FILE."""
     from mbm.api import expand
 
-    click.echo(expand(file, form, sandbox=None if sandbox is None else Path(sandbox)).rstrip("\n"))
+    say(expand(file, form, sandbox=None if sandbox is None else Path(sandbox)).rstrip("\n"))
     return 0

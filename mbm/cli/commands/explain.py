@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from mbm.cli.options import verbosity_options
+from mbm.cli.output import say
 
 STAGES = ("forms", "problem", "symbolic", "kernels")
 
@@ -25,5 +26,5 @@ def command(file: Path, problem: str | None, latex: bool, stage: str | None, san
     from mbm.api import explain
 
     confined = None if sandbox is None else Path(sandbox)
-    click.echo(explain(file, problem=problem, latex=latex, stage=stage, sandbox=confined).rstrip("\n"))
+    say(explain(file, problem=problem, latex=latex, stage=stage, sandbox=confined).rstrip("\n"))
     return 0

@@ -7,10 +7,13 @@ from pathlib import Path
 
 import click
 
-from mbm.cli import faults
-from mbm.cli.failure import write_bytes
 from mbm.cli.options import terminal, verbosity_options
-from mbm.text.types import Diagnostic, MbmError, Source
+from mbm.cli.output import is_terminal, say, say_error, write_bytes
+from mbm.files.faults import not_a_file, reason_of, unreadable_file
+from mbm.text.characters import LARGEST_TEXT
+from mbm.text.faults import text_too_large
+from mbm.text.shown import one_line
+from mbm.text.types import DataPlace, Diagnostic, MbmError, Sequence, Source
 
 UNCHANGED, CHANGED = 0, 1
 _STANDARD_INPUT = "-"
@@ -37,7 +40,7 @@ def command(files: tuple[str, ...], check: bool) -> int:
         if changed and check:
             status = CHANGED
         if changed and not quiet:
-            click.echo(f"{name}: {'would change' if check else 'laid out'}", err=True)
+            say_error(f"{one_line(name)}: {'would change' if check else 'laid out'}")
     if wrong:
         raise MbmError(*wrong)
     return status
@@ -45,29 +48,57 @@ def command(files: tuple[str, ...], check: bool) -> int:
 
 def _file(path: Path, check: bool) -> bool:
     """Whether the file changes; rewrites it unless ``check``."""
-    from mbm.files.source import read_file
+    from mbm.files.reading import read_bytes
+    from mbm.files.source import source_of
+    from mbm.files.targets import is_source, target_of
+    from mbm.files.writing import write_whole
     from mbm.text.formatter import format_text
 
-    source = read_file(path, str(path))
+    place = DataPlace(file=str(path))
+    before = read_bytes(path, place, largest=LARGEST_TEXT)
+    source = source_of(before, str(path))
+    if not is_source(path):
+        _check_definitions(source)
     text = format_text(source).encode("utf-8")
-    if text == path.read_bytes():
+    if text == before:
         return False
     if not check:
-        try:
-            path.write_bytes(text)
-        except OSError as error:
-            raise MbmError(faults.not_writable(str(path), error.strerror or str(error))) from error
+        if not target_of(path).is_ordinary:
+            raise MbmError(not_a_file(path, place, folder=False))
+        write_whole(path, text, replaces_source=True)
     return True
 
 
+def _check_definitions(source: Source) -> None:
+    """Refuse a text that holds anything but lists, as sources do: words and numbers may be a table of measurements.
+
+    Raises:
+        MbmError: bad-form, and whatever is wrong with the characters.
+
+    """
+    from mbm.language.faults import bad_top_level
+    from mbm.text.reader import read
+
+    others = [form.span for form in read(source) if not isinstance(form, Sequence)]
+    if others:
+        raise MbmError(bad_top_level(others[0]))
+
+
 def _standard_input(check: bool) -> bool:
+    from mbm.files.source import source_of
     from mbm.text.formatter import format_text
 
+    name = "<stdin>"
     try:
-        given = sys.stdin.buffer.read().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise MbmError(faults.bad_call("standard input is no UTF-8 text", "mbm fmt")) from error
-    text = format_text(Source(name="<stdin>", text=given.replace("\r\n", "\n").replace("\r", "\n")))
+        before = sys.stdin.buffer.read(LARGEST_TEXT + 1)
+    except OSError as error:
+        raise MbmError(unreadable_file(Path(name), reason_of(error), DataPlace(file=name))) from None
+    if len(before) > LARGEST_TEXT:
+        raise MbmError(text_too_large(name, LARGEST_TEXT))
+    text = format_text(source_of(before, name))
     if not check:
-        write_bytes(text.encode("utf-8"))
-    return check and text != given
+        if is_terminal(sys.stdout):
+            say(text, end="")
+        else:
+            write_bytes(text.encode("utf-8"))
+    return check and text.encode("utf-8") != before

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import click
 
-from mbm.cli import faults
 from mbm.cli.options import terminal, verbosity_options
-from mbm.text.types import MbmError
+from mbm.cli.output import say
+from mbm.text.shown import one_line
 
 TEMPLATES = ("image", "ranges", "trajectory", "curve")
 PROBLEM_FILE = "problem.mbm"
@@ -26,21 +26,15 @@ def command(name: Path, template: str) -> int:
     image: where a desk stands, from corners in one picture. ranges: positions from distances, one for each epoch.
     trajectory: a drifting track laid onto absolute positions. curve: the parameters of a decay.
     """
-    if name.exists() and (not name.is_dir() or any(name.iterdir())):
-        raise MbmError(faults.exists_already(str(name)))
-    title = name.resolve().name
-    written = []
-    try:
-        name.mkdir(parents=True, exist_ok=True)
-        for source in sorted(_files(template)):
-            target = name / (f"{title}.mbm" if source == PROBLEM_FILE else source)
-            target.write_bytes(_content(template, source))
-            written.append(target)
-    except OSError as error:
-        raise MbmError(faults.not_writable(str(name), error.strerror or str(error))) from error
+    from mbm.files.folders import write_new_folder
+
+    title = name.absolute().name or name.resolve().name
+    problem = f"{title}.mbm"
+    files = [(problem if file == PROBLEM_FILE else file, _content(template, file)) for file in sorted(_files(template))]
+    write_new_folder(name, files)
     if not terminal().quiet:
-        click.echo("wrote " + ", ".join(str(path) for path in written))
-        click.echo(f"solve it: mbm solve {name / f'{title}.mbm'}")
+        say("wrote " + ", ".join(one_line(str(name / file)) for file, _ in files))
+        say(f"solve it: mbm solve {one_line(str(name / problem))}")
     return 0
 
 

@@ -10,7 +10,12 @@ import click
 from mbm.cli import faults
 from mbm.cli.failure import print_diagnostics
 from mbm.cli.inputs import json_object, named_paths, named_texts
-from mbm.cli.options import terminal, verbosity_options
+from mbm.cli.options import problem_at, reads_so_far, terminal, verbosity_options
+from mbm.cli.output import say
+from mbm.files.folders import check_folder, write_folder
+from mbm.files.journal import note, option_role
+from mbm.files.manifest import SIMULATE
+from mbm.text.shown import one_line
 from mbm.text.types import MbmError
 
 if TYPE_CHECKING:
@@ -32,6 +37,7 @@ if TYPE_CHECKING:
     "--outliers", nargs=2, type=float, metavar="FRACTION SIZE", help="Gross errors of SIZE standard deviations."
 )
 @click.option("--draw-priors", is_flag=True, help="Draw what has a prior from it, about its mean.")
+@click.option("--force", is_flag=True, help="Write into a folder that holds other files.")
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
 @verbosity_options
 def command(**given: Any) -> int:
@@ -41,13 +47,15 @@ def command(**given: Any) -> int:
     Rows that no observation uses, and all that is not measured, stay as they are.
     """
     screen = terminal()
+    folder = Path(given["folder"])
+    check_folder(folder, SIMULATE, force=given["force"], reads=problem_at(given["file"]))
     made, files = _simulated(given)
     print_diagnostics(() if screen.quiet else made.notes, color=screen.color_errors)
-    folder = Path(given["folder"])
-    _write(folder, files, given["file"])
+    written = [(file.path, file.content) for file in files]
+    write_folder(folder, written, SIMULATE, force=given["force"], reads=reads_so_far())
     if not screen.quiet:
         for file in files:
-            click.echo(f"{folder / file.path}: {file.summary}")
+            say(f"{one_line(str(folder / file.path))}: {one_line(file.summary)}")
     return 0
 
 
@@ -69,7 +77,7 @@ def _simulated(given: dict[str, Any]) -> tuple[Simulated, tuple[OutputFile, ...]
         for name, text in named_texts("--measured", given["measured"])
     }
     settings = SimulationSettings(
-        at={} if given["at"] is None else json_object(Path(given["at"])),
+        at={} if given["at"] is None else _true_values(Path(given["at"])),
         seed=given["seed"],
         noise=dict(named_texts("--noise", given["noise"])),
         measured=measured,
@@ -79,14 +87,6 @@ def _simulated(given: dict[str, Any]) -> tuple[Simulated, tuple[OutputFile, ...]
     return simulate_file(given["file"], options, settings)
 
 
-def _write(folder: Path, files: tuple[OutputFile, ...], problem: Path) -> None:
-    """Write all files; the problem's own folder is refused, where they would replace real measurements."""
-    if folder.resolve() == problem.resolve().parent:
-        raise MbmError(faults.not_writable(str(folder), "it holds the problem, whose data would be replaced"))
-    try:
-        for file in files:
-            target = folder / file.path
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes(file.content)
-    except OSError as error:
-        raise MbmError(faults.not_writable(str(folder), error.strerror or str(error))) from error
+def _true_values(path: Path) -> dict[str, Any]:
+    note(path, option_role("--at"))
+    return json_object(path)

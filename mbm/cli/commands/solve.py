@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from mbm.cli import faults
-from mbm.cli.failure import print_diagnostics, write_bytes
+from mbm.cli.documents import STANDARD_OUTPUT
+from mbm.cli.failure import print_diagnostics
 from mbm.cli.inputs import json_object, named_paths, named_texts
 from mbm.cli.interrupts import interruptible
-from mbm.cli.options import Terminal, terminal, verbosity_options
+from mbm.cli.options import Terminal, problem_at, reads_so_far, terminal, verbosity_options
+from mbm.cli.output import say, write_bytes
+from mbm.cli.outputs import check_outputs, document_bytes, outputs_of, write_outputs
 from mbm.cli.progress import ProgressBar
+from mbm.cli.statuses import ATTENTION, OK, WRONG
+from mbm.files.journal import note, option_role
 from mbm.text.types import MbmError
 
 if TYPE_CHECKING:
@@ -21,7 +26,6 @@ if TYPE_CHECKING:
 
 NOT_YET = ("overlay", "scheduler", "allow_external")
 BACKENDS = ("auto", "native", "casadi", "numpy")
-OK, ATTENTION = 0, 1
 
 
 @click.command("solve")
@@ -51,22 +55,30 @@ def command(**given: Any) -> int:
     """Solve FILE and print the estimates with their standard deviations, the fit, and what cannot be determined.
 
     Exit status: 0 converged, observable and within its constraints; 1 an answer that should not be trusted as it
-    stands; 2 nothing was solved.
+    stands; 2 nothing was solved, or a file that was asked for could not be written.
     """
     for name in NOT_YET:
         if given[name]:
             raise MbmError(faults.not_available_yet(f"--{name.replace('_', '-')}"))
     screen = terminal()
-    _check_destinations(given)
-    result = _solve(given, screen)
+    outputs = outputs_of(given)
+    check_outputs(outputs, problem_at(given["file"]))
+    result = _solve(given, screen, lambda: check_outputs(outputs, reads_so_far()))
     print_diagnostics(() if screen.quiet else result.diagnostics, color=screen.color_errors)
-    _write_outputs(result, given)
-    if given["json_path"] != "-":
-        _print_table(result, screen)
-    return OK if result.status.value == "ok" else ATTENTION
+    wrong = list(write_outputs(outputs, result, reads_so_far()))
+    try:
+        if given["json_path"] == STANDARD_OUTPUT:
+            write_bytes(document_bytes(result))
+        else:
+            _print_table(result, screen)
+    except MbmError as error:  # the files are there, and stay
+        wrong.extend(error.diagnostics)
+    print_diagnostics(wrong, color=screen.color_errors)
+    return WRONG if wrong else OK if result.status.value == "ok" else ATTENTION
 
 
-def _solve(given: dict[str, Any], screen: Terminal) -> Result:
+def _solve(given: dict[str, Any], screen: Terminal, loaded: Callable[[], None]) -> Result:
+    """Solve; ``loaded`` is called once everything was read, before the work begins."""
     from mbm.api import solve_file
     from mbm.report.options import Backend, SolveOptions
     from mbm.solution.interruption import Interruption
@@ -77,7 +89,7 @@ def _solve(given: dict[str, Any], screen: Terminal) -> Result:
             problem=given["problem"],
             set=named_texts("--set", given["settings"]),
             data=named_paths("--data", given["data"]),
-            init=None if given["init"] is None else json_object(Path(given["init"])),
+            init=None if given["init"] is None else _initial_values(Path(given["init"])),
             starts=given["starts"],
             seed=given["seed"],
             method=given["method"],
@@ -87,66 +99,18 @@ def _solve(given: dict[str, Any], screen: Terminal) -> Result:
             covariance_full=given["covariance"] == "full",
             progress=progress.advance,
             interruption=interruption,
+            loaded=loaded,
         )
         return solve_file(given["file"], options)
-
-
-def _check_destinations(given: dict[str, Any]) -> None:
-    """Folders that do not exist are found before the work is done."""
-    for name in ("json_path", "csv_path", "residuals_path", "plot_path"):
-        path = given[name]
-        if path is None or (path == "-" and name == "json_path"):
-            continue
-        if not Path(path).parent.is_dir():
-            raise MbmError(faults.not_writable(path, "its folder does not exist"))
-        if Path(path).is_dir():
-            raise MbmError(faults.not_writable(path, "it is a folder"))
-
-
-def _write_outputs(result: Result, given: dict[str, Any]) -> None:
-    if given["json_path"] is not None:
-        _write_document(result, given["json_path"])
-    if given["csv_path"] is not None:
-        from mbm.report.exports import write_solves
-
-        _writing(given["csv_path"], lambda: _write_text(given["csv_path"], lambda out: write_solves(result, out)))
-    if given["residuals_path"] is not None:
-        from mbm.report.exports import write_residuals
-
-        path = given["residuals_path"]
-        _writing(path, lambda: _write_text(path, lambda out: write_residuals(result, out)))
-    if given["plot_path"] is not None:
-        from mbm.report.plots import save
-
-        _writing(given["plot_path"], lambda: save(result, Path(given["plot_path"])))
-
-
-def _write_document(result: Result, path: str) -> None:
-    from mbm.report.document import lazy_document
-    from mbm.report.encode import encode, to_bytes
-
-    content = to_bytes(encode(lazy_document(result)))
-    if path == "-":
-        write_bytes(content)
-    else:
-        _writing(path, lambda: Path(path).write_bytes(content))
-
-
-def _write_text(path: str, write: Callable[[TextIO], None]) -> None:
-    with Path(path).open("w", encoding="utf-8", errors="backslashreplace", newline="") as stream:
-        write(stream)
-
-
-def _writing(path: str, write: Callable[[], object]) -> None:
-    """Runs ``write``; what the system objects to becomes a diagnostic."""
-    try:
-        write()
-    except OSError as error:
-        raise MbmError(faults.not_writable(path, error.strerror or str(error))) from error
 
 
 def _print_table(result: Result, screen: Terminal) -> None:
     from mbm.report.table import table
 
     text = table(result, width=screen.width, color=screen.color, full=screen.verbose)
-    click.echo(text, nl=False, color=screen.color)
+    say(text, color=screen.color, end="")
+
+
+def _initial_values(path: Path) -> dict[str, Any]:
+    note(path, option_role("--init"))
+    return json_object(path)

@@ -21,6 +21,8 @@ from mbm.text.types import DataPlace, MbmError
 POSE = ("timestamp", "x", "y", "z", "qw", "qx", "qy", "qz")
 MOTION = ("vx", "vy", "vz", "bwx", "bwy", "bwz", "bax", "bay", "baz")
 NANOSECONDS = 10**9
+LONGEST = 300
+"""Digits of a stamp that are read one by one; longer ones are no times."""
 
 
 def read(path: Path) -> RawTable:
@@ -42,16 +44,18 @@ def read(path: Path) -> RawTable:
 
 
 def _seconds(line: Line, path: str) -> float:
-    """Nanoseconds as seconds: whole ones apart, for all nineteen digits do not fit a float."""
+    """Nanoseconds as the nearest float to the seconds: all nineteen digits do not fit a float themselves.
+
+    Stamps with a fraction are refused: they are seconds of another format, which would be read a billion times too
+    small.
+    """
     number, fields = line
     stamp = fields[0].strip()
-    if not stamp.isdigit():
-        value = float(stamp)
-        if np.isfinite(value):
-            return value / NANOSECONDS
-        raise MbmError(format_faults.malformed_record(DataPlace(file=path, row=number), "`timestamp` is not finite"))
-    seconds, rest = divmod(int(stamp), NANOSECONDS) if len(stamp) < 300 else (float(stamp) / NANOSECONDS, 0)
-    return seconds + rest / NANOSECONDS
+    value = int(stamp) if stamp.isdigit() and len(stamp) <= LONGEST else float(stamp)
+    if isinstance(value, float) and not value.is_integer():
+        what = "is not finite" if not np.isfinite(value) else f"is {stamp}, no whole number of nanoseconds"
+        raise MbmError(format_faults.malformed_record(DataPlace(file=path, row=number), f"`timestamp` {what}"))
+    return value / NANOSECONDS
 
 
 READER = Reader(name="euroc", extensions=(), read=read)

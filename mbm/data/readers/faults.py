@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbm.text.shown import cut
 from mbm.text.types import Code, DataPlace, Diagnostic
 
 MISSING_HEADER = Code(
@@ -66,9 +67,8 @@ LONGEST_SHOWN = 40
 
 
 def shown(text: str) -> str:
-    """A piece of a file as messages show it: in backticks, cut short, control characters escaped."""
-    clean = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text[:LONGEST_SHOWN])
-    return f"`{clean}{'…' if len(text) > LONGEST_SHOWN else ''}`"
+    """A piece of a file as messages show it: in backticks, and cut short."""
+    return f"`{cut(text, LONGEST_SHOWN)}`"
 
 
 def missing_header(place: DataPlace, said: str) -> Diagnostic:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from mbm.emit.markdown import code, prose
 from mbm.emit.types import Blueprint
 from mbm.emit.words import described
 
-MAKEFILE = """# Builds the solver of {title}: `make` the program and its test, `make test` the comparison with
+MAKEFILE = """# Builds the solver {name}: `make` the program and its test, `make test` the comparison with
 # the reference numbers.
 
 CC ?= cc
@@ -44,7 +45,7 @@ set(CMAKE_C_EXTENSIONS OFF)
 
 add_library({name}_solver STATIC {name}.c)
 target_include_directories({name}_solver PUBLIC ${{CMAKE_CURRENT_SOURCE_DIR}})
-target_link_libraries({name}_solver PUBLIC m)
+target_link_libraries({name}_solver PUBLIC -lm)
 
 add_executable({name} main.c)
 target_link_libraries({name} {name}_solver)
@@ -58,7 +59,7 @@ add_test(NAME reference COMMAND {name}_test WORKING_DIRECTORY ${{CMAKE_CURRENT_S
 
 def makefile(blueprint: Blueprint) -> str:
     """``Makefile``."""
-    return MAKEFILE.format(name=blueprint.identifier, title=blueprint.name)
+    return MAKEFILE.format(name=blueprint.identifier)
 
 
 def cmake(blueprint: Blueprint) -> str:
@@ -74,9 +75,9 @@ def readme(blueprint: Blueprint) -> str:
 def _building(blueprint: Blueprint) -> Iterator[str]:
     name = blueprint.identifier
     usage = " ".join(f"{t.identifier}.csv" for t in blueprint.tables)
-    yield f"# {blueprint.name}"
+    yield f"# {prose(blueprint.name)}"
     yield ""
-    yield from (blueprint.doc, "") if blueprint.doc else ()
+    yield from (prose(blueprint.doc), "") if blueprint.doc else ()
     yield f"A solver in C99, written by mbm {blueprint.version}. It needs a C compiler and `libm`, nothing else."
     yield ""
     yield "## Build"
@@ -113,6 +114,6 @@ def _calling(blueprint: Blueprint) -> Iterator[str]:
     yield "```"
     yield ""
     if blueprint.for_each:
-        keys = ", ".join(f"`{c}`" for c in blueprint.for_each)
+        keys = ", ".join(map(code, blueprint.for_each))
         yield f"One call solves one data set: the rows that agree in {keys}. The program goes through all of them."
         yield ""

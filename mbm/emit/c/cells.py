@@ -4,23 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mbm.emit.types import Blueprint, CaseProgram, Choice, ColumnValue, InputValue, LiteralKey, RowPrograms
-from mbm.problem.tables import CellKey
+from mbm.emit.c.text import literal
+from mbm.emit.foreign import Foreign
+from mbm.emit.types import (
+    BlockCase,
+    Blueprint,
+    CaseProgram,
+    Choice,
+    ColumnValue,
+    InputValue,
+    Key,
+    LiteralKey,
+    RowPrograms,
+)
 from mbm.target.c import number
 from mbm.values import dataclass
-
-
-def quoted(text: str) -> str:
-    """A C string."""
-    escaped = "".join(
-        character if 32 <= ord(character) < 127 and character not in '"\\?' else _escaped(character)
-        for character in text
-    )
-    return f'"{escaped}"'
-
-
-def _escaped(character: str) -> str:
-    return "".join(f"\\{byte:03o}" for byte in character.encode())
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +27,7 @@ class Cells:
 
     blueprint: Blueprint
 
-    def rows(self, table: str) -> str:
+    def rows(self, table: Foreign) -> str:
         """The number of rows of a table."""
         return f"data->{self.blueprint.table(table).identifier}_rows"
 
@@ -50,7 +48,7 @@ class Cells:
         link = self.blueprint.links[link_number]
         return f"f->{link.identifier}[{'row' if link.table is not None else 0}]"
 
-    def column(self, table: str, name: str) -> str:
+    def column(self, table: Foreign, name: Foreign) -> str:
         """The array of a column."""
         shape = self.blueprint.table(table)
         return f"data->{shape.identifier}_{shape.column(name).identifier}"
@@ -62,14 +60,23 @@ class Cells:
             return f"(double)({place} + 1)"
         return f"{self.column(value.owner, value.column)}[{place}]"
 
+    def moves(self, value: InputValue) -> bool:
+        """Whether a number or text is that of the row at hand."""
+        return isinstance(value, ColumnValue) and self.cell(value, "row") != self.cell(value, "another")
+
+    def reads(self, case: BlockCase) -> bool:
+        """Whether the parameters, the noise or the test of a case take something of the row at hand."""
+        noise = () if case.noise is None else case.noise.inputs
+        return any(map(self.moves, (*(value for value, _ in case.static), *case.parameters, *noise)))
+
     def is_text(self, value: ColumnValue) -> bool:
         """Whether a cell is a text."""
         return value.column is not None and self.blueprint.table(value.owner).column(value.column).is_text
 
-    def equals(self, value: ColumnValue, key: CellKey) -> str:
+    def equals(self, value: ColumnValue, key: Key) -> str:
         """The condition that a cell holds a key."""
-        if isinstance(key, str):
-            return f"strcmp({self.cell(value)}, {quoted(key)}) == 0"
+        if isinstance(key, Foreign):
+            return f"strcmp({self.cell(value)}, {literal(key)}) == 0"
         return f"{self.cell(value)} == {number(float(key))}"
 
     def input(self, value: InputValue) -> str:
@@ -82,8 +89,8 @@ class Cells:
     def key(self, cell: ColumnValue | LiteralKey) -> tuple[str, bool]:
         """A key and whether it is a text."""
         if isinstance(cell, LiteralKey):
-            if isinstance(cell.key, str):
-                return quoted(cell.key), True
+            if isinstance(cell.key, Foreign):
+                return literal(cell.key), True
             return number(float(cell.key)), False
         return self.cell(cell), self.is_text(cell)
 
@@ -113,7 +120,7 @@ class Cells:
         """The name of a status."""
         return f"{self.blueprint.identifier.upper()}_{word}"
 
-    def loop(self, table: str | None) -> tuple[list[str], list[str]]:
+    def loop(self, table: Foreign | None) -> tuple[list[str], list[str]]:
         """What opens and closes a loop over the kept rows of a table; ``row`` is the row."""
         if table is None:
             return ["    {", "        const long row = 0;"], ["        (void)row;", "    }"]
@@ -131,8 +138,8 @@ def program_name(programs: RowPrograms, position: int) -> str:
     return programs.identifier if len(programs.cases) == 1 else f"{programs.identifier}_{position + 1}"
 
 
-def input_name(value: InputValue) -> str:
+def input_name(value: InputValue) -> Foreign:
     """What an input of a program of data is called."""
     if isinstance(value, ColumnValue):
-        return value.column or "row"
+        return value.column or Foreign("row")
     return value.name

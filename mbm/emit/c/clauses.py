@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mbm.emit.c.cells import Cells
+from mbm.emit.c.text import remark
 from mbm.emit.system import varies
 from mbm.emit.types import BlockCase, BlockShape, Blueprint, ColumnValue, SlotPlace
 from mbm.problem.types import NoiseKind
@@ -31,7 +32,7 @@ def _chosen(blueprint: Blueprint, cells: Cells, block: BlockShape) -> Iterator[s
     """The rows of the table that a clause uses: of `kept` those that `:when` lets through, each kind once."""
     if block.table is None:
         return
-    yield f"/* The rows of `{block.table}` that {block.name} is about. */"
+    yield remark("The rows of `", block.table, "` that ", block.name, " is about.")
     yield f"static int {block.identifier}_rows(struct frame *f, long *count)"
     yield "{"
     yield f"    const {blueprint.identifier}_data *data = f->data;"
@@ -87,6 +88,7 @@ def _case(blueprint: Blueprint, cells: Cells, block: BlockShape, case: BlockCase
     yield "    for (i = 0; i < count; i++) {"
     if block.table is not None:
         yield "        const long row = f->chosen[i];"
+        yield from () if cells.reads(case) or varies(blueprint, case) else ("        (void)row;",)
     yield from (f"        {line}" for line in _row(blueprint, cells, case))
     yield "    }"
     yield "    own->rows = rows;"
@@ -100,11 +102,8 @@ def _row(blueprint: Blueprint, cells: Cells, case: BlockCase) -> Iterator[str]:
         tests = " && ".join(cells.equals(value, key) for value, key in case.static)
         yield f"if (!({tests}))"
         yield "    continue;"
-    parameters = [cells.input(value) for value in case.parameters]
-    needed = any("row" in text for text in parameters) or case.static or varies(blueprint, case)
-    yield from () if needed else ("(void)i;",)
-    for text in parameters:
-        yield f"f->parameters[f->parameters_used++] = {text};"
+    for value in case.parameters:
+        yield f"f->parameters[f->parameters_used++] = {cells.input(value)};"
     if case.noise is not None:
         yield from _weights(cells, case)
     lines = [
@@ -126,7 +125,7 @@ def _place(cells: Cells, blueprint: Blueprint, array: str, origin: str, slot: Sl
     member = "" if slot.member is None else f" + {cells.member(slot.member)} * {width}"
     component = f" + {slot.component}" if slot.component else ""
     text = f"f->{array}[f->{array}_used++] = f->{origin}[{slot.unknown}]{member}{component};"
-    return f"{text}    /* {unknown.name} */"
+    return f"{text}    {remark(unknown.name)}"
 
 
 def _weights(cells: Cells, case: BlockCase) -> Iterator[str]:
@@ -160,7 +159,7 @@ def _assemble(blueprint: Blueprint, cells: Cells) -> Iterator[str]:
     yield "    int rows, all, status = 0;"
     yield ""
     for block in blueprint.blocks:
-        yield f"    /* {block.role.value} {block.name} */"
+        yield f"    {remark(block.role.value, ' ', block.name)}"
         if block.table is None:
             yield "    count = 1;"
         else:

@@ -6,6 +6,9 @@ from collections.abc import Iterator
 
 from mbm.emit.c.cells import Cells
 from mbm.emit.c.kernels import function
+from mbm.emit.c.text import remark
+from mbm.emit.foreign import told
+from mbm.emit.system import varies
 from mbm.emit.types import BlockCase, Blueprint, DerivedShape, SlotPlace
 from mbm.target.solver import description as at
 
@@ -49,12 +52,12 @@ def derived_kernels(blueprint: Blueprint) -> Iterator[str]:
     """The functions that compute the quantities and their derivatives."""
     for derived in blueprint.derived:
         for case in derived.cases:
-            head = [f"{derived.name}, and behind it its derivatives that are not zero everywhere.", ""]
+            head = told(derived.name, ", and behind it its derivatives that are not zero everywhere.")
             yield function(
                 f"{case.identifier}_derived",
                 case.kernel.jacobian_program,
                 case.input_names,
-                [*head, *(f"    {line}" for line in case.text)],
+                [head, "", *(told("    ", line) for line in case.text)],
             )
 
 
@@ -73,9 +76,9 @@ def capacity(cells: Cells, derived: DerivedShape) -> str:
 
 
 def _function(cells: Cells, derived: DerivedShape) -> Iterator[str]:
-    over = "once" if derived.table is None else f"for each row of `{derived.table}`"
+    over = "once" if derived.table is None else told("for each row of `", derived.table, "`")
     filtered = derived.table is not None and cells.blueprint.table(derived.table).where is not None
-    yield f"/* {derived.name}, {over}. */"
+    yield remark(derived.name, ", ", over, ".")
     yield f"static int derive_{derived.identifier}(struct frame *f)"
     yield "{"
     yield f"    const {cells.blueprint.identifier}_data *data = f->data;"
@@ -95,6 +98,8 @@ def _function(cells: Cells, derived: DerivedShape) -> Iterator[str]:
     yield "    (void)data;"
     opened, closed = cells.loop(derived.table)
     yield from opened
+    if filtered and not any(cells.reads(case) or varies(cells.blueprint, case) for case in derived.cases):
+        yield "        (void)row;"
     for number, case in enumerate(derived.cases):
         yield from (f"        {line}" for line in _case(cells, derived, case, number))
     if any(case.static for case in derived.cases):

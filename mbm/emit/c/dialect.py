@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from mbm.emit.identifiers import RESERVED
+from mbm.emit.c.text import bare
+from mbm.emit.reserved import RESERVED
 from mbm.emit.statements import ARITHMETIC, Dialect, Shape
 from mbm.target.c import number
 from mbm.target.program import Operator
@@ -74,10 +75,11 @@ DIALECT = Dialect(
         **{operator: Shape(f"{name}({{0}}, {{1}})") for operator, name in _CALLED_WITH_TWO.items()},
     },
     number=number,
-    reserved=RESERVED,
+    reserved=RESERVED | frozenset(_CALLED.values()) | frozenset(_CALLED_WITH_TWO.values()),
 )
 
 
 def helpers(text: str) -> str:
     """The definitions of the helpers that ``text`` calls."""
-    return "".join(f"static double {name}{body}\n" for name, body in HELPERS.items() if f"{name}(" in text)
+    code = bare(text)
+    return "".join(f"static double {name}{body}\n" for name, body in HELPERS.items() if f"{name}(" in code)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from mbm.emit.c.build import cmake, makefile, readme
+from mbm.emit.c.csv import CSV
 from mbm.emit.c.header import header
 from mbm.emit.c.main import main_file, test_file
-from mbm.emit.c.reading import CSV, tables_file
+from mbm.emit.c.reading import tables_file
 from mbm.emit.c.source import kernels_file, solver_file, source_file
 from mbm.emit.data_files import data_files
 from mbm.emit.system import static_system

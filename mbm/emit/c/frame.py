@@ -8,6 +8,8 @@ from mbm.emit.c.agreement import agreement_fields, agreement_room
 from mbm.emit.c.cells import Cells
 from mbm.emit.c.derived import capacity
 from mbm.emit.c.sizes import outputs_capacity, spare_size
+from mbm.emit.c.text import remark
+from mbm.emit.foreign import Foreign, told
 from mbm.emit.reading import every_value
 from mbm.emit.system import StaticSystem, kinds_of_units, weights_width
 from mbm.emit.types import BlockShape, Blueprint, Choice, ColumnValue, InputValue
@@ -44,9 +46,9 @@ def frame_text(blueprint: Blueprint, static: StaticSystem) -> str:
     return "\n".join([_HEAD, *_struct(blueprint), "", *_layout(blueprint, static, cells), ""])
 
 
-def ends(blueprint: Blueprint) -> tuple[tuple[str, Choice], ...]:
+def ends(blueprint: Blueprint) -> tuple[tuple[Foreign, Choice], ...]:
     """Tables whose first or last row something reads."""
-    found: dict[tuple[str, Choice], None] = {}
+    found: dict[tuple[Foreign, Choice], None] = {}
     values: list[InputValue] = list(every_value(blueprint))
     for value in values:
         if isinstance(value, ColumnValue) and value.place.choice is not Choice.HERE:
@@ -69,10 +71,10 @@ def _struct(blueprint: Blueprint) -> Iterator[str]:
     for name, choice in ends(blueprint):
         yield f"    long {choice.value}_of_{blueprint.table(name).identifier};"
     for link in blueprint.links:
-        what = f"row of `{link.target}`" if link.family is None else "member"
-        yield f"    long *{link.identifier};    /* the {what} that each row names */"
+        what = told("row of `", link.target, "`") if link.family is None else "member"
+        yield f"    long *{link.identifier};    {remark('the ', what, ' that each row names')}"
     for family in blueprint.families:
-        yield f"    long *{family.identifier};    /* a row of `{family.table}` for each member */"
+        yield f"    long *{family.identifier};    {remark('a row of `', family.table, '` for each member')}"
         yield f"    long {family.identifier}_count;"
     yield "    long *chosen, *fixed, *used, *column, *index, *columns, *sides, *flags, *coordinates;"
     yield "    struct problem *system;"
@@ -165,7 +167,7 @@ def _capacities(block: BlockShape, cells: Cells) -> Iterator[str]:
     def widest(of: Iterator[int]) -> int:
         return max(of, default=0)
 
-    yield f"    /* {block.name} */"
+    yield f"    {remark(block.name)}"
     if block.table is not None:
         yield f"    chosen = chosen < {rows} ? {rows} : chosen;"
     outputs = widest(c.kernel.outputs for c in block.cases)

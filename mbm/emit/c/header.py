@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from mbm.emit.c.layout import comment
+from mbm.emit.c.text import comment, remark
+from mbm.emit.foreign import Foreign, Word, told
 from mbm.emit.types import Blueprint, DerivedShape, TableShape, UnknownShape
 
 STATUSES: Mapping[str, str] = {
@@ -32,7 +33,7 @@ ANSWERS = 5
 def header(blueprint: Blueprint) -> str:
     """``<problem>.h``."""
     name = blueprint.identifier
-    guard = f"{name.upper()}_H"
+    guard = f"{name.upper()}__H"  # two underscores in a row are in no name that a problem gives
     lines = [f"#ifndef {guard}", f"#define {guard}", "", comment(_doc(blueprint)), ""]
     lines += ["/* What a call answers; `_status_text` has the sentence. */", f"enum {name}_status {{"]
     words = [f"    {name.upper()}_{word} = {number}" for number, word in enumerate(STATUSES)]
@@ -41,7 +42,7 @@ def header(blueprint: Blueprint) -> str:
     for table in blueprint.tables:
         lines += _table(table)
     for unknown in blueprint.unknowns:
-        lines.append(f"    const double *start_{unknown.identifier};    /* {_start(unknown)} */")
+        lines.append(f"    const double *start_{unknown.identifier};    {_start(unknown)}")
     lines += [f"}} {name}_data;", "", "/* What is answered, in SI; `sigma` are standard deviations. */"]
     lines += ["typedef struct {", *_result(), *_agreed(blueprint)]
     lines += [line for unknown in blueprint.unknowns for line in _estimate(unknown)]
@@ -50,25 +51,25 @@ def header(blueprint: Blueprint) -> str:
     return "\n".join(lines)
 
 
-def _doc(blueprint: Blueprint) -> Iterator[str]:
-    yield f"{blueprint.name}" + (f": {blueprint.doc}" if blueprint.doc else "")
+def _doc(blueprint: Blueprint) -> Iterator[Word]:
+    yield told(blueprint.name, ": ", blueprint.doc) if blueprint.doc else blueprint.name
     yield ""
     yield f"Written by mbm {blueprint.version}. Everything is in SI, angles in radians. Calls share nothing but their"
     yield "arguments, so that threads may solve at the same time, each with a workspace of its own."
 
 
 def _table(table: TableShape) -> Iterator[str]:
-    yield f"    long {table.identifier}_rows;    /* rows of `{table.name}` */"
+    yield f"    long {table.identifier}_rows;    {remark('rows of `', table.name, '`')}"
     for column in table.columns:
         kind = "const char *const *" if column.is_text else "const double *"
-        unit = f"`{column.name}`" + (f", in the file in {column.unit}" if column.unit else "")
-        yield f"    {kind}{table.identifier}_{column.identifier};    /* {unit} */"
+        unit = (", in the file in ", column.unit) if column.unit else ()
+        yield f"    {kind}{table.identifier}_{column.identifier};    {remark('`', column.name, '`', *unit)}"
 
 
 def _start(unknown: UnknownShape) -> str:
     many = "" if unknown.family is None else " for each member"
     numbers = "a number" if unknown.size == 1 else f"{unknown.size} numbers"
-    return f"where {unknown.name} begins: {numbers}{many}; NULL: as the README says"
+    return remark("where ", unknown.name, f" begins: {numbers}{many}; NULL: as the README says")
 
 
 def _result() -> Iterator[str]:
@@ -94,24 +95,28 @@ def _agreed(blueprint: Blueprint) -> Iterator[str]:
 
 
 def _estimate(unknown: UnknownShape) -> Iterator[str]:
-    unit = f", shown in {unknown.unit}" if unknown.unit else ""
-    doc = f": {unknown.doc}" if unknown.doc else ""
-    what = f"{unknown.kind.value}{doc}{unit}".replace("*/", "")
+    doc = (": ", unknown.doc) if unknown.doc else ()
     if unknown.family is not None:
         yield f"    long {unknown.identifier}_members;"
         yield f"    const long *{unknown.identifier}_rows;    /* (members) the row of the table that names each */"
     many = "" if unknown.family is None else "members × "
-    yield f"    const double *{unknown.identifier};          /* ({many}{unknown.size}) {what} */"
+    what = remark(f"({many}{unknown.size}) {unknown.kind.value}", *doc, *_shown(unknown.unit))
+    yield f"    const double *{unknown.identifier};          {what}"
     yield f"    const double *{unknown.identifier}_sigma;    /* ({many}{unknown.freedom}) */"
 
 
 def _derived(derived: DerivedShape) -> Iterator[str]:
-    what = "derived" + (f", shown in {derived.unit}" if derived.unit else "")
     if derived.table is not None:
-        yield f"    long {derived.identifier}_rows;    /* the rows of `{derived.table}` that count */"
+        rows = remark("the rows of `", derived.table, "` that count")
+        yield f"    long {derived.identifier}_rows;    {rows}"
     many = "" if derived.table is None else "rows × "
-    yield f"    const double *{derived.identifier};          /* ({many}{derived.size}) {what} */"
+    what = remark(f"({many}{derived.size}) derived", *_shown(derived.unit))
+    yield f"    const double *{derived.identifier};          {what}"
     yield f"    const double *{derived.identifier}_sigma;    /* ({many}{derived.size}) */"
+
+
+def _shown(unit: Foreign) -> tuple[Word, ...]:
+    return (", shown in ", unit) if unit else ()
 
 
 def _workspace(name: str) -> list[str]:

@@ -1,31 +1,16 @@
-"""Comments, long lines and arrays of C text."""
+"""Long lines and arrays of C text."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
+from mbm.emit.c.text import WIDTH, comment
 from mbm.target.c import number
-
-WIDTH = 110
-
-
-def comment(lines: Iterable[str]) -> str:
-    """A comment of several lines; what would end it is taken apart."""
-    text = [line.replace("*/", "* /").replace("/*", "/ *") for line in lines]
-    if len(text) == 1 and len(text[0]) < WIDTH - 6:
-        return f"/* {text[0]} */"
-    found = []
-    for line in text:
-        indent = line[: len(line) - len(line.lstrip())]
-        found += textwrap.wrap(
-            line, WIDTH - 3, initial_indent="", subsequent_indent=indent + "    ", break_long_words=False
-        ) or [""]
-    return "/*\n" + "\n".join(f" * {line}".rstrip() for line in found) + "\n */"
 
 
 def wrapped(lines: Iterable[str]) -> Iterator[str]:
-    """Statements, long ones over several lines; broken at blanks only, which no token of ours contains."""
+    """Statements without strings or comments, long ones over several lines; broken at blanks only."""
     for line in lines:
         if len(line) <= WIDTH:
             yield line

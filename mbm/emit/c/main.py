@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mbm.emit.c.cells import quoted
 from mbm.emit.c.header import ANSWERS
 from mbm.emit.c.reading import key_cell, key_tables
+from mbm.emit.c.text import bare, literal, remark
+from mbm.emit.foreign import Foreign
 from mbm.emit.types import Blueprint, DerivedShape, UnknownShape
 from mbm.target.c import number
 
@@ -34,14 +35,16 @@ static void print_rest(double sigma, const char *unit)
 {
     if (sigma >= 0.0)
         printf("%.17g", sigma);
-    printf(",%s\\n", unit);
+    putchar(',');
+    csv_put_text(stdout, unit);
+    putchar('\\n');
 }
 """
 
 
 def _heads(blueprint: Blueprint, doc: str) -> Iterator[str]:
     name = blueprint.identifier
-    yield f"/* {doc} */"
+    yield remark(blueprint.name, ": ", doc)
     yield ""
     yield "#include <math.h>"
     yield "#include <stdio.h>"
@@ -54,10 +57,10 @@ def _heads(blueprint: Blueprint, doc: str) -> Iterator[str]:
 
 
 def _each(blueprint: Blueprint, call: str) -> Iterator[str]:
-    """The body that goes through the data sets; ``call`` is done with each, as ``chosen`` with the key ``row``."""
+    """The body that goes through the data sets; ``call`` is done with each."""
     name = blueprint.identifier
     if not blueprint.for_each:
-        yield f"    {call.format(data='&tables.data', row='0')}"
+        yield f"    {call.format(data='&tables.data')}"
         return
     yield f"    for (row = {name}_next_key(&tables.data, -1); row >= 0; row = {name}_next_key(&tables.data, row)) {{"
     yield f"        {name}_data chosen;"
@@ -65,7 +68,7 @@ def _each(blueprint: Blueprint, call: str) -> Iterator[str]:
     yield '            fprintf(stderr, "error: the rows of a solve do not fit into the memory\\n");'
     yield "            return 2;"
     yield "        }"
-    yield f"        {call.format(data='&chosen', row='row')}"
+    yield f"        {call.format(data='&chosen')}"
     yield f"        {name}_free_columns(&chosen);"
     yield "    }"
 
@@ -73,31 +76,33 @@ def _each(blueprint: Blueprint, call: str) -> Iterator[str]:
 def main_file(blueprint: Blueprint) -> str:
     """``main.c``."""
     name = blueprint.identifier
-    usage = " ".join(f"{t.identifier.upper()}.csv" for t in blueprint.tables)
-    lines = [*_heads(blueprint, f"{blueprint.name}: solves the tables of the files that it is given.")]
+    lines = [*_heads(blueprint, "solves the tables of the files that it is given.")]
     lines += [_REST] if blueprint.derived or any(not u.dimension for u in blueprint.unknowns) else []
     lines += ["/* One line for each number: estimate and standard deviation in the unit that the problem shows. */"]
-    lines += [f"static void print_result(const {name}_data *data, long key, const {name}_result *result)", "{"]
+    lines += [f"static void print_result(const {name}_data *data, const {name}_result *result)", "{"]
     if any(u.family is not None for u in blueprint.unknowns) or any(d.table for d in blueprint.derived):
         lines.append("    long m;")
     several = any(u.size > 1 or u.freedom > 1 or u.family is not None for u in blueprint.unknowns)
     if several or any(d.table or d.size > 1 for d in blueprint.derived):
         lines.append("    long c;")
-    lines += ["    (void)data;", "    (void)key;"]
-    for unknown in blueprint.unknowns:
-        lines += _printed(blueprint, unknown)
-    for derived in blueprint.derived:
-        lines += _printed_derived(blueprint, derived)
+    printed = [line for unknown in blueprint.unknowns for line in _printed(blueprint, unknown)]
+    printed += [line for derived in blueprint.derived for line in _printed_derived(blueprint, derived)]
+    if any("snprintf(key" in bare(line) for line in printed):
+        lines.append("    char key[32];")
+    lines += ["    (void)data;", *printed]
     lines += ["}", "", *_solve_one(blueprint), "int main(int argc, char **argv)", "{"]
     lines += [f"    struct {name}_tables tables;", "    int worst = 0;"]
     lines += ["    long row;", ""] if blueprint.for_each else [""]
     lines += [f"    if (argc != 1 + {name.upper()}_TABLES) {{"]
-    lines += [f'        fprintf(stderr, "usage: %s {usage}\\n", argv[0]);', "        return 2;", "    }"]
+    lines += ['        fputs("usage: ", stderr);', '        csv_show(stderr, argc > 0 ? argv[0] : "", 0);']
+    lines += [f'        fputs(" {t.identifier.upper()}.csv", stderr);' for t in blueprint.tables]
+    lines += ["        putc('\\n', stderr);", "        return 2;", "    }"]
     lines += [f"    if (!{name}_read_tables(&tables, argv + 1)) {{", f"        {name}_free_tables(&tables);"]
     lines += ["        return 2;", "    }"]
-    heads = "".join(f"{c}," for c in blueprint.for_each)
-    lines += [f'    printf("%s\\n", {quoted(heads + "name,value,sigma,unit")});']
-    lines += _each(blueprint, "worst = solve_one({data}, {row}, worst);")
+    for column in blueprint.for_each:
+        lines += [f"    csv_put_text(stdout, {literal(column)});", "    putchar(',');"]
+    lines += ['    puts("name,value,sigma,unit");']
+    lines += _each(blueprint, "worst = solve_one({data}, worst);")
     lines += [f"    {name}_free_tables(&tables);", "    return worst;", "}", ""]
     return "\n".join(lines)
 
@@ -105,7 +110,7 @@ def main_file(blueprint: Blueprint) -> str:
 def _solve_one(blueprint: Blueprint) -> Iterator[str]:
     name = blueprint.identifier
     yield "/* The worse of `worst` and the exit status of this solve: 0 solved, 1 not to be trusted, 2 wrong data. */"
-    yield f"static int solve_one(const {name}_data *data, long key, int worst)"
+    yield f"static int solve_one(const {name}_data *data, int worst)"
     yield "{"
     yield f"    {name}_workspace workspace;"
     yield f"    {name}_result result;"
@@ -115,7 +120,7 @@ def _solve_one(blueprint: Blueprint) -> Iterator[str]:
     yield "        return 2;"
     yield f"    status = {name}_solve(data, &result, &workspace);"
     yield f"    if (status < {ANSWERS}) {{"
-    yield "        print_result(data, key, &result);"
+    yield "        print_result(data, &result);"
     yield '        fprintf(stderr, "%s: chi2 %.9g, %ld degrees of freedom, sigma0 %.6g, %ld iterations\\n",'
     yield f"            {name}_status_text(status), result.cost, result.freedom, result.sigma0, result.iterations);"
     if blueprint.agreement is not None and blueprint.agreement.kept:
@@ -135,89 +140,92 @@ def _key_text(blueprint: Blueprint, pad: str) -> Iterator[str]:
     tables = key_tables(blueprint)
     for column in blueprint.for_each:
         held = tables[0].column(column)
-        # the first row of a selection has its keys; `key` is that of the whole tables
+        # the first row of a selection has its keys
         cell = key_cell(tables, column, "0")
         if held.is_text:
-            yield f'{pad}printf("%s,", {cell});'
+            yield f"{pad}csv_put_text(stdout, {cell});"
+            yield f"{pad}putchar(',');"
         else:
             yield f'{pad}printf("%.15g,", {cell} / {number(float(held.factor))});'
 
 
 def _printed(blueprint: Blueprint, unknown: UnknownShape) -> Iterator[str]:
-    pad = "    "
-    yield f"    /* {unknown.name} */"
-    if unknown.family is not None:
-        yield f"    for (m = 0; m < result->{unknown.identifier}_members; m++)"
-    member = "m" if unknown.family is not None else "0"
     many = unknown.size > 1 or unknown.freedom > 1
-    if unknown.family is not None or many:
+    family = unknown.family is not None
+    yield f"    {remark(unknown.name)}"
+    pad = "    "
+    if family:
+        yield f"    for (m = 0; m < result->{unknown.identifier}_members; m++)"
+    if family or many:
         yield f"{pad}for (c = 0; c < {unknown.size}; c++) {{"
         pad += "    "
-    component = "c" if unknown.family is not None or many else "0"
     if blueprint.for_each:
         yield from _key_text(blueprint, pad)
-    label, arguments = quoted(unknown.name)[1:-1].replace("%", "%%"), []
-    if unknown.family is not None:
-        mark, key = _member_key(blueprint, unknown)
-        label, arguments = label + mark, [key]
-    if many:
-        label, arguments = label + "[%ld]", [*arguments, f"{component} + 1"]
-    place = f"{member} * {unknown.size} + {component}"
-    value = f"result->{unknown.identifier}[{place}] / {number(float(unknown.factor))}"
+    key = "NULL"
+    if family:
+        key, lines = _member_key(blueprint, unknown)
+        yield from (pad + line for line in lines)
+    place = f"{'m' if family else '0'} * {unknown.size} + {'c' if family or many else '0'}"
+    yield f"{pad}csv_put_name(stdout, {literal(unknown.name)}, {key}, {'c + 1' if many else '0'});"
     if unknown.dimension:
         # numbers of rotations and the like; their standard deviations belong to coordinates, which are others
-        yield f'{pad}printf("{label},%.17g,,\\n", {", ".join([*arguments, f"result->{unknown.identifier}[{place}]"])});'
+        yield f'{pad}printf(",%.17g,,\\n", result->{unknown.identifier}[{place}]);'
     else:
-        yield f'{pad}printf("{label},%.17g,", {", ".join([*arguments, value])});'
-        sigma = f"result->{unknown.identifier}_sigma[{place}] / {number(float(unknown.factor))}"
-        yield f"{pad}print_rest({sigma}, {quoted(unknown.unit)});"
-    if unknown.family is not None or many:
+        yield from _value(unknown.identifier, place, unknown.factor, unknown.unit, pad)
+    if family or many:
         yield "    }"
+
+
+def _value(identifier: str, place: str, factor: float, unit: Foreign, pad: str) -> Iterator[str]:
+    """Estimate, standard deviation and unit, in that unit."""
+    size = number(float(factor))
+    yield f'{pad}printf(",%.17g,", result->{identifier}[{place}] / {size});'
+    yield f"{pad}print_rest(result->{identifier}_sigma[{place}] / {size}, {literal(unit)});"
 
 
 def _printed_derived(blueprint: Blueprint, derived: DerivedShape) -> Iterator[str]:
-    pad, label = "    ", quoted(derived.name)[1:-1].replace("%", "%%")
-    arguments: list[str] = []
-    yield f"    /* {derived.name} */"
-    if derived.table is not None:
+    over = derived.table is not None
+    many = over or derived.size > 1
+    yield f"    {remark(derived.name)}"
+    pad = "    "
+    if over:
         yield f"    for (m = 0; m < result->{derived.identifier}_rows; m++)"
-        label, arguments = label + "[%ld]", ["m + 1"]
-    many = derived.table is not None or derived.size > 1
     if many:
         yield f"{pad}for (c = 0; c < {derived.size}; c++) {{"
         pad += "    "
-    if derived.size > 1:
-        label, arguments = label + "[%ld]", [*arguments, "c + 1"]
     if blueprint.for_each:
         yield from _key_text(blueprint, pad)
-    place = f"{'m' if derived.table is not None else '0'} * {derived.size} + {'c' if many else '0'}"
-    factor = number(float(derived.factor))
-    value = f"result->{derived.identifier}[{place}] / {factor}"
-    yield f'{pad}printf("{label},%.17g,", {", ".join([*arguments, value])});'
-    yield f"{pad}print_rest(result->{derived.identifier}_sigma[{place}] / {factor}, {quoted(derived.unit)});"
+    key = "NULL"
+    if over:
+        key = "key"
+        yield f'{pad}snprintf(key, sizeof key, "%ld", m + 1);'
+    component = "c + 1" if derived.size > 1 else "0"
+    yield f"{pad}csv_put_name(stdout, {literal(derived.name)}, {key}, {component});"
+    place = f"{'m' if over else '0'} * {derived.size} + {'c' if many else '0'}"
+    yield from _value(derived.identifier, place, derived.factor, derived.unit, pad)
     if many:
         yield "    }"
 
 
-def _member_key(blueprint: Blueprint, unknown: UnknownShape) -> tuple[str, str]:
-    """How the key of member ``m`` is printed, and where it stands."""
+def _member_key(blueprint: Blueprint, unknown: UnknownShape) -> tuple[str, list[str]]:
+    """The text of the key of member ``m``, and the statements that make it."""
     family = blueprint.families[unknown.family or 0]
     row = f"result->{unknown.identifier}_rows[m]"
     if family.key is None:
-        return "[%ld]", f"{row} + 1"
+        return "key", [f'snprintf(key, sizeof key, "%ld", {row} + 1);']
     table = blueprint.table(family.table)
     column = table.column(family.key)
     cell = f"data->{table.identifier}_{column.identifier}[{row}]"
-    return ("[%s]", cell) if column.is_text else ("[%.15g]", f"{cell} / {number(float(column.factor))}")
+    if column.is_text:
+        return cell, []
+    return "key", [f'snprintf(key, sizeof key, "%.15g", {cell} / {number(float(column.factor))});']
 
 
 def test_file(blueprint: Blueprint) -> str:
     """``test.c``: solves the data of ``data/`` and compares with ``reference.csv``."""
     name = blueprint.identifier
-    paths = ", ".join(quoted(f"data/{t.identifier}.csv") for t in blueprint.tables) or '""'
-    lines = [
-        *_heads(blueprint, f"{blueprint.name}: the numbers of `mbm solve` for the data of `data/` must come again.")
-    ]
+    paths = [f'"data/{t.identifier}.csv"' for t in blueprint.tables] or ['""']
+    lines = [*_heads(blueprint, "the numbers of `mbm solve` for the data of `data/` must come again.")]
     starts = "\n".join(
         f"        data->start_{u.identifier} = start + (result.{u.identifier} - result.point);"
         for u in blueprint.unknowns
@@ -227,7 +235,8 @@ def test_file(blueprint: Blueprint) -> str:
         for i, d in enumerate(blueprint.derived)
     )
     lines += [_COMPARE.format(name=name, answers=ANSWERS, starts=starts, derived=derived), "int main(void)", "{"]
-    lines += [f"    char *const paths[] = {{{_writable(paths)}}};", f"    struct {name}_tables tables;"]
+    written = ", ".join(f"(char *){path}" for path in paths)
+    lines += [f"    char *const paths[] = {{{written}}};", f"    struct {name}_tables tables;"]
     lines += ["    struct csv reference;", "    long solve = 0, wrong = 0, compared = 0;"]
     lines += ["    long row;", ""] if blueprint.for_each else [""]
     lines += ['    if (!csv_read(&reference, "reference.csv"))', "        return 2;"]
@@ -237,10 +246,6 @@ def test_file(blueprint: Blueprint) -> str:
     lines += ['    printf("%ld of %ld numbers differ\\n", wrong, compared);']
     lines += ["    return wrong == 0 && compared > 0 ? 0 : 1;", "}", ""]
     return "\n".join(lines)
-
-
-def _writable(paths: str) -> str:
-    return ", ".join(f"(char *){p}" for p in paths.split(", "))
 
 
 _COMPARE = """/* How far a number may lie from its reference: 1e-9 of its size or its standard deviation. */

@@ -33,7 +33,7 @@ def call_kernel(blueprint: Blueprint) -> str:
         wide = len(case.variables) + len(case.parameters)
         for shift, word, count in (
             (0, "values", case.kernel.outputs),
-            (1, "jacobian", case.kernel.outputs + len(case.kernel.jacobian_rows)),
+            (1, "slopes", case.kernel.outputs + len(case.kernel.jacobian_rows)),
         ):
             lines += [f"    case {2 * number + shift}:", "        for (row = 0; row < rows; row++)"]
             lines.append(f"            {case.identifier}_{word}(inputs + row * {wide}, outputs + row * {count});")

@@ -9,10 +9,12 @@ from mbm.emit.c.derived import derived_functions, derived_kernels
 from mbm.emit.c.dialect import helpers
 from mbm.emit.c.frame import frame_text
 from mbm.emit.c.kernels import function, kernel_functions
-from mbm.emit.c.layout import comment, doubles, longs
+from mbm.emit.c.layout import doubles, longs
 from mbm.emit.c.solve import call_kernel, roots, solve_functions
 from mbm.emit.c.tables import programs_used, table_functions
+from mbm.emit.c.text import comment, remark
 from mbm.emit.c.unknowns import unknown_functions
+from mbm.emit.foreign import told
 from mbm.emit.routines.modules import emitted_module
 from mbm.emit.system import StaticSystem
 from mbm.emit.types import Blueprint
@@ -39,9 +41,9 @@ def kernels_file(blueprint: Blueprint) -> str:
     for programs, words in programs_used(blueprint):
         for position, each in enumerate(programs.cases):
             names = [input_name(v) for v in each.inputs]
-            parts.append(function(program_name(programs, position), each.program, names, [f"{words}."]))
+            parts.append(function(program_name(programs, position), each.program, names, [told(words, ".")]))
     body = "\n".join(parts)
-    doc = [f"{blueprint.name}: its equations. Everything is in SI, angles in radians."]
+    doc = [told(blueprint.name, ": its equations. Everything is in SI, angles in radians.")]
     constants = _constants(blueprint)
     return "\n".join(
         [comment(doc), "", "#include <math.h>", "", helpers(body), body, call_kernel(blueprint), constants]
@@ -50,7 +52,7 @@ def kernels_file(blueprint: Blueprint) -> str:
 
 def _constants(blueprint: Blueprint) -> str:
     lines = [
-        f"#define constant_{c.identifier} {number(c.value)}    /* {c.name.replace('*/', '')} */"
+        f"static const double constant_{c.identifier} = {number(c.value)};    {remark(c.name)}"
         for c in blueprint.constants
     ]
     return "\n".join(["/* Constants of the problem. */", *lines, ""]) if lines else ""
@@ -71,7 +73,7 @@ def source_file(blueprint: Blueprint, static: StaticSystem) -> str:
     """Data → arrays of the solver → answer."""
     name = blueprint.identifier
     parts = [
-        comment([f"{blueprint.name}: from tables to the arrays of the solver, and back."]),
+        comment([told(blueprint.name, ": from tables to the arrays of the solver, and back.")]),
         "",
         f'#include "{name}.h"',
         "",
@@ -85,7 +87,8 @@ def source_file(blueprint: Blueprint, static: StaticSystem) -> str:
         longs("UNKNOWNS", static.unknowns, "Of each unknown: numbers, coordinates, family, positive, pieces."),
         doubles("LOSSES", static.losses, "Parameter and shape of each loss."),
         *(() if blueprint.agreement is None else (agreement_constants(blueprint.agreement),)),
-        f"#define TOLERANCE {number(blueprint.settings.tolerance)}    /* of the next step, in standard deviations */",
+        f"static const double TOLERANCE = {number(blueprint.settings.tolerance)};"
+        "    /* of the next step, in standard deviations */",
         "",
         frame_text(blueprint, static),
         table_functions(blueprint),

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 
 from mbm.emit.c.cells import Cells
 from mbm.emit.c.frame import ends
+from mbm.emit.c.text import bare, remark
+from mbm.emit.foreign import Foreign, Word, told
 from mbm.emit.types import Blueprint, Choice, FamilyShape, Link, RowPrograms
 
 FIND_TEXT = """/* The place of a key among cells: those in `rows`, or the first `count`; -1: it is none. Data often come
@@ -47,16 +49,17 @@ def table_functions(blueprint: Blueprint) -> str:
     for link in blueprint.links:
         body += _link(blueprint, cells, link)
     text = "\n".join(body)
+    code = bare(text)
     wide = max((len(c.inputs) for t in blueprint.tables if t.where is not None for c in t.where.cases), default=0)
     head = ["/* The rows that count, the members of families, and what the keys name. */"]
     head += ["static int find_rows(struct frame *f)", "{"]
     head += [f"    const {blueprint.identifier}_data *data = f->data;"]
-    names = [n for n in ("row", "i", "last") if _uses(text, n)]
+    names = [n for n in ("row", "i", "last") if _uses(code, n)]
     head += [f"    long {', '.join(names)};"] if names else []
-    if "inputs[" in text or "(inputs," in text:
+    if any(table.where is not None for table in blueprint.tables):
         head += [f"    double inputs[{max(wide, 1)}], kept;"]
     found = [*head, "", "    (void)data;", text, "    return 0;", "}", ""]
-    finders = [f for f, n in ((FIND_TEXT, "place_of_text("), (FIND_NUMBER, "place_of_number(")) if n in text]
+    finders = [f for f, n in ((FIND_TEXT, "place_of_text("), (FIND_NUMBER, "place_of_number(")) if n in code]
     return "\n".join([*finders, *found])
 
 
@@ -70,7 +73,7 @@ def _kept(blueprint: Blueprint, cells: Cells) -> Iterator[str]:
         if table.where is None:
             continue
         count = f"f->kept_of_{table.identifier}_count"
-        yield f"    /* the rows of `{table.name}` that the problem keeps */"
+        yield f"    {remark('the rows of `', table.name, '` that the problem keeps')}"
         yield f"    {count} = 0;"
         yield f"    for (row = 0; row < {cells.rows(table.name)}; row++) {{"
         yield from cells.call(table.where, "&kept", "        ")
@@ -79,7 +82,7 @@ def _kept(blueprint: Blueprint, cells: Cells) -> Iterator[str]:
         yield "    }"
 
 
-def _end(blueprint: Blueprint, cells: Cells, name: str, choice: Choice) -> Iterator[str]:
+def _end(blueprint: Blueprint, cells: Cells, name: Foreign, choice: Choice) -> Iterator[str]:
     table = blueprint.table(name)
     count = cells.rows(name) if table.where is None else f"f->kept_of_{table.identifier}_count"
     place = "0" if choice is Choice.FIRST else f"{count} - 1"
@@ -92,7 +95,8 @@ def _end(blueprint: Blueprint, cells: Cells, name: str, choice: Choice) -> Itera
 def _family(blueprint: Blueprint, cells: Cells, family: FamilyShape) -> Iterator[str]:
     count = f"f->{family.identifier}_count"
     opened, closed = cells.loop(family.table)
-    yield f"    /* the members: {'distinct values' if family.distinct else 'rows'} of `{family.table}` */"
+    what = "distinct values" if family.distinct else "rows"
+    yield f"    {remark(f'the members: {what} of `', family.table, '`')}"
     yield f"    {count} = 0;"
     yield from opened
     if family.distinct and family.key is not None:
@@ -105,7 +109,7 @@ def _family(blueprint: Blueprint, cells: Cells, family: FamilyShape) -> Iterator
     yield from closed
     for number, unknown in enumerate(blueprint.unknowns):
         if unknown.family == family.number:
-            yield f"    f->members[{number}] = {count};    /* {unknown.name} */"
+            yield f"    f->members[{number}] = {count};    {remark(unknown.name)}"
 
 
 def _link(blueprint: Blueprint, cells: Cells, link: Link) -> Iterator[str]:
@@ -116,8 +120,9 @@ def _link(blueprint: Blueprint, cells: Cells, link: Link) -> Iterator[str]:
         family = blueprint.families[link.family]
         rows, count = f"f->{family.identifier}", f"f->{family.identifier}_count"
     finder = "place_of_text" if text else "place_of_number"
-    what = "member" if link.family is not None else f"row of `{link.target}`"
-    yield f"    /* the {what} that {'each row of `' + link.table + '`' if link.table else 'the problem'} names */"
+    what = "member" if link.family is not None else told("row of `", link.target, "`")
+    who = told("each row of `", link.table, "`") if link.table else "the problem"
+    yield f"    {remark('the ', what, ' that ', who, ' names')}"
     missing = f"return {cells.status('UNKNOWN_KEY')};"
     if link.table is None:
         yield f"    f->{link.identifier}[0] = {finder}({key}, {column}, {rows}, {count}, -1);"
@@ -136,11 +141,11 @@ def _link(blueprint: Blueprint, cells: Cells, link: Link) -> Iterator[str]:
     yield from closed
 
 
-def programs_used(blueprint: Blueprint) -> Iterator[tuple[RowPrograms, str]]:
+def programs_used(blueprint: Blueprint) -> Iterator[tuple[RowPrograms, Word]]:
     """The programs of data, with what they compute in words."""
     for table in blueprint.tables:
         if table.where is not None:
-            yield table.where, f"whether a row of `{table.name}` is kept: 1 or 0"
+            yield table.where, told("whether a row of `", table.name, "` is kept: 1 or 0")
     for unknown in blueprint.unknowns:
         for programs, words in (
             (unknown.start, "where the iteration begins"),
@@ -149,9 +154,9 @@ def programs_used(blueprint: Blueprint) -> Iterator[tuple[RowPrograms, str]]:
             (unknown.fixed, "which coordinates stay: 1 or 0"),
         ):
             if programs is not None:
-                yield programs, f"{unknown.name}: {words}"
+                yield programs, told(unknown.name, ": ", words)
         for programs in unknown.start_range or ():
-            yield programs, f"{unknown.name}: an end of the range of starts"
+            yield programs, told(unknown.name, ": an end of the range of starts")
     for block in blueprint.blocks:
         if block.when is not None:
-            yield block.when, f"{block.name}: whether a row is used: 1 or 0"
+            yield block.when, told(block.name, ": whether a row is used: 1 or 0")

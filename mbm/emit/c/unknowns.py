@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mbm.emit.c.cells import Cells
+from mbm.emit.c.text import remark
 from mbm.emit.types import Blueprint, RowPrograms, UnknownShape
 from mbm.problem.types import UnknownKind
 from mbm.target.c import number as written
@@ -22,8 +23,7 @@ def unknown_functions(blueprint: Blueprint) -> str:
 
 
 def _function(blueprint: Blueprint, cells: Cells, position: int, unknown: UnknownShape) -> Iterator[str]:
-    doc = f"`{unknown.name}`" + (f": {unknown.doc}" if unknown.doc else "")
-    yield f"/* {doc.replace('*/', '')}. */"
+    yield remark("`", unknown.name, "`", *((": ", unknown.doc) if unknown.doc else ()), ".")
     yield f"static int set_up_{unknown.identifier}(struct frame *f)"
     yield "{"
     yield f"    const {blueprint.identifier}_data *data = f->data;"

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 
+from mbm.emit.casadi.text import document
+from mbm.emit.foreign import Foreign, told
+from mbm.emit.markdown import prose
 from mbm.emit.types import BlockCase, Blueprint, ColumnValue, InputValue, OutputFile
 from mbm.emit.words import described
 from mbm.kernels.serialised import serialised_kernel, serialised_whole
@@ -25,10 +27,10 @@ def casadi_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:
         {"name": u.name, "kind": u.kind.value, "numbers": u.size, "coordinates": u.freedom, "unit": u.unit}
         for u in blueprint.unknowns
     ]
-    document = {
+    functions = {
         "problem": blueprint.name,
         "mbm": blueprint.version,
-        "kernels": [{"clause": b.name, "role": b.role.value, **_kernel(c)} for b, c in blueprint.cases],
+        "kernels": [{"clause": b.name, "role": b.role.value, **_kernel(blueprint, c)} for b, c in blueprint.cases],
         "residuals": {
             "file": "residuals.casadi",
             "inputs": ["point"],
@@ -42,23 +44,23 @@ def casadi_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:
         "unknowns": unknowns,
         "constants": {c.name: c.value for c in blueprint.constants},
     }
-    made["functions.json"] = json.dumps(document, indent=2, ensure_ascii=False) + "\n"
+    made["functions.json"] = document(functions, indent=2)
     made["README.md"] = "\n".join([*_readme(blueprint), *described(blueprint)]) + "\n"
     made["test_functions.py"] = TEST
     made["reference.json"] = _reference(blueprint)
     return tuple(OutputFile(path=path, content=text.encode()) for path, text in made.items())
 
 
-def _kernel(case: BlockCase) -> dict[str, object]:
+def _kernel(blueprint: Blueprint, case: BlockCase) -> dict[str, object]:
     """Inputs and outputs of the function of a kernel."""
     return {
         "file": f"{case.identifier}.casadi",
         "inputs": list(case.input_names),
         "unknowns": len(case.variables),
         "parameters": [_shown(value) for value in case.parameters],
-        "where": {str(value.column): key for value, key in case.static},
+        "where": {value.column or "row": key for value, key in case.static},
         "outputs": case.kernel.outputs,
-        "coordinates": [[s.unknown, s.component + 1] for s in case.kernel.tangents],
+        "coordinates": [[blueprint.unknowns[s.unknown].name, s.component + 1] for s in case.tangents],
         "equations": list(case.text),
     }
 
@@ -75,7 +77,7 @@ def _derived(blueprint: Blueprint) -> dict[str, object] | None:
             "size": shape.size,
             "unit": shape.unit,
             "factor": shape.factor,
-            "kernels": [_kernel(case) for case in shape.cases],
+            "kernels": [_kernel(blueprint, case) for case in shape.cases],
         }
         for shape, rows in zip(blueprint.derived, blueprint.whole.derived, strict=False)
     ]
@@ -83,11 +85,11 @@ def _derived(blueprint: Blueprint) -> dict[str, object] | None:
     return {**lines, "quantities": quantities}
 
 
-def _shown(value: InputValue) -> str:
+def _shown(value: InputValue) -> Foreign:
     """A parameter in words."""
     if not isinstance(value, ColumnValue):
         return value.name
-    return f"{value.owner}.{value.column or 'row number'}"
+    return told(value.owner, ".", value.column or "row number")
 
 
 def _reference(blueprint: Blueprint) -> str:
@@ -102,13 +104,13 @@ def _reference(blueprint: Blueprint) -> str:
         found["covariance"] = whole.covariance.tolist()
         found["derived"] = [value for each in whole.derived for value in each.values.tolist()]
         found["sigma"] = [value for each in whole.derived for value in each.sigma.tolist()]
-    return json.dumps(found) + "\n"
+    return document(found)
 
 
 def _readme(blueprint: Blueprint) -> Iterator[str]:
-    yield f"# {blueprint.name}"
+    yield f"# {prose(blueprint.name)}"
     yield ""
-    yield from (blueprint.doc, "") if blueprint.doc else ()
+    yield from (prose(blueprint.doc), "") if blueprint.doc else ()
     yield f"Serialised CasADi functions, written by mbm {blueprint.version}; `functions.json` names inputs and outputs."
     yield ""
     yield "```python"

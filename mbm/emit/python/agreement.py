@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mbm.emit.answers import Agreement
+from mbm.emit.python.text import literal
 from mbm.emit.types import Blueprint
 from mbm.target.solver import consensus_description as c
 
@@ -56,7 +57,7 @@ DESCRIPTION = (
 
 def agreement_constants(blueprint: Blueprint, agreement: Agreement) -> Iterator[tuple[str, str, str]]:
     """Names, values and documentation of what consensus is asked for."""
-    startless = tuple(u.name for i, u in enumerate(blueprint.unknowns) if i in agreement.startless)
+    startless = [literal(u.name) for i, u in enumerate(blueprint.unknowns) if i in agreement.startless]
     doc = f"What consensus ({agreement.kind}) is asked for, without room for rows."
     yield "RULES", f"np.array({list(agreement.rules)!r}, dtype=np.int64)", doc
     doc = "Of each kind of unit: median, limit and reach of its squared norm."
@@ -68,7 +69,11 @@ def agreement_constants(blueprint: Blueprint, agreement: Agreement) -> Iterator[
     yield "SIGN", repr(agreement.sign), "That of lines of sight."
     yield "KEPT", repr(agreement.kept), "Whether rows that do not agree are left out."
     yield "BEGINS", repr(agreement.begins), "Whether nothing is asked for but a start where none is given."
-    yield "STARTLESS_ONES", repr(startless), "Unknowns that begin where the data say, unless a start is given."
+    yield (
+        "STARTLESS_ONES",
+        f"({''.join(f'{name}, ' for name in startless)})",
+        "Unknowns that begin where the data say, unless a start is given.",
+    )
 
 
 def description() -> Iterator[tuple[str, int]]:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from mbm.emit.foreign import told
 from mbm.emit.python.cells import Cells
+from mbm.emit.python.cells import key as written
+from mbm.emit.python.text import docstring, literal
 from mbm.emit.system import varies
 from mbm.emit.types import BlockCase, BlockShape, Blueprint, SlotPlace
 from mbm.problem.types import NoiseKind
@@ -24,11 +27,11 @@ def clause_functions(blueprint: Blueprint) -> Iterator[str]:
 
 def _rows(cells: Cells, block: BlockShape) -> Iterator[str]:
     yield f"def {block.identifier}_rows(t: Tables, f: Found) -> Indices:"
-    yield f'    """The rows that {block.name} is about."""'
+    yield from docstring([told("The rows that ", block.name, " is about.")])
     if block.table is None:
         yield "    return np.zeros(1, dtype=int)"
         return
-    yield f"    row = kept_rows(t, f, {block.table!r})"
+    yield f"    row = kept_rows(t, f, {literal(block.table)})"
     if block.when is not None:
         yield f"    row = row[{block.when.identifier}(t, f, row)[0] == 1.0]"
     if block.distinct:
@@ -44,7 +47,7 @@ def _case(blueprint: Blueprint, cells: Cells, case: BlockCase) -> Iterator[str]:
     yield ") -> tuple[int, tuple[Array, Array, Array, Array]]:"
     yield f'    """Number of rows of {case.identifier}; their parameters, weights, numbers and coordinates."""'
     for value, key in case.static:
-        yield f"    row = row[{cells.cell(value)} == {key!r}]"
+        yield f"    row = row[{cells.cell(value)} == {written(key)}]"
     yield f"    parameters = np.empty((len(row), {len(case.parameters)}))"
     for position, parameter in enumerate(case.parameters):
         yield f"    parameters[:, {position}] = {cells.input(parameter)}"

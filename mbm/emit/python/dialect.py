@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from mbm.emit.identifiers import RESERVED
+from mbm.emit.reserved import RESERVED
 from mbm.emit.statements import ARITHMETIC, Dialect, Shape
 from mbm.target.program import Operator
 
@@ -66,4 +66,4 @@ def number(value: float) -> str:
     return "np.nan" if value != value else ("np.inf" if value > 0.0 else "-np.inf")
 
 
-DIALECT = Dialect(shapes=_SHAPES, number=number, reserved=RESERVED | {"tables", "pad"})
+DIALECT = Dialect(shapes=_SHAPES, number=number, reserved=RESERVED | {"error_function"})

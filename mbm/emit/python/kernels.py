@@ -5,33 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from textwrap import wrap
 
-from mbm.emit.python.cells import Cells
+from mbm.emit.c.cells import input_name
+from mbm.emit.foreign import Foreign, Word, told
+from mbm.emit.python.cells import Cells, key
 from mbm.emit.python.dialect import DIALECT
+from mbm.emit.python.text import WIDTH, docstring, remark
 from mbm.emit.statements import statements
-from mbm.emit.types import BlockCase, Blueprint, ColumnValue, InputValue, RowPrograms
+from mbm.emit.types import BlockCase, Blueprint, RowPrograms
 from mbm.target.program import Program
 
-WIDTH = 116
 
-
-def docstring(lines: Iterable[str]) -> list[str]:
-    """A docstring, long lines over several."""
-    text = [line.replace("\\", "\\\\").replace('"""', "'''") for line in lines]
-    found = []
-    for line in text:
-        indent = line[: len(line) - len(line.lstrip())]
-        found += wrap(line, WIDTH - 4, subsequent_indent=indent + "    ", break_long_words=False) or [""]
-    if len(found) == 1:
-        return [f'    """{found[0]}"""']
-    return [f'    """{found[0]}', *(f"    {line}".rstrip() for line in found[1:]), '    """']
-
-
-def function(name: str, program: Program, names: Sequence[str], doc: Iterable[str]) -> str:
+def function(name: str, program: Program, names: Sequence[Foreign], doc: Iterable[Word]) -> str:
     """``name(inputs, outputs)``: one array over the rows for each input; one line of ``outputs`` for each output."""
     made = statements(program, names, DIALECT)
     lines = [f"def {name}(inputs: Sequence[Array], outputs: Array) -> None:", *docstring(doc)]
     for identifier, position in made.inputs:
-        shown = "" if names[position] == identifier else f"  # {names[position]}"
+        shown = "" if names[position] == Foreign(identifier) else f"  {remark(names[position])}"
         lines.append(f"    {identifier} = inputs[{position}]{shown}")
     for left, right in made.assignments:
         lines += _wrapped(f"    {left} = {right}")
@@ -41,7 +30,7 @@ def function(name: str, program: Program, names: Sequence[str], doc: Iterable[st
 
 
 def _wrapped(line: str) -> Iterator[str]:
-    """A statement, a long one in parentheses over several lines."""
+    """A statement without strings or comments, a long one in parentheses over several lines."""
     if len(line) <= WIDTH:
         yield line
         return
@@ -55,30 +44,31 @@ def _wrapped(line: str) -> Iterator[str]:
 
 def kernel_functions(case: BlockCase) -> str:
     """The values of a kernel, and the values with the nonzeros of their Jacobian behind them."""
-    head = [f"{case.identifier}: what should be zero in each row.", "", *(f"    {line}" for line in case.text)]
+    head: list[Word] = [f"{case.identifier}: what should be zero in each row.", ""]
+    head += [told("    ", line) for line in case.text]
     slopes = [f"{case.identifier}: the same, and behind it the derivatives that are not zero everywhere."]
     values = function(f"{case.identifier}_values", case.kernel.value_program, case.input_names, head)
     jacobian = function(f"{case.identifier}_jacobian", case.kernel.jacobian_program, case.input_names, slopes)
     return f"{values}\n\n\n{jacobian}"
 
 
-def derived_function(name: str, case: BlockCase) -> str:
+def derived_function(name: Foreign, case: BlockCase) -> str:
     """A quantity ``name`` that is computed from the estimates, and the nonzeros of its Jacobian behind it."""
-    head = [f"{name}, and behind it its derivatives that are not zero everywhere.", ""]
-    lines = [*head, *(f"    {line}" for line in case.text)]
+    lines: list[Word] = [told(name, ", and behind it its derivatives that are not zero everywhere."), ""]
+    lines += [told("    ", line) for line in case.text]
     return function(f"{case.identifier}_derived", case.kernel.jacobian_program, case.input_names, lines)
 
 
-def rows_function(blueprint: Blueprint, programs: RowPrograms, words: str) -> str:
+def rows_function(blueprint: Blueprint, programs: RowPrograms, words: Word) -> str:
     """The functions of programs of data, and one that computes them for rows: (width, rows)."""
     cells = Cells(blueprint)
     parts = []
-    lines = [f"def {programs.identifier}(t: Tables, f: Found, row: Indices) -> Array:", *docstring([f"{words}."])]
+    lines = [f"def {programs.identifier}(t: Tables, f: Found, row: Indices) -> Array:", *docstring([told(words, ".")])]
     lines.append(f"    outputs = np.full(({programs.width}, len(row)), np.nan)")
     for position, case in enumerate(programs.cases):
         name = f"{programs.identifier}_{position + 1}"
-        parts.append(function(name, case.program, [input_name(v) for v in case.inputs], [f"{words}."]))
-        tests = "".join(f" & ({cells.cell(value)} == {key!r})" for value, key in case.static)
+        parts.append(function(name, case.program, [input_name(v) for v in case.inputs], [told(words, ".")]))
+        tests = "".join(f" & ({cells.cell(value)} == {key(wanted)})" for value, wanted in case.static)
         lines.append(f"    chosen = np.ones(len(row), dtype=bool){tests}")
         lines.append(f"    part = np.empty(({programs.width}, int(chosen.sum())))")
         inputs = ", ".join(cells.input(v, "row[chosen]") for v in case.inputs)
@@ -86,8 +76,3 @@ def rows_function(blueprint: Blueprint, programs: RowPrograms, words: str) -> st
         lines.append(f"        {name}([{inputs}], part)")
         lines.append("    outputs[:, chosen] = part")
     return "\n\n\n".join([*parts, "\n".join([*lines, "    return outputs"])])
-
-
-def input_name(value: InputValue) -> str:
-    """What an input of a program of data is called."""
-    return (value.column or "row") if isinstance(value, ColumnValue) else value.name

@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from textwrap import wrap
 
+from mbm.emit.c.cells import input_name
 from mbm.emit.c.sizes import lossy, row_scratch
 from mbm.emit.c.tables import programs_used
+from mbm.emit.foreign import Foreign, Word, told
 from mbm.emit.python.agreement import AGREE, NOTHING, ROOTS, agreement_constants
 from mbm.emit.python.agreement import description as agreement_description
 from mbm.emit.python.clauses import clause_functions
-from mbm.emit.python.kernels import (
-    WIDTH,
-    derived_function,
-    docstring,
-    function,
-    input_name,
-    kernel_functions,
-    rows_function,
-)
-from mbm.emit.python.program import PROGRAM
+from mbm.emit.python.kernels import derived_function, function, kernel_functions, rows_function
+from mbm.emit.python.program import PROGRAM, SHOWING
 from mbm.emit.python.rows import finding, set_up
 from mbm.emit.python.runtime import HEAD, TAIL
+from mbm.emit.python.text import WIDTH, docstring, literal, optional, remark
 from mbm.emit.routines.modules import emitted_module
 from mbm.emit.routines.noises import SCATTER, SQUARES
 from mbm.emit.system import StaticSystem, kinds_of_units
@@ -68,12 +62,12 @@ def module(blueprint: Blueprint, static: StaticSystem) -> str:
     agreeing = blueprint.agreement is not None
     parts += [PRELUDE.rstrip(), module_text(emitted_module((*_ROOTS, *(ROOTS if agreeing else ())))).rstrip()]
     parts += [finding(blueprint), *set_up(blueprint), *clause_functions(blueprint), *_lists(blueprint)]
-    parts += [TAIL, AGREE if agreeing else NOTHING, PROGRAM]
+    parts += [TAIL, AGREE if agreeing else NOTHING, SHOWING, PROGRAM]
     return "\n\n\n".join(p.strip("\n") for p in parts) + "\n"
 
 
 def _doc(blueprint: Blueprint) -> Iterator[str]:
-    lines = [f"{blueprint.name}" + (f": {blueprint.doc}" if blueprint.doc else "")]
+    lines: list[Word] = [told(blueprint.name, ": ", blueprint.doc) if blueprint.doc else blueprint.name]
     lines += ["", f"Written by mbm {blueprint.version}; needs NumPy only. Everything is in SI, angles in radians."]
     lines += ["`solve(tables)` solves; `python <this file> TABLE.csv …` prints `name,value,sigma,unit`."]
     yield from (line.removeprefix("    ") for line in docstring(lines))
@@ -82,47 +76,62 @@ def _doc(blueprint: Blueprint) -> Iterator[str]:
 def _tables(blueprint: Blueprint) -> Iterator[str]:
     lines = ["COLUMNS: dict[str, dict[str, tuple[bool, str, float]]] = {"]
     for table in blueprint.tables:
-        lines.append(f"    {table.name!r}: {{")
+        lines.append(f"    {literal(table.name)}: {{")
         lines += [
-            f"        {c.name!r}: ({c.is_text}, {c.source!r}, {float(c.factor)!r}),"
-            + (f"  # {c.unit}" if c.unit else "")
+            f"        {literal(c.name)}: ({c.is_text}, {literal(c.source)}, {float(c.factor)!r}),"
+            + (f"  {remark(c.unit)}" if c.unit else "")
             for c in table.columns
         ]
         lines.append("    },")
     lines += ["}", '"""Tables and columns: whether it holds texts, its name in files, the unit of the file in SI."""']
     yield "\n".join(lines)
     shapes = [None if u.family is None else blueprint.families[u.family] for u in blueprint.unknowns]
-    families = [None if s is None else (s.identifier, s.table, s.key) for s in shapes]
-    plain = [bool(u.dimension) for u in blueprint.unknowns]
-    shown = [
-        ("" if t else u.unit, 1.0 if t else float(u.factor), t) for u, t in zip(blueprint.unknowns, plain, strict=True)
-    ]
+    families = ["None" if s is None else f"({s.identifier!r}, {literal(s.table)}, {optional(s.key)})" for s in shapes]
+    shown = [_shown(u.unit, u.factor) if not u.dimension else ("''", "1.0") for u in blueprint.unknowns]
+    turned = [bool(u.dimension) for u in blueprint.unknowns]
+    derived = [", ".join(_shown(d.unit, d.factor)) for d in blueprint.derived]
     yield "\n".join(
         [
-            *_assigned("KEYS", blueprint.for_each, "Columns that tell the data sets apart."),
-            *_assigned("NAMES", [u.name for u in blueprint.unknowns], "The unknowns."),
+            *_assigned("KEYS", map(literal, blueprint.for_each), "Columns that tell the data sets apart."),
+            *_assigned("NAMES", [literal(u.name) for u in blueprint.unknowns], "The unknowns."),
             *_assigned("FAMILIES", families, "Where their members stand: name, table, key; None: there is one."),
+            *_assigned("DERIVED_SHOWN", [f"({each})" for each in derived], "Unit and its factor in SI."),
             *_assigned(
-                "DERIVED_SHOWN", [(d.unit, float(d.factor)) for d in blueprint.derived], "Unit and its factor in SI."
+                "SHOWN",
+                [f"({', '.join(each)}, {whether})" for each, whether in zip(shown, turned, strict=True)],
+                "Unit, its factor in SI, and whether numbers are no coordinates.",
             ),
-            *_assigned("SHOWN", shown, "Unit, its factor in SI, and whether numbers are no coordinates."),
         ]
     )
 
 
+def _shown(unit: Foreign, factor: float) -> tuple[str, str]:
+    return literal(unit), repr(float(factor))
+
+
 def _assigned(name: str, values: Iterable[object], doc: str) -> list[str]:
-    """A tuple with its documentation."""
-    items = [repr(v) for v in values]
+    """A tuple of what is written already, or of numbers, with its documentation."""
+    items = [str(v) for v in values]
     text = ", ".join(items) + ("," if len(items) == 1 else "")
     line = f"{name} = ({text})"
     if len(line) > WIDTH:
-        body = wrap(text, WIDTH - 4, break_long_words=False, break_on_hyphens=False)
-        line = "\n".join([f"{name} = (", *(f"    {part}" for part in body), ")"])
+        line = "\n".join([f"{name} = (", *_filled(items), ")"])
     return [line, f'"""{doc}"""']
 
 
+def _filled(items: list[str]) -> Iterator[str]:
+    """Items on lines as long as may be, none on two."""
+    line = "   "
+    for item in items:
+        if len(line) + len(item) + 2 > WIDTH and line.strip():
+            yield line
+            line = "   "
+        line += f" {item},"
+    yield line
+
+
 def _constants(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
-    yield "CONSTANTS = {" + ", ".join(f"{c.name!r}: {c.value!r}" for c in blueprint.constants) + "}"
+    yield "CONSTANTS = {" + ", ".join(f"{literal(c.name)}: {c.value!r}" for c in blueprint.constants) + "}"
     lines = _assigned("_SYSTEM", static.prefix, "How the solver's description of the equations begins.")
     lines += _assigned("_UNKNOWNS", static.unknowns, "Of each unknown: numbers, coordinates, family, positive, pieces.")
     lines += _assigned("_LOSSES", static.losses, "Parameter and shape of each loss.")
@@ -131,7 +140,10 @@ def _constants(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     lines += ["LOSSES = np.array(_LOSSES, dtype=float)"]
     lines += [f"TOLERANCE = {blueprint.settings.tolerance!r}", f"LOSSY = {lossy(blueprint)}"]
     lines += [f"SCALED = {static.scaled}", f"SPARE = {row_scratch(blueprint)!r}"]
-    lines += [f"KINDS = {max(kinds_of_units(blueprint), 1)}", *_assigned("NOISY", static.noises, "Unknown noise.")]
+    lines += [
+        f"KINDS = {max(kinds_of_units(blueprint), 1)}",
+        *_assigned("NOISY", map(literal, static.noises), "Unknown noise."),
+    ]
     yield "\n".join(lines)
     values = [(name, getattr(description, name)) for name in _DESCRIPTION]
     values += [("MULTIPLIERS", description.Problem.most_multipliers), ("DATA_COUNT", description.DataSet.count)]
@@ -159,7 +171,7 @@ def _lists(blueprint: Blueprint) -> Iterator[str]:
         lines.append(f"    ({clauses[id(block)]}, {block.identifier}_rows, {case.identifier}_assemble),")
     held = [")", '"""Clause, its rows, and what makes arrays of them, for each kernel."""', "DERIVED: Derivations = ("]
     for derived in blueprint.derived:
-        held.append(f"    ({derived.name!r}, {derived.table!r}, {derived.size}, (")
+        held.append(f"    ({literal(derived.name)}, {optional(derived.table)}, {derived.size}, (")
         for case in derived.cases:
             rows, columns = case.kernel.jacobian_rows.tolist(), case.kernel.jacobian_columns.tolist()
             held.append(f"        ({case.identifier}_assemble, {case.identifier}_derived, {rows}, {columns}),")

@@ -1,5 +1,20 @@
 """The end of a generated Python module: tables from files, and the program that solves them."""
 
+from __future__ import annotations
+
+from inspect import getsource
+
+from mbm.text.shown import one_line
+
+SHOWING = f'''{getsource(one_line)}
+
+def field(text: str) -> str:
+    """A field of a table in CSV: a spreadsheet, too, takes it for a text."""
+    shown = ("'" if text.startswith(("=", "+", "-", "@", "\\t", "\\r")) else "") + one_line(text)
+    return '"' + shown.replace('"', '""') + '"' if "," in shown or '"' in shown else shown
+'''
+"""What is printed: mbm's own rule for texts that reach a terminal."""
+
 PROGRAM = '''def read_tables(paths: Sequence[str]) -> dict[str, dict[str, Any]]:
     """The tables from CSV files in the order of `COLUMNS`; numbers are turned into SI."""
     found: dict[str, dict[str, Any]] = {}
@@ -7,7 +22,7 @@ PROGRAM = '''def read_tables(paths: Sequence[str]) -> dict[str, dict[str, Any]]:
         try:
             with open(path, encoding="utf-8-sig", newline="") as file:
                 rows = [row for row in csv.reader(file) if row]
-        except (OSError, UnicodeDecodeError) as error:
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
             raise DataError(f"{path}: cannot be read: {error}") from None
         names = rows[0] if rows else []
         found[table] = {}
@@ -22,7 +37,8 @@ PROGRAM = '''def read_tables(paths: Sequence[str]) -> dict[str, dict[str, Any]]:
                 try:
                     values.append(row[place] if is_text else finite(row[place]) * factor)
                 except ValueError:
-                    raise DataError(f"{path}, row {number}, column `{source}`: `{row[place]}` is no number") from None
+                    shown = row[place][:60]
+                    raise DataError(f"{path}, row {number}, column `{source}`: `{shown}` is no number") from None
             found[table][column] = np.array(values, dtype=str if is_text else float)
     return found
 
@@ -46,13 +62,13 @@ def lines_of(result: Mapping[str, Any]) -> Iterator[str]:
                 label = name + ("" if family is None else f"[{key_text(keys[m], family[1], family[2])}]")
                 label += f"[{c + 1}]" if len(member) > 1 else ""
                 sigma = "" if turned else spread_text(sigmas[m][c] / factor)
-                yield f"{label},{value / factor:.17g},{sigma},{unit}"
+                yield f"{field(label)},{value / factor:.17g},{sigma},{field(unit)}"
     for (name, table, size, _), (unit, factor) in zip(DERIVED, DERIVED_SHOWN, strict=True):
         found = result["derived"][name]
         for r, (values, sigmas) in enumerate(zip(found["value"], found["sigma"], strict=True)):
             for c in range(size):
                 label = name + (f"[{r + 1}]" if table is not None else "") + (f"[{c + 1}]" if size > 1 else "")
-                yield f"{label},{values[c] / factor:.17g},{spread_text(sigmas[c] / factor)},{unit}"
+                yield f"{field(label)},{values[c] / factor:.17g},{spread_text(sigmas[c] / factor)},{field(unit)}"
 
 
 def spread_text(sigma: float) -> str:
@@ -66,18 +82,25 @@ def key_text(value: Any, table: str, column: str | None) -> str:
     return str(value) if is_text else f"{value / factor:.15g}"
 
 
+def key_field(value: Any, table: str, column: str) -> str:
+    """A key in CSV: numbers as they are, texts as fields."""
+    text = key_text(value, table, column)
+    return field(text) if COLUMNS[table][column][0] else text
+
+
 def main(paths: Sequence[str]) -> int:
     """Solve the tables of files; 0 solved, 1 an answer that should not be trusted, 2 wrong data."""
     if len(paths) != len(COLUMNS):
-        print(f"usage: {sys.argv[0]} " + " ".join(f"{name.upper()}.csv" for name in COLUMNS), file=sys.stderr)
+        usage = " ".join(f"{name.upper()}.csv" for name in COLUMNS)
+        print(one_line(f"usage: {sys.argv[0]} {usage}"), file=sys.stderr)
         return 2
     worst = 0
     owner = next(name for name, columns in COLUMNS.items() if set(KEYS) <= set(columns)) if KEYS else ""
     try:
-        print(",".join([*KEYS, "name", "value", "sigma", "unit"]))
+        print(",".join([*map(field, KEYS), "name", "value", "sigma", "unit"]))
         for key, result in solve_each(read_tables(paths)):
             for line in lines_of(result):
-                print(",".join([*(key_text(value, owner, column) for column, value in key.items()), line]))
+                print(",".join([*(key_field(value, owner, column) for column, value in key.items()), line]))
             print(
                 f"{result['status']}: chi2 {result['cost']:.9g}, {result['freedom']} degrees of freedom, "
                 f"sigma0 {result['sigma0']:.6g}, {result['iterations']} iterations",
@@ -89,12 +112,13 @@ def main(paths: Sequence[str]) -> int:
                 print(f"{agreed['inliers']} of {agreed['units']} measurements agree{doubt}", file=sys.stderr)
             worst = max(worst, 0 if result["status"] == "converged" else 1)
     except DataError as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(one_line(f"error: {error}"), file=sys.stderr)
         return 2
     return worst
 
 
 if __name__ == "__main__":
+    sys.stdout.reconfigure(errors="backslashreplace")
     try:
         status = main(sys.argv[1:])
         sys.stdout.flush()

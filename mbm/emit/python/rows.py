@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mbm.emit.c.frame import ends
+from mbm.emit.foreign import told
 from mbm.emit.python.cells import Cells
+from mbm.emit.python.text import docstring, literal
 from mbm.emit.types import Blueprint, Choice, UnknownShape
 from mbm.problem.types import UnknownKind
 
@@ -22,37 +24,40 @@ def finding(blueprint: Blueprint) -> str:
     lines += ['    """Rows that are kept, the members of families, and what keys name."""', "    f: Found = {}"]
     for table in blueprint.tables:
         if table.where is not None:
-            lines.append(f"    row = np.arange(row_count(t, {table.name!r}))")
-            lines.append(f"    f[{'kept ' + table.name!r}] = row[{table.where.identifier}(t, f, row)[0] == 1.0]")
+            lines.append(f"    row = np.arange(row_count(t, {literal(table.name)}))")
+            lines.append(f"    f[{literal('kept ', table.name)}] = row[{table.where.identifier}(t, f, row)[0] == 1.0]")
     for name, choice in ends(blueprint):
         place = 0 if choice is Choice.FIRST else -1
-        lines.append(f"    if not len(kept_rows(t, f, {name!r})):")
-        lines.append(f"        raise DataError({f'the table {name!r} has no rows'!r})")
-        lines.append(f"    f[{f'{choice.value} of {name}'!r}] = kept_rows(t, f, {name!r})[{place}]")
+        lines.append(f"    if not len(kept_rows(t, f, {literal(name)})):")
+        lines.append(f"        raise DataError({literal('the table `', name, '` has no rows')})")
+        lines.append(f"    f[{literal(choice.value, ' of ', name)}] = kept_rows(t, f, {literal(name)})[{place}]")
     for family in blueprint.families:
-        lines.append(f"    row = kept_rows(t, f, {family.table!r})")
-        if family.distinct:
-            lines.append(f"    known = t[{family.table!r}][{family.key!r}][row].tolist()")
+        lines.append(f"    row = kept_rows(t, f, {literal(family.table)})")
+        if family.distinct and family.key is not None:
+            lines.append(f"    known = t[{literal(family.table)}][{literal(family.key)}][row].tolist()")
             lines.append("    row = row[[known.index(value) for value in dict.fromkeys(known)]]")
         lines.append(f"    f[{family.identifier!r}] = row")
     for link in blueprint.links:
         if link.family is not None:
             members = f"f[{blueprint.families[link.family].identifier!r}]"
-            what = f"member of {link.target}"
+            what = "member of "
         else:
-            members, what = f"np.arange(row_count(t, {link.target!r}))", f"row of {link.target}"
-        known = f"{members} + 1.0" if link.key is None else f"t[{link.target!r}][{link.key!r}][{members}]"
+            members, what = f"np.arange(row_count(t, {literal(link.target)}))", "row of "
+        known = f"{members} + 1.0"
+        if link.key is not None:
+            known = f"t[{literal(link.target)}][{literal(link.key)}][{members}]"
+        found = f"places({cells.key(link.cell)}, {known}, {literal(what, link.target)})"
         if link.table is None:
-            lines.append(f"    f[{link.identifier!r}] = places({cells.key(link.cell)}, {known}, {what!r})")
+            lines.append(f"    f[{link.identifier!r}] = {found}")
             continue
         rows = (
-            f"kept_rows(t, f, {link.table!r})"
+            f"kept_rows(t, f, {literal(link.table)})"
             if link.family is not None
-            else f"np.arange(row_count(t, {link.table!r}))"
+            else f"np.arange(row_count(t, {literal(link.table)}))"
         )
         lines.append(f"    row = {rows}")
-        lines.append(f"    f[{link.identifier!r}] = np.full(row_count(t, {link.table!r}), -1)")
-        lines.append(f"    f[{link.identifier!r}][row] = places({cells.key(link.cell)}, {known}, {what!r})")
+        lines.append(f"    f[{link.identifier!r}] = np.full(row_count(t, {literal(link.table)}), -1)")
+        lines.append(f"    f[{link.identifier!r}][row] = {found}")
     return "\n".join([*lines, "    return f"])
 
 
@@ -62,8 +67,8 @@ def set_up(blueprint: Blueprint) -> Iterator[str]:
         lines = [
             f"def set_up_{unknown.identifier}(t: Tables, f: Found, members: int) -> tuple[Array, Array, Array, Array]:"
         ]
-        doc = f"Start, bounds and what stays of {unknown.name}" + (f": {unknown.doc}" if unknown.doc else "")
-        lines.append(f'    """{doc}."""')
+        doc = (": ", unknown.doc) if unknown.doc else ()
+        lines += docstring([told("Start, bounds and what stays of ", unknown.name, *doc, ".")])
         rows = "np.zeros(1, dtype=int)"
         if unknown.family is not None:
             rows = f"f[{blueprint.families[unknown.family].identifier!r}]"
@@ -110,7 +115,7 @@ def _start(unknown: UnknownShape) -> Iterator[str]:
     yield f"    numbers = np.array(found).reshape(members, {size})"
     if unknown.positive:
         yield "    if not bool(np.all(numbers > 0.0)):"
-        yield f"        raise DataError({f'{unknown.name} does not begin above zero'!r})"
+        yield f"        raise DataError({literal(unknown.name, ' does not begin above zero')})"
 
 
 def _turned(unknown: UnknownShape) -> Iterator[str]:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-import {name}
+import {name} as solver
 
 FOLDER = Path(__file__).parent
 
@@ -21,15 +21,15 @@ def differences() -> tuple[list[str], int]:
         rows = list(csv.DictReader(file))
     paths = [str(FOLDER / "data" / name) for name in {files!r}]
     found, compared = [], 0
-    tables = {name}.read_tables(paths)
-    for number, (_, chosen) in enumerate({name}.data_sets(tables), start=1):
+    tables = solver.read_tables(paths)
+    for number, (_, chosen) in enumerate(solver.data_sets(tables), start=1):
         own = [r for r in rows if int(r["solve"]) == number]
         begun = {{int(r["row"]): float(r["value"]) for r in own if r["what"] == "start"}}
-        result = {name}.solve(chosen, {name}.started(chosen, begun) if begun else None)
+        result = solver.solve(chosen, solver.started(chosen, begun) if begun else None)
         for row in (r for r in own if r["what"] != "start"):
             i, j, value, spread = int(row["row"]), int(row["column"]), float(row["value"]), float(row["spread"])
             answers = {{
-                "status": lambda: float({name}.STATUSES.index(result["status"])),
+                "status": lambda: float(solver.STATUSES.index(result["status"])),
                 "number": lambda: result["point"][i],
                 "covariance": lambda: result["covariance"][i, j],
                 "freedom": lambda: float(result["freedom"]),

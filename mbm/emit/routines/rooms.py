@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
+from mbm.target.decisions import MANY_CONNECTED
 from mbm.target.records import view
 from mbm.target.solver.consensus_description import BLOCKS_AT, MOST_ROWS, MOST_UNITS, RULED, RULED_TYPE
 from mbm.target.solver.description import DataSet, Problem
 from mbm.target.words import ConstantIntegers, Integer, Integers
-
-MANY = 60
-"""Connected unknowns from which on subsets are not tried (`mbm.solution.robust.many`)."""
 
 
 def side_by_side(numbers: ConstantIntegers, size: Integer, copy: Integers) -> None:
@@ -71,7 +69,7 @@ def lowest_label(count: Integer, line: ConstantIntegers, label: ConstantIntegers
 def connected(system: Problem, data: DataSet, columns: ConstantIntegers, label: Integers) -> Integer:
     """1 if the equations connect all free coordinates, and these are few; ``label`` (n,) is scratch."""
     n = system.n
-    if n > MANY:
+    if n > MANY_CONNECTED:
         return 0
     for j in range(n):
         label[j] = j

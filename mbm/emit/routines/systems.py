@@ -8,7 +8,6 @@ from __future__ import annotations
 from math import isfinite
 
 from mbm.emit.routines.description import (
-    NUMBER,
     PART,
     PART_COORDINATE,
     PART_KIND,
@@ -21,7 +20,7 @@ from mbm.emit.routines.description import (
     UNKNOWN_SIZE,
 )
 from mbm.target.records import slot, view
-from mbm.target.solver.description import BOUNDS_AT, NO_LOSS, TOLERANCE, DataSet, Problem
+from mbm.target.solver.description import BOUNDS_AT, NO_LOSS, NUMBER, TOLERANCE, DataSet, Problem
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mbm.kernels.types import Backend, Evaluation, Kernel, Stream, WithoutMachineCode
+from mbm.kernels.types import Backend, Evaluation, Kernel, KernelSet, Stream, WithoutMachineCode
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -13,6 +13,11 @@ if TYPE_CHECKING:
 MANY = 192
 """Rows from which NumPy is faster, for short and long kernels alike (`benchmarks/kernels.py`): it pays for each
 instruction once per block of rows, CasADi once per row."""
+
+
+MOST_KERNELS, MOST_INSTRUCTIONS = 64, 20_000
+"""Kernels of one problem that machine code is made for, and instructions in all of them: a kernel takes some 20 ms to
+compile, an instruction twice 20 µs, which solves of so many groups of rows do not give back."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,3 +45,14 @@ def backend(store: Store | None) -> Backend:
 
     reason = hindrance(store)
     return NativeBackend(store=store, name="auto") if reason is None else InterpretingBackend(reason)
+
+
+def suited(chosen: Backend, kernels: KernelSet) -> Backend:
+    """The ``chosen`` backend for a problem; the default one makes no machine code where compiling does not pay."""
+    if chosen.name != "auto" or isinstance(chosen, WithoutMachineCode):
+        return chosen
+    count = len(kernels.kernels)
+    length = sum(len(kernel.jacobian_program.instructions) for kernel in kernels.kernels)
+    if count <= MOST_KERNELS and length <= MOST_INSTRUCTIONS:
+        return chosen
+    return InterpretingBackend(f"{count} kernels with {length} instructions take longer to compile than to solve")

@@ -40,6 +40,12 @@ TOO_MANY_STATIC_VALUES = Code(
     "A column decides what the equations are, and it has more distinct values than can be compiled.",
     "Use the column as a family's key or as a number, which costs nothing.",
 )
+TOO_MUCH_TO_COMPILE = Code(
+    "too-much-to-compile",
+    "The problem writes out more equations, or longer ones, than are derived and compiled for one problem.",
+    "Put what is repeated into a table: `(observe TABLE …)`, `:over TABLE` and `:per TABLE` hold for all of its rows"
+    " and are compiled once.",
+)
 DEPENDS_ON_UNKNOWN = Code(
     "depends-on-unknown",
     "A weight, start, bound or filter has to be known before the solve, but its form holds an unknown.",
@@ -55,6 +61,11 @@ TWO_NOISES = Code(
 )
 UNEQUAL_SIDES = Code(
     "unequal-sides", "The two sides of an equation are different kinds of thing.", "Make them of one length."
+)
+EMPTY_EQUATION = Code(
+    "empty-equation",
+    "An equation compares vectors of no numbers, so that it says nothing.",
+    "Remove it, or look where the list or vector in it lost its elements.",
 )
 UNEQUAL_BRANCHES = Code(
     "unequal-branches",
@@ -197,6 +208,24 @@ def too_many_static_values(span: Span, table: str, limit: int) -> Diagnostic:
     )  # fmt: skip
 
 
+def too_many_equations(span: Span, limit: int) -> Diagnostic:
+    """More equations that are compiled one by one than may be."""
+    return Diagnostic(
+        code=TOO_MUCH_TO_COMPILE,
+        message=f"up to here the problem has more than {limit:,} equations that are each compiled", place=span,
+        hint="put what is repeated into a table: its rows share one equation",
+    )  # fmt: skip
+
+
+def too_many_operations(span: Span, limit: int) -> Diagnostic:
+    """More operations in all equations than may be."""
+    return Diagnostic(
+        code=TOO_MUCH_TO_COMPILE,
+        message=f"up to here the equations of the problem hold more than {limit:,} operations", place=span,
+        hint="put what is repeated into a table: its rows share one equation",
+    )  # fmt: skip
+
+
 def depends_on_unknown(span: Span, wanted: str, unknown: str) -> Diagnostic:
     """An unknown where none may be."""
     return Diagnostic(
@@ -224,6 +253,16 @@ def unequal_sides(span: Span, measured: str, model: str) -> Diagnostic:
         code=UNEQUAL_SIDES, message=f"the measured side is {measured}, the model is {model}", place=span,
         hint="both sides must be numbers, or vectors of one length",
     )  # fmt: skip
+
+
+def empty_equation(span: Span) -> Diagnostic:
+    """An equation without components."""
+    return Diagnostic(
+        code=EMPTY_EQUATION,
+        message="the equation compares no numbers: its vectors are empty",
+        place=span,
+        hint="remove it, or look where the vector lost its elements",
+    )
 
 
 def unequal_branches(span: Span) -> Diagnostic:

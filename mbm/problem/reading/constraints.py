@@ -6,12 +6,13 @@ from mbm.expression.algebra import number
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, RowChoice, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, integer
-from mbm.language.scope import LocalScope, Scope
-from mbm.language.values import Array, PoseValue, RotationValue
+from mbm.language.scope import LocalScope
+from mbm.language.values import Array, PoseValue, RotationValue, Scope
 from mbm.language.vocabulary.rigid import geometric_difference
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.kinds import ConstraintKind, Relation
+from mbm.problem.naming import TakenNames
 from mbm.problem.options import split_options
 from mbm.problem.reading.equations import data_only, expanded
 from mbm.problem.reading.relations import Pair, pairs, refuse_contradictions
@@ -21,7 +22,7 @@ from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKin
 from mbm.shapes.constraints import calls_with_constraints
 from mbm.shapes.model import ModelLog
 from mbm.shapes.types import ModelCall, ModelConstraint, Shape
-from mbm.text.printer import print_form
+from mbm.text.printer import print_beginning
 from mbm.text.suggest import closest
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
@@ -40,7 +41,7 @@ class _Bound:
     variables: tuple[tuple[str, int], ...]
 
 
-def read_constraints(work: Workspace, clause: Sequence, taken: dict[str, Span]) -> list[Block]:
+def read_constraints(work: Workspace, clause: Sequence, taken: TakenNames) -> list[Block]:
     """The blocks of a ``constraints`` clause."""
     found: list[Block | None] = []
     refused: set[Span] = set()  # what a `for` repeats is wrong once, not thousands of times
@@ -50,9 +51,16 @@ def read_constraints(work: Workspace, clause: Sequence, taken: dict[str, Span]) 
                 continue
             refused.add(each.form.span)
             with work.collecting():
-                found.append(_read(work, each, taken))
+                found.append(_counted(work, _read(work, each, taken)))
                 refused.remove(each.form.span)
     return [block for block in found if block is not None]
+
+
+def _counted(work: Workspace, block: Block | None) -> Block | None:
+    """The block, of which account is taken."""
+    if block is not None:
+        work.extent.add(block)
+    return block
 
 
 def _unrolled(work: Workspace, form: Form, variables: tuple[tuple[str, int], ...]) -> list[_Bound]:
@@ -97,7 +105,7 @@ def _scope(scope: Scope, variables: tuple[tuple[str, int], ...]) -> Scope:
     return LocalScope({name: number(value) for name, value in variables}, scope) if variables else scope
 
 
-def _read(work: Workspace, bound: _Bound, taken: dict[str, Span]) -> Block | None:
+def _read(work: Workspace, bound: _Bound, taken: TakenNames) -> Block | None:
     """The block of one constraint; None where it holds whatever the unknowns are."""
     form = bound.form
     head = form.head or ""
@@ -211,7 +219,7 @@ def _normal_of_pose(
     return Equation(components=found, noise_kind=NoiseKind.SIGMA, noise=sigma, measured=None, span=span)
 
 
-def _name(form: Form | None, bound: _Bound, taken: dict[str, Span]) -> str:
+def _name(form: Form | None, bound: _Bound, taken: TakenNames) -> str:
     if isinstance(form, Symbol):
         base = form.name
     elif form is not None and hasattr(form, "value"):
@@ -219,26 +227,12 @@ def _name(form: Form | None, bound: _Bound, taken: dict[str, Span]) -> str:
     elif bound.form.head == "normal":
         base = f"normal {bound.form.items[1].span.text}" if len(bound.form.items) > 1 else "normal"
     else:
-        base = _short(bound.form)
+        base = print_beginning(bound.form, _LONGEST_NAME)
     base += "".join(f" {name}={value}" for name, value in bound.variables)
-    return _free(base, taken, bound.form.span)
+    return taken.free(base, bound.form.span)
 
 
-def _short(form: Form) -> str:
-    """The form on one line; only its beginning where it is long."""
-    text = print_form(form)
-    return text if len(text) <= _LONGEST_NAME else text[: _LONGEST_NAME - 1] + "…"
-
-
-def _free(base: str, taken: dict[str, Span], span: Span) -> str:
-    candidate, count = base, 2
-    while candidate in taken:
-        candidate, count = f"{base}-{count}", count + 1
-    taken[candidate] = span
-    return candidate
-
-
-def model_constraints(work: Workspace, log: ModelLog, taken: dict[str, Span]) -> list[Block]:
+def model_constraints(work: Workspace, log: ModelLog, taken: TakenNames) -> list[Block]:
     """The constraints of the models that the problem uses, once for every distinct model with its arguments."""
     for form in tuple(log.quoted):
         with work.collecting():
@@ -247,25 +241,25 @@ def model_constraints(work: Workspace, log: ModelLog, taken: dict[str, Span]) ->
     for call in calls_with_constraints(Shape(content=c, span=c.span) for c in log.calls):
         for constraint in call.constraints:
             with work.collecting():
-                found.append(_of_model(work, call, constraint, taken))
+                found.append(_counted(work, _of_model(work, call, constraint, taken)))
     return [block for block in found if block is not None]
 
 
-def _of_model(work: Workspace, call: ModelCall, constraint: ModelConstraint, taken: dict[str, Span]) -> Block | None:
+def _of_model(work: Workspace, call: ModelCall, constraint: ModelConstraint, taken: TakenNames) -> Block | None:
     """A constraint of a model, with the model's arguments in place; it holds for each row that these come from."""
     kind = _RELATIONS.get(constraint.kind)
     span = constraint.span
     if kind is not None:
         chain = pairs(kind, [work.evaluator.wanted(f, constraint.scope) for f in constraint.forms], span)
         rows = _row_columns(tuple(node for pair in chain for node in (pair.left, pair.right)))
-        name = _free(f"{call.name} {' '.join(span.text.split())}", taken, span)
+        name = taken.free(f"{call.name} {' '.join(span.text.split())}", span)
         table = _one_table(work, call, constraint, rows)
         return _constraint(work, name, kind, table, [((), chain)], span, _columns(rows))
     equation = normal_equation(work, constraint.forms, constraint.scope, span)
     rows = _row_columns((*equation.components, *equation.noise))
     table = _one_table(work, call, constraint, rows)
     return Block(
-        name=_free(f"{call.name} normal {constraint.forms[0].span.text}", taken, span),
+        name=taken.free(f"{call.name} normal {constraint.forms[0].span.text}", span),
         role=BlockRole.PRIOR,
         table=table.name if table is not None else None,
         cases=(EquationCase(static=(), equations=(equation,)),),

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 from mbm.expression.nodes import Expression, Number
 from mbm.language import faults as language_faults
-from mbm.language.scope import Scope
+from mbm.language.values import Scope
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace, shaped
+from mbm.problem.naming import TakenNames
 from mbm.problem.options import Options, split_options
 from mbm.problem.reading.equations import Residual, residuals
 from mbm.problem.reading.errors import read_errors
@@ -23,7 +24,7 @@ NOISE = ("sigma", "covariance", "information")
 LATER = {"bound": "interval methods"}
 
 
-def read_observation(work: Workspace, clause: Sequence, taken: dict[str, Span]) -> Block:
+def read_observation(work: Workspace, clause: Sequence, taken: TakenNames) -> Block:
     """The block of equations of one ``observe`` clause; ``taken`` holds the names in use and gains this one."""
     options = split_options(
         clause.items[1:],
@@ -42,6 +43,9 @@ def read_observation(work: Workspace, clause: Sequence, taken: dict[str, Span]) 
 
     def evaluate(scope: Scope) -> tuple[Equation, ...]:
         found = [r for each in equations for r in residuals(work.evaluator, each, scope)]
+        empty = next((r for r in found if not r.components), None)
+        if empty is not None:
+            raise MbmError(faults.empty_equation(empty.span))
         return tuple(_with_noise(work, r, kind, form, scope, exact=exact) for r in found)
 
     when_form = options.get("when")
@@ -101,19 +105,13 @@ def _explain_missing_table(work: Workspace, error: MbmError, symbols: list[Symbo
     )
 
 
-def _free_name(name: Symbol | None, table: Table | None, taken: dict[str, Span], span: Span) -> str:
+def _free_name(name: Symbol | None, table: Table | None, taken: TakenNames, span: Span) -> str:
     """The name given, or one made of the table's that nobody has."""
-    if name is not None:
-        if name.name in taken:
-            raise MbmError(language_faults.duplicate_definition(name.span, name.name, taken[name.name]))
-        taken[name.name] = name.span
-        return name.name
-    base = table.name if table is not None else "observe"
-    candidate, number = base, 2
-    while candidate in taken:
-        candidate, number = f"{base}-{number}", number + 1
-    taken[candidate] = span
-    return candidate
+    if name is None:
+        return taken.free(table.name if table is not None else "observe", span)
+    if name.name in taken.places:
+        raise MbmError(language_faults.duplicate_definition(name.span, name.name, taken.places[name.name]))
+    return taken.free(name.name, name.span)
 
 
 def _noise(options: Options) -> tuple[NoiseKind, Form | None, bool]:

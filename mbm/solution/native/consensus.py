@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.solution.native.code import LANES, SolverCode
+from mbm.solution.native.code import SolverCode
 from mbm.solution.native.consensus_rules import Rules
 from mbm.solution.native.packing import blocks_of
 from mbm.solution.native.system import AT_A_TIME, NativeSystem, never
@@ -17,6 +17,7 @@ from mbm.solution.types import Floats, Indices, Mask
 from mbm.target.records import view
 from mbm.target.solver import consensus_description as c
 from mbm.target.solver import description as of
+from mbm.target.solver.description import LANES
 from mbm.target.solver.workspace import work_reals
 from mbm.values import dataclass
 
@@ -26,13 +27,10 @@ TRIALS = 10
 SHAPES = 100
 """Rooms that are remembered."""
 
-FLAT = 1e-7
-"""Extent of stations across their plane beside that along it, below which mirrored places fit them equally well."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ConsensusEnds:
-    """What D data sets agree on; units of data set k stand at ``units_at[k] : units_at[k + 1]``.
+    """What D data sets agree on; their units stand one after the other.
 
     ``points`` (D, N) is where the units agree, the first start where they do not; ``states`` (D, `ANSWERS`). For each
     unit ``inside`` says whether it agrees, with squared norms up to ``limits``; ``variances`` are those of the noise.
@@ -41,7 +39,6 @@ class ConsensusEnds:
 
     points: Floats
     states: Indices
-    units_at: Indices
     inside: Mask
     limits: Floats
     variances: Floats
@@ -203,7 +200,6 @@ def consensus_many(
     return ConsensusEnds(
         points=points,
         states=states,
-        units_at=units_at,
         inside=inside == 1,
         limits=limits,
         variances=variances,

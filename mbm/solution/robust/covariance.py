@@ -24,14 +24,8 @@ from mbm.solution.covariance import in_datum
 from mbm.solution.freedom import free_combinations, touched_by
 from mbm.solution.robust.losses.function import LossFunction
 from mbm.solution.types import Covariance, Floats, Indices, Mask, Observability
+from mbm.target.decisions import EPSILON, EXHAUSTED, TOLD
 from mbm.values import dataclass
-
-EXHAUSTED = 1e-9
-"""A freedom below this share of the residuals is rounding of none; a curvature below this share of the weights too."""
-
-
-TOLD = 2.0
-"""Degrees of freedom ν from which on residuals alone tell their variance: below, its deviation √(2/ν) exceeds it."""
 
 
 def least_spread(slope: float | Floats, total: float | Floats, stated: float | Floats, share: float | Floats) -> Floats:
@@ -115,18 +109,21 @@ def flat_directions(curvature: Floats, weighed: Floats, observed: Observability)
     """Directions (r, k) along which ``curvature`` (r, r) is next to nothing of what is ``weighed`` (r, r); None: none.
 
     Both in the coordinates of ``row_space``. Divided by the singular values they are well conditioned, as the
-    derivatives of the square-root form are never larger than the weights: ``w² s/ρ ≤ w``.
+    derivatives of the square-root form are never larger than the weights: ``w² s/ρ ≤ w``. Directions that
+    nothing weighs (a loss that ends may leave every row without weight) are among those found.
     """
     strengths = observed.singular_values[: len(curvature)]
     across = np.outer(strengths, strengths)
     if not (np.isfinite(curvature).all() and np.isfinite(weighed).all()):
         return None
-    root = np.linalg.inv(np.linalg.cholesky(weighed / across))
-    shares, axes = np.linalg.eigh(root @ (curvature / across) @ root.T)
+    weights, turned = np.linalg.eigh(weighed / across)
+    felt = weights > EPSILON * np.max(weights, initial=0.0)
+    root = turned[:, felt] / np.sqrt(weights[felt])
+    shares, axes = np.linalg.eigh(root.T @ (curvature / across) @ root)
     flat = ~(shares > EXHAUSTED)
-    if not flat.any():
+    if felt.all() and not flat.any():
         return None
-    found = root.T @ axes[:, flat] / strengths[:, None]
+    found = np.hstack([root @ axes[:, flat], turned[:, ~felt]]) / strengths[:, None]
     return np.asarray(found / np.sqrt(np.square(found).sum(axis=0)), dtype=np.float64)
 
 

@@ -11,6 +11,8 @@ from mbm.target.solver.description import (
     BOUNDS_AT,
     CONDITION,
     COST,
+    DATA_BLOCK,
+    DATA_HEAD,
     DEFICIENT,
     EVALUATIONS,
     FREEDOM,
@@ -31,7 +33,6 @@ from mbm.target.solver.description import (
     VIOLATION,
     DataSet,
     Problem,
-    data_stride,
 )
 from mbm.target.solver.equations import load_rows, residuals_at_point
 from mbm.target.solver.linear_algebra import copied, dot, filled
@@ -258,7 +259,7 @@ def solve_many(
 ) -> None:
     """Solves ``first … last`` of a batch, each from beginning to end, with the scratch of one thread."""
     n = system.n
-    stride = data_stride(system.residual_blocks + system.constraint_blocks)
+    stride = DATA_HEAD + DATA_BLOCK * (system.residual_blocks + system.constraint_blocks)
     flags[LOADED] = -1
     for k in range(first, last):
         own = view(DataSet, data[which[k] * stride :])

@@ -6,13 +6,13 @@ best of those brought to the fixed point of fit, noise and inliers.
 
 from __future__ import annotations
 
+from mbm.target.decisions import FEW_STARTS, LARGE_SUBSET
 from mbm.target.records import view
 from mbm.target.solver.consensus_begin import begin_agreement
 from mbm.target.solver.consensus_description import (
     AGREED,
     AMBIGUOUS,
     ANSWERS,
-    FEW_STARTS,
     FIRST,
     FORM_WIDTH,
     GROUP_OF,
@@ -25,12 +25,12 @@ from mbm.target.solver.consensus_description import (
     NOISE,
     OBJECTIVE,
     POINTS_MADE,
-    ROUNDINGS,
     SORTED,
     STARTS,
     SUBSET_SIZE,
     TRIALS,
     TRIALS_WANTED,
+    UNIT_ROUNDINGS,
     UNITS_LISTED,
     VARIANCES,
     begun_at,
@@ -51,9 +51,6 @@ from mbm.target.solver.consensus_trials import fit_trials
 from mbm.target.solver.description import DataSet, Problem
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
-
-LARGE_SUBSET = 7
-"""From so many units in a subset on, trials free of outliers are rare: graduated non-convexity gives one more."""
 
 
 def put_trial(system: Problem, rules: ConstantIntegers, number: Integer, point: ConstantReals, bench: Reals) -> None:
@@ -140,7 +137,7 @@ def settle_candidate(
             own[system.numbers :],
             bench[unit_vector_at(rules, MEDIANS) :],
             places[place_vector_at(rules, GROUP_OF) :],
-            bench[unit_vector_at(rules, ROUNDINGS) :],
+            bench[unit_vector_at(rules, UNIT_ROUNDINGS) :],
             bench[unit_vector_at(rules, SORTED) :],
             bench[unit_vector_at(rules, VARIANCES) :],
         )

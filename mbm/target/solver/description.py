@@ -17,7 +17,7 @@ The rows of all **data sets** stand in four arrays, row by row as they are in ta
 
 ``data`` (integers) has for each data set ``DATA_HEAD + DATA_BLOCK · blocks`` numbers: how many residuals count, then
 for each block (observations and priors first, then constraints) where its first row stands in the four arrays and how
-many rows there are (see ``data_stride``).
+many rows there are.
 
 A **solve** k of a batch takes the data set ``which[k]`` and starts at ``starts[k]`` (N,), all finite.
 
@@ -51,6 +51,8 @@ Everything is in SI, angles in radians; quaternions (w, x, y, z). Scratch sizes 
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 from mbm.target.records import Records, behind, record, slots_of, table
 from mbm.target.words import ConstantIntegers, Integer, Integers
@@ -236,10 +238,12 @@ DATA_HEAD = slots_of(DataSet)
 DATA_BLOCK = slots_of(DataBlock)
 UNITED = slots_of(United)
 
+NUMBER = 0
 SCALE = 1
 QUATERNION = 2
 DIRECTION = 3
-"""Kinds of components."""
+PIECES: Mapping[str, int] = {"number": NUMBER, "scale": SCALE, "quaternion": QUATERNION, "sphere": DIRECTION}
+"""Kinds of components, by the labels of `mbm.problem.manifold.Piece`."""
 
 NO_LOSS = 0
 HUBER = 1
@@ -248,6 +252,15 @@ CAUCHY = 3
 TUKEY = 4
 GEMAN_MCCLURE = 5
 BARRON = 6
+LOSSES: Mapping[str, int] = {
+    "huber": HUBER,
+    "soft-l1": SOFT_L1,
+    "cauchy": CAUCHY,
+    "tukey": TUKEY,
+    "geman-mcclure": GEMAN_MCCLURE,
+    "barron": BARRON,
+}
+"""By the names that ``:loss`` knows."""
 
 # --- constants --------------------------------------------------------------------------------------------------
 TOLERANCE = 0
@@ -292,8 +305,3 @@ NO_FINITE_STEP = 8
 INFEASIBLE = 9
 UNSURE = 10
 """Rank deficient, or out of range: the point is the best so far, another method should start anew."""
-
-
-def data_stride(blocks: Integer) -> Integer:
-    """Integers of a data set in ``data``; ``blocks`` counts those of constraints too."""
-    return DATA_HEAD + DATA_BLOCK * blocks

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbm.target.chi_square import chi_square_tails
 from mbm.target.from_python import module_of
 from mbm.target.solver.batch import finish_solve, go_on, solve_many, start_solve
 from mbm.target.solver.consensus import agree_by_and_by, agree_many
@@ -10,7 +11,8 @@ from mbm.target.tree import Module
 
 def solver_module(lanes: int) -> Module:
     """The solver for kernels that take ``lanes`` rows at a time."""
-    return module_of("solver", (start_solve, go_on, finish_solve, solve_many), constants={"LANES": lanes})
+    roots = (start_solve, go_on, finish_solve, solve_many, chi_square_tails)
+    return module_of("solver", roots, constants={"LANES": lanes})
 
 
 def consensus_module(lanes: int) -> Module:

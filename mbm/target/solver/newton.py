@@ -7,8 +7,9 @@ once from differences of the gradient, and kept. The Hessian is never formed: wi
 
 from __future__ import annotations
 
-from math import fabs, isfinite, log, sqrt
+from math import fabs, isfinite, sqrt
 
+from mbm.target.decisions import DIFFERENCE, LEAST_DIFFERENCE
 from mbm.target.solver.description import DataSet, Problem
 from mbm.target.solver.linear_algebra import cholesky, dot, filled, solve_transposed, solve_upper
 from mbm.target.solver.manifolds import retract
@@ -43,12 +44,6 @@ from mbm.target.solver.workspace import (
     vector_at,
 )
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
-
-FRACTION = 1e-4
-"""Length of a difference in conditional standard deviations of the coordinate."""
-
-RELATIVE = 1e-7
-"""… and its least length beside the coordinate itself, so that rounding stays small."""
 
 
 def newton_step(system: Problem, constants: ConstantReals, place: Reals, work: Reals, flags: Integers) -> Integer:
@@ -157,9 +152,9 @@ def set_curvature(
     total = 0.0
     for j in range(n):
         filled(n, 0.0, step)
-        step[j] = FRACTION * spread / scale[j]
-        if RELATIVE * fabs(x[j]) > step[j]:
-            step[j] = RELATIVE * fabs(x[j])
+        step[j] = DIFFERENCE * spread / scale[j]
+        if LEAST_DIFFERENCE * fabs(x[j]) > step[j]:
+            step[j] = LEAST_DIFFERENCE * fabs(x[j])
         retract(system, place[AT_POINT:], step, point)
         sweep(system, constants, data, index, columns, point, 1, flags[PENALISED], work, residuals, there)
         for k in range(n):
@@ -177,12 +172,3 @@ def set_curvature(
             curvature[j * n + k] = value
             curvature[k * n + j] = value
     return 1
-
-
-def remaining(offset: Real, before: Real, tolerance: Real) -> Real:
-    """Iterations still needed at the present linear rate, 1e300 where the offset does not shrink."""
-    if offset <= tolerance:
-        return 0.0
-    if not before > 0.0 or offset >= before:
-        return 1e300
-    return log(tolerance / offset) / log(offset / before)

@@ -1,5 +1,5 @@
-#ifndef BOTH_H
-#define BOTH_H
+#ifndef BOTH__H
+#define BOTH__H
 
 /*
  * both: Consensus and a loss, each with unknown noise.

@@ -1,5 +1,5 @@
-#ifndef BOUNDED_H
-#define BOUNDED_H
+#ifndef BOUNDED__H
+#define BOUNDED__H
 
 /*
  * bounded: Bounded losses; noise with a loss and noise without.

@@ -25,7 +25,7 @@ static const double LOSSES[1] = {
     0.0
 };
 
-#define TOLERANCE 1e-10    /* of the next step, in standard deviations */
+static const double TOLERANCE = 1e-10;    /* of the next step, in standard deviations */
 
 /* Arrays of one data set, taken from the caller's workspace one after the other; nothing is allocated. */
 struct arena {
@@ -298,7 +298,6 @@ static int prior_a_assemble(struct frame *f, long count)
     f->data_set[8] = f->index_used;
     f->data_set[9] = f->columns_used;
     for (i = 0; i < count; i++) {
-        (void)i;
         prior_a_noise(inputs, noise);
         if (!weight_of_sigma(noise[0], f->weights + f->weights_used + 0))
             return -1;

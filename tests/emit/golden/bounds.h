@@ -1,5 +1,5 @@
-#ifndef BOUNDS_H
-#define BOUNDS_H
+#ifndef BOUNDS__H
+#define BOUNDS__H
 
 /*
  * bounds: A prior, and a bound that holds.

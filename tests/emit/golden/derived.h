@@ -1,5 +1,5 @@
-#ifndef DERIVED_H
-#define DERIVED_H
+#ifndef DERIVED__H
+#define DERIVED__H
 
 /*
  * derived: Heights of marks; what is derived of them, once and for each row.

@@ -26,7 +26,7 @@ static const double LOSSES[1] = {
     0.0
 };
 
-#define TOLERANCE 1e-10    /* of the next step, in standard deviations */
+static const double TOLERANCE = 1e-10;    /* of the next step, in standard deviations */
 
 /* Arrays of one data set, taken from the caller's workspace one after the other; nothing is allocated. */
 struct arena {
@@ -260,7 +260,6 @@ static int p_1_p_2_p_3_assemble(struct frame *f, long count)
     f->data_set[8] = f->index_used;
     f->data_set[9] = f->columns_used;
     for (i = 0; i < count; i++) {
-        (void)i;
         if (rows == 0) {    /* all rows share their unknowns */
             f->index[f->index_used++] = f->offsets[0];    /* p */
             f->index[f->index_used++] = f->offsets[0] + 1;    /* p */
@@ -288,7 +287,6 @@ static int p_3_0_6_assemble(struct frame *f, long count)
     f->data_set[13] = f->index_used;
     f->data_set[14] = f->columns_used;
     for (i = 0; i < count; i++) {
-        (void)i;
         if (rows == 0) {    /* all rows share their unknowns */
             f->index[f->index_used++] = f->offsets[0] + 2;    /* p */
             f->columns[f->columns_used++] = f->firsts[0] + 2;    /* p */

@@ -1,5 +1,5 @@
-#ifndef DETERMINED_H
-#define DETERMINED_H
+#ifndef DETERMINED__H
+#define DETERMINED__H
 
 /*
  * determined: Two constraints leave one unknown no freedom: its variance is zero.

@@ -30,7 +30,7 @@ static void d_values(const double *inputs, double *outputs)
  *     d(component 1) / d(p, coordinate 2)
  *     d(component 2) / d(p, coordinate 3)
  */
-static void d_jacobian(const double *inputs, double *outputs)
+static void d_slopes(const double *inputs, double *outputs)
 {
     const double p_1 = inputs[0];  /* p[1] */
     const double p_2 = inputs[1];  /* p[2] */
@@ -69,7 +69,7 @@ static void p_1_p_2_p_3_values(const double *inputs, double *outputs)
  *     d(component 1) / d(p, coordinate 2)
  *     d(component 1) / d(p, coordinate 3)
  */
-static void p_1_p_2_p_3_jacobian(const double *inputs, double *outputs)
+static void p_1_p_2_p_3_slopes(const double *inputs, double *outputs)
 {
     const double p_1 = inputs[0];  /* p[1] */
     const double p_2 = inputs[1];  /* p[2] */
@@ -98,7 +98,7 @@ static void p_3_0_6_values(const double *inputs, double *outputs)
  *
  *     d(component 1) / d(p, coordinate 3)
  */
-static void p_3_0_6_jacobian(const double *inputs, double *outputs)
+static void p_3_0_6_slopes(const double *inputs, double *outputs)
 {
     const double p_3 = inputs[0];  /* p[3] */
 
@@ -137,7 +137,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            d_jacobian(inputs + row * 6, outputs + row * 6);
+            d_slopes(inputs + row * 6, outputs + row * 6);
         break;
     case 2:
         for (row = 0; row < rows; row++)
@@ -145,7 +145,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 3:
         for (row = 0; row < rows; row++)
-            p_1_p_2_p_3_jacobian(inputs + row * 3, outputs + row * 4);
+            p_1_p_2_p_3_slopes(inputs + row * 3, outputs + row * 4);
         break;
     case 4:
         for (row = 0; row < rows; row++)
@@ -153,7 +153,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 5:
         for (row = 0; row < rows; row++)
-            p_3_0_6_jacobian(inputs + row * 1, outputs + row * 2);
+            p_3_0_6_slopes(inputs + row * 1, outputs + row * 2);
         break;
     default:
         break;

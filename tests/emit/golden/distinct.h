@@ -1,5 +1,5 @@
-#ifndef DISTINCT_H
-#define DISTINCT_H
+#ifndef DISTINCT__H
+#define DISTINCT__H
 
 /*
  * distinct: One offset for each value of a column; some rows are left out.

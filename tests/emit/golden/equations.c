@@ -26,7 +26,7 @@ static const double LOSSES[1] = {
     0.0
 };
 
-#define TOLERANCE 1e-10    /* of the next step, in standard deviations */
+static const double TOLERANCE = 1e-10;    /* of the next step, in standard deviations */
 
 /* Arrays of one data set, taken from the caller's workspace one after the other; nothing is allocated. */
 struct arena {
@@ -311,7 +311,6 @@ static int q_1_q_2_q_3_180_assemble(struct frame *f, long count)
     f->data_set[18] = f->index_used;
     f->data_set[19] = f->columns_used;
     for (i = 0; i < count; i++) {
-        (void)i;
         if (rows == 0) {    /* all rows share their unknowns */
             f->index[f->index_used++] = f->offsets[0];    /* q */
             f->index[f->index_used++] = f->offsets[0] + 1;    /* q */

@@ -1,5 +1,5 @@
-#ifndef EQUATIONS_H
-#define EQUATIONS_H
+#ifndef EQUATIONS__H
+#define EQUATIONS__H
 
 /*
  * equations: Three angles that add up.

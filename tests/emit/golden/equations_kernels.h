@@ -21,7 +21,7 @@ static void d_1_values(const double *inputs, double *outputs)
  *
  *     d(component 1) / d(q, coordinate 1)
  */
-static void d_1_jacobian(const double *inputs, double *outputs)
+static void d_1_slopes(const double *inputs, double *outputs)
 {
     const double q_1 = inputs[0];  /* q[1] */
     const double angle = inputs[1];
@@ -48,7 +48,7 @@ static void d_2_values(const double *inputs, double *outputs)
  *
  *     d(component 1) / d(q, coordinate 2)
  */
-static void d_2_jacobian(const double *inputs, double *outputs)
+static void d_2_slopes(const double *inputs, double *outputs)
 {
     const double q_2 = inputs[0];  /* q[2] */
     const double angle = inputs[1];
@@ -75,7 +75,7 @@ static void d_3_values(const double *inputs, double *outputs)
  *
  *     d(component 1) / d(q, coordinate 3)
  */
-static void d_3_jacobian(const double *inputs, double *outputs)
+static void d_3_slopes(const double *inputs, double *outputs)
 {
     const double q_3 = inputs[0];  /* q[3] */
     const double angle = inputs[1];
@@ -105,7 +105,7 @@ static void q_1_q_2_q_3_180_values(const double *inputs, double *outputs)
  *     d(component 1) / d(q, coordinate 2)
  *     d(component 1) / d(q, coordinate 3)
  */
-static void q_1_q_2_q_3_180_jacobian(const double *inputs, double *outputs)
+static void q_1_q_2_q_3_180_slopes(const double *inputs, double *outputs)
 {
     const double q_1 = inputs[0];  /* q[1] */
     const double q_2 = inputs[1];  /* q[2] */
@@ -163,7 +163,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            d_1_jacobian(inputs + row * 2, outputs + row * 2);
+            d_1_slopes(inputs + row * 2, outputs + row * 2);
         break;
     case 2:
         for (row = 0; row < rows; row++)
@@ -171,7 +171,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 3:
         for (row = 0; row < rows; row++)
-            d_2_jacobian(inputs + row * 2, outputs + row * 2);
+            d_2_slopes(inputs + row * 2, outputs + row * 2);
         break;
     case 4:
         for (row = 0; row < rows; row++)
@@ -179,7 +179,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 5:
         for (row = 0; row < rows; row++)
-            d_3_jacobian(inputs + row * 2, outputs + row * 2);
+            d_3_slopes(inputs + row * 2, outputs + row * 2);
         break;
     case 6:
         for (row = 0; row < rows; row++)
@@ -187,7 +187,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 7:
         for (row = 0; row < rows; row++)
-            q_1_q_2_q_3_180_jacobian(inputs + row * 3, outputs + row * 4);
+            q_1_q_2_q_3_180_slopes(inputs + row * 3, outputs + row * 4);
         break;
     default:
         break;

@@ -1,5 +1,5 @@
-#ifndef ERRORS_H
-#define ERRORS_H
+#ifndef ERRORS__H
+#define ERRORS__H
 
 /*
  * errors: Both coordinates of a line are measured with errors.

@@ -25,7 +25,7 @@ static void d_values(const double *inputs, double *outputs)
  *     d(component 1) / d(b, coordinate 1)
  *     d(component 1) / d(d.x[row], coordinate 1)
  */
-static void d_jacobian(const double *inputs, double *outputs)
+static void d_slopes(const double *inputs, double *outputs)
 {
     const double a = inputs[0];
     const double b = inputs[1];
@@ -56,7 +56,7 @@ static void d_x_values(const double *inputs, double *outputs)
  *
  *     d(component 1) / d(d.x[row], coordinate 1)
  */
-static void d_x_jacobian(const double *inputs, double *outputs)
+static void d_x_slopes(const double *inputs, double *outputs)
 {
     const double d_x_row = inputs[0];  /* d.x[row] */
     const double x = inputs[1];
@@ -117,7 +117,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            d_jacobian(inputs + row * 4, outputs + row * 4);
+            d_slopes(inputs + row * 4, outputs + row * 4);
         break;
     case 2:
         for (row = 0; row < rows; row++)
@@ -125,7 +125,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 3:
         for (row = 0; row < rows; row++)
-            d_x_jacobian(inputs + row * 2, outputs + row * 2);
+            d_x_slopes(inputs + row * 2, outputs + row * 2);
         break;
     default:
         break;

@@ -1,5 +1,5 @@
-#ifndef EXHAUSTED_H
-#define EXHAUSTED_H
+#ifndef EXHAUSTED__H
+#define EXHAUSTED__H
 
 /*
  * exhausted: A loss that ends keeps two points of three: a line without residuals.

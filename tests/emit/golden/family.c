@@ -24,7 +24,7 @@ static const double LOSSES[1] = {
     0.0
 };
 
-#define TOLERANCE 1e-10    /* of the next step, in standard deviations */
+static const double TOLERANCE = 1e-10;    /* of the next step, in standard deviations */
 
 /* Arrays of one data set, taken from the caller's workspace one after the other; nothing is allocated. */
 struct arena {

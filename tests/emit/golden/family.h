@@ -1,5 +1,5 @@
-#ifndef FAMILY_H
-#define FAMILY_H
+#ifndef FAMILY__H
+#define FAMILY__H
 
 /*
  * family: Heights of marks from differences; one mark is known, one is no part of it.

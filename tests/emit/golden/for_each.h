@@ -1,5 +1,5 @@
-#ifndef FOR_EACH_H
-#define FOR_EACH_H
+#ifndef FOR_EACH__H
+#define FOR_EACH__H
 
 /*
  * for-each: One mean for each day.

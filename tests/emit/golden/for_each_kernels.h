@@ -21,7 +21,7 @@ static void d_values(const double *inputs, double *outputs)
  *
  *     d(component 1) / d(m, coordinate 1)
  */
-static void d_jacobian(const double *inputs, double *outputs)
+static void d_slopes(const double *inputs, double *outputs)
 {
     const double m = inputs[0];
     const double y = inputs[1];
@@ -58,7 +58,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            d_jacobian(inputs + row * 2, outputs + row * 2);
+            d_slopes(inputs + row * 2, outputs + row * 2);
         break;
     default:
         break;

@@ -1,5 +1,5 @@
-#ifndef GRADUATED_H
-#define GRADUATED_H
+#ifndef GRADUATED__H
+#define GRADUATED__H
 
 /*
  * graduated: Two groups, one of unknown noise, by graduated non-convexity.

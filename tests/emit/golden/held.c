@@ -35,7 +35,7 @@ static const double LEVELS[4] = {
     0.454936423119572, 9.0, 9.0, 0.0
 };
 
-#define TOLERANCE 1e-10    /* of the next step, in standard deviations */
+static const double TOLERANCE = 1e-10;    /* of the next step, in standard deviations */
 
 /* Arrays of one data set, taken from the caller's workspace one after the other; nothing is allocated. */
 struct arena {
@@ -369,7 +369,6 @@ static int a_b_3_assemble(struct frame *f, long count)
     f->data_set[8] = f->index_used;
     f->data_set[9] = f->columns_used;
     for (i = 0; i < count; i++) {
-        (void)i;
         if (rows == 0) {    /* all rows share their unknowns */
             f->index[f->index_used++] = f->offsets[0];    /* a */
             f->index[f->index_used++] = f->offsets[1];    /* b */

@@ -1,5 +1,5 @@
-#ifndef HELD_H
-#define HELD_H
+#ifndef HELD__H
+#define HELD__H
 
 /*
  * held: Consensus about a parabola that goes through a point.

@@ -27,7 +27,7 @@ static void d_values(const double *inputs, double *outputs)
  *     d(component 1) / d(b, coordinate 1)
  *     d(component 1) / d(c, coordinate 1)
  */
-static void d_jacobian(const double *inputs, double *outputs)
+static void d_slopes(const double *inputs, double *outputs)
 {
     const double a = inputs[0];
     const double b = inputs[1];
@@ -61,7 +61,7 @@ static void a_b_3_values(const double *inputs, double *outputs)
  *     d(component 1) / d(a, coordinate 1)
  *     d(component 1) / d(b, coordinate 1)
  */
-static void a_b_3_jacobian(const double *inputs, double *outputs)
+static void a_b_3_slopes(const double *inputs, double *outputs)
 {
     const double a = inputs[0];
     const double b = inputs[1];
@@ -115,7 +115,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            d_jacobian(inputs + row * 5, outputs + row * 4);
+            d_slopes(inputs + row * 5, outputs + row * 4);
         break;
     case 2:
         for (row = 0; row < rows; row++)
@@ -123,7 +123,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 3:
         for (row = 0; row < rows; row++)
-            a_b_3_jacobian(inputs + row * 2, outputs + row * 3);
+            a_b_3_slopes(inputs + row * 2, outputs + row * 3);
         break;
     default:
         break;

@@ -25,7 +25,7 @@ static const double LOSSES[1] = {
     0.0
 };
 
-#define TOLERANCE 1e-10    /* of the next step, in standard deviations */
+static const double TOLERANCE = 1e-10;    /* of the next step, in standard deviations */
 
 /* Arrays of one data set, taken from the caller's workspace one after the other; nothing is allocated. */
 struct arena {
@@ -296,7 +296,6 @@ static int a_b_3_assemble(struct frame *f, long count)
     f->data_set[8] = f->index_used;
     f->data_set[9] = f->columns_used;
     for (i = 0; i < count; i++) {
-        (void)i;
         if (rows == 0) {    /* all rows share their unknowns */
             f->index[f->index_used++] = f->offsets[0];    /* a */
             f->index[f->index_used++] = f->offsets[1];    /* b */
@@ -322,7 +321,6 @@ static int b_10_assemble(struct frame *f, long count)
     f->data_set[13] = f->index_used;
     f->data_set[14] = f->columns_used;
     for (i = 0; i < count; i++) {
-        (void)i;
         if (rows == 0) {    /* all rows share their unknowns */
             f->index[f->index_used++] = f->offsets[1];    /* b */
             f->columns[f->columns_used++] = f->firsts[1];    /* b */

@@ -1,5 +1,5 @@
-#ifndef INEQUALITIES_H
-#define INEQUALITIES_H
+#ifndef INEQUALITIES__H
+#define INEQUALITIES__H
 
 /*
  * inequalities: One inequality holds, the other does nothing.

@@ -24,7 +24,7 @@ static void d_values(const double *inputs, double *outputs)
  *     d(component 1) / d(a, coordinate 1)
  *     d(component 1) / d(b, coordinate 1)
  */
-static void d_jacobian(const double *inputs, double *outputs)
+static void d_slopes(const double *inputs, double *outputs)
 {
     const double a = inputs[0];
     const double b = inputs[1];
@@ -55,7 +55,7 @@ static void a_b_3_values(const double *inputs, double *outputs)
  *     d(component 1) / d(a, coordinate 1)
  *     d(component 1) / d(b, coordinate 1)
  */
-static void a_b_3_jacobian(const double *inputs, double *outputs)
+static void a_b_3_slopes(const double *inputs, double *outputs)
 {
     const double a = inputs[0];
     const double b = inputs[1];
@@ -82,7 +82,7 @@ static void b_10_values(const double *inputs, double *outputs)
  *
  *     d(component 1) / d(b, coordinate 1)
  */
-static void b_10_jacobian(const double *inputs, double *outputs)
+static void b_10_slopes(const double *inputs, double *outputs)
 {
     const double b = inputs[0];
 
@@ -126,7 +126,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            d_jacobian(inputs + row * 4, outputs + row * 3);
+            d_slopes(inputs + row * 4, outputs + row * 3);
         break;
     case 2:
         for (row = 0; row < rows; row++)
@@ -134,7 +134,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 3:
         for (row = 0; row < rows; row++)
-            a_b_3_jacobian(inputs + row * 2, outputs + row * 3);
+            a_b_3_slopes(inputs + row * 2, outputs + row * 3);
         break;
     case 4:
         for (row = 0; row < rows; row++)
@@ -142,7 +142,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 5:
         for (row = 0; row < rows; row++)
-            b_10_jacobian(inputs + row * 1, outputs + row * 2);
+            b_10_slopes(inputs + row * 1, outputs + row * 2);
         break;
     default:
         break;

@@ -1,5 +1,5 @@
-#ifndef INFORMATION_H
-#define INFORMATION_H
+#ifndef INFORMATION__H
+#define INFORMATION__H
 
 /*
  * information

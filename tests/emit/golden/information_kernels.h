@@ -27,7 +27,7 @@ static void d_values(const double *inputs, double *outputs)
  *     d(component 1) / d(p, coordinate 1)
  *     d(component 2) / d(p, coordinate 2)
  */
-static void d_jacobian(const double *inputs, double *outputs)
+static void d_slopes(const double *inputs, double *outputs)
 {
     const double p_1 = inputs[0];  /* p[1] */
     const double p_2 = inputs[1];  /* p[2] */
@@ -73,7 +73,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            d_jacobian(inputs + row * 4, outputs + row * 4);
+            d_slopes(inputs + row * 4, outputs + row * 4);
         break;
     default:
         break;

@@ -1,5 +1,5 @@
-#ifndef JOINED_H
-#define JOINED_H
+#ifndef JOINED__H
+#define JOINED__H
 
 /*
  * joined: Ranges to known places.

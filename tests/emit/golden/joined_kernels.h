@@ -26,7 +26,7 @@ static void ranges_values(const double *inputs, double *outputs)
  *     d(component 1) / d(p, coordinate 1)
  *     d(component 1) / d(p, coordinate 2)
  */
-static void ranges_jacobian(const double *inputs, double *outputs)
+static void ranges_slopes(const double *inputs, double *outputs)
 {
     const double p_1 = inputs[0];  /* p[1] */
     const double p_2 = inputs[1];  /* p[2] */
@@ -71,7 +71,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            ranges_jacobian(inputs + row * 5, outputs + row * 3);
+            ranges_slopes(inputs + row * 5, outputs + row * 3);
         break;
     default:
         break;

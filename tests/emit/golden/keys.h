@@ -1,5 +1,5 @@
-#ifndef KEYS_H
-#define KEYS_H
+#ifndef KEYS__H
+#define KEYS__H
 
 /*
  * keys: A level for each day and a slope; some days are in one table only.

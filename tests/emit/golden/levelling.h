@@ -1,5 +1,5 @@
-#ifndef LEVELLING_H
-#define LEVELLING_H
+#ifndef LEVELLING__H
+#define LEVELLING__H
 
 /*
  * levelling: Heights of marks; one step is wrong.

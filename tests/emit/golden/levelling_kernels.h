@@ -24,7 +24,7 @@ static void steps_values(const double *inputs, double *outputs)
  *     d(component 1) / d(h[to], coordinate 1)
  *     d(component 1) / d(h[from], coordinate 1)
  */
-static void steps_jacobian(const double *inputs, double *outputs)
+static void steps_slopes(const double *inputs, double *outputs)
 {
     const double h_to = inputs[0];  /* h[to] */
     const double h_from = inputs[1];  /* h[from] */
@@ -71,7 +71,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            steps_jacobian(inputs + row * 3, outputs + row * 3);
+            steps_slopes(inputs + row * 3, outputs + row * 3);
         break;
     default:
         break;

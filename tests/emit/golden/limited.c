@@ -35,7 +35,7 @@ static const double LEVELS[4] = {
     0.454936423119572, 6.25, 9.0, 0.0
 };
 
-#define TOLERANCE 1e-10    /* of the next step, in standard deviations */
+static const double TOLERANCE = 1e-10;    /* of the next step, in standard deviations */
 
 /* Arrays of one data set, taken from the caller's workspace one after the other; nothing is allocated. */
 struct arena {
@@ -372,7 +372,6 @@ static int prior_q_assemble(struct frame *f, long count)
     f->data_set[8] = f->index_used;
     f->data_set[9] = f->columns_used;
     for (i = 0; i < count; i++) {
-        (void)i;
         prior_q_noise(inputs, noise);
         if (!weight_of_sigma(noise[0], f->weights + f->weights_used + 0))
             return -1;

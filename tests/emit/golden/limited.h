@@ -1,5 +1,5 @@
-#ifndef LIMITED_H
-#define LIMITED_H
+#ifndef LIMITED__H
+#define LIMITED__H
 
 /*
  * limited: A parabola with a prior, and a stated limit.

@@ -27,7 +27,7 @@ static void d_values(const double *inputs, double *outputs)
  *     d(component 1) / d(b, coordinate 1)
  *     d(component 1) / d(q, coordinate 1)
  */
-static void d_jacobian(const double *inputs, double *outputs)
+static void d_slopes(const double *inputs, double *outputs)
 {
     const double a = inputs[0];
     const double b = inputs[1];
@@ -59,7 +59,7 @@ static void prior_q_values(const double *inputs, double *outputs)
  *
  *     d(component 1) / d(q, coordinate 1)
  */
-static void prior_q_jacobian(const double *inputs, double *outputs)
+static void prior_q_slopes(const double *inputs, double *outputs)
 {
     const double q = inputs[0];
 
@@ -119,7 +119,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            d_jacobian(inputs + row * 5, outputs + row * 4);
+            d_slopes(inputs + row * 5, outputs + row * 4);
         break;
     case 2:
         for (row = 0; row < rows; row++)
@@ -127,7 +127,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 3:
         for (row = 0; row < rows; row++)
-            prior_q_jacobian(inputs + row * 1, outputs + row * 2);
+            prior_q_slopes(inputs + row * 1, outputs + row * 2);
         break;
     default:
         break;

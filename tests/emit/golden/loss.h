@@ -1,5 +1,5 @@
-#ifndef LOSS_H
-#define LOSS_H
+#ifndef LOSS__H
+#define LOSS__H
 
 /*
  * loss: A straight line with an outlier.

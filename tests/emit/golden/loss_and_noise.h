@@ -1,5 +1,5 @@
-#ifndef LOSS_AND_NOISE_H
-#define LOSS_AND_NOISE_H
+#ifndef LOSS_AND_NOISE__H
+#define LOSS_AND_NOISE__H
 
 /*
  * loss-and-noise: A loss, and noise beside it that its residuals tell.

@@ -1,5 +1,5 @@
-#ifndef LOSSES_H
-#define LOSSES_H
+#ifndef LOSSES__H
+#define LOSSES__H
 
 /*
  * losses

@@ -1,5 +1,5 @@
-#ifndef LOSSY_NOISE_H
-#define LOSSY_NOISE_H
+#ifndef LOSSY_NOISE__H
+#define LOSSY_NOISE__H
 
 /*
  * lossy-noise: The noise of all rows is unknown, and there is a loss.

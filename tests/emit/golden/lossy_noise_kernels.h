@@ -24,7 +24,7 @@ static void d_values(const double *inputs, double *outputs)
  *     d(component 1) / d(a, coordinate 1)
  *     d(component 1) / d(b, coordinate 1)
  */
-static void d_jacobian(const double *inputs, double *outputs)
+static void d_slopes(const double *inputs, double *outputs)
 {
     const double a = inputs[0];
     const double b = inputs[1];
@@ -72,7 +72,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            d_jacobian(inputs + row * 4, outputs + row * 3);
+            d_slopes(inputs + row * 4, outputs + row * 3);
         break;
     default:
         break;

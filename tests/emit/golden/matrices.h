@@ -1,5 +1,5 @@
-#ifndef MATRICES_H
-#define MATRICES_H
+#ifndef MATRICES__H
+#define MATRICES__H
 
 /*
  * matrices: A point that moves, each place with a covariance matrix; one is wrong.

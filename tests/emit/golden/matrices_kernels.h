@@ -31,7 +31,7 @@ static void d_values(const double *inputs, double *outputs)
  *     d(component 2) / d(p, coordinate 2)
  *     d(component 2) / d(w, coordinate 2)
  */
-static void d_jacobian(const double *inputs, double *outputs)
+static void d_slopes(const double *inputs, double *outputs)
 {
     const double p_1 = inputs[0];  /* p[1] */
     const double w_1 = inputs[1];  /* w[1] */
@@ -91,7 +91,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            d_jacobian(inputs + row * 7, outputs + row * 6);
+            d_slopes(inputs + row * 7, outputs + row * 6);
         break;
     default:
         break;

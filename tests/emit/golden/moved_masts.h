@@ -1,5 +1,5 @@
-#ifndef MOVED_MASTS_H
-#define MOVED_MASTS_H
+#ifndef MOVED_MASTS__H
+#define MOVED_MASTS__H
 
 /*
  * moved-masts: Ranges to masts that stand uncertainly: errors that rows share.

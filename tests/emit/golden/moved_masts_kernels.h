@@ -27,7 +27,7 @@ static void ranges_values(const double *inputs, double *outputs)
  *     d(component 1) / d(masts.x[mast], coordinate 1)
  *     d(component 1) / d(p, coordinate 2)
  */
-static void ranges_jacobian(const double *inputs, double *outputs)
+static void ranges_slopes(const double *inputs, double *outputs)
 {
     const double p_1 = inputs[0];  /* p[1] */
     const double masts_x_mast = inputs[1];  /* masts.x[mast] */
@@ -63,7 +63,7 @@ static void masts_x_values(const double *inputs, double *outputs)
  *
  *     d(component 1) / d(masts.x[id], coordinate 1)
  */
-static void masts_x_jacobian(const double *inputs, double *outputs)
+static void masts_x_slopes(const double *inputs, double *outputs)
 {
     const double masts_x_id = inputs[0];  /* masts.x[id] */
     const double x = inputs[1];
@@ -117,7 +117,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            ranges_jacobian(inputs + row * 5, outputs + row * 4);
+            ranges_slopes(inputs + row * 5, outputs + row * 4);
         break;
     case 2:
         for (row = 0; row < rows; row++)
@@ -125,7 +125,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 3:
         for (row = 0; row < rows; row++)
-            masts_x_jacobian(inputs + row * 2, outputs + row * 2);
+            masts_x_slopes(inputs + row * 2, outputs + row * 2);
         break;
     default:
         break;

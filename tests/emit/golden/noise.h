@@ -1,5 +1,5 @@
-#ifndef NOISE_H
-#define NOISE_H
+#ifndef NOISE__H
+#define NOISE__H
 
 /*
  * noise: The noise is told by the residuals.

@@ -26,7 +26,7 @@ static const double LOSSES[1] = {
     0.0
 };
 
-#define TOLERANCE 1e-10    /* of the next step, in standard deviations */
+static const double TOLERANCE = 1e-10;    /* of the next step, in standard deviations */
 
 /* Arrays of one data set, taken from the caller's workspace one after the other; nothing is allocated. */
 struct arena {
@@ -344,7 +344,6 @@ static int prior_b_assemble(struct frame *f, long count)
     f->data_set[13] = f->index_used;
     f->data_set[14] = f->columns_used;
     for (i = 0; i < count; i++) {
-        (void)i;
         prior_b_noise(inputs, noise);
         if (!weight_of_sigma(noise[0], f->weights + f->weights_used + 0))
             return -1;

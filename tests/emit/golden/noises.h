@@ -1,5 +1,5 @@
-#ifndef NOISES_H
-#define NOISES_H
+#ifndef NOISES__H
+#define NOISES__H
 
 /*
  * noises: Two groups of unknown noise, and one that is stated.

@@ -1,5 +1,5 @@
-#ifndef OFFSET_H
-#define OFFSET_H
+#ifndef OFFSET__H
+#define OFFSET__H
 
 /*
  * offset: A place and an offset, with unknown noise.

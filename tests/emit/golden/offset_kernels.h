@@ -28,7 +28,7 @@ static void ranges_values(const double *inputs, double *outputs)
  *     d(component 1) / d(p, coordinate 1)
  *     d(component 1) / d(p, coordinate 2)
  */
-static void ranges_jacobian(const double *inputs, double *outputs)
+static void ranges_slopes(const double *inputs, double *outputs)
 {
     const double o = inputs[0];
     const double p_1 = inputs[1];  /* p[1] */
@@ -83,7 +83,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            ranges_jacobian(inputs + row * 6, outputs + row * 4);
+            ranges_slopes(inputs + row * 6, outputs + row * 4);
         break;
     default:
         break;

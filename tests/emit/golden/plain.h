@@ -1,5 +1,5 @@
-#ifndef PLAIN_H
-#define PLAIN_H
+#ifndef PLAIN__H
+#define PLAIN__H
 
 /*
  * plain: A straight line.

@@ -1,5 +1,5 @@
-#ifndef POSE_H
-#define POSE_H
+#ifndef POSE__H
+#define POSE__H
 
 /*
  * pose: Where a camera frame is, and which way a vector points.

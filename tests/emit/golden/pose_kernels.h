@@ -63,7 +63,7 @@ static void d_values(const double *inputs, double *outputs)
  *     d(component 2) / d(T, coordinate 5)
  *     d(component 3) / d(T, coordinate 6)
  */
-static void d_jacobian(const double *inputs, double *outputs)
+static void d_slopes(const double *inputs, double *outputs)
 {
     const double T_1 = inputs[0];  /* T[1] */
     const double T_2 = inputs[1];  /* T[2] */
@@ -160,7 +160,7 @@ static void e_values(const double *inputs, double *outputs)
  *     d(component 1) / d(n, coordinate 1)
  *     d(component 1) / d(n, coordinate 2)
  */
-static void e_jacobian(const double *inputs, double *outputs)
+static void e_slopes(const double *inputs, double *outputs)
 {
     const double n_1 = inputs[0];  /* n[1] */
     const double n_2 = inputs[1];  /* n[2] */
@@ -195,7 +195,7 @@ static void turned_values(const double *inputs, double *outputs)
  *     d(component 1) / d(n, coordinate 1)
  *     d(component 1) / d(n, coordinate 2)
  */
-static void turned_jacobian(const double *inputs, double *outputs)
+static void turned_slopes(const double *inputs, double *outputs)
 {
     const double n_1 = inputs[0];  /* n[1] */
     const double n_2 = inputs[1];  /* n[2] */
@@ -284,7 +284,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            d_jacobian(inputs + row * 13, outputs + row * 15);
+            d_slopes(inputs + row * 13, outputs + row * 15);
         break;
     case 2:
         for (row = 0; row < rows; row++)
@@ -292,7 +292,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 3:
         for (row = 0; row < rows; row++)
-            e_jacobian(inputs + row * 5, outputs + row * 3);
+            e_slopes(inputs + row * 5, outputs + row * 3);
         break;
     case 4:
         for (row = 0; row < rows; row++)
@@ -300,7 +300,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 5:
         for (row = 0; row < rows; row++)
-            turned_jacobian(inputs + row * 4, outputs + row * 3);
+            turned_slopes(inputs + row * 4, outputs + row * 3);
         break;
     default:
         break;
@@ -308,4 +308,4 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
 }
 
 /* Constants of the problem. */
-#define constant_offset 0.5    /* offset */
+static const double constant_offset = 0.5;    /* offset */

@@ -1,5 +1,5 @@
-#ifndef RIM_H
-#define RIM_H
+#ifndef RIM__H
+#define RIM__H
 
 /*
  * rim: A circle through points with errors in both coordinates: equations without a measured side.

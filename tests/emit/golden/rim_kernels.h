@@ -22,7 +22,7 @@ static void d_x_values(const double *inputs, double *outputs)
  *
  *     d(component 1) / d(d.x[row], coordinate 1)
  */
-static void d_x_jacobian(const double *inputs, double *outputs)
+static void d_x_slopes(const double *inputs, double *outputs)
 {
     const double d_x_row = inputs[0];  /* d.x[row] */
     const double x = inputs[1];
@@ -49,7 +49,7 @@ static void d_y_values(const double *inputs, double *outputs)
  *
  *     d(component 1) / d(d.y[row], coordinate 1)
  */
-static void d_y_jacobian(const double *inputs, double *outputs)
+static void d_y_slopes(const double *inputs, double *outputs)
 {
     const double d_y_row = inputs[0];  /* d.y[row] */
     const double y = inputs[1];
@@ -83,7 +83,7 @@ static void d_values(const double *inputs, double *outputs)
  *     d(component 1) / d(d.y[row], coordinate 1)
  *     d(component 1) / d(c, coordinate 2)
  */
-static void d_jacobian(const double *inputs, double *outputs)
+static void d_slopes(const double *inputs, double *outputs)
 {
     const double r = inputs[0];
     const double d_x_row = inputs[1];  /* d.x[row] */
@@ -165,7 +165,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            d_x_jacobian(inputs + row * 2, outputs + row * 2);
+            d_x_slopes(inputs + row * 2, outputs + row * 2);
         break;
     case 2:
         for (row = 0; row < rows; row++)
@@ -173,7 +173,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 3:
         for (row = 0; row < rows; row++)
-            d_y_jacobian(inputs + row * 2, outputs + row * 2);
+            d_y_slopes(inputs + row * 2, outputs + row * 2);
         break;
     case 4:
         for (row = 0; row < rows; row++)
@@ -181,7 +181,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 5:
         for (row = 0; row < rows; row++)
-            d_jacobian(inputs + row * 5, outputs + row * 6);
+            d_slopes(inputs + row * 5, outputs + row * 6);
         break;
     default:
         break;

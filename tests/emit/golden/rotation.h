@@ -1,5 +1,5 @@
-#ifndef ROTATION_H
-#define ROTATION_H
+#ifndef ROTATION__H
+#define ROTATION__H
 
 /*
  * rotation: A frame turned, from directions in it.

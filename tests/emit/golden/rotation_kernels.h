@@ -57,7 +57,7 @@ static void d_values(const double *inputs, double *outputs)
  *     d(component 2) / d(R, coordinate 3)
  *     d(component 3) / d(R, coordinate 3)
  */
-static void d_jacobian(const double *inputs, double *outputs)
+static void d_slopes(const double *inputs, double *outputs)
 {
     const double R_1 = inputs[0];  /* R[1] */
     const double R_2 = inputs[1];  /* R[2] */
@@ -173,7 +173,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            d_jacobian(inputs + row * 10, outputs + row * 12);
+            d_slopes(inputs + row * 10, outputs + row * 12);
         break;
     default:
         break;

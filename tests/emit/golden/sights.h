@@ -1,5 +1,5 @@
-#ifndef SIGHTS_H
-#define SIGHTS_H
+#ifndef SIGHTS__H
+#define SIGHTS__H
 
 /*
  * sights: Where a camera stands, from points; one was mistaken for another.

@@ -57,7 +57,7 @@ static void d_values(const double *inputs, double *outputs)
  *     d(component 2) / d(T, coordinate 6)
  *     d(component 2) / d(T, coordinate 5)
  */
-static void d_jacobian(const double *inputs, double *outputs)
+static void d_slopes(const double *inputs, double *outputs)
 {
     const double T_1 = inputs[0];  /* T[1] */
     const double T_2 = inputs[1];  /* T[2] */
@@ -155,7 +155,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            d_jacobian(inputs + row * 12, outputs + row * 12);
+            d_slopes(inputs + row * 12, outputs + row * 12);
         break;
     default:
         break;

@@ -1,5 +1,5 @@
-#ifndef SIMILARITY_H
-#define SIMILARITY_H
+#ifndef SIMILARITY__H
+#define SIMILARITY__H
 
 /*
  * similarity: A plan laid onto a map.

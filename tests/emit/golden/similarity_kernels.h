@@ -36,7 +36,7 @@ static void d_values(const double *inputs, double *outputs)
  *     d(component 1) / d(S, coordinate 2)
  *     d(component 2) / d(S, coordinate 3)
  */
-static void d_jacobian(const double *inputs, double *outputs)
+static void d_slopes(const double *inputs, double *outputs)
 {
     const double S_4 = inputs[0];  /* S[4] */
     const double S_1 = inputs[1];  /* S[1] */
@@ -82,7 +82,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            d_jacobian(inputs + row * 8, outputs + row * 8);
+            d_slopes(inputs + row * 8, outputs + row * 8);
         break;
     default:
         break;

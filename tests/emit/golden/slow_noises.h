@@ -1,5 +1,5 @@
-#ifndef SLOW_NOISES_H
-#define SLOW_NOISES_H
+#ifndef SLOW_NOISES__H
+#define SLOW_NOISES__H
 
 /*
  * slow-noises: Two groups of unknown noise whose factors settle over many rounds.

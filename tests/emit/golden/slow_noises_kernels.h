@@ -24,7 +24,7 @@ static void d_values(const double *inputs, double *outputs)
  *     d(component 1) / d(a, coordinate 1)
  *     d(component 1) / d(b, coordinate 1)
  */
-static void d_jacobian(const double *inputs, double *outputs)
+static void d_slopes(const double *inputs, double *outputs)
 {
     const double a = inputs[0];
     const double b = inputs[1];
@@ -57,7 +57,7 @@ static void e_values(const double *inputs, double *outputs)
  *     d(component 1) / d(a, coordinate 1)
  *     d(component 1) / d(b, coordinate 1)
  */
-static void e_jacobian(const double *inputs, double *outputs)
+static void e_slopes(const double *inputs, double *outputs)
 {
     const double a = inputs[0];
     const double b = inputs[1];
@@ -113,7 +113,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 1:
         for (row = 0; row < rows; row++)
-            d_jacobian(inputs + row * 4, outputs + row * 3);
+            d_slopes(inputs + row * 4, outputs + row * 3);
         break;
     case 2:
         for (row = 0; row < rows; row++)
@@ -121,7 +121,7 @@ static void call_kernel(long kernel, const double *inputs, double *outputs, long
         break;
     case 3:
         for (row = 0; row < rows; row++)
-            e_jacobian(inputs + row * 4, outputs + row * 3);
+            e_slopes(inputs + row * 4, outputs + row * 3);
         break;
     default:
         break;

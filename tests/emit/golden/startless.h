@@ -1,5 +1,5 @@
-#ifndef STARTLESS_H
-#define STARTLESS_H
+#ifndef STARTLESS__H
+#define STARTLESS__H
 
 /*
  * startless: Places from ranges, one of them wrong, epoch by epoch; no start is stated.

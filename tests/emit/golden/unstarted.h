@@ -1,5 +1,5 @@
-#ifndef UNSTARTED_H
-#define UNSTARTED_H
+#ifndef UNSTARTED__H
+#define UNSTARTED__H
 
 /*
  * unstarted: Places from good ranges, epoch by epoch: consensus gives the starts alone.

@@ -1,5 +1,5 @@
-#ifndef WEIGHTS_H
-#define WEIGHTS_H
+#ifndef WEIGHTS__H
+#define WEIGHTS__H
 
 /*
  * weights: A point, measured in both coordinates together.

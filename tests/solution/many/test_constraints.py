@@ -9,10 +9,10 @@ from scipy.linalg import null_space
 import mbm
 from mbm.kernels.native.engine import available
 from mbm.report.blocks import ManyReports
-from mbm.report.columns import Paint
 from mbm.report.many import many_solves
 from mbm.report.solve_columns import solve_columns
 from mbm.report.solve_document import solve_document
+from mbm.text.shown import Paint
 from tests.solution.many.constrained import PLANES, PROBLEMS, lines
 from tests.solution.many.test_together import numbers_apart
 
@@ -40,7 +40,7 @@ def test_documents_agree_with_those_of_solves_one_by_one(name):
     problem = mbm.loads(text)
     made = problem.solve(data=data)
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("mbm.solution.many.together.FEW", 1_000)
+        patched.setattr("mbm.solution.many.together.FEW_SOLVES", 1_000)
         plain = problem.solve(data=data, backend="auto" if name in DRAWN else "numpy")
     assert not isinstance(plain.result.solves, ManyReports)
     assert isinstance(made.result.solves, ManyReports) == (name in {*MADE_TOGETHER, *LEFT_APART})

@@ -12,13 +12,14 @@ from types import FunctionType
 import numpy as np
 import pytest
 
-from mbm.target import c
+from mbm.target import c, chi_square, decisions, step_control
 from mbm.target import solver as solver_package
 from mbm.target.from_python import module_of
 from mbm.target.kinds import Type
 from mbm.target.records import is_record, view
 
 PARTS = [import_module(f"mbm.target.solver.{each.name}") for each in pkgutil.iter_modules(solver_package.__path__)]
+PARTS += [chi_square, decisions, step_control]
 FUNCTIONS = {
     name: f
     for part in PARTS

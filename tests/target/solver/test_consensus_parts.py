@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import chi2, hypergeom
+from scipy.stats import hypergeom
 
 from mbm.solution.robust.estimators.msac import MSAC
 from mbm.solution.robust.estimators.ransac import RANSAC
 from mbm.solution.robust.subsets import first_states, minimal_subsets, unit_rows
-from mbm.solution.robust.units import consistency as general_consistency
 from mbm.target.solver.consensus_draw import (
     combinations_of,
     drawn_below,
@@ -23,7 +22,6 @@ from mbm.target.solver.consensus_draw import (
     subset_drawn,
     trials_for_share,
 )
-from mbm.target.solver.consensus_laws import chi_square_tail, consistency
 from mbm.target.solver.consensus_order import median, selected
 from mbm.target.solver.consensus_scores import inside_count, least_median, outlier_count, truncated
 from tests.robust.scenes import scalar_units
@@ -72,16 +70,6 @@ def test_order_statistics(values, share):
     place = int(share * len(values))
     assert selected(len(values), place, np.array(values)) == sorted(values)[place]
     assert median(len(values), np.array(values)) == pytest.approx(np.median(values))
-
-
-@pytest.mark.parametrize("dof", [1, 2, 3, 6, 11])
-def test_the_law_of_squared_norms_is_scipys(dof):
-    for value in (0.01, 0.7, 3.0, 9.0, 40.0):
-        assert chi_square_tail(value, dof) == pytest.approx(chi2.sf(value, dof), rel=1e-11)
-        expected = general_consistency(np.array([dof]), np.array([value]))[0]
-        assert consistency(value, dof) == pytest.approx(expected, rel=1e-9)
-    assert chi_square_tail(0.0, dof) == 1.0
-    assert chi_square_tail(inf, dof) == 0.0
 
 
 @given(seed=st.integers(0, 1000), unknown=st.booleans())

@@ -5,7 +5,6 @@ The data are made here from the model of each example in NumPy with seeded noise
 
 from __future__ import annotations
 
-import os
 import shutil
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from mbm.text.reader import read
 from mbm.text.types import Source
 
 ROOT = Path(__file__).parents[2]
-EXAMPLES = Path(os.environ.get("MBM_SHARED", ROOT.parent / "shared")) / "examples"
+EXAMPLES = Path(__file__).parent / "examples"
 NAMES = (
     "bundle", "calibration", "camera-and-ranges", "decay", "desk", "ellipse", "hand", "office-walk", "pose-graph",
     "skeleton", "tags",
@@ -33,8 +32,6 @@ LATER = {"calibration": ["(chessboard"], "hand": ["states", "dynamics"]}
 @pytest.fixture
 def folder(tmp_path):
     """The examples with data of the columns that their comments name."""
-    if not EXAMPLES.is_dir():
-        pytest.skip("the shared examples are not here (set MBM_SHARED)")
     for path in EXAMPLES.glob("*.mbm"):
         shutil.copy(path, tmp_path)
     shutil.copy(ROOT / "problems" / "desk" / "furniture.mbm", tmp_path)

@@ -1,0 +1,118 @@
+"""The files that a solve writes: looked at before the work is done, written after it, each as far as it can be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from io import StringIO
+from typing import TYPE_CHECKING, Any, TextIO
+
+from mbm.cli.documents import STANDARD_OUTPUT
+from mbm.files.journal import Read, option_role
+from mbm.text.types import Diagnostic, MbmError
+from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.report.types import Result
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Output:
+    """A file: where it goes, what it holds, and the roles for which it may have been read and be replaced."""
+
+    path: str
+    content: Callable[[Result], bytes]
+    allowed: tuple[str, ...] = ()
+
+
+def outputs_of(given: Mapping[str, Any]) -> tuple[Output, ...]:
+    """The files that the options of ``mbm solve`` ask for.
+
+    Raises:
+        MbmError: plot-format.
+
+    """
+    found = []
+    if given["json_path"] not in (None, STANDARD_OUTPUT):
+        # A document may take the place of the one that it began from.
+        found.append(Output(path=given["json_path"], content=document_bytes, allowed=(option_role("--init"),)))
+    if given["csv_path"] is not None:
+        found.append(Output(path=given["csv_path"], content=_solves))
+    if given["residuals_path"] is not None:
+        found.append(Output(path=given["residuals_path"], content=_residuals))
+    if given["plot_path"] is not None:
+        found.append(Output(path=given["plot_path"], content=_picture(given["plot_path"])))
+    return tuple(found)
+
+
+def check_outputs(outputs: Iterable[Output], reads: Iterable[Read]) -> None:
+    """What speaks against writing, as far as can be said before there is anything to write.
+
+    Raises:
+        MbmError: not-writable, would-overwrite: all that was found.
+
+    """
+    outputs = tuple(outputs)
+    if not outputs:
+        return
+    from mbm.files.targets import refuse_twice
+    from mbm.files.writing import checked_target
+
+    reads, targets, wrong = tuple(reads), [], list[Diagnostic]()
+    for output in outputs:
+        try:
+            targets.append(checked_target(output.path, reads=reads, allowed=output.allowed))
+        except MbmError as error:
+            wrong.extend(error.diagnostics)
+    if wrong:
+        raise MbmError(*wrong)
+    refuse_twice(targets)
+
+
+def write_outputs(outputs: Iterable[Output], result: Result, reads: Iterable[Read]) -> tuple[Diagnostic, ...]:
+    """Write every file that can be; what went wrong with the others."""
+    outputs = tuple(outputs)
+    if not outputs:
+        return ()
+    from mbm.files.writing import write_whole
+
+    wrong: list[Diagnostic] = []
+    for output in outputs:
+        try:
+            write_whole(output.path, output.content(result), reads=reads, allowed=output.allowed)
+        except MbmError as error:
+            wrong.extend(error.diagnostics)
+    return tuple(wrong)
+
+
+def document_bytes(result: Result) -> bytes:
+    """The result document as JSON."""
+    from mbm.report.document import lazy_document
+    from mbm.report.encode import encode, to_bytes
+
+    return to_bytes(encode(lazy_document(result)))
+
+
+def _solves(result: Result) -> bytes:
+    from mbm.report.exports import write_solves
+
+    return _as_bytes(lambda stream: write_solves(result, stream))
+
+
+def _residuals(result: Result) -> bytes:
+    from mbm.report.exports import write_residuals
+
+    return _as_bytes(lambda stream: write_residuals(result, stream))
+
+
+def _as_bytes(write: Callable[[TextIO], None]) -> bytes:
+    stream = StringIO(newline="")
+    write(stream)
+    return stream.getvalue().encode("utf-8", errors="backslashreplace")
+
+
+def _picture(path: str) -> Callable[[Result], bytes]:
+    """What draws a result in the format that the name of a file says."""
+    from mbm.report.plots import format_of, picture
+
+    ending = format_of(path)
+    return lambda result: picture(result, ending)

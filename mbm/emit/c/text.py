@@ -1,0 +1,59 @@
+"""Texts in generated C: comments and strings. The only way that a `Foreign` gets into a C file, but for identifiers."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Iterable
+
+from mbm.emit.foreign import Word, told
+from mbm.target.escaping import in_comment
+
+WIDTH = 110
+
+LONGEST_STRING = 4095
+"""Bytes of a string literal that every C99 compiler takes, the zero at its end included."""
+
+
+def literal(*parts: Word) -> str:
+    """An expression for a text of C, in UTF-8: only printable ASCII, no trigraph, no quote; longer ones as an array."""
+    text = told(*parts).unescaped.encode()
+    if len(text) < LONGEST_STRING:
+        return '"' + "".join(map(_escaped, text)) + '"'
+    return "(const char[]){" + ", ".join(f"'{_escaped(byte)}'" for byte in text) + ", 0}"
+
+
+def _escaped(byte: int) -> str:
+    return chr(byte) if 32 <= byte < 127 and chr(byte) not in "\"'\\?" else f"\\{byte:03o}"
+
+
+def remark(*parts: Word) -> str:
+    """A comment on one line."""
+    return f"/* {in_comment(told(*parts).unescaped_line())} */"
+
+
+def comment(lines: Iterable[Word]) -> str:
+    """A comment of several lines, long ones over several."""
+    text = [in_comment(told(line).unescaped_line()) for line in lines]
+    if len(text) == 1 and len(text[0]) < WIDTH - 6:
+        return f"/* {text[0]} */"
+    found = []
+    for line in text:
+        indent = line[: len(line) - len(line.lstrip())]
+        found += textwrap.wrap(
+            line, WIDTH - 3, initial_indent="", subsequent_indent=indent + "    ", break_long_words=False
+        ) or [""]
+    return "/*\n" + "\n".join(f" * {_ended(line)}".rstrip() for line in found) + "\n */"
+
+
+def _ended(line: str) -> str:
+    """A line that the next one is no part of."""
+    return f"{line} ." if line.endswith("\\") else line
+
+
+_TEXTS = re.compile(r'"(?:\\.|[^"\\])*"|/\*.*?\*/', re.DOTALL)
+
+
+def bare(text: str) -> str:
+    """C text of this place without its strings and comments: what is looked for in it is code."""
+    return _TEXTS.sub("", text)

@@ -1,0 +1,66 @@
+"""Names that generated text has for itself, and that its languages have."""
+
+from __future__ import annotations
+
+_WORDS = """auto break case char const continue default do double else enum extern float for goto if inline int long
+register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while main data
+result workspace inputs outputs rows row status cost dof sigma0 covariance iterations evaluations coordinates acos asin
+atan atan2 ceil cos cosh erf exp expm1 fabs floor fmax fmin fmod gamma hypot j0 j1 jn log log1p pow remainder sin sinh
+sqrt tan tanh y0 y1 yn tables constants numbers solve point sigmas free freedom robust_cost np math sys os"""
+RESERVED = frozenset(_WORDS.split())
+"""Words that C, Python or the printed text itself use."""
+
+_MACROS = """BUFSIZ CHAR_BIT CHAR_MAX CHAR_MIN EOF EXIT_FAILURE EXIT_SUCCESS FILENAME_MAX FOPEN_MAX FP_FAST_FMA
+FP_FAST_FMAF FP_FAST_FMAL FP_ILOGB0 FP_ILOGBNAN FP_INFINITE FP_NAN FP_NORMAL FP_SUBNORMAL FP_ZERO HUGE_VAL HUGE_VALF
+HUGE_VALL INFINITY INT_MAX INT_MIN LLONG_MAX LLONG_MIN LONG_MAX LONG_MIN L_tmpnam MATH_ERREXCEPT MATH_ERRNO MB_CUR_MAX
+MB_LEN_MAX NAN NULL RAND_MAX SCHAR_MAX SCHAR_MIN SEEK_CUR SEEK_END SEEK_SET SHRT_MAX SHRT_MIN TMP_MAX UCHAR_MAX UINT_MAX
+ULLONG_MAX ULONG_MAX USHRT_MAX math_errhandling stderr stdin stdout"""
+MACROS = frozenset(_MACROS.split())
+"""Macros of the headers of C99 that generated text includes: no name of any kind can be one of them."""
+
+_FUNCTIONS = """add_slopes all_rows append_rows find_rows finish_solve group_noise kept_rows limit_by_noise load_rows
+penalise_slopes penalise_values root_slopes root_values set_covariance singular_values start_solve united_rows
+weights_of_covariance whiten_values"""
+_FRAME = """agreement bench chosen column columns columns_used constants coordinates covariance data data_set desk
+firsts fixed flags index index_used kappa known lower members multipliers offsets parameters parameters_used places
+point results rules scratch sides sigma spare start startless states system triangle units upper used weights
+weights_used wide work"""
+_RESULT = """ambiguous coordinates cost covariance evaluations free freedom inliers inside iterations numbers point
+robust_cost sigma0 sigmas status units"""
+_DEVICES = "aux com1 com2 com3 com4 con lpt1 lpt2 lpt3 lpt4 nul prn"
+_KERNELS = f"{_DEVICES} derived hess jac null residuals"
+_PROBLEMS = f"""all build clean csv data edit_cache help install main makefile package package_source preinstall
+rebuild_cache test {_DEVICES}"""
+_PLACES = (
+    ("problem", _PROBLEMS), ("function", _FUNCTIONS), ("frame", _FRAME), ("result", _RESULT), ("kernel", _KERNELS),
+    ("table", _DEVICES),
+)  # fmt: skip
+TAKEN = frozenset(f"{place}.{name}" for place, names in _PLACES for name in names.split())
+"""Forms (see `mbm.emit.identifiers`) that generated text has in any case: functions that the name of a clause or of the
+problem could become, members of its structs; files, programs and targets of `make` and CMake. Some systems, and CasADi,
+do not have some of the files."""
+
+_CALLS = """solve begin residual_count residuals jacobian covariance workspace_size status_text data result workspace
+read_tables free_columns free_tables next_key select"""
+PROBLEM_FORMS = ("problem.{lower}", *(f"function.{{name}}_{word}" for word in _CALLS.split()))
+"""What generated text makes of the name of a problem."""
+TABLE_FORMS = (
+    "table.{lower}", "data.{name}_rows", "frame.kept_of_{name}", "frame.kept_of_{name}_count", "frame.first_of_{name}",
+    "frame.last_of_{name}",
+)  # fmt: skip
+LINK_FORMS = ("frame.{name}",)
+FAMILY_FORMS = ("frame.{name}", "frame.{name}_count")
+UNKNOWN_FORMS = (
+    "result.{name}", "result.{name}_sigma", "result.{name}_members", "result.{name}_rows", "data.start_{name}",
+    "function.set_up_{name}",
+)  # fmt: skip
+DERIVED_FORMS = (
+    "result.{name}", "result.{name}_sigma", "result.{name}_rows", "frame.derived_{name}", "frame.derived_{name}_sigma",
+    "frame.derived_{name}_count", "function.derive_{name}",
+)  # fmt: skip
+CONSTANT_FORM = "function.constant_{name}"
+CASE_FORMS = (
+    "kernel.{lower}", "function.{name}_values", "function.{name}_slopes", "function.{name}_jacobian",
+    "function.{name}_noise", "function.{name}_assemble",
+)  # fmt: skip
+DERIVED_CASE_FORMS = ("kernel.{lower}", "function.{name}_derived", "function.{name}_assemble")

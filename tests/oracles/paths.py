@@ -1,0 +1,211 @@
+"""Every way in which mbm answers a problem today, and what each says of each data set."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import re
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import mbm
+from mbm import compiler
+from mbm.compiler import Inputs
+from tests.emit.making import run, written
+from tests.oracles.kinds import Kind, Tables
+
+LARGE = 301
+"""Unknowns from which on a problem is large and sparse."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """What a path says: estimates (N,), standard deviations (n,); None: not said.
+
+    What a bound holds has the standard deviation NaN; 0 says a generated solver, which prints numbers alone.
+    """
+
+    values: np.ndarray
+    sigmas: np.ndarray | None
+    status: str
+    cost: float | None = None
+    dof: int | None = None
+    factors: np.ndarray | None = None
+
+
+def flat(parts) -> np.ndarray:
+    return np.concatenate([np.ravel(np.asarray(part, dtype=float)) for part in parts])
+
+
+def of_report(report) -> Answer:
+    """One solve of a result."""
+    sigmas = [
+        np.where(False if e.at_bound is None else e.at_bound, np.nan, np.nan if e.sigma is None else e.sigma)
+        for e in report.estimates
+    ]
+    return Answer(
+        values=flat(e.value for e in report.estimates),
+        sigmas=flat(sigmas),
+        status=report.status.label,
+        cost=report.cost,
+        dof=report.dof,
+        factors=np.array([np.nan if f is None else f for f in report.noise.values()]),
+    )
+
+
+def alone(kind: Kind, sets: Sequence[Tables], backend: str, clause: str = "") -> list[Answer]:
+    """Each data set as a problem of its own."""
+    problem = mbm.loads(kind.text(clause))
+    return [of_report(problem.solve(data=tables, backend=backend).first) for tables in sets]
+
+
+def compiled(kind: Kind, sets: Sequence[Tables], backend: str) -> list[Answer]:
+    """One compiled problem for all data sets."""
+    once = mbm.loads(kind.text()).compile(data=sets[0], backend=backend)
+    return [of_report(once.solve(data=tables).first) for tables in sets]
+
+
+def joined(kind: Kind, sets: Sequence[Tables]) -> Tables:
+    """All data sets one below the other, with their number; tables with keys, which all share, as they are."""
+    found = {}
+    for name in sets[0]:
+        if ":key" in kind.options.get(name, ""):
+            found[name] = dict(sets[0][name])
+            continue
+        columns = {c: np.concatenate([each[name][c] for each in sets]) for c in sets[0][name]}
+        sizes = [len(next(iter(each[name].values()))) for each in sets]
+        found[name] = {"set": np.repeat(np.arange(len(sets)), sizes), **columns}
+    return found
+
+
+def together(kind: Kind, sets: Sequence[Tables], clause: str) -> list[Answer]:
+    """All data sets in one problem: ``clause`` tells them apart."""
+    solved = mbm.loads(kind.text(clause)).solve(data=joined(kind, sets))
+    assert len(solved.solves) == len(sets)
+    return [of_report(report) for report in solved.solves]
+
+
+def estimator(kind: Kind, sets: Sequence[Tables]) -> list[Answer]:
+    """Columns in, numbers out, all data sets at once; and the first by itself, which must be the same to the bit."""
+    function = mbm.loads(kind.text()).compile(data=sets[0]).estimator(*kind.given)
+    places = [each.split(".") for each in function.inputs]
+    columns = [[each[table][column] for each in sets] for table, column in places]
+    found = function.many(*(np.stack(each) for each in columns))
+    single = function(*(each[0] for each in columns))
+    assert np.array_equal(single.values, found.values[0])
+    assert np.array_equal(single.sigma, found.sigma[0], equal_nan=True)
+    return [
+        Answer(values=v, sigmas=s, status=str(t), cost=float(c))
+        for v, s, t, c in zip(found.values, found.sigma, found.status, found.cost, strict=True)
+    ]
+
+
+def members(kind: Kind, sets: Sequence[Tables], least: int = 0) -> list[Answer]:
+    """All data sets as one problem whose unknowns are families; repeated until there are ``least`` numbers."""
+    times = -(-least // (len(sets) * len(kind.apart(np.array(kind.start), np.array(kind.start)))))
+    many = list(sets) * max(times, 1)
+    solved = mbm.loads(kind.text(per="set")).solve(data=joined(kind, many))
+    found = [solved[name] for name in kind.unknowns]
+    report = solved.first
+    return [
+        Answer(
+            values=flat(each.value[i] for each in found),
+            sigmas=flat(each.sigma[i] for each in found),
+            status=report.status.label,
+        )
+        for i in range(len(sets))
+    ]
+
+
+def generated_python(kind: Kind, sets: Sequence[Tables], folder: Path) -> list[Answer]:
+    """A generated solver in Python, made with the first data set."""
+    written(emitted(kind, sets[0], ""), folder)
+    spec = importlib.util.spec_from_file_location("oracle_solver", folder / "p.py")
+    module = importlib.util.module_from_spec(spec)
+    before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        sys.dont_write_bytecode = before
+    n = len(kind.apart(np.array(kind.start), np.array(kind.start)))
+    answers = []
+    for tables in sets:
+        found = module.solve(tables)
+        # true values of measured columns are unknowns behind the others
+        sigmas = np.sqrt(np.diag(found["covariance"]))[:n]
+        answers.append(
+            Answer(
+                values=flat(found["estimates"][name]["value"] for name in kind.unknowns),
+                sigmas=sigmas,
+                status=found["status"],
+                cost=found["cost"],
+                dof=found["freedom"],
+            )
+        )
+    return answers
+
+
+def generated_c(kind: Kind, sets: Sequence[Tables], folder: Path) -> list[Answer]:
+    """A generated program in C, of all data sets."""
+    written(emitted(kind, joined(kind, sets), "(for-each set)", "c"), folder)
+    made = run("make", "all", "CFLAGS=-O1", folder=folder)
+    assert made.returncode == 0, made.stdout + made.stderr
+    tables = re.findall(r'"(data/.+?)"', (folder / "test.c").read_text())
+    found = run("./p", *tables, folder=folder)
+    assert found.returncode == 0, found.stderr
+    rows = list(csv.DictReader(found.stdout.splitlines()))
+    ends = re.findall(r"(.+): chi2 (.+), (\d+) degrees", found.stderr)
+    assert len(ends) == len(sets)
+    answers = []
+    for number, (status, _, dof) in enumerate(ends):
+        mine = [r for r in rows if float(r["set"]) == number and r["name"].split("[")[0] in kind.unknowns]
+        sigmas = np.array([float(r["sigma"] or np.inf) for r in mine])  # poses and rotations are printed without
+        answers.append(
+            Answer(
+                values=np.array([float(r["value"]) for r in mine]),
+                sigmas=None if np.isinf(sigmas).any() else sigmas,
+                status=status,
+                dof=int(dof),
+            )
+        )
+    return answers
+
+
+def emitted(kind: Kind, tables: Tables, clause: str, target: str = "python"):
+    """The files of a generated solver."""
+    problem = mbm.loads(kind.text(clause))
+    found = compiler.elaborated(problem.program, problem.name, Inputs(tables=tables), problem.registry)
+    return compiler.emitted(found, target, problem.registry)
+
+
+Ask = Callable[[Kind, Sequence[Tables]], list[Answer]]
+PATHS: dict[str, Ask] = {
+    "native": lambda kind, sets: alone(kind, sets, "native"),
+    "casadi": lambda kind, sets: alone(kind, sets, "casadi"),
+    "numpy": lambda kind, sets: alone(kind, sets, "numpy"),
+    "compiled": lambda kind, sets: compiled(kind, sets, "native"),
+    "for-each": lambda kind, sets: together(kind, sets, "(for-each set)"),
+    "window": lambda kind, sets: together(kind, sets, "(window set :length 1 :step 1)"),
+    "estimator": estimator,
+    "members": members,
+    "large": lambda kind, sets: members(kind, sets, LARGE),
+    "dogleg": lambda kind, sets: alone(kind, sets, "auto", "(solve :method dogleg)"),
+    "gauss-newton": lambda kind, sets: alone(kind, sets, "auto", "(solve :method gauss-newton)"),
+    "exact": lambda kind, sets: alone(kind, sets, "auto", "(solve :constraints exact)"),
+    "ipopt": lambda kind, sets: alone(kind, sets, "casadi", "(solve :method ipopt)"),
+}
+
+
+def applies(path: str, kind: Kind) -> bool:
+    """Whether a path is one for problems of a kind."""
+    if path == "estimator":
+        return kind.given is not None
+    if path in ("members", "large"):
+        return kind.scatters
+    if path in ("exact", "ipopt"):
+        return kind.equal is not None or kind.below is not None
+    return True

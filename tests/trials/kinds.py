@@ -1,0 +1,98 @@
+"""What a trial is: bytes decide a command line and the files that it reads; the answer is then judged."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tests.trials.choices import Choices
+from tests.trials.outcome import Outcome, faults_of, outcome
+from tests.trials.processes import outcome_of_process
+from tests.trials.watching import digests, watched
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One command line, and the files from which it can be repeated elsewhere.
+
+    Those ``kept`` must be afterwards what they were before; those ``closed`` must not even be read.
+    """
+
+    arguments: tuple[str, ...]
+    files: tuple[Path, ...] = ()
+    kept: tuple[Path, ...] = ()
+    closed: tuple[Path, ...] = ()
+
+    @property
+    def devices(self) -> tuple[str, ...]:
+        """The devices that the command line names."""
+        return tuple(part for word in self.arguments for part in (word, word.partition("=")[2]) if part[:5] == "/dev/")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Home:
+    """A folder in which cases write what they like, and sound problem files that they may take and change.
+
+    With ``processes`` each command line is run as a process of its own.
+    """
+
+    folder: Path
+    examples: tuple[Path, ...] = ()
+    processes: bool = False
+
+    def cleared(self, name: str) -> Path:
+        """A folder inside that is empty."""
+        path = self.folder / name
+        shutil.rmtree(path, ignore_errors=True)
+        path.mkdir()
+        return path
+
+
+def _nothing(_home: Home, _case: Case, _found: Outcome) -> list[str]:
+    return []
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """Cases of one kind: its share of all, how many bytes decide one, how they do, and what else must hold after it."""
+
+    name: str
+    share: float
+    size: int
+    make: Callable[[Home, Choices], Case]
+    after: Callable[[Home, Case, Outcome], list[str]] = field(default=_nothing)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """A case, what was answered, and what is wrong with that."""
+
+    case: Case
+    found: Outcome
+    wrong: tuple[str, ...]
+
+    def __str__(self) -> str:
+        texts = [f"{'; '.join(self.wrong)}", "mbm " + " ".join(map(repr, self.case.arguments))]
+        for path in self.case.files:
+            content = path.read_bytes()[:4000] if path.is_file() else b""
+            texts.append(f"--- {path.name}\n{content.decode('utf-8', errors='backslashreplace')}")
+        return "\n".join([*texts, "---", self.found.err[-2000:]])
+
+
+def attempt(kind: Kind, home: Home, decisions: bytes) -> Trial:
+    """Makes the case that the bytes decide, runs it, and judges the answer."""
+    case = kind.make(home, Choices(decisions))
+    before = digests(case.kept)
+    if home.processes:
+        inside = case.files[0].parent if case.files else home.folder
+        found, wrong = outcome_of_process(*case.arguments, folder=inside, devices=case.devices, closed=case.closed)
+    else:
+        with watched(home.folder, case.devices, case.closed) as wrong:
+            found = outcome(*case.arguments)
+    wrong += [f"{path.name} was changed" for path, digest in digests(case.kept).items() if digest != before[path]]
+    wrong += faults_of(found, case.arguments, case.files[0].parent if case.files else home.folder)
+    if not wrong:
+        wrong += kind.after(home, case, found)
+    return Trial(case=case, found=found, wrong=tuple(wrong))
