@@ -21,10 +21,10 @@ MACROS = frozenset(_MACROS.split())
 _FUNCTIONS = """add_slopes all_rows append_rows find_rows finish_solve group_noise kept_rows limit_by_noise load_rows
 penalise_slopes penalise_values root_slopes root_values set_covariance singular_values start_solve united_rows
 weights_of_covariance whiten_values"""
-_FRAME = """agreement bench chosen column columns columns_used constants coordinates covariance data data_set desk
-firsts fixed flags index index_used kappa known lower members multipliers offsets parameters parameters_used places
-point results rules scratch sides sigma spare start startless states system triangle units upper used weights
-weights_used wide work"""
+_FRAME = """agreement bench chosen column columns columns_used constants coordinates covariance data data_numbers
+data_set desk firsts fixed index index_used kappa known lower members multipliers offsets parameters
+parameters_used places point results rules scratch sides sigma spare start startless states system
+triangle units upper used weights weights_used wide work"""
 _RESULT = """ambiguous coordinates cost covariance evaluations free freedom inliers inside iterations numbers point
 robust_cost sigma0 sigmas status units"""
 _DEVICES = "aux com1 com2 com3 com4 con lpt1 lpt2 lpt3 lpt4 nul prn"

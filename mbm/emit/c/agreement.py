@@ -17,7 +17,15 @@ from mbm.target.solver import description as at
 
 def called(agreement: Agreement, lossy: bool) -> list[str]:
     """The routines that the text calls; ``lossy``: the covariance is that of losses."""
-    names = ["come_to_agreement", "connected", "set_room", "side_by_side", "bench_reals", "places_integers"]
+    names = [
+        "come_to_agreement",
+        "connected",
+        "set_room",
+        "side_by_side",
+        "bench_reals",
+        "places_integers",
+        "rows_reals",
+    ]
     names += ["place_vector_at"] if agreement.kept else []
     names += ["inform"] if agreement.kept and not lossy else []
     return names + (["known_units"] if agreement.rules[c.FORM] else [])
@@ -77,7 +85,7 @@ def agreement_room(blueprint: Blueprint, agreement: Agreement, prefix: int) -> I
     yield f"        f->wide = (struct problem *)integers_of(a, {prefix} + (2 + {at.PIECE}) * n);"
     yield "        f->places = integers_of(a, places_integers(&header, room));"
     yield "        f->bench = reals_of(a, bench_reals(&header, room));"
-    yield "        f->desk = reals_of(a, work_reals(&header));"
+    yield "        f->desk = reals_of(a, rows_reals(&header));"
     yield f"        f->known = reals_of(a, units * {max(width, 1)});"
     yield "    }"
 
@@ -122,7 +130,7 @@ def agreement_function(blueprint: Blueprint, agreement: Agreement, prefix: int) 
         lines += [f"        {number(agreement.sign)}, f->parameters, f->known);"]
     lines += [f"    f->units = come_to_agreement({int(agreement.kept)}, scalars, f->system, f->wide, f->constants,"]
     lines += ["        f->data_set, f->parameters, f->weights, f->index, f->columns, f->rules, LEVELS, f->known,"]
-    lines += ["        f->start, f->work, f->desk, f->bench, f->places, f->agreement, f->kappa, factors);"]
+    lines += ["        f->start, f->work.rows, f->desk, f->bench, f->places, f->agreement, f->kappa, factors);"]
     lines += [f"    if (f->startless && f->agreement[{c.AGREED}] == 0)"]
     lines += [f"        return {cells.status('NO_START')};", "    return 0;", "}", ""]
     return "\n".join(lines)

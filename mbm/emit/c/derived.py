@@ -14,7 +14,7 @@ from mbm.target.solver import description as at
 
 _SPREAD = """/* The standard deviation of a quantity with the derivatives `slopes` by the coordinates at `places`, by
  * linear propagation; negative where the data do not determine it. `row` says which of several quantities it is. */
-static double spread_of(const struct frame *f, long row, long count, const long *rows, const long *columns,
+static double spread_of(struct frame *f, long row, long count, const long *rows, const long *columns,
     const long *places, const double *slopes, double *gradient)
 {{
     const long n = f->system->n;
@@ -32,7 +32,7 @@ static double spread_of(const struct frame *f, long row, long count, const long 
         else if (!f->fixed[place])
             return -1.0;
     }}
-    if (f->states[{deficient}] != 0 && !determines(f->system, gradient, f->work, f->flags))
+    if (f->states[{deficient}] != 0 && !determines(f->system, gradient, &f->work))
         return -1.0;
     for (i = 0; i < n; i++) {{
         if (gradient[i] == 0.0)

@@ -76,12 +76,13 @@ def _struct(blueprint: Blueprint) -> Iterator[str]:
     for family in blueprint.families:
         yield f"    long *{family.identifier};    {remark('a row of `', family.table, '` for each member')}"
         yield f"    long {family.identifier}_count;"
-    yield "    long *chosen, *fixed, *used, *column, *index, *columns, *sides, *flags, *coordinates;"
+    yield "    long *chosen, *fixed, *used, *column, *index, *columns, *sides, *coordinates;"
     yield "    struct problem *system;"
+    yield "    struct work work;"
     yield "    struct data_set *data_set;    /* as the solver wants it */"
     yield "    long parameters_used, weights_used, index_used, columns_used;"
     yield "    double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;"
-    yield "    double *triangle, *covariance, *multipliers, *work, *spare;"
+    yield "    double *triangle, *covariance, *multipliers, *spare;"
     for derived in blueprint.derived:
         yield f"    double *derived_{derived.identifier}, *derived_{derived.identifier}_sigma;"
         yield f"    long derived_{derived.identifier}_count;"
@@ -147,12 +148,12 @@ def _layout(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield f"    header.most_outputs = {outputs_capacity(blueprint, static)};"
     if blueprint.agreement is not None:
         yield from agreement_room(blueprint, blueprint.agreement, len(static.prefix))
-    yield "    f->work = reals_of(a, work_reals(&header));"
+    yield "    f->work.reals = reals_of(a, work_reals(&header));"
     yield f"    f->spare = reals_of(a, {spare_size(blueprint, static)});"
     for derived in blueprint.derived:
         for suffix in ("", "_sigma"):
             yield f"    f->derived_{derived.identifier}{suffix} = reals_of(a, {capacity(cells, derived)} + 1);"
-    yield "    f->flags = integers_of(a, work_integers(&header));"
+    yield "    f->work.integers = integers_of(a, work_integers(&header));"
     yield "    f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;"
     yield f"    for (i = 0; i < {at.DATA_HEAD + at.DATA_BLOCK * len(blueprint.cases)}; i++)"
     yield "        f->data_numbers[i] = 0;"

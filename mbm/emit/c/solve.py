@@ -13,7 +13,6 @@ from mbm.emit.system import StaticSystem, kinds_of_units
 from mbm.emit.types import Blueprint
 from mbm.target.solver import description as at
 from mbm.target.solver.consensus_description import AGREED, INLIERS
-from mbm.target.solver.workspace import RANK
 
 _FRAME_ARGUMENTS = "f->parameters, f->weights, f->index, f->columns"
 
@@ -46,7 +45,7 @@ def roots(blueprint: Blueprint, static: StaticSystem) -> tuple[str, ...]:
     matrices = {e.noise_kind.value for _, c in blueprint.cases if c.noise is not None for e in c.equations}
     names = ["place_unknowns", "mark_used", "free_coordinates", "renumber", "set_capacities", "set_coordinates"]
     names += ["set_constants", "solve_noises", "all_rows", "sweep", "set_covariance", "work_reals", "work_integers"]
-    names += ["mask_undetermined", "matrix_at"]
+    names += ["mask_undetermined", "share_out"]
     names += ["residuals_at_point", "load_rows"]
     names += ["weight_of_sigma"] if "sigma" in matrices else []
     names += [f"weights_of_{word}" for word in ("covariance", "information") if word in matrices]
@@ -127,6 +126,7 @@ def _prepare(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterat
     yield "        f->firsts, f->column);"
     yield "    f->data_set->count = set_capacities(f->system, f->data_set);"
     yield "    set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);"
+    yield "    share_out(f->system, &f->work);"
     yield "    for (b = 0; b < count; b++)"
     yield "        if (f->column[b] >= 0)"
     yield "            f->coordinates[f->column[b]] = b;"
@@ -155,7 +155,7 @@ def _answer(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
         if derived.table is not None:
             yield f"    result->{derived.identifier}_rows = f->derived_{derived.identifier}_count;"
     yield f"    if (f->states[{at.DEFICIENT}] != 0)"
-    yield "        mask_undetermined(f->system, f->work, f->covariance);"
+    yield "        mask_undetermined(f->system, &f->work, f->covariance);"
     yield "    for (c = 0; c < all; c++)"
     yield "        f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;"
     yield "    for (c = 0; c < n; c++) {"
@@ -247,7 +247,7 @@ def _solve(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
         yield "    if (result->status != 0)"
         yield "        return result->status;"
     yield f"    solve_noises(f->system, f->constants, {_FRAME_ARGUMENTS}, f->data_set,"
-    yield "        f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,"
+    yield "        f->start, &f->work, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,"
     yield "        f->multipliers, f->kappa, factors, f->spare);"
     yield f"    result->cost = f->results[{at.PLAIN_COST}];"
     if len(static.noises) == 1:
@@ -259,13 +259,13 @@ def _solve(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     if lossy(blueprint):
         yield f"    if (f->states[{at.REASON}] != {at.NOT_FINITE_AT_START}"
         yield "        && !sandwich(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index,"
-        yield f"            f->columns, f->point, f->sides, f->states[{at.DEFICIENT}] != 0 ? f->flags[{RANK}] : -1,"
-        yield "            f->work + matrix_at(f->system, 1), f->spare, f->covariance))"
+        yield f"            f->columns, f->point, f->sides, f->states[{at.DEFICIENT}] != 0 ? f->work.rank : -1,"
+        yield "            f->work.part, f->spare, f->covariance))"
         yield f"        f->states[{at.DEFICIENT}] = 1;"
     elif blueprint.agreement is not None and blueprint.agreement.kept:
         yield f"    if (f->states[{at.REASON}] != {at.NOT_FINITE_AT_START}"
         yield f"        && !inform(f->system, f->constants, f->data_set, {_FRAME_ARGUMENTS}, f->point,"
-        yield "            f->kappa, f->sides, f->work, f->flags, f->triangle, f->covariance))"
+        yield "            f->kappa, f->sides, &f->work, f->triangle, f->covariance))"
         yield f"        f->states[{at.DEFICIENT}] = 1;"
     yield "    result->status = status_of(f);"
     yield f"    result->iterations = f->states[{at.STEPS}];"
@@ -336,14 +336,14 @@ def _functions(name: str) -> Iterator[str]:
     yield ""
     yield "    if (prepare(f, data, workspace) != 0)"
     yield "        return 0;"
-    yield "    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work);"
-    yield "    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, f->work, f->constants,"
+    yield "    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work.rows);"
+    yield "    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, &f->work, f->constants,"
     yield "        f->triangle);"
     yield "    for (c = 0; c < f->system->n; c++)"
     yield "        f->sides[c] = 0;"
-    yield "    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)"
+    yield "    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, &f->work, covariance)"
     yield "        < 1e300;"
-    yield "    mask_undetermined(f->system, f->work, covariance);"
+    yield "    mask_undetermined(f->system, &f->work, covariance);"
     yield "    return (int)c;"
     yield "}"
     yield ""

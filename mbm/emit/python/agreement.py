@@ -36,7 +36,7 @@ AGREE = '''def agree_on(p: Prepared, factors: Array) -> dict[str, Any] | None:
         bench, places = reals(bench_reals(wide, rules)), integers(places_integers(wide, rules))
         units = come_to_agreement(
             int(KEPT), scalars, p.system, wide, p.constants, p.data, p.parameters, p.weights, p.index, p.columns, rules,
-            LEVELS, known, p.start, reals(work_reals(wide)), reals(work_reals(wide)), bench, places, states, p.kappa,
+            LEVELS, known, p.start, reals(rows_reals(wide)), reals(rows_reals(wide)), bench, places, states, p.kappa,
             factors,
         )
     if startless and not states[AGREED]:

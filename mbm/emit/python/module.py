@@ -25,13 +25,12 @@ from mbm.target.program import Operator
 from mbm.target.python import PRELUDE
 from mbm.target.python import text as module_text
 from mbm.target.solver import description
-from mbm.target.solver.workspace import RANK
 
 _ROOTS = (
     "place_unknowns", "mark_used", "free_coordinates", "renumber", "set_capacities", "set_coordinates", "set_constants",
     "solve_noises", "all_rows", "row_scratch", "work_reals", "work_integers", "begun", "within_turn", "unit_vector",
     "quaternion_of_matrix", "angle_of_matrix", "weights_of_covariance", "weights_of_information", "sandwich",
-    "spread_of_group", "mask_undetermined", "matrix_at", "determines",
+    "spread_of_group", "mask_undetermined", "share_out", "rows_reals", "determines",
 )  # fmt: skip
 _DESCRIPTION = (
     "HEADER", "BLOCK", "PIECE", "BOUNDS_AT", "DATA_HEAD", "DATA_BLOCK", "RESULTS",
@@ -148,7 +147,7 @@ def _constants(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     values = [(name, getattr(description, name)) for name in _DESCRIPTION]
     values += [("MULTIPLIERS", description.Problem.most_multipliers), ("DATA_COUNT", description.DataSet.count)]
     values += [("DATA_COLUMNS", description.DataBlock.columns), ("DATA_ROWS", description.DataBlock.rows)]
-    values += [("SCATTER", SCATTER), ("SQUARES", SQUARES), ("RANK", RANK)]
+    values += [("SCATTER", SCATTER), ("SQUARES", SQUARES)]
     if blueprint.agreement is None:
         yield "KEPT = False"
     else:

@@ -141,8 +141,10 @@ class Prepared:
         self.data[DATA_COUNT] = set_capacities(self.system, self.data)
         self.constants = reals(BOUNDS_AT + 2 * self.free + len(LOSSES))
         set_constants(self.system, self.constants, every, self.column, self.lower, self.upper, TOLERANCE, LOSSES)
-        self.work = reals(work_reals(self.system))
-        self.flags = integers(work_integers(self.system))
+        self.work = Work()
+        self.work.reals = reals(work_reals(self.system))
+        self.work.integers = integers(work_integers(self.system))
+        share_out(self.system, self.work)
         self.spare = reals(4 * self.free * self.free + 64 + SPARE[0] + (SPARE[1] + 1) * self.free)
         self.kappa = np.ones(KINDS)
 
@@ -226,7 +228,7 @@ def spread(
             loose[line] = True
     sigma = np.full(size, np.nan)
     for line in np.flatnonzero(~loose):
-        if deficient and not determines(p.system, view(gradient[line]), p.work, p.flags):
+        if deficient and not determines(p.system, view(gradient[line]), p.work):
             continue
         on = gradient[line] != 0.0
         variance = gradient[line, on] @ matrix[np.ix_(on, on)] @ gradient[line, on]
@@ -261,7 +263,7 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
     agreed = agree_on(p, factors)
     with np.errstate(all="ignore"):
         solve_noises(
-            p.system, p.constants, *p.arrays, p.data, p.start, p.work, p.flags, point, results, states, sides, triangle,
+            p.system, p.constants, *p.arrays, p.data, p.start, p.work, point, results, states, sides, triangle,
             covariance, multipliers, p.kappa, factors, p.spare,
         )
 
@@ -277,12 +279,12 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         found = 1
         if LOSSY and states[REASON] != NOT_FINITE_AT_START:
             found = sandwich(
-                p.system, p.constants, p.data, *p.arrays, point, sides, p.flags[RANK] if states[DEFICIENT] else -1,
-                p.work[matrix_at(p.system, 1) :], p.spare, covariance,
+                p.system, p.constants, p.data, *p.arrays, point, sides, p.work.rank if states[DEFICIENT] else -1,
+                p.work.part, p.spare, covariance,
             )
         elif KEPT and states[REASON] != NOT_FINITE_AT_START:
             found = inform(
-                p.system, p.constants, p.data, *p.arrays, point, p.kappa, sides, p.work, p.flags, triangle, covariance
+                p.system, p.constants, p.data, *p.arrays, point, p.kappa, sides, p.work, triangle, covariance
             )
         if not found:
             states[DEFICIENT] = 1

@@ -35,7 +35,7 @@ from mbm.target.solver.description import NO_LOSS, DataSet, Problem, Unit
 from mbm.target.solver.equations import load_rows
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.solver.sweeps import sweep
-from mbm.target.solver.workspace import HELD, PENALISED, multipliers_at
+from mbm.target.solver.workspace import Work
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 
@@ -200,8 +200,7 @@ def inform(
     point: ConstantReals,
     kappa: ConstantReals,
     sides: ConstantIntegers,
-    work: Reals,
-    flags: Integers,
+    work: Work,
     triangle: Reals,
     covariance: Reals,
 ) -> Integer:
@@ -216,10 +215,10 @@ def inform(
             if kappa[first + u] != 1.0:
                 weigh_units(system, data, b, u, sqrt(kappa[first + u]), weights)
         first += count
-    load_rows(system, data, parameters, weights, work)
+    load_rows(system, data, parameters, weights, work.rows)
     sweep(system, constants, data, index, columns, point, 0, 0, work, constants, triangle)
-    held = work[multipliers_at(system, HELD) :]
+    held = work.held
     count = 0
-    if flags[PENALISED] == 1:
+    if work.penalised == 1:
         count = constraint_count(system, data)
-    return set_covariance(system, triangle, sides, count, held, work, flags, covariance) < 1e300
+    return set_covariance(system, triangle, sides, count, held, work, covariance) < 1e300

@@ -8,6 +8,7 @@ from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
 from mbm.target.decisions import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS
 from mbm.target.solver.batch import finish_solve, go_on, start_solve
 from mbm.target.solver.description import NOT_FINITE_AT_START, REASON, DataSet, Problem
+from mbm.target.solver.workspace import Work
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 SCATTER = 0
@@ -118,8 +119,7 @@ def solve_noises(
     columns: ConstantIntegers,
     data: DataSet,
     start: ConstantReals,
-    work: Reals,
-    flags: Integers,
+    work: Work,
     numbers: Reals,
     results: Reals,
     states: Integers,
@@ -144,8 +144,8 @@ def solve_noises(
     change = 1.0
     going = 1
     while going == 1:
-        start_solve(system, constants, parameters, weights, index, columns, data, 0, numbers, work, flags)
-        go_on(system, constants, data, index, columns, system.iterations + 1, work, flags)
+        start_solve(system, constants, parameters, weights, index, columns, data, 0, numbers, work)
+        go_on(system, constants, data, index, columns, system.iterations + 1, work)
         finish_solve(
             system,
             constants,
@@ -153,7 +153,6 @@ def solve_noises(
             index,
             columns,
             work,
-            flags,
             numbers,
             results,
             states,

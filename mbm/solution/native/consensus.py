@@ -18,7 +18,7 @@ from mbm.target.records import view
 from mbm.target.solver import consensus_description as c
 from mbm.target.solver import description as of
 from mbm.target.solver.description import LANES
-from mbm.target.solver.workspace import work_reals
+from mbm.target.solver.workspace import rows_reals
 from mbm.values import dataclass
 
 TRIALS = 10
@@ -118,7 +118,7 @@ def _room(system: NativeSystem, rules: Rules, most: list[int]) -> Room:
     return Room(
         header=header,
         table=table,
-        work=int(work_reals(problem)),
+        work=int(rows_reals(problem)),
         bench=int(c.bench_reals(problem, table)),
         places=int(c.places_integers(problem, table)),
         held=(system.system, rules),

@@ -26,7 +26,7 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.solution.native.robust_stream import RobustStream
 
-FIRST, LAST, SCRATCH = 9, 10, (11, 12)
+FIRST, LAST, WORK = 9, 10, 11
 """Places of those arguments of the solver that differ from thread to thread."""
 
 SHARE = 100
@@ -77,7 +77,7 @@ class Stream:
 
         def part(first: int, last: int) -> None:
             arguments, scratch = room.arguments.copy(), self._system.scratch()
-            arguments[[FIRST, LAST, *SCRATCH]] = (first, last, *(array.ctypes.data for array in scratch))
+            arguments[[FIRST, LAST, WORK]] = (first, last, scratch[0].ctypes.data)
             function(arguments.ctypes.data)
 
         if workers <= 1:
@@ -127,7 +127,7 @@ class Stream:
         data = np.tile(rows.data, (count, 1))
         firsts = slice(of.DATA_HEAD + of.DataBlock.parameters, None, of.DATA_BLOCK)
         data[:, firsts] += len(rows.parameters) * np.arange(count)[:, None]
-        ends = system.blank(count)
+        ends, scratch = system.blank(count), system.scratch()
         arrays = (
             system.system,
             system.constants,
@@ -138,12 +138,12 @@ class Stream:
             data,
             np.arange(count),
             np.tile(self._start, (count, 1)),
-            *system.scratch(),
+            scratch[0],
             *ends.arrays(),
         )
         places = [array.ctypes.data for array in arrays]
         arguments = np.array([*places[:FIRST], 0, 1, *places[FIRST:]], dtype=np.int64)
-        return _Room(parameters=parameters, ends=ends, arguments=arguments, held=arrays)
+        return _Room(parameters=parameters, ends=ends, arguments=arguments, held=(*arrays, *scratch))
 
 
 def threads(workers: int | None, count: int) -> int:

@@ -16,9 +16,9 @@ from mbm.solution.native.packing import Rows, rows_of, structure_of, system_arra
 from mbm.solution.native.summing import sum_addresses, summable
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices
-from mbm.target.records import view
+from mbm.target.records import blank, slot, view
 from mbm.target.solver import description as of
-from mbm.target.solver.workspace import work_integers, work_reals
+from mbm.target.solver.workspace import Work, work_integers, work_reals
 from mbm.values import dataclass
 
 MOST_COORDINATES = 80
@@ -114,23 +114,22 @@ class NativeSystem:
         self.code.expect(count * self.expected)
 
         def part(first: int, last: int) -> None:
-            work, flags = self.scratch()
+            work = self.scratch()
             if at_a_time < MOST_ITERATIONS:
                 most = int(max(at_a_time, 1))
                 for k in range(first, last):
                     if not stopped():
                         answer = tuple(array[k : k + 1] for array in ends.arrays())
-                        self._alone(starts[k], int(chosen[k]), answer, (work, flags), most, stopped)
+                        self._alone(starts[k], int(chosen[k]), answer, work, most, stopped)
                 return
             step = int(max(at_a_time / ITERATIONS_OF_MANY, 1))
-            routine = self.code.routine("solve_many", *[object] * 9, int, int, *[object] * 9)
-            scratch = (work.ctypes.data, flags.ctypes.data)
+            routine = self.code.routine("solve_many", *[object] * 9, int, int, *[object] * 8)
             out = tuple(array.ctypes.data for array in ends.arrays())
             given = (*self._given, chosen.ctypes.data, starts.ctypes.data)
             for k in range(first, last, step):
                 if stopped():
                     return
-                routine.function(*given, k, min(k + step, last), *scratch, *out)
+                routine.function(*given, k, min(k + step, last), work[0].ctypes.data, *out)
 
         if workers <= 1 or count < 2:
             part(0, count)
@@ -165,20 +164,23 @@ class NativeSystem:
             multipliers=np.zeros((count, int(self.system[of.Problem.most_multipliers]))),
         )
 
-    def scratch(self) -> tuple[Floats, Indices]:
-        """What one thread needs beside."""
+    def scratch(self) -> tuple[NDArray[Any], ...]:
+        """What one thread needs beside, as `Work`, and the arrays that it refers to."""
         problem = view(of.Problem, self.system)
-        reals, integers = int(work_reals(problem)), int(work_integers(problem))
-        return np.empty(reals), np.empty(integers, dtype=np.int64)
+        arrays = np.empty(int(work_reals(problem))), np.empty(int(work_integers(problem)), dtype=np.int64)
+        work = blank(Work)
+        for name, array in zip(("reals", "integers"), arrays, strict=True):
+            work[slot(Work, name)] = array.ctypes.data
+        return work, *arrays
 
     def one(self, start: Floats, *, which: int = 0, stopped: Callable[[], bool] | None = None) -> NativeEnds:
         """Solve from one start (N,); ``stopped`` is asked before each iteration: what is reached comes back."""
         ends = self.blank(1)
         begun = np.ascontiguousarray(start, dtype=np.float64)
-        work, flags = self.scratch()
+        work = self.scratch()
         most = 1 if stopped is not None else int(max(AT_A_TIME / self._products, 1))
         self.code.expect(self.expected)
-        self._alone(begun, which, ends.arrays(), (work, flags), most, stopped or never)
+        self._alone(begun, which, ends.arrays(), work, most, stopped or never)
         return ends
 
     def _alone(
@@ -186,22 +188,22 @@ class NativeSystem:
         start: Floats,
         which: int,
         answer: tuple[NDArray[Any], ...],
-        scratch: tuple[Floats, Indices],
+        scratch: tuple[NDArray[Any], ...],
         most: int,
         stopped: Callable[[], bool],
     ) -> None:
         """One solve, ``most`` iterations at a time; ``answer`` are the arrays that it goes to."""
-        begin = self.code.routine("start_solve", *[object] * 7, int, *[object] * 3).function
-        go_on = self.code.routine("go_on", *[object] * 5, int, *[object] * 2).function
-        finish = self.code.routine("finish_solve", *[object] * 14).function
+        begin = self.code.routine("start_solve", *[object] * 7, int, *[object] * 2).function
+        go_on = self.code.routine("go_on", *[object] * 5, int, object).function
+        finish = self.code.routine("finish_solve", *[object] * 13).function
         system, constants, parameters, weights, index, columns, _ = self._given
         data = self.rows.data[which].ctypes.data
-        places = tuple(array.ctypes.data for array in scratch)
-        begin(system, constants, parameters, weights, index, columns, data, 0, start.ctypes.data, *places)
-        done = go_on(system, constants, data, index, columns, 0, *places)
+        work = scratch[0].ctypes.data
+        begin(system, constants, parameters, weights, index, columns, data, 0, start.ctypes.data, work)
+        done = go_on(system, constants, data, index, columns, 0, work)
         while not done and not stopped():
-            done = go_on(system, constants, data, index, columns, most, *places)
-        finish(system, constants, data, index, columns, *places, *(array.ctypes.data for array in answer))
+            done = go_on(system, constants, data, index, columns, most, work)
+        finish(system, constants, data, index, columns, work, *(array.ctypes.data for array in answer))
 
 
 def handled(equations: object) -> bool:

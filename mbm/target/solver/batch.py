@@ -39,39 +39,7 @@ from mbm.target.solver.linear_algebra import copied, dot, filled
 from mbm.target.solver.pushing import release_idle
 from mbm.target.solver.sweeps import sweep
 from mbm.target.solver.trust_region import iterate
-from mbm.target.solver.workspace import (
-    AT_COST,
-    AT_OFFSET,
-    AT_POINT,
-    AT_SQUARE,
-    DEFICIENT_OF,
-    EVALUATIONS_DONE,
-    FREE,
-    FULL,
-    HELD,
-    HERE,
-    ITERATIONS_DONE,
-    LAMBDA,
-    LOADED,
-    LOOSE,
-    PENALISED,
-    RANK,
-    ROUND,
-    SLOT,
-    STOP,
-    STOPPED,
-    TOLERANCE_NOW,
-    TOUCHED,
-    WORST,
-    X,
-    multipliers_at,
-    place_at,
-    residuals_at,
-    scalars_at,
-    step_at,
-    triangle_at,
-    vector_at,
-)
+from mbm.target.solver.workspace import Place, Work, residuals_at, share_out
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 
 SURE = 1e4
@@ -88,24 +56,27 @@ def start_solve(
     data: DataSet,
     loaded: Integer,
     start: ConstantReals,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> None:
     """Everything at the start of a solve; ``loaded`` 1: the rows of the data set are in ``work`` already."""
+    if work.shared == 0:
+        share_out(system, work)
     if loaded == 0:
-        load_rows(system, data, parameters, weights, work)
-    copied(system.numbers, start, work[place_at(system, 0) + AT_POINT :])
-    flags[ITERATIONS_DONE] = 0
-    flags[EVALUATIONS_DONE] = 0
-    flags[ROUND] = 0
-    flags[PENALISED] = 0
-    work[scalars_at(system) + TOLERANCE_NOW] = constants[TOLERANCE]
+        load_rows(system, data, parameters, weights, work.rows)
+    work.here = work.first
+    work.other = work.second
+    copied(system.numbers, start, work.here.point)
+    work.iterations = 0
+    work.evaluations = 0
+    work.round = 0
+    work.penalised = 0
+    work.tolerance = constants[TOLERANCE]
     if system.constraint_blocks > 0:
-        begin_rounds(system, constants, data, index, columns, work, flags)
+        begin_rounds(system, constants, data, index, columns, work)
     else:
-        begin(system, constants, data, index, columns, work, flags)
-        if system.direct == 1 and flags[STOP] != NOT_FINITE_AT_START and flags[STOP] != UNSURE:
-            solve_directly(system, constants, data, index, columns, work, flags)
+        begin(system, constants, data, index, columns, work)
+        if system.direct == 1 and work.stop != NOT_FINITE_AT_START and work.stop != UNSURE:
+            solve_directly(system, constants, data, index, columns, work)
 
 
 def go_on(
@@ -115,35 +86,34 @@ def go_on(
     index: ConstantIntegers,
     columns: ConstantIntegers,
     most: Integer,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> Integer:
     """Up to ``most`` further iterations; 1 where the solve is at its end, 0 where there is more to do."""
-    last = flags[ITERATIONS_DONE] + most
+    last = work.iterations + most
     going = 1
     while going == 1:
-        while flags[STOP] == RUNNING and flags[ITERATIONS_DONE] < system.iterations:
-            if flags[ITERATIONS_DONE] >= last:
+        while work.stop == RUNNING and work.iterations < system.iterations:
+            if work.iterations >= last:
                 return 0
-            iterate(system, constants, data, index, columns, work, flags)
-        if flags[STOP] == RUNNING:
-            flags[STOP] = MAX_ITERATIONS
+            iterate(system, constants, data, index, columns, work)
+        if work.stop == RUNNING:
+            work.stop = MAX_ITERATIONS
         going = 0
-        if system.constraint_blocks > 0 and flags[PENALISED] == 1:
-            going = next_round(system, constants, data, index, columns, work, flags)
+        if system.constraint_blocks > 0 and work.penalised == 1:
+            going = next_round(system, constants, data, index, columns, work)
     return 1
 
 
-def set_sides(system: Problem, constants: ConstantReals, place: ConstantReals, sides: Integers) -> None:
+def set_sides(system: Problem, constants: ConstantReals, place: Place, sides: Integers) -> None:
     """-1 and +1 for coordinates held at their lower and upper bound, else 0.
 
     A `positive` coordinate whose undamped step still goes all the way to zero is at its lower bound.
     """
     n = system.n
-    x = place[vector_at(system, X) :]
-    free = place[vector_at(system, FREE) :]
-    full = place[vector_at(system, FULL) :]
-    stopped = place[vector_at(system, STOPPED) :]
+    x = place.x
+    free = place.free
+    full = place.full
+    stopped = place.stopped
     for j in range(n):
         sides[j] = 0
         if free[j] == 0.0 and x[j] >= constants[BOUNDS_AT + n + j]:
@@ -170,8 +140,7 @@ def finish_solve(
     data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
-    work: Reals,
-    flags: Integers,
+    work: Work,
     numbers: Reals,
     results: Reals,
     states: Integers,
@@ -182,54 +151,54 @@ def finish_solve(
 ) -> None:
     """The answer of a solve that has ended."""
     n = system.n
-    here = work[place_at(system, flags[HERE]) :]
-    copied(system.numbers, here[AT_POINT:], numbers)
-    states[REASON] = flags[STOP]
-    states[STEPS] = flags[ITERATIONS_DONE]
-    states[EVALUATIONS] = flags[EVALUATIONS_DONE]
-    states[ROUNDS] = flags[ROUND]
-    states[DEFICIENT] = 1 if flags[SLOT * flags[HERE] + DEFICIENT_OF] > 0 else 0
-    results[OFFSET] = here[AT_OFFSET]
-    results[COST] = here[AT_COST]
+    here = work.here
+    copied(system.numbers, here.point, numbers)
+    states[REASON] = work.stop
+    states[STEPS] = work.iterations
+    states[EVALUATIONS] = work.evaluations
+    states[ROUNDS] = work.round
+    states[DEFICIENT] = 1 if here.deficient > 0 else 0
+    results[OFFSET] = here.offset
+    results[COST] = here.cost
     results[VIOLATION] = 0.0
     filled(system.most_multipliers, 0.0, multipliers)
-    copied((n + 1) * (n + 1), here[triangle_at(system) :], triangle)
-    residuals = work[residuals_at(system, 0) :]
-    point = here[AT_POINT:]
+    copied((n + 1) * (n + 1), here.triangle, triangle)
+    residuals = work.rows[residuals_at(system, 0) :]
+    point = here.point
     count = constraint_count(system, data)
-    if flags[STOP] == NOT_FINITE_AT_START:
+    if work.stop == NOT_FINITE_AT_START:
         for j in range(n):
             sides[j] = 0
         states[FREEDOM] = 0
         states[DEFICIENT] = 1
-        results[PLAIN_COST] = here[AT_COST]
+        results[PLAIN_COST] = here.cost
         results[CONDITION] = undetermined(n, sides, covariance)
-        filled(n, 1.0, work[step_at(system, TOUCHED) :])
-        flags[RANK] = 0
-        flags[LOOSE] = 0
+        filled(n, 1.0, work.touched)
+        work.rank = 0
+        work.loose = 0
         return
     set_sides(system, constants, here, sides)
-    if flags[PENALISED] == 1:
-        size = residuals_at_point(system, constants, data, index, point, 1, 0, work, residuals)
+    if work.penalised == 1:
+        size = residuals_at_point(system, constants, data, index, point, 1, 0, work.rows, residuals)
         results[COST] = dot(size, residuals, residuals)
         sweep(system, constants, data, index, columns, point, 0, 0, work, constants, triangle)
-        results[VIOLATION] = work[scalars_at(system) + WORST]
+        results[VIOLATION] = work.worst
         set_held(system, data, results[COST], work)
-        copied(count, work[multipliers_at(system, LAMBDA) :], multipliers)
+        copied(count, work.multipliers, multipliers)
     else:
-        if LANES > 1 and here[AT_SQUARE] > SURE:
+        if LANES > 1 and here.squared_condition > SURE:
             sweep(system, constants, data, index, columns, point, 0, 0, work, constants, triangle)
         # constraints push as well, and say so themselves
-        release_idle(n, triangle, here[vector_at(system, X) :], results[COST], sides)
+        release_idle(n, triangle, here.x, results[COST], sides)
     results[PLAIN_COST] = results[COST]
     if lossy(system) == 1:
-        size = residuals_at_point(system, constants, data, index, point, 0, 0, work, residuals)
+        size = residuals_at_point(system, constants, data, index, point, 0, 0, work.rows, residuals)
         results[PLAIN_COST] = dot(size, residuals, residuals)
-    count = count if flags[PENALISED] == 1 else 0
-    held = work[multipliers_at(system, HELD) :]
-    results[CONDITION] = set_covariance(system, triangle, sides, count, held, work, flags, covariance)
-    states[FREEDOM] = data.count - flags[RANK]
-    if flags[PENALISED] == 1 and states[FREEDOM] <= 0 and results[COST] > PUSHED * PUSHED:
+    count = count if work.penalised == 1 else 0
+    held = work.held
+    results[CONDITION] = set_covariance(system, triangle, sides, count, held, work, covariance)
+    states[FREEDOM] = data.count - work.rank
+    if work.penalised == 1 and states[FREEDOM] <= 0 and results[COST] > PUSHED * PUSHED:
         # Residuals are perpendicular to all columns at a minimum: what remains of so few leaves a column too many.
         results[CONDITION] = undetermined(n, sides, covariance)
     states[DEFICIENT] = 0 if results[CONDITION] < 1e300 else 1
@@ -247,8 +216,7 @@ def solve_many(
     starts: ConstantReals,
     first: Integer,
     last: Integer,
-    work: Reals,
-    flags: Integers,
+    work: Work,
     numbers: Reals,
     results: Reals,
     states: Integers,
@@ -260,14 +228,14 @@ def solve_many(
     """Solves ``first … last`` of a batch, each from beginning to end, with the scratch of one thread."""
     n = system.n
     stride = DATA_HEAD + DATA_BLOCK * (system.residual_blocks + system.constraint_blocks)
-    flags[LOADED] = -1
+    work.loaded = -1
     for k in range(first, last):
         own = view(DataSet, data[which[k] * stride :])
-        loaded = 1 if flags[LOADED] == which[k] else 0
+        loaded = 1 if work.loaded == which[k] else 0
         start = starts[k * system.numbers :]
-        start_solve(system, constants, parameters, weights, index, columns, own, loaded, start, work, flags)
-        flags[LOADED] = which[k]
-        go_on(system, constants, own, index, columns, system.iterations + 1, work, flags)
+        start_solve(system, constants, parameters, weights, index, columns, own, loaded, start, work)
+        work.loaded = which[k]
+        go_on(system, constants, own, index, columns, system.iterations + 1, work)
         finish_solve(
             system,
             constants,
@@ -275,7 +243,6 @@ def solve_many(
             index,
             columns,
             work,
-            flags,
             numbers[k * system.numbers :],
             results[k * RESULTS :],
             states[k * STATES :],

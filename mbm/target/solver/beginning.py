@@ -22,40 +22,8 @@ from mbm.target.solver.places import arrive
 from mbm.target.solver.steps import project
 from mbm.target.solver.sweeps import set_triangle, summed, sweep
 from mbm.target.solver.trust_region import factor_there
-from mbm.target.solver.workspace import (
-    AT_COST,
-    AT_LENGTH,
-    AT_POINT,
-    AT_SLACK,
-    COST_TRIED,
-    COUNT_HERE,
-    CURVATURE_KNOWN,
-    DEFICIENT_OF,
-    ENDING_OF,
-    EVALUATIONS_DONE,
-    FULL,
-    HERE,
-    ITERATIONS_DONE,
-    METRIC,
-    PATIENCE_LEFT,
-    PENALISED,
-    POINT_TRIED,
-    RADIUS,
-    RESIDUALS_HERE,
-    RESIDUALS_TRIED,
-    SLOT,
-    STOP,
-    SUMMED,
-    X,
-    place_at,
-    residuals_at,
-    scalars_at,
-    step_at,
-    trial_at,
-    triangle_at,
-    vector_at,
-)
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
+from mbm.target.solver.workspace import Work, residuals_at
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer
 
 
 def constraint_count(system: Problem, data: DataSet) -> Integer:
@@ -73,57 +41,54 @@ def begin(
     data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> None:
-    """Everything at the point that place 0 holds, put into the bounds; `STOP` says whether it is the end already."""
+    """Everything where the iteration is, put into the bounds; `stop` says whether it is the end already."""
     n = system.n
-    place = work[place_at(system, 0) :]
-    scalars = work[scalars_at(system) :]
-    point = place[AT_POINT:]
-    x = work[step_at(system, 11) :]
+    place = work.here
+    point = place.point
+    x = work.x
     if system.boxed == 1:
         coordinates_of(system, point, x)
         project(system, constants, x)
         place_coordinates(system, x, point)
-    flags[HERE] = 0
-    flags[CURVATURE_KNOWN] = 0
-    flags[PATIENCE_LEFT] = 0
-    flags[RESIDUALS_HERE] = 0
-    flags[COUNT_HERE] = data.count + flags[PENALISED] * constraint_count(system, data)
-    flags[STOP] = RUNNING
-    flags[EVALUATIONS_DONE] += 1
-    residuals = work[residuals_at(system, 0) :]
-    count = residuals_at_point(system, constants, data, index, point, 1, flags[PENALISED], work, residuals)
-    place[AT_COST] = dot(count, residuals, residuals)
-    triangle = place[triangle_at(system) :]
+    work.curvature_known = 0
+    work.patience = 0
+    work.residuals_here = 0
+    work.count = data.count + work.penalised * constraint_count(system, data)
+    work.stop = RUNNING
+    work.evaluations += 1
+    residuals = work.rows[residuals_at(system, 0) :]
+    count = residuals_at_point(system, constants, data, index, point, 1, work.penalised, work.rows, residuals)
+    place.cost = dot(count, residuals, residuals)
+    triangle = place.triangle
     if LANES > 1:
-        flags[SUMMED] = summed(system, data)
-        set_triangle(system, constants, data, index, columns, 0, work, flags)
+        work.summed = summed(system, data)
+        set_triangle(system, constants, data, index, columns, place, work)
     else:
-        sweep(system, constants, data, index, columns, point, 0, flags[PENALISED], work, scalars, triangle)
-    total = place[AT_COST]
+        sweep(system, constants, data, index, columns, point, 0, work.penalised, work, constants, triangle)
+    total = place.cost
     for i in range((n + 1) * (n + 1)):
         total += fabs(triangle[i])
     if not isfinite(total):
         filled((n + 1) * (n + 1), 0.0, triangle)
-        flags[STOP] = NOT_FINITE_AT_START
-        flags[DEFICIENT_OF] = 0
+        work.stop = NOT_FINITE_AT_START
+        place.deficient = 0
         return
-    arrive(system, constants, 0, -1, 0, work, flags)
-    flags[STOP] = flags[ENDING_OF]
-    if system.strict == 1 and flags[DEFICIENT_OF] > 0:
-        flags[STOP] = UNSURE
+    arrive(system, constants, place, 0, 0, work)
+    work.stop = place.ending
+    if system.strict == 1 and place.deficient > 0:
+        work.stop = UNSURE
     size = 0.0
-    coordinates = place[vector_at(system, X) :]
-    scale = place[vector_at(system, METRIC) :]
+    coordinates = place.x
+    scale = place.scale
     for j in range(n):
         size += scale[j] * coordinates[j] * scale[j] * coordinates[j]
     size = sqrt(size)
-    length = sqrt(place[AT_COST])
-    scalars[RADIUS] = size if size > UNSCALED * length else length
-    if system.linear == 1 and flags[PENALISED] == 0:
-        scalars[RADIUS] = inf
+    length = sqrt(place.cost)
+    work.radius = size if size > UNSCALED * length else length
+    if system.linear == 1 and work.penalised == 0:
+        work.radius = inf
 
 
 def solve_directly(
@@ -132,40 +97,38 @@ def solve_directly(
     data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> None:
     """The minimum of affine equations in one step, with refinement."""
-    scalars = work[scalars_at(system) :]
     finite = 1
     moved = 0
-    flags[ITERATIONS_DONE] = 1
+    work.iterations = 1
     for tries in range(1 + REFINEMENTS):
-        here = work[place_at(system, flags[HERE]) :]
-        point = work[trial_at(system, 0) :]
-        retract(system, here[AT_POINT:], here[vector_at(system, FULL) :], point)
-        flags[POINT_TRIED] = 0
-        flags[RESIDUALS_TRIED] = (flags[RESIDUALS_HERE] + 1) % 3
-        residuals = work[residuals_at(system, flags[RESIDUALS_TRIED]) :]
-        count = residuals_at_point(system, constants, data, index, point, 1, 0, work, residuals)
-        flags[EVALUATIONS_DONE] += 1
+        here = work.here
+        point = work.trial
+        retract(system, here.point, here.full, point)
+        work.tried = work.trial
+        work.residuals_tried = (work.residuals_here + 1) % 3
+        residuals = work.rows[residuals_at(system, work.residuals_tried) :]
+        count = residuals_at_point(system, constants, data, index, point, 1, 0, work.rows, residuals)
+        work.evaluations += 1
         cost = dot(count, residuals, residuals)
-        scalars[COST_TRIED] = cost
+        work.cost_tried = cost
         finite = 1 if isfinite(cost) else 0
-        if finite == 0 or cost > here[AT_COST] + here[AT_SLACK]:
+        if finite == 0 or cost > here.cost + here.cost_rounding:
             break
-        if factor_there(system, constants, data, index, columns, work, flags) == 0:
+        if factor_there(system, constants, data, index, columns, work) == 0:
             break
-        number = 1 - flags[HERE]
-        arrive(system, constants, number, flags[HERE], 0, work, flags)
-        there = work[place_at(system, number) :]
-        if tries > 0 and not there[AT_LENGTH] < here[AT_LENGTH]:
+        there = work.other
+        arrive(system, constants, there, 1, 0, work)
+        if tries > 0 and not there.length < here.length:
             break
-        flags[HERE] = number
-        flags[RESIDUALS_HERE] = flags[RESIDUALS_TRIED]
+        work.here = there
+        work.other = here
+        work.residuals_here = work.residuals_tried
         moved = 1
-    flags[STOP] = ONE_STEP
+    work.stop = ONE_STEP
     if moved == 0 and finite == 0:
-        flags[STOP] = NO_FINITE_STEP
-    if system.strict == 1 and flags[SLOT * flags[HERE] + DEFICIENT_OF] > 0:
-        flags[STOP] = UNSURE
+        work.stop = NO_FINITE_STEP
+    if system.strict == 1 and work.here.deficient > 0:
+        work.stop = UNSURE

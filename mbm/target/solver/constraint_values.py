@@ -10,18 +10,7 @@ from mbm.target.solver.description import LANES, Block, DataSet, Problem
 from mbm.target.solver.equations import gather, groups_of, portion
 from mbm.target.solver.linear_algebra import filled
 from mbm.target.solver.united import rows_apart
-from mbm.target.solver.workspace import (
-    NORMS,
-    ROUNDINGS,
-    UNITS,
-    VALUES,
-    X,
-    inputs_at,
-    multipliers_at,
-    outputs_at,
-    slopes_at,
-    vector_at,
-)
+from mbm.target.solver.workspace import Place, Work, inputs_at, outputs_at
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, call_kernel, distinct_arrays
 
 
@@ -59,29 +48,29 @@ def linearise(
     index: ConstantIntegers,
     columns: ConstantIntegers,
     point: ConstantReals,
-    work: Reals,
+    work: Work,
 ) -> None:
     """Values and slopes of all constraints at a point."""
     n = system.n
-    values = work[multipliers_at(system, VALUES) :]
-    slopes = work[slopes_at(system) :]
-    outputs = work[outputs_at(system) :]
+    values = work.values
+    slopes = work.slopes
+    outputs = work.rows[outputs_at(system) :]
     filled(constraint_count(system, data) * n, 0.0, slopes)
     inputs = inputs_at(system)
     done = 0
     for b in range(system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
         part = data.blocks[b]
-        rows = rows_apart(system, data, b, work) if LANES > 1 else part.rows
+        rows = rows_apart(system, data, b, work.rows) if LANES > 1 else part.rows
         width = (block.variables + block.parameters) * LANES
         if b >= system.residual_blocks:
-            gather(block, rows, index[part.index :], point, work[inputs:])
+            gather(block, rows, index[part.index :], point, work.rows[inputs:])
             first = 0
             while first < rows:
                 count = portion(system, block) * LANES
                 if first + count > rows:
                     count = rows - first
-                call_kernel(block.jacobian, work[inputs + first // LANES * width :], outputs, groups_of(count))
+                call_kernel(block.jacobian, work.rows[inputs + first // LANES * width :], outputs, groups_of(count))
                 own = columns[part.columns :]
                 add_slopes(system, block, own, first, count, outputs, values[done:], slopes[done * n :])
                 done += count * block.outputs
@@ -89,15 +78,15 @@ def linearise(
         inputs += groups_of(rows) * width
 
 
-def set_units(system: Problem, data: DataSet, place: ConstantReals, first: Integer, work: Reals) -> None:
+def set_units(system: Problem, data: DataSet, place: Place, first: Integer, work: Work) -> None:
     """Units and roundings of the constraints at a place; at ``first`` its norms alone are the measure."""
     n = system.n
-    norms = place[vector_at(system, NORMS) :]
-    x = place[vector_at(system, X) :]
-    units = work[multipliers_at(system, UNITS) :]
-    values = work[multipliers_at(system, VALUES) :]
-    roundings = work[multipliers_at(system, ROUNDINGS) :]
-    slopes = work[slopes_at(system) :]
+    norms = place.norms
+    x = place.x
+    units = work.units
+    values = work.values
+    roundings = work.roundings
+    slopes = work.slopes
     for c in range(constraint_count(system, data)):
         square = 0.0
         terms = fabs(values[c])

@@ -14,30 +14,11 @@ from mbm.target.solver.beginning import begin, constraint_count
 from mbm.target.solver.constraint_values import linearise, set_units
 from mbm.target.solver.description import FLAT, INFEASIBLE, LANES, NOT_FINITE_AT_START, TOLERANCE, DataSet, Problem
 from mbm.target.solver.equations import groups_of, weights_width
-from mbm.target.solver.linear_algebra import copied, filled
+from mbm.target.solver.linear_algebra import filled
 from mbm.target.solver.polishing import polish
 from mbm.target.solver.united import rows_apart
-from mbm.target.solver.workspace import (
-    AT_POINT,
-    EVALUATIONS_DONE,
-    HELD,
-    HERE,
-    LAMBDA,
-    PENALISED,
-    ROUND,
-    ROUNDINGS,
-    STOP,
-    TOLERANCE_NOW,
-    UNITS,
-    VALUES,
-    WEIGHT,
-    WORST,
-    multipliers_at,
-    place_at,
-    scalars_at,
-    weights_at,
-)
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.solver.workspace import Work, weights_at
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real
 
 ROUNDS = 30
 """Rounds of the multiplied penalties."""
@@ -52,19 +33,19 @@ TIGHTER = 0.03
 """Standard deviations to which each round after the first is solved."""
 
 
-def set_penalties(system: Problem, data: DataSet, work: Reals) -> None:
+def set_penalties(system: Problem, data: DataSet, work: Work) -> None:
     """Factors and shifts of the penalties, where the kernels' weights stand."""
-    weight = work[scalars_at(system) + WEIGHT]
-    multipliers = work[multipliers_at(system, LAMBDA) :]
-    units = work[multipliers_at(system, UNITS) :]
+    weight = work.weight
+    multipliers = work.multipliers
+    units = work.units
     whitening = weights_at(system)
     done = 0
     for b in range(system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
-        rows = rows_apart(system, data, b, work) if LANES > 1 else data.blocks[b].rows
+        rows = rows_apart(system, data, b, work.rows) if LANES > 1 else data.blocks[b].rows
         if b >= system.residual_blocks:
             lines = block.outputs
-            own = work[whitening:]
+            own = work.rows[whitening:]
             for row in range(groups_of(rows) * LANES):
                 for i in range(lines):
                     at = ((row // LANES) * 2 * lines + 2 * i) * LANES + row % LANES
@@ -78,13 +59,13 @@ def set_penalties(system: Problem, data: DataSet, work: Reals) -> None:
         whitening += groups_of(rows) * weights_width(block) * LANES
 
 
-def update_multipliers(system: Problem, data: DataSet, work: Reals) -> Real:
+def update_multipliers(system: Problem, data: DataSet, work: Work) -> Real:
     """The multipliers that the penalties amount to, and the largest violation in units beyond rounding."""
-    weight = work[scalars_at(system) + WEIGHT]
-    multipliers = work[multipliers_at(system, LAMBDA) :]
-    units = work[multipliers_at(system, UNITS) :]
-    values = work[multipliers_at(system, VALUES) :]
-    roundings = work[multipliers_at(system, ROUNDINGS) :]
+    weight = work.weight
+    multipliers = work.multipliers
+    units = work.units
+    values = work.values
+    roundings = work.roundings
     worst = 0.0
     done = 0
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
@@ -116,27 +97,25 @@ def begin_rounds(
     data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> None:
-    """The first round, from the point that place 0 holds."""
-    place = work[place_at(system, 0) :]
-    scalars = work[scalars_at(system) :]
-    flags[ROUND] = 0
-    filled(constraint_count(system, data), 0.0, work[multipliers_at(system, LAMBDA) :])
-    flags[PENALISED] = 0
-    begin(system, constants, data, index, columns, work, flags)
+    """The first round, from the point where the iteration is."""
+    place = work.here
+    work.round = 0
+    filled(constraint_count(system, data), 0.0, work.multipliers)
+    work.penalised = 0
+    begin(system, constants, data, index, columns, work)
     # Coordinates that the constraints alone determine leave the residuals deficient: that is no reason to end.
-    if flags[STOP] == NOT_FINITE_AT_START:
+    if work.stop == NOT_FINITE_AT_START:
         return
-    linearise(system, data, index, columns, place[AT_POINT:], work)
+    linearise(system, data, index, columns, place.point, work)
     set_units(system, data, place, 1, work)
-    flags[PENALISED] = 1
-    scalars[WEIGHT] = FIRST_WEIGHT
-    scalars[WORST] = 1e300
-    scalars[TOLERANCE_NOW] = LOOSE if constants[TOLERANCE] < LOOSE else constants[TOLERANCE]
+    work.penalised = 1
+    work.weight = FIRST_WEIGHT
+    work.worst = 1e300
+    work.tolerance = LOOSE if constants[TOLERANCE] < LOOSE else constants[TOLERANCE]
     set_penalties(system, data, work)
-    begin(system, constants, data, index, columns, work, flags)
+    begin(system, constants, data, index, columns, work)
 
 
 def next_round(
@@ -145,52 +124,47 @@ def next_round(
     data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> Integer:
     """What follows on a round that has ended: 1 where another one has begun, 0 where it is the end."""
-    if flags[STOP] > FLAT:
+    if work.stop > FLAT:
         return 0
-    scalars = work[scalars_at(system) :]
-    here = work[place_at(system, flags[HERE]) :]
-    linearise(system, data, index, columns, here[AT_POINT:], work)
-    flags[EVALUATIONS_DONE] += 1
+    here = work.here
+    linearise(system, data, index, columns, here.point, work)
+    work.evaluations += 1
     set_units(system, data, here, 0, work)
     worst = update_multipliers(system, data, work)
-    flags[ROUND] += 1
-    if polish(system, constants, data, index, columns, work, flags) == 1:
+    work.round += 1
+    if polish(system, constants, data, index, columns, work) == 1:
         return 0
-    linearise(system, data, index, columns, here[AT_POINT:], work)
+    linearise(system, data, index, columns, here.point, work)
     set_units(system, data, here, 0, work)
-    settled = scalars[TOLERANCE_NOW] <= constants[TOLERANCE] and flags[STOP] != FLAT
-    stalled = not worst <= SHRINKS * scalars[WORST]
-    over = settled and (worst <= EXACT or (stalled and worst <= MET and scalars[WEIGHT] >= ENOUGH))
-    if over or flags[ROUND] >= ROUNDS:
-        scalars[WORST] = worst
+    settled = work.tolerance <= constants[TOLERANCE] and work.stop != FLAT
+    stalled = not worst <= SHRINKS * work.worst
+    over = settled and (worst <= EXACT or (stalled and worst <= MET and work.weight >= ENOUGH))
+    if over or work.round >= ROUNDS:
+        work.worst = worst
         if over:
             return 0
-        flags[STOP] = FLAT if worst <= MET else INFEASIBLE
+        work.stop = FLAT if worst <= MET else INFEASIBLE
         return 0
-    if scalars[WEIGHT] < ENOUGH or (stalled and scalars[WEIGHT] < MOST):
-        scalars[WEIGHT] *= HEAVIER
-    if worst < scalars[WORST]:
-        scalars[WORST] = worst
-    scalars[TOLERANCE_NOW] *= TIGHTER
-    if scalars[TOLERANCE_NOW] < constants[TOLERANCE]:
-        scalars[TOLERANCE_NOW] = constants[TOLERANCE]
+    if work.weight < ENOUGH or (stalled and work.weight < MOST):
+        work.weight *= HEAVIER
+    if worst < work.worst:
+        work.worst = worst
+    work.tolerance *= TIGHTER
+    if work.tolerance < constants[TOLERANCE]:
+        work.tolerance = constants[TOLERANCE]
     set_penalties(system, data, work)
-    if flags[HERE] == 1:
-        first = work[place_at(system, 0) + AT_POINT :]
-        copied(system.numbers, here[AT_POINT:], first)
-    begin(system, constants, data, index, columns, work, flags)
+    begin(system, constants, data, index, columns, work)
     return 1
 
 
-def set_held(system: Problem, data: DataSet, cost: Real, work: Reals) -> None:
+def set_held(system: Problem, data: DataSet, cost: Real, work: Work) -> None:
     """Mark the constraints that hold the estimates, by their units; the others have no multiplier."""
-    multipliers = work[multipliers_at(system, LAMBDA) :]
-    units = work[multipliers_at(system, UNITS) :]
-    held = work[multipliers_at(system, HELD) :]
+    multipliers = work.multipliers
+    units = work.units
+    held = work.held
     done = 0
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]

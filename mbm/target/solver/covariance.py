@@ -12,18 +12,8 @@ from mbm.target.solver.deficient import set_determined, singular_values
 from mbm.target.solver.description import Problem
 from mbm.target.solver.linear_algebra import append_rows, copied, dot, filled, inverted_upper
 from mbm.target.solver.tangent import along_surface, from_surface, turn_constraints
-from mbm.target.solver.workspace import (
-    FLAGS,
-    LOOSE,
-    RANK,
-    TOUCHED,
-    matrix_at,
-    slopes_at,
-    small_rows_at,
-    small_triangle_at,
-    step_at,
-)
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.solver.workspace import Work
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 
 SURE = 1e9
 """A condition up to which there is nothing to decide: no singular value is below 1e-9 of the largest."""
@@ -35,27 +25,26 @@ def set_covariance(
     sides: ConstantIntegers,
     holding: Integer,
     held: ConstantReals,
-    work: Reals,
-    flags: Integers,
+    work: Work,
     covariance: Reals,
 ) -> Real:
     """The covariance (n, n), and the condition of the column-scaled triangle; infinite where it is deficient.
 
     The covariance is then that in the directions which are determined; `mask_undetermined` says for which coordinates
-    that is nothing. `RANK` is how many directions along the surface are determined, `LOOSE` how many are not.
+    that is nothing. `rank` is how many directions along the surface are determined, `loose` how many are not.
 
     ``triangle`` (n + 1, n + 1) of ``[J r]``; ``sides`` (n,) not 0 where a bound holds a coordinate. Of
     the first constraints, as many as ``holding`` says, hold where ``held[k]`` is their unit; 0: it does not.
     """
     n = system.n
-    scale = work[step_at(system, 11) :]
-    line = work[step_at(system, 12) :]
-    part = work[matrix_at(system, 1) :]
-    reflections = work[matrix_at(system, 2) :]
-    inverse = work[matrix_at(system, 3) :]
-    small = work[small_triangle_at(system) :]
-    slopes = work[slopes_at(system) :]
-    chosen = flags[FLAGS:]
+    scale = work.scale
+    line = work.line
+    part = work.part
+    reflections = work.reflections
+    inverse = work.inverse
+    small = work.small
+    slopes = work.slopes
+    chosen = work.chosen
     count = 0
     for j in range(n):
         if sides[j] == 0:
@@ -70,22 +59,22 @@ def set_covariance(
             for k in range(i, n):
                 small[i * (n + 1) + k] = triangle[i * (n + 1) + k] / scale[k]
     else:
-        rows = work[small_rows_at(system) :]
-        across = work[step_at(system, 13) :]
-        right = work[step_at(system, 14) :]
+        rows = work.small_rows
+        across = work.along
+        right = work.right
         filled(n, 0.0, across)
         filled(n, 0.0, right)
         set_reduced(n, count, turned, chosen, triangle, scale, reflections, across, right, line, rows, small)
-    filled(n, 0.0, work[step_at(system, TOUCHED) :])
-    flags[RANK] = width
-    flags[LOOSE] = 0
+    filled(n, 0.0, work.touched)
+    work.rank = width
+    work.loose = 0
     condition = condition_of(count, width, small, part, inverse)
     if condition > SURE:
-        singular = work[step_at(system, 13) :]
+        singular = work.singular
         singular_values(width, small, part, inverse, singular)
         rank = decided_rank(width, singular)
         if rank < width:
-            set_determined(system, count, turned, rank, scale, singular, work, flags, covariance)
+            set_determined(system, count, turned, rank, scale, singular, work, covariance)
             return inf
         condition_of(count, width, small, part, inverse)
     if turned > 0:

@@ -12,8 +12,8 @@ from mbm.target.decisions import EPSILON, SHARE
 from mbm.target.solver.description import Problem
 from mbm.target.solver.linear_algebra import copied, dot, filled
 from mbm.target.solver.tangent import from_surface
-from mbm.target.solver.workspace import FLAGS, LOOSE, RANK, TOUCHED, matrix_at, step_at
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.solver.workspace import Work
+from mbm.target.words import ConstantReals, Integer, Real, Reals
 
 SIZES = 10
 """Vector of scratch: one over the scales of the coordinates (n,)."""
@@ -84,23 +84,22 @@ def set_determined(
     rank: Integer,
     scale: ConstantReals,
     singular: ConstantReals,
-    work: Reals,
-    flags: Integers,
+    work: Work,
     covariance: Reals,
 ) -> None:
-    """The covariance (n, n) in the directions that are determined, and which coordinates the others touch, `TOUCHED`.
+    """The covariance (n, n) in the directions that are determined, and which coordinates the others touch, `touched`.
 
-    Scratch matrix 3 has the right singular vectors along the surface, 2 the reflections; 1 becomes a factor of the
-    covariance, ``rank`` rows (n,), with the free directions below it, `LOOSE` rows.
+    `inverse` has the right singular vectors along the surface; `part` becomes a factor of the
+    covariance, ``rank`` rows (n,), with the free directions below it, `loose` rows.
     """
     n = system.n
     width = count - turned
-    chosen = flags[FLAGS:]
-    right = work[matrix_at(system, 3) :]
-    reflections = work[matrix_at(system, 2) :]
-    factor = work[matrix_at(system, 1) :]
-    line = work[step_at(system, 12) :]
-    touched = work[step_at(system, TOUCHED) :]
+    chosen = work.chosen
+    right = work.inverse
+    reflections = work.reflections
+    factor = work.part
+    line = work.line
+    touched = work.touched
     filled(n * n, 0.0, factor)
     for a in range(width):
         filled(count, 0.0, line)
@@ -112,9 +111,9 @@ def set_determined(
             else:
                 factor[a * n + chosen[k]] = line[k] / scale[k]
                 touched[chosen[k]] += line[k] * line[k]
-    flags[RANK] = rank
-    flags[LOOSE] = width - rank
-    sizes = work[step_at(system, SIZES) :]
+    work.rank = rank
+    work.loose = width - rank
+    sizes = work.sizes
     filled(n, 0.0, sizes)
     for k in range(count):
         sizes[chosen[k]] = 1.0 / scale[k]
@@ -128,14 +127,14 @@ def set_determined(
             covariance[i * n + k] = total
 
 
-def determines(system: Problem, gradient: ConstantReals, work: ConstantReals, flags: ConstantIntegers) -> Integer:
+def determines(system: Problem, gradient: ConstantReals, work: Work) -> Integer:
     """1 where a quantity with the ``gradient`` (n,) does not feel the free directions of the last covariance."""
     n = system.n
-    loose = work[matrix_at(system, 1) + flags[RANK] * n :]
-    sizes = work[step_at(system, SIZES) :]
+    loose = work.part[work.rank * n :]
+    sizes = work.sizes
     length = 0.0
     along = 0.0
-    for a in range(flags[LOOSE]):
+    for a in range(work.loose):
         share = dot(n, loose[a * n :], gradient)
         along += share * share
     for j in range(n):
@@ -143,10 +142,10 @@ def determines(system: Problem, gradient: ConstantReals, work: ConstantReals, fl
     return 1 if along <= SHARE * SHARE * length else 0
 
 
-def mask_undetermined(system: Problem, work: ConstantReals, covariance: Reals) -> None:
+def mask_undetermined(system: Problem, work: Work, covariance: Reals) -> None:
     """NaN for what the free directions of the last covariance touch."""
     n = system.n
-    touched = work[step_at(system, TOUCHED) :]
+    touched = work.touched
     for i in range(n):
         for k in range(n):
             if touched[i] != 0.0 or touched[k] != 0.0:

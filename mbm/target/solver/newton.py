@@ -15,47 +15,20 @@ from mbm.target.solver.linear_algebra import cholesky, dot, filled, solve_transp
 from mbm.target.solver.manifolds import retract
 from mbm.target.solver.steps import chosen_columns, down_of, norm_of, up_of
 from mbm.target.solver.sweeps import sweep
-from mbm.target.solver.workspace import (
-    AT_COST,
-    AT_LENGTH,
-    AT_POINT,
-    AT_PREDICTED,
-    FLAGS,
-    FREE,
-    FREEDOM_OF,
-    FULL,
-    HERE,
-    IMAGE,
-    METRIC,
-    PENALISED,
-    RESIDUALS_HERE,
-    SLOT,
-    X,
-    curvature_at,
-    factor_at,
-    matrix_at,
-    place_at,
-    residuals_at,
-    small_rows_at,
-    small_triangle_at,
-    step_at,
-    trial_at,
-    triangle_at,
-    vector_at,
-)
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.solver.workspace import Place, Work, residuals_at
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 
 
-def newton_step(system: Problem, constants: ConstantReals, place: Reals, work: Reals, flags: Integers) -> Integer:
+def newton_step(system: Problem, constants: ConstantReals, place: Place, work: Work) -> Integer:
     """Newton's step as the undamped one of the place; 0 where the Hessian is indefinite or the step leaves the box."""
     n = system.n
-    free = place[vector_at(system, FREE) :]
-    scale = place[vector_at(system, METRIC) :]
-    full = place[vector_at(system, FULL) :]
-    x = place[vector_at(system, X) :]
-    factor = work[matrix_at(system, 1) :]
-    image = work[step_at(system, 9) :]
-    chosen = flags[FLAGS:]
+    free = place.free
+    scale = place.scale
+    full = place.full
+    x = place.x
+    factor = work.part
+    image = work.part_image
+    chosen = work.chosen
     count = 0
     for j in range(n):
         full[j] = 0.0
@@ -64,15 +37,15 @@ def newton_step(system: Problem, constants: ConstantReals, place: Reals, work: R
             count += 1
     if count == 0:
         return 0
-    rows = work[small_rows_at(system) :]
-    triangle = work[small_triangle_at(system) :]
-    whole = place[factor_at(system) :]
-    chosen_columns(n, whole, place[vector_at(system, IMAGE) :], count, chosen, rows, triangle, factor, image)
+    rows = work.small_rows
+    triangle = work.small
+    whole = place.factor
+    chosen_columns(n, whole, place.image, count, chosen, rows, triangle, factor, image)
     for j in range(count):
         if factor[j * count + j] == 0.0:
             return 0
-    inner = work[matrix_at(system, 2) :]
-    set_inner(system, count, chosen, sqrt(place[AT_COST]), scale, factor, work, inner)
+    inner = work.inner
+    set_inner(system, count, chosen, sqrt(place.cost), scale, factor, work, inner)
     if cholesky(count, inner) == 0:
         return 0
     for i in range(count):
@@ -94,8 +67,8 @@ def newton_step(system: Problem, constants: ConstantReals, place: Reals, work: R
         beyond = full[at] < down_of(system, constants, x, at) or full[at] > up_of(system, constants, x, at)
         if system.boxed == 1 and beyond:
             return 0
-    place[AT_PREDICTED] = gain
-    place[AT_LENGTH] = length
+    place.predicted = gain
+    place.length = length
     return 1
 
 
@@ -106,12 +79,12 @@ def set_inner(
     weight: Real,
     scale: ConstantReals,
     factor: ConstantReals,
-    work: Reals,
+    work: Work,
     inner: Reals,
 ) -> None:
     """``I + A⁻ᵀ C A⁻¹`` (count, count) with the second-order term C in scaled coordinates."""
     n = system.n
-    curvature = work[curvature_at(system) :]
+    curvature = work.curvature
     for i in range(count):
         for k in range(count):
             value = curvature[chosen[i] * n + chosen[k]]
@@ -133,30 +106,29 @@ def set_curvature(
     data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> Integer:
     """The second-order term at the place of the iteration, by forward differences; 0 where it is not finite."""
     n = system.n
-    place = work[place_at(system, flags[HERE]) :]
-    triangle = place[triangle_at(system) :]
-    scale = place[vector_at(system, METRIC) :]
-    x = place[vector_at(system, X) :]
-    curvature = work[curvature_at(system) :]
-    step = work[step_at(system, 14) :]
-    there = work[step_at(system, 13) :]
-    point = work[trial_at(system, 0) :]
-    residuals = work[residuals_at(system, flags[RESIDUALS_HERE]) :]
-    freedom = float(flags[SLOT * flags[HERE] + FREEDOM_OF])
-    spread = sqrt(place[AT_COST] / (freedom if freedom > 1.0 else 1.0))
+    place = work.here
+    triangle = place.triangle
+    scale = place.scale
+    x = place.x
+    curvature = work.curvature
+    step = work.shift
+    there = work.gradient_shifted
+    point = work.trial
+    residuals = work.rows[residuals_at(system, work.residuals_here) :]
+    freedom = float(work.here.freedom)
+    spread = sqrt(place.cost / (freedom if freedom > 1.0 else 1.0))
     total = 0.0
     for j in range(n):
         filled(n, 0.0, step)
         step[j] = DIFFERENCE * spread / scale[j]
         if LEAST_DIFFERENCE * fabs(x[j]) > step[j]:
             step[j] = LEAST_DIFFERENCE * fabs(x[j])
-        retract(system, place[AT_POINT:], step, point)
-        sweep(system, constants, data, index, columns, point, 1, flags[PENALISED], work, residuals, there)
+        retract(system, place.point, step, point)
+        sweep(system, constants, data, index, columns, point, 1, work.penalised, work, residuals, there)
         for k in range(n):
             gradient = 0.0
             for i in range(k + 1):
@@ -165,7 +137,7 @@ def set_curvature(
             total += curvature[j * n + k]
     if not isfinite(total):
         return 0
-    share = 0.5 / sqrt(place[AT_COST])
+    share = 0.5 / sqrt(place.cost)
     for j in range(n):
         for k in range(j + 1):
             value = share * (curvature[j * n + k] + curvature[k * n + j])

@@ -15,39 +15,9 @@ from mbm.target.solver.linear_algebra import filled, times_transposed
 from mbm.target.solver.manifolds import coordinates_of
 from mbm.target.solver.newton import newton_step
 from mbm.target.solver.steps import boxed_step, norm_of, undamped_step, without_dependent
-from mbm.target.solver.workspace import (
-    AT_COST,
-    AT_LENGTH,
-    AT_NOISE,
-    AT_OFFSET,
-    AT_POINT,
-    AT_PREDICTED,
-    AT_SLACK,
-    COUNT_HERE,
-    DEFICIENT_OF,
-    ENDING_OF,
-    FREE,
-    FREEDOM_OF,
-    FULL,
-    IMAGE,
-    METRIC,
-    NORMS,
-    PEAK,
-    SLOT,
-    STEP_LENGTH,
-    STEP_PREDICTED,
-    STOPPED,
-    TOLERANCE_NOW,
-    X,
-    factor_at,
-    place_at,
-    scalars_at,
-    step_at,
-    triangle_at,
-    vector_at,
-)
+from mbm.target.solver.workspace import Place, Work
 from mbm.target.step_control import relative_offset
-from mbm.target.words import ConstantReals, Integer, Integers, Reals, distinct_arrays
+from mbm.target.words import ConstantReals, Integer, Reals, distinct_arrays
 
 
 @distinct_arrays
@@ -106,21 +76,19 @@ def set_free(system: Problem, constants: ConstantReals, x: ConstantReals, gradie
 def arrive(
     system: Problem,
     constants: ConstantReals,
-    number: Integer,
-    before: Integer,
+    place: Place,
+    reached: Integer,
     curved: Integer,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> None:
-    """Everything at place ``number``, whose point, cost and triangle are known; reached from ``before`` (-1: start)."""
+    """Everything at a place whose point, cost and triangle are known; ``reached`` 1: from where the iteration is."""
     n = system.n
-    place = work[place_at(system, number) :]
-    x = place[vector_at(system, X) :]
-    norms = place[vector_at(system, NORMS) :]
-    peak = place[vector_at(system, PEAK) :]
-    scale = place[vector_at(system, METRIC) :]
-    triangle = place[triangle_at(system) :]
-    coordinates_of(system, place[AT_POINT:], x)
+    x = place.x
+    norms = place.norms
+    peak = place.peak
+    scale = place.scale
+    triangle = place.triangle
+    coordinates_of(system, place.point, x)
     deficient = 0
     for j in range(n):
         square = 0.0
@@ -130,8 +98,8 @@ def arrive(
         if not (norms[j] > TINY and norms[j] < HUGE):
             deficient += 1
         peak[j] = norms[j]
-    if before >= 0:
-        old = work[place_at(system, before) + vector_at(system, PEAK) :]
+    if reached == 1:
+        old = work.here.peak
         for j in range(n):
             if old[j] > peak[j]:
                 peak[j] = old[j]
@@ -140,31 +108,28 @@ def arrive(
     for j in range(n):
         size = fabs(x[j]) if system.number_of[j] >= 0 else 1.0
         terms += norms[j] * size * norms[j] * size
-    noise = ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(place[AT_COST]))
-    place[AT_NOISE] = noise
-    place[AT_SLACK] = 2.0 * noise * sqrt(place[AT_COST]) + noise * noise
-    deficient += set_factor(n, triangle, scale, place[factor_at(system) :], place[vector_at(system, IMAGE) :])
-    flags[SLOT * number + DEFICIENT_OF] = deficient
-    free = place[vector_at(system, FREE) :]
+    noise = ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(place.cost))
+    place.rounding = noise
+    place.cost_rounding = 2.0 * noise * sqrt(place.cost) + noise * noise
+    deficient += set_factor(n, triangle, scale, place.factor, place.image)
+    place.deficient = deficient
+    free = place.free
     filled(n, 1.0, free)
     if system.boxed == 1:
-        gradient = work[step_at(system, 11) :]
-        times_transposed(n, place[factor_at(system) :], place[vector_at(system, IMAGE) :], gradient)
+        gradient = work.gradient
+        times_transposed(n, place.factor, place.image, gradient)
         set_free(system, constants, x, gradient, free)
-    judge(system, constants, number, curved, work, flags)
+    judge(system, constants, place, curved, work)
 
 
-def judge(
-    system: Problem, constants: ConstantReals, number: Integer, curved: Integer, work: Reals, flags: Integers
-) -> None:
+def judge(system: Problem, constants: ConstantReals, place: Place, curved: Integer, work: Work) -> None:
     """The undamped step at a place (Newton's where ``curved``), its offset, and why the iteration ends there if so."""
     n = system.n
-    place = work[place_at(system, number) :]
-    set_full_step(system, constants, place, curved, work, flags)
-    norms = place[vector_at(system, NORMS) :]
-    full = place[vector_at(system, FULL) :]
-    x = place[vector_at(system, X) :]
-    free = place[vector_at(system, FREE) :]
+    set_full_step(system, constants, place, curved, work)
+    norms = place.norms
+    full = place.full
+    x = place.x
+    free = place.free
     moving = 0
     movement = 0.0
     terms = 0.0
@@ -174,56 +139,53 @@ def judge(
         movement += norms[j] * full[j] * norms[j] * full[j]
         size = fabs(x[j]) if system.number_of[j] >= 0 else 1.0
         terms += norms[j] * size * norms[j] * size
-    rank = n - flags[SLOT * number + DEFICIENT_OF]
+    rank = n - place.deficient
     if rank > moving:
         rank = moving
-    freedom = flags[COUNT_HERE] - rank
-    flags[SLOT * number + FREEDOM_OF] = freedom
-    noise = place[AT_NOISE]
-    outside = place[AT_COST] - place[AT_PREDICTED]
+    freedom = work.count - rank
+    place.freedom = freedom
+    noise = place.rounding
+    outside = place.cost - place.predicted
     if outside < 0.0:
         outside = 0.0
-    offset = relative_offset(place[AT_PREDICTED], outside, moving, freedom)
-    place[AT_OFFSET] = offset
+    offset = relative_offset(place.predicted, outside, moving, freedom)
+    place.offset = offset
     ending = RUNNING
-    if place[AT_COST] <= noise * noise or place[AT_COST] <= ZERO_COST:
+    if place.cost <= noise * noise or place.cost <= ZERO_COST:
         ending = EXACT_FIT
-    elif offset <= work[scalars_at(system) + TOLERANCE_NOW]:
+    elif offset <= work.tolerance:
         ending = SMALL_OFFSET
     elif sqrt(movement) <= ROUNDING_ERRORS * EPSILON * sqrt(terms):
         ending = ROUNDING
-    flags[SLOT * number + ENDING_OF] = ending
+    place.ending = ending
 
 
-def set_full_step(
-    system: Problem, constants: ConstantReals, place: Reals, curved: Integer, work: Reals, flags: Integers
-) -> None:
+def set_full_step(system: Problem, constants: ConstantReals, place: Place, curved: Integer, work: Work) -> None:
     """The undamped step of a place, its promise and length."""
     n = system.n
-    full = place[vector_at(system, FULL) :]
-    stopped = place[vector_at(system, STOPPED) :]
-    image = place[vector_at(system, IMAGE) :]
-    scale = place[vector_at(system, METRIC) :]
-    factor = place[factor_at(system) :]
+    full = place.full
+    stopped = place.stopped
+    image = place.image
+    scale = place.scale
+    factor = place.factor
     filled(n, 0.0, stopped)
-    if curved == 1 and newton_step(system, constants, place, work, flags) == 1:
+    if curved == 1 and newton_step(system, constants, place, work) == 1:
         return
     if system.boxed == 1:
-        scalars = work[scalars_at(system) :]
-        promised = scalars[STEP_PREDICTED]
-        length = scalars[STEP_LENGTH]
-        boxed_step(system, constants, place, inf, 0, work, flags, full, stopped, scalars)
-        place[AT_PREDICTED] = scalars[STEP_PREDICTED]
-        place[AT_LENGTH] = scalars[STEP_LENGTH]
-        scalars[STEP_PREDICTED] = promised
-        scalars[STEP_LENGTH] = length
+        promised = work.step_predicted
+        length = work.step_length
+        boxed_step(system, constants, place, inf, 0, work, full, stopped)
+        place.predicted = work.step_predicted
+        place.length = work.step_length
+        work.step_predicted = promised
+        work.step_length = length
         return
     undamped_step(n, factor, image, full)
     inside = 0.0
     for j in range(n):
         if factor[j * n + j] != 0.0:
             inside += image[j] * image[j]
-    place[AT_PREDICTED] = inside
-    place[AT_LENGTH] = norm_of(n, full)
+    place.predicted = inside
+    place.length = norm_of(n, full)
     for j in range(n):
         full[j] /= scale[j]

@@ -17,42 +17,11 @@ from mbm.target.solver.description import BOUNDS_AT, ROUNDING, RUNNING, SMALL_OF
 from mbm.target.solver.equations import residuals_at_point
 from mbm.target.solver.linear_algebra import copied, dot, filled
 from mbm.target.solver.manifolds import coordinates_of, retract
-from mbm.target.solver.surface import SCALE, choose_free, surface_step, turn_place
+from mbm.target.solver.surface import choose_free, surface_step, turn_place
 from mbm.target.solver.sweeps import sweep
 from mbm.target.solver.working import change_working, largest_violation, pushes_on_bounds, set_working
-from mbm.target.solver.workspace import (
-    AT_COST,
-    AT_LENGTH,
-    AT_NOISE,
-    AT_OFFSET,
-    AT_POINT,
-    AT_PREDICTED,
-    EVALUATIONS_DONE,
-    FLAGS,
-    FORCES,
-    FREE,
-    FULL,
-    HERE,
-    ITERATIONS_DONE,
-    LAMBDA,
-    NORMS,
-    STOP,
-    STOPPED,
-    VALUES,
-    WORST,
-    X,
-    curvature_at,
-    multipliers_at,
-    place_at,
-    residuals_at,
-    scalars_at,
-    slopes_at,
-    step_at,
-    trial_at,
-    triangle_at,
-    vector_at,
-)
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.solver.workspace import Place, Work, residuals_at
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 
 STEPS_AT_MOST = 20
 
@@ -66,31 +35,30 @@ def set_place(
     data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
-    place: Reals,
-    work: Reals,
-    flags: Integers,
+    place: Place,
+    work: Work,
 ) -> Integer:
     """Residuals, without penalties, and constraints at the point of a place; 0 where something is not finite."""
     n = system.n
-    triangle = place[triangle_at(system) :]
-    norms = place[vector_at(system, NORMS) :]
-    point = place[AT_POINT:]
-    residuals = work[residuals_at(system, 0) :]
-    coordinates_of(system, point, place[vector_at(system, X) :])
-    count = residuals_at_point(system, constants, data, index, point, 1, 0, work, residuals)
-    place[AT_COST] = dot(count, residuals, residuals)
+    triangle = place.triangle
+    norms = place.norms
+    point = place.point
+    residuals = work.rows[residuals_at(system, 0) :]
+    coordinates_of(system, point, place.x)
+    count = residuals_at_point(system, constants, data, index, point, 1, 0, work.rows, residuals)
+    place.cost = dot(count, residuals, residuals)
     sweep(system, constants, data, index, columns, point, 0, 0, work, residuals, triangle)
     linearise(system, data, index, columns, point, work)
-    flags[EVALUATIONS_DONE] += 1
-    total = place[AT_COST]
+    work.evaluations += 1
+    total = place.cost
     for j in range(n):
         square = 0.0
         for i in range(j + 1):
             square += triangle[i * (n + 1) + j] * triangle[i * (n + 1) + j]
         norms[j] = sqrt(square)
         total += norms[j]
-    values = work[multipliers_at(system, VALUES) :]
-    slopes = work[slopes_at(system) :]
+    values = work.values
+    slopes = work.slopes
     for c in range(constraint_count(system, data)):
         total += fabs(values[c])
         for j in range(n):
@@ -108,27 +76,26 @@ def set_surface_curvature(
     index: ConstantIntegers,
     columns: ConstantIntegers,
     count: Integer,
-    place: ConstantReals,
-    work: Reals,
-    flags: Integers,
+    place: Place,
+    work: Work,
 ) -> Integer:
     """``Σ r ∇²r + Σ λ ∇²c`` at a place that `turn_place` has seen, by forward differences; 0: it is not finite."""
     n = system.n
-    chosen = flags[FLAGS:]
-    x = place[vector_at(system, X) :]
-    scale = work[step_at(system, SCALE) :]
-    step = work[step_at(system, 7) :]
-    there = work[step_at(system, 8) :]
-    gradient = work[step_at(system, 9) :]
-    curvature = work[curvature_at(system) :]
-    point = work[trial_at(system, 0) :]
-    residuals = work[residuals_at(system, 0) :]
+    chosen = work.chosen
+    x = place.x
+    scale = work.scale
+    step = work.shift
+    there = work.gradient_shifted
+    gradient = work.gradient
+    curvature = work.curvature
+    point = work.trial
+    residuals = work.rows[residuals_at(system, 0) :]
     freedom = float(data.count - count)
-    spread = sqrt(place[AT_COST] / (freedom if freedom > 1.0 else 1.0))
+    spread = sqrt(place.cost / (freedom if freedom > 1.0 else 1.0))
     if spread < 1e-3:
         spread = 1e-3
     filled(n * n, 0.0, curvature)
-    set_gradient(system, constants, data, index, columns, place[AT_POINT:], residuals, work, gradient)
+    set_gradient(system, constants, data, index, columns, place.point, residuals, work, gradient)
     total = 0.0
     for k in range(count):
         j = chosen[k]
@@ -136,19 +103,19 @@ def set_surface_curvature(
         step[j] = DIFFERENCE * spread / scale[k]
         if LEAST_DIFFERENCE * fabs(x[j]) > step[j]:
             step[j] = LEAST_DIFFERENCE * fabs(x[j])
-        retract(system, place[AT_POINT:], step, point)
+        retract(system, place.point, step, point)
         linearise(system, data, index, columns, point, work)
         set_gradient(system, constants, data, index, columns, point, residuals, work, there)
         for i in range(n):
             curvature[j * n + i] = (there[i] - gradient[i]) / step[j]
             total += fabs(curvature[j * n + i])
-    flags[EVALUATIONS_DONE] += count
+    work.evaluations += count
     for i in range(n):
         for k in range(i):
             value = 0.5 * (curvature[i * n + k] + curvature[k * n + i])
             curvature[i * n + k] = value
             curvature[k * n + i] = value
-    linearise(system, data, index, columns, place[AT_POINT:], work)
+    linearise(system, data, index, columns, place.point, work)
     return 1 if isfinite(total) else 0
 
 
@@ -160,27 +127,27 @@ def set_gradient(
     columns: ConstantIntegers,
     point: ConstantReals,
     residuals: ConstantReals,
-    work: Reals,
+    work: Work,
     gradient: Reals,
 ) -> None:
     """``Jᵀ r + Σ λ ∇c`` (n,) with the slopes at a point, residuals and multipliers as they are given."""
     n = system.n
-    forces = work[multipliers_at(system, FORCES) :]
-    slopes = work[slopes_at(system) :]
+    forces = work.forces
+    slopes = work.slopes
     sweep(system, constants, data, index, columns, point, 1, 0, work, residuals, gradient)
     for c in range(constraint_count(system, data)):
         for j in range(n):
             gradient[j] += forces[c] * slopes[c * n + j]
 
 
-def move(system: Problem, constants: ConstantReals, place: Reals, work: Reals) -> Integer:
+def move(system: Problem, constants: ConstantReals, place: Place, work: Work) -> Integer:
     """The step of a place taken; 0 where that leaves the bounds."""
     n = system.n
-    point = work[trial_at(system, 0) :]
-    x = place[vector_at(system, X) :]
-    free = place[vector_at(system, FREE) :]
-    retract(system, place[AT_POINT:], place[vector_at(system, FULL) :], point)
-    copied(system.numbers, point, place[AT_POINT:])
+    point = work.trial
+    x = place.x
+    free = place.free
+    retract(system, place.point, place.full, point)
+    copied(system.numbers, point, place.point)
     coordinates_of(system, point, x)
     for j in range(n):
         if free[j] != 0.0:
@@ -192,34 +159,33 @@ def move(system: Problem, constants: ConstantReals, place: Reals, work: Reals) -
 
 
 def ending_of(
-    constants: ConstantReals, place: ConstantReals, steps: Integer, fresh: Integer, before: Real, worst: Real
+    constants: ConstantReals, place: Place, steps: Integer, fresh: Integer, before: Real, worst: Real
 ) -> Integer:
     """Why the steps end at a place, `RUNNING`: they do not, -1: they lead nowhere.
 
     After ``steps`` with the same constraints; ``fresh`` 1: the last had the second-order term of its own place. A step
     has to be short by the stated noise and by that which the residuals show.
     """
-    offset = place[AT_OFFSET]
-    small = offset <= constants[TOLERANCE] and sqrt(place[AT_PREDICTED]) <= constants[TOLERANCE]
+    offset = place.offset
+    small = offset <= constants[TOLERANCE] and sqrt(place.predicted) <= constants[TOLERANCE]
     if worst <= EXACT and steps > 0 and small:
         return SMALL_OFFSET
-    if worst <= MET and place[AT_LENGTH] <= place[AT_NOISE]:
+    if worst <= MET and place.length <= place.rounding:
         return ROUNDING
     if fresh == 1 and not offset <= POLISH * before:
         return ROUNDING if worst <= MET and offset <= SETTLED else -1
     return RUNNING
 
 
-def begin_on_surface(system: Problem, data: DataSet, number: Integer, work: Reals, flags: Integers) -> Integer:
-    """Place ``number`` where the iteration is, and which constraints hold there; how many coordinates may move."""
+def begin_on_surface(system: Problem, data: DataSet, place: Place, work: Work) -> Integer:
+    """A place where the iteration is, and which constraints hold there; how many coordinates may move."""
     n = system.n
-    here = work[place_at(system, flags[HERE]) :]
-    place = work[place_at(system, number) :]
-    copied(system.numbers, here[AT_POINT:], place[AT_POINT:])
-    copied(n, here[vector_at(system, FREE) :], place[vector_at(system, FREE) :])
-    filled(n, 0.0, place[vector_at(system, STOPPED) :])
+    here = work.here
+    copied(system.numbers, here.point, place.point)
+    copied(n, here.free, place.free)
+    filled(n, 0.0, place.stopped)
     set_working(system, data, work)
-    return choose_free(system, place, flags)
+    return choose_free(system, place, work)
 
 
 def polish(
@@ -228,52 +194,50 @@ def polish(
     data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> Integer:
     """1: the solve is at its end, at a point on the surface near that of the iteration; 0: nothing has happened."""
-    number = 1 - flags[HERE]
-    place = work[place_at(system, number) :]
-    count = begin_on_surface(system, data, number, work, flags)
+    place = work.other
+    count = begin_on_surface(system, data, place, work)
     before = inf
     curved = 0
     fresh = 0
     steps = 0
     for _ in range(STEPS_AT_MOST):
-        if set_place(system, constants, data, index, columns, place, work, flags) == 0:
+        if set_place(system, constants, data, index, columns, place, work) == 0:
             return 0
-        turned = turn_place(system, data, place, count, work, flags)
-        if surface_step(system, data, count, turned, curved, place, work, flags) == 0:
+        turned = turn_place(system, data, place, count, work)
+        if surface_step(system, data, count, turned, curved, place, work) == 0:
             return 0
         worst = largest_violation(system, data, work)
         ending = ending_of(constants, place, steps, fresh, before, worst)
         if ending < 0:
             return 0
         if ending != RUNNING:
-            nothing = constants[TOLERANCE] * (1.0 + sqrt(place[AT_COST]))
+            nothing = constants[TOLERANCE] * (1.0 + sqrt(place.cost))
             if change_working(system, data, nothing, work) == 0:
                 if pushes_on_bounds(system, constants, data, nothing, place, work) == 0:
                     return 0
-                arrive_on_surface(system, data, number, ending, worst, work, flags)
+                arrive_on_surface(system, data, ending, worst, work)
                 return 1
             steps = 0
-            turned = turn_place(system, data, place, count, work, flags)
-            if surface_step(system, data, count, turned, curved, place, work, flags) == 0:
+            turned = turn_place(system, data, place, count, work)
+            if surface_step(system, data, count, turned, curved, place, work) == 0:
                 return 0
-        if steps == 0 and not (place[AT_OFFSET] <= CLOSE or place[AT_LENGTH] <= CLOSE):
+        if steps == 0 and not (place.offset <= CLOSE or place.length <= CLOSE):
             return 0
         fresh = 0
-        if steps > 0 and not place[AT_OFFSET] <= SLOW_KKT * before:
-            if set_surface_curvature(system, constants, data, index, columns, count, place, work, flags) == 0:
+        if steps > 0 and not place.offset <= SLOW_KKT * before:
+            if set_surface_curvature(system, constants, data, index, columns, count, place, work) == 0:
                 return 0
             curved = 1
             fresh = 1
-            turned = turn_place(system, data, place, count, work, flags)
-            if surface_step(system, data, count, turned, curved, place, work, flags) == 0:
+            turned = turn_place(system, data, place, count, work)
+            if surface_step(system, data, count, turned, curved, place, work) == 0:
                 return 0
-        before = place[AT_OFFSET]
+        before = place.offset
         steps += 1
-        flags[ITERATIONS_DONE] += 1
+        work.iterations += 1
         if move(system, constants, place, work) == 0:
             return 0
     return 0
@@ -282,15 +246,15 @@ def polish(
 def arrive_on_surface(
     system: Problem,
     data: DataSet,
-    number: Integer,
     ending: Integer,
     worst: Real,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> None:
-    """The iteration ends at place ``number``, with its multipliers."""
-    flags[HERE] = number
-    flags[STOP] = ending
-    work[scalars_at(system) + WORST] = worst
-    forces = work[multipliers_at(system, FORCES) :]
-    copied(constraint_count(system, data), forces, work[multipliers_at(system, LAMBDA) :])
+    """The iteration ends at the other place, with its multipliers."""
+    there = work.other
+    work.other = work.here
+    work.here = there
+    work.stop = ending
+    work.worst = worst
+    forces = work.forces
+    copied(constraint_count(system, data), forces, work.multipliers)

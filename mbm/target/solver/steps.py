@@ -21,22 +21,8 @@ from mbm.target.solver.linear_algebra import (
     times_transposed,
     times_upper,
 )
-from mbm.target.solver.workspace import (
-    FLAGS,
-    FREE,
-    IMAGE,
-    METRIC,
-    STEP_LENGTH,
-    STEP_PREDICTED,
-    X,
-    factor_at,
-    matrix_at,
-    small_rows_at,
-    small_triangle_at,
-    step_at,
-    vector_at,
-)
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals, distinct_arrays
+from mbm.target.solver.workspace import Place, Work
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, distinct_arrays
 
 INDEPENDENT = 1e-11
 """A column whose part across those before it is below this share of the largest column is as good as dependent."""
@@ -209,48 +195,44 @@ def without_dependent(n: Integer, factor: Reals, image: Reals) -> Integer:
     return found
 
 
-def step_of_part(
-    system: Problem, count: Integer, radius: Real, limited: Integer, image: ConstantReals, work: Reals
-) -> None:
-    """The step of the columns chosen (scratch matrix 1, vector 9) into vector 10, damped where ``limited``."""
+def step_of_part(count: Integer, radius: Real, limited: Integer, image: ConstantReals, work: Work) -> None:
+    """The step of the columns chosen (`part`) into `part_step`, damped where ``limited``."""
     if limited == 1:
         marquardt_step(
             count,
-            work[matrix_at(system, 1) :],
+            work.part,
             image,
             radius,
-            work[step_at(system, 10) :],
-            work[matrix_at(system, 0) :],
-            work[step_at(system, 6) :],
-            work[step_at(system, 5) :],
+            work.part_step,
+            work.damped,
+            work.right,
+            work.row,
         )
     else:
-        undamped_step(count, work[matrix_at(system, 1) :], image, work[step_at(system, 10) :])
+        undamped_step(count, work.part, image, work.part_step)
 
 
 def boxed_step(
     system: Problem,
     constants: ConstantReals,
-    place: ConstantReals,
+    place: Place,
     radius: Real,
     limited: Integer,
-    work: Reals,
-    flags: Integers,
+    work: Work,
     vector: Reals,
     stopped: Reals,
-    scalars: Reals,
 ) -> None:
     """The step restricted to the box: what leaves it first is put on its bound, until nothing does."""
     n = system.n
-    factor = place[factor_at(system) :]
-    image = place[vector_at(system, IMAGE) :]
-    scale = place[vector_at(system, METRIC) :]
-    x = place[vector_at(system, X) :]
-    moving = work[step_at(system, 7) :]
-    rest = work[step_at(system, 8) :]
-    trial = work[step_at(system, 10) :]
-    chosen = flags[FLAGS:]
-    copied(n, place[vector_at(system, FREE) :], moving)
+    factor = place.factor
+    image = place.image
+    scale = place.scale
+    x = place.x
+    moving = work.moving
+    rest = work.rest
+    trial = work.part_step
+    chosen = work.chosen
+    copied(n, place.free, moving)
     copied(n, image, rest)
     filled(n, 0.0, vector)
     filled(n, 0.0, stopped)
@@ -263,16 +245,16 @@ def boxed_step(
                 count += 1
         if count == 0 or not remaining > 0.0:
             break
-        part = work[matrix_at(system, 1) :]
-        part_image = work[step_at(system, 9) :]
+        part = work.part
+        part_image = work.part_image
         if count == n:
             copied(n * n, factor, part)
             copied(n, rest, part_image)
         else:
-            triangle = work[small_triangle_at(system) :]
-            chosen_columns(n, factor, rest, count, chosen, work[small_rows_at(system) :], triangle, part, part_image)
+            triangle = work.small
+            chosen_columns(n, factor, rest, count, chosen, work.small_rows, triangle, part, part_image)
             without_dependent(count, part, part_image)
-        step_of_part(system, count, remaining, limited, part_image, work)
+        step_of_part(count, remaining, limited, part_image, work)
         first = first_to_leave(system, constants, x, scale, count, chosen, trial)
         if first < 0:
             for k in range(count):
@@ -291,7 +273,7 @@ def boxed_step(
                     taken += scale[j] * vector[j] * scale[j] * vector[j]
             left = radius * radius - taken
             remaining = sqrt(left) if left > 0.0 else 0.0
-    judge_step(system, place, vector, work, scalars)
+    judge_step(system, place, vector, work)
 
 
 def first_to_leave(
@@ -319,15 +301,15 @@ def first_to_leave(
     return found
 
 
-def judge_step(system: Problem, place: ConstantReals, vector: ConstantReals, work: Reals, scalars: Reals) -> None:
+def judge_step(system: Problem, place: Place, vector: ConstantReals, work: Work) -> None:
     """Promise and scaled length of any step ``vector`` (n,)."""
     n = system.n
-    scale = place[vector_at(system, METRIC) :]
-    image = place[vector_at(system, IMAGE) :]
-    scaled = work[step_at(system, 9) :]
-    moved = work[step_at(system, 10) :]
+    scale = place.scale
+    image = place.image
+    scaled = work.scaled
+    moved = work.moved
     for j in range(n):
         scaled[j] = scale[j] * vector[j]
-    times_upper(n, place[factor_at(system) :], scaled, moved)
-    scalars[STEP_PREDICTED] = -(dot(n, moved, moved) + 2.0 * dot(n, moved, image))
-    scalars[STEP_LENGTH] = norm_of(n, scaled)
+    times_upper(n, place.factor, scaled, moved)
+    work.step_predicted = -(dot(n, moved, moved) + 2.0 * dot(n, moved, image))
+    work.step_length = norm_of(n, scaled)

@@ -16,31 +16,9 @@ from mbm.target.solver.description import DataSet, Problem
 from mbm.target.solver.linear_algebra import cholesky, dot, filled, solve_transposed, solve_upper
 from mbm.target.solver.steps import without_dependent
 from mbm.target.solver.tangent import REPEATED, along_surface, from_surface, turn_constraints
-from mbm.target.solver.workspace import (
-    AT_COST,
-    AT_LENGTH,
-    AT_NOISE,
-    AT_OFFSET,
-    AT_PREDICTED,
-    FLAGS,
-    FORCES,
-    FREE,
-    FULL,
-    HELD,
-    VALUES,
-    X,
-    curvature_at,
-    matrix_at,
-    multipliers_at,
-    slopes_at,
-    small_rows_at,
-    small_triangle_at,
-    step_at,
-    triangle_at,
-    vector_at,
-)
+from mbm.target.solver.workspace import Place, Work
 from mbm.target.step_control import relative_offset
-from mbm.target.words import ConstantReals, Integer, Integers, Reals
+from mbm.target.words import Integer, Reals
 
 SCALE = 11
 LINE = 12
@@ -50,10 +28,10 @@ IMAGE_THERE = 10
 """Vectors of scratch: of the coordinates that may move, one after the other."""
 
 
-def choose_free(system: Problem, place: ConstantReals, flags: Integers) -> Integer:
+def choose_free(system: Problem, place: Place, work: Work) -> Integer:
     """The coordinates that no bound holds, and how many they are."""
-    free = place[vector_at(system, FREE) :]
-    chosen = flags[FLAGS:]
+    free = place.free
+    chosen = work.chosen
     count = 0
     for j in range(system.n):
         if free[j] != 0.0:
@@ -65,28 +43,27 @@ def choose_free(system: Problem, place: ConstantReals, flags: Integers) -> Integ
 def turn_place(
     system: Problem,
     data: DataSet,
-    place: ConstantReals,
+    place: Place,
     count: Integer,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> Integer:
-    """Scales, reflections and L at a place; how many constraints turn. Of those that repeat others `HELD` becomes 0.
+    """Scales, reflections and L at a place; how many constraints turn. Of those that repeat others `held` becomes 0.
 
-    Then y in `ALONG`, and the multipliers in `FORCES`.
+    Then y in `along`, and the multipliers in `forces`.
     """
     n = system.n
-    chosen = flags[FLAGS:]
-    triangle = place[triangle_at(system) :]
-    held = work[multipliers_at(system, HELD) :]
-    values = work[multipliers_at(system, VALUES) :]
-    forces = work[multipliers_at(system, FORCES) :]
-    slopes = work[slopes_at(system) :]
-    scale = work[step_at(system, SCALE) :]
-    line = work[step_at(system, LINE) :]
-    along = work[step_at(system, ALONG) :]
-    gradient = work[step_at(system, GRADIENT) :]
-    reflections = work[matrix_at(system, 2) :]
-    lower = work[matrix_at(system, 3) :]
+    chosen = work.chosen
+    triangle = place.triangle
+    held = work.held
+    values = work.values
+    forces = work.forces
+    slopes = work.slopes
+    scale = work.scale
+    line = work.line
+    along = work.along
+    gradient = work.gradient
+    reflections = work.reflections
+    lower = work.lower
     holding = constraint_count(system, data)
     set_scales(n, count, chosen, triangle, holding, held, slopes, scale)
     turned = turn_constraints(n, count, chosen, scale, holding, held, slopes, reflections)
@@ -130,9 +107,8 @@ def surface_step(
     count: Integer,
     turned: Integer,
     curved: Integer,
-    place: Reals,
-    work: Reals,
-    flags: Integers,
+    place: Place,
+    work: Work,
 ) -> Integer:
     """The step of a place that `turn_place` has seen, its length and offset; 0 where it is not determined.
 
@@ -140,16 +116,16 @@ def surface_step(
     """
     n = system.n
     width = count - turned
-    chosen = flags[FLAGS:]
-    triangle = place[triangle_at(system) :]
-    scale = work[step_at(system, SCALE) :]
-    line = work[step_at(system, LINE) :]
-    along = work[step_at(system, ALONG) :]
-    there = work[step_at(system, IMAGE_THERE) :]
-    reflections = work[matrix_at(system, 2) :]
-    factor = work[matrix_at(system, 1) :]
-    small = work[small_triangle_at(system) :]
-    rows = work[small_rows_at(system) :]
+    chosen = work.chosen
+    triangle = place.triangle
+    scale = work.scale
+    line = work.line
+    along = work.along
+    there = work.right
+    reflections = work.reflections
+    factor = work.part
+    small = work.small
+    rows = work.small_rows
     for i in range(n):
         there[i] = triangle[i * (n + 1) + n]
     set_reduced(n, count, turned, chosen, triangle, scale, reflections, along, there, line, rows, small)
@@ -159,32 +135,32 @@ def surface_step(
         line[i] = -small[i * (width + 1) + width]
     if without_dependent(width, factor, line) > 0:
         return 0
-    if curved == 1 and bent_right(system, count, turned, work, flags) == 0:
+    if curved == 1 and bent_right(system, count, turned, work) == 0:
         return 0
     solve_upper(width, factor, line)
     for k in range(width):
         along[turned + k] = line[k]
     from_surface(count, turned, reflections, along)
-    set_step(system, data, count, width, place, work, flags)
+    set_step(system, data, count, width, place, work)
     return 1
 
 
-def bent_right(system: Problem, count: Integer, turned: Integer, work: Reals, flags: Integers) -> Integer:
-    """The right side in `LINE` with the second-order term S: ``(I + T⁻ᵀ Zᵀ S Z T⁻¹)⁻¹ (-t - T⁻ᵀ Zᵀ S Y y)``.
+def bent_right(system: Problem, count: Integer, turned: Integer, work: Work) -> Integer:
+    """The right side in `line` with the second-order term S: ``(I + T⁻ᵀ Zᵀ S Z T⁻¹)⁻¹ (-t - T⁻ᵀ Zᵀ S Y y)``.
 
     0 where the Hessian on the surface is not positive definite.
     """
     n = system.n
     width = count - turned
-    chosen = flags[FLAGS:]
-    curvature = work[curvature_at(system) :]
-    scale = work[step_at(system, SCALE) :]
-    line = work[step_at(system, LINE) :]
-    along = work[step_at(system, ALONG) :]
-    gradient = work[step_at(system, GRADIENT) :]
-    reflections = work[matrix_at(system, 2) :]
-    factor = work[matrix_at(system, 1) :]
-    inner = work[matrix_at(system, 0) :]
+    chosen = work.chosen
+    curvature = work.curvature
+    scale = work.scale
+    line = work.line
+    along = work.along
+    gradient = work.gradient
+    reflections = work.reflections
+    factor = work.part
+    inner = work.inner
     for i in range(count):
         for k in range(count):
             inner[i * count + k] = curvature[chosen[i] * n + chosen[k]] / (scale[i] * scale[k])
@@ -231,18 +207,17 @@ def set_step(
     data: DataSet,
     count: Integer,
     width: Integer,
-    place: Reals,
-    work: Reals,
-    flags: Integers,
+    place: Place,
+    work: Work,
 ) -> None:
-    """The scaled step in `ALONG` as that of the place: in all coordinates, its length, offset and rounding."""
+    """The scaled step in `along` as that of the place: in all coordinates, its length, offset and rounding."""
     n = system.n
-    chosen = flags[FLAGS:]
-    triangle = place[triangle_at(system) :]
-    full = place[vector_at(system, FULL) :]
-    x = place[vector_at(system, X) :]
-    scale = work[step_at(system, SCALE) :]
-    along = work[step_at(system, ALONG) :]
+    chosen = work.chosen
+    triangle = place.triangle
+    full = place.full
+    x = place.x
+    scale = work.scale
+    along = work.along
     filled(n, 0.0, full)
     terms = 0.0
     for k in range(count):
@@ -253,8 +228,8 @@ def set_step(
     for i in range(n):
         moved = dot(n - i, triangle[i * (n + 1) + i :], full[i:])
         inside += moved * moved
-    outside = place[AT_COST] - inside
-    place[AT_LENGTH] = sqrt(dot(count, along, along))
-    place[AT_PREDICTED] = inside
-    place[AT_OFFSET] = relative_offset(inside, outside if outside > 0.0 else 0.0, width, data.count - width)
-    place[AT_NOISE] = ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(place[AT_COST]))
+    outside = place.cost - inside
+    place.length = sqrt(dot(count, along, along))
+    place.predicted = inside
+    place.offset = relative_offset(inside, outside if outside > 0.0 else 0.0, width, data.count - width)
+    place.rounding = ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(place.cost))

@@ -16,23 +16,8 @@ from mbm.target.solver.linear_algebra import append_rows, dot, filled
 from mbm.target.solver.normal_equations import add_products, add_sums, rooted
 from mbm.target.solver.slopes import penalise_slopes, root_slopes, scatter, whiten_matrices
 from mbm.target.solver.united import first_apart, rows_apart, united_rows
-from mbm.target.solver.workspace import (
-    AT_COST,
-    AT_POINT,
-    AT_SQUARE,
-    PENALISED,
-    SUMMED,
-    chunk_at,
-    inputs_at,
-    matrix_at,
-    outputs_at,
-    place_at,
-    scalars_at,
-    step_at,
-    triangle_at,
-    weights_at,
-)
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals, call_kernel, distinct_arrays
+from mbm.target.solver.workspace import Place, Work, chunk_at, inputs_at, outputs_at, weights_at
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, call_kernel, distinct_arrays
 
 HARMLESS = 1e6
 """A squared condition up to which sums of products give steps to 1e-9 of their length, and offsets likewise."""
@@ -85,7 +70,7 @@ def sweep(
     point: ConstantReals,
     mode: Integer,
     penalised: Integer,
-    work: Reals,
+    work: Work,
     vector: ConstantReals,
     target: Reals,
 ) -> None:
@@ -98,26 +83,25 @@ def sweep(
     stride = system.chunk
     inputs = inputs_at(system)
     whitening = weights_at(system)
-    outputs = work[outputs_at(system) :]
-    chunk = work[chunk_at(system) :]
+    outputs = work.rows[outputs_at(system) :]
+    chunk = work.rows[chunk_at(system) :]
     filled((n + 1) * (n + 1) if mode == 0 else n, 0.0, target)
-    there = united_rows(system, 1, point, stride, work, chunk) if LANES > 1 else 0
+    there = united_rows(system, 1, point, stride, work.rows, chunk) if LANES > 1 else 0
     settled = 0
-    for b in range(
-        first_apart(system, work) if LANES > 1 else 0, system.residual_blocks + penalised * system.constraint_blocks
-    ):
+    begin = first_apart(system, work.rows) if LANES > 1 else 0
+    for b in range(begin, system.residual_blocks + penalised * system.constraint_blocks):
         block = system.blocks[b]
         part = data.blocks[b]
-        rows = rows_apart(system, data, b, work) if LANES > 1 else part.rows
+        rows = rows_apart(system, data, b, work.rows) if LANES > 1 else part.rows
         lines = block.outputs * LANES
         width = (block.variables + block.parameters) * LANES
         heavy = weights_width(block) * LANES
         own = columns[part.columns :]
-        gather(block, rows, index[part.index :], point, work[inputs:])
+        gather(block, rows, index[part.index :], point, work.rows[inputs:])
         first = 0
         if LANES > 1 and mode == 2 and block.normal != 0 and rows >= system.summed_from:
             first = groups_of(rows)
-            add_sums(n, constants, block, own, first, work[inputs:], work[whitening:], outputs, target)
+            add_sums(n, constants, block, own, first, work.rows[inputs:], work.rows[whitening:], outputs, target)
         while first < groups_of(rows):
             groups = portion(system, block)
             if first + groups > groups_of(rows):
@@ -126,8 +110,8 @@ def sweep(
                 settle_chunk(n + 1, there, stride, mode, vector[settled:], chunk, target)
                 settled += there
                 there = 0
-            call_kernel(block.jacobian, work[inputs + first * width :], outputs, groups)
-            weights = work[whitening + first * heavy :]
+            call_kernel(block.jacobian, work.rows[inputs + first * width :], outputs, groups)
+            weights = work.rows[whitening + first * heavy :]
             for column in range(n):
                 filled(groups * lines, 0.0, chunk[column * stride + there :])
             scatter(system, block, own, first, rows, groups, outputs, weights, chunk[there:])
@@ -161,25 +145,22 @@ def set_triangle(
     data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
-    number: Integer,
-    work: Reals,
-    flags: Integers,
+    place: Place,
+    work: Work,
 ) -> None:
     """The triangle of a place whose point and cost are known: from sums of products while the condition allows it."""
     n = system.n
-    place = work[place_at(system, number) :]
-    point = place[AT_POINT:]
-    triangle = place[triangle_at(system) :]
-    scalars = work[scalars_at(system) :]
-    if flags[SUMMED] == 1:
+    point = place.point
+    triangle = place.triangle
+    if work.summed == 1:
         filled((n + 1) * (n + 1), 0.0, triangle)
-        sweep(system, constants, data, index, columns, point, 2, flags[PENALISED], work, scalars, triangle)
-        lower = work[matrix_at(system, 1) :]
-        upper = work[matrix_at(system, 2) :]
-        inverse = work[matrix_at(system, 3) :]
-        place[AT_SQUARE] = rooted(n, place[AT_COST], triangle, work[step_at(system, 15) :], lower, upper, inverse)
-        if place[AT_SQUARE] <= HARMLESS:
+        sweep(system, constants, data, index, columns, point, 2, work.penalised, work, constants, triangle)
+        lower = work.lower
+        upper = work.inner
+        inverse = work.inverse
+        place.squared_condition = rooted(n, place.cost, triangle, work.row, lower, upper, inverse)
+        if place.squared_condition <= HARMLESS:
             return
-        flags[SUMMED] = 0
-    place[AT_SQUARE] = 0.0
-    sweep(system, constants, data, index, columns, point, 0, flags[PENALISED], work, scalars, triangle)
+        work.summed = 0
+    place.squared_condition = 0.0
+    sweep(system, constants, data, index, columns, point, 0, work.penalised, work, constants, triangle)

@@ -23,67 +23,38 @@ from mbm.target.solver.linear_algebra import (
 from mbm.target.solver.manifolds import coordinates_of, place_coordinates, retract
 from mbm.target.solver.steps import boxed_step, judge_step, land, marquardt_step
 from mbm.target.solver.sweeps import sweep
-from mbm.target.solver.workspace import (
-    AT_COST,
-    AT_LENGTH,
-    AT_POINT,
-    AT_PREDICTED,
-    AT_SLACK,
-    COST_TRIED,
-    EVALUATIONS_DONE,
-    FULL,
-    HERE,
-    IMAGE,
-    METRIC,
-    PENALISED,
-    POINT_TRIED,
-    RESIDUALS_HERE,
-    RESIDUALS_TRIED,
-    STEP_LENGTH,
-    STEP_PREDICTED,
-    STOPPED,
-    WHOLE,
-    factor_at,
-    matrix_at,
-    place_at,
-    residuals_at,
-    scalars_at,
-    step_at,
-    trial_at,
-    vector_at,
-)
+from mbm.target.solver.workspace import Place, Work, residuals_at
 from mbm.target.step_control import shortened
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real
 
 
-def step_within(system: Problem, constants: ConstantReals, radius: Real, work: Reals, flags: Integers) -> None:
-    """The step inside the radius: scratch vector 0, what bounds stopped in vector 1, promise and length."""
+def step_within(system: Problem, constants: ConstantReals, radius: Real, work: Work) -> None:
+    """The step inside the radius: `step`, `step_stopped`, its promise and length."""
     n = system.n
-    place = work[place_at(system, flags[HERE]) :]
-    vector = work[step_at(system, 0) :]
-    stopped = work[step_at(system, 1) :]
-    scalars = work[scalars_at(system) :]
-    flags[WHOLE] = 0
-    if place[AT_LENGTH] <= 1.1 * radius:
-        flags[WHOLE] = 1
-        copied(n, place[vector_at(system, FULL) :], vector)
-        copied(n, place[vector_at(system, STOPPED) :], stopped)
-        scalars[STEP_PREDICTED] = place[AT_PREDICTED]
-        scalars[STEP_LENGTH] = place[AT_LENGTH]
+    place = work.here
+    vector = work.step
+    stopped = work.step_stopped
+    work.undamped = 0
+    if place.length <= 1.1 * radius:
+        work.undamped = 1
+        copied(n, place.full, vector)
+        copied(n, place.stopped, stopped)
+        work.step_predicted = place.predicted
+        work.step_length = place.length
         return
     if system.boxed == 1:
-        boxed_step(system, constants, place, radius, 1, work, flags, vector, stopped, scalars)
+        boxed_step(system, constants, place, radius, 1, work, vector, stopped)
         return
     filled(n, 0.0, stopped)
-    triangle = work[matrix_at(system, 0) :]
-    right = work[step_at(system, 6) :]
-    row = work[step_at(system, 5) :]
-    factor = place[factor_at(system) :]
-    marquardt_step(n, factor, place[vector_at(system, IMAGE) :], radius, vector, triangle, right, row)
-    scale = place[vector_at(system, METRIC) :]
+    triangle = work.damped
+    right = work.right
+    row = work.row
+    factor = place.factor
+    marquardt_step(n, factor, place.image, radius, vector, triangle, right, row)
+    scale = place.scale
     for j in range(n):
         vector[j] /= scale[j]
-    judge_step(system, place, vector, work, scalars)
+    judge_step(system, place, vector, work)
 
 
 def bend_step(
@@ -92,26 +63,25 @@ def bend_step(
     data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> Integer:
-    """The step with the curvature answered that showed at its end, scratch vector 3; 0 where the answer is too long.
+    """The step with the curvature answered that showed at its end: `bent`; 0 where the answer is too long.
 
     Half the geodesic acceleration of Transtrum and Sethna (2012), from the trial point instead of an extra one.
     """
     n = system.n
-    place = work[place_at(system, flags[HERE]) :]
-    factor = place[factor_at(system) :]
-    image = place[vector_at(system, IMAGE) :]
-    scale = place[vector_at(system, METRIC) :]
-    vector = work[step_at(system, 0) :]
-    scaled = work[step_at(system, 2) :]
-    bent = work[step_at(system, 3) :]
-    gradient = work[step_at(system, 4) :]
-    moved = work[step_at(system, 9) :]
-    back = work[step_at(system, 10) :]
-    residuals = work[residuals_at(system, flags[RESIDUALS_TRIED]) :]
-    sweep(system, constants, data, index, columns, place[AT_POINT:], 1, flags[PENALISED], work, residuals, gradient)
+    place = work.here
+    factor = place.factor
+    image = place.image
+    scale = place.scale
+    vector = work.step
+    scaled = work.scaled
+    bent = work.bent
+    gradient = work.gradient
+    moved = work.moved
+    back = work.back
+    residuals = work.rows[residuals_at(system, work.residuals_tried) :]
+    sweep(system, constants, data, index, columns, place.point, 1, work.penalised, work, residuals, gradient)
     for j in range(n):
         scaled[j] = scale[j] * vector[j]
     times_upper(n, factor, scaled, moved)
@@ -126,12 +96,11 @@ def bend_step(
     times_transposed(n, factor, moved, back)
     for j in range(n):
         bent[j] = gradient[j] / scale[j] - back[j]
-    triangle = work[matrix_at(system, 0) :]
-    damped_triangle(n, factor, image, damping, triangle, work[step_at(system, 6) :], work[step_at(system, 5) :])
+    triangle = work.damped
+    damped_triangle(n, factor, image, damping, triangle, work.right, work.row)
     solve_transposed(n, triangle, bent)
     solve_upper(n, triangle, bent)
-    scalars = work[scalars_at(system) :]
-    most = BEND * scalars[STEP_LENGTH]
+    most = BEND * work.step_length
     if not dot(n, bent, bent) <= most * most:
         return 0
     for j in range(n):
@@ -145,43 +114,41 @@ def try_step(
     data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> None:
     """Evaluate the step, and once more with the curvature answered where it brought too little."""
-    place = work[place_at(system, flags[HERE]) :]
-    vector = work[step_at(system, 0) :]
-    scalars = work[scalars_at(system) :]
-    point = work[trial_at(system, 0) :]
-    retract(system, place[AT_POINT:], vector, point)
+    place = work.here
+    vector = work.step
+    point = work.trial
+    retract(system, place.point, vector, point)
     if system.boxed == 1:
-        x = work[step_at(system, 11) :]
+        x = work.x
         coordinates_of(system, point, x)
-        land(system, constants, vector, work[step_at(system, 1) :], x)
+        land(system, constants, vector, work.step_stopped, x)
         place_coordinates(system, x, point)
-    flags[POINT_TRIED] = 0
-    flags[RESIDUALS_TRIED] = (flags[RESIDUALS_HERE] + 1) % 3
-    residuals = work[residuals_at(system, flags[RESIDUALS_TRIED]) :]
-    count = residuals_at_point(system, constants, data, index, point, 1, flags[PENALISED], work, residuals)
-    flags[EVALUATIONS_DONE] += 1
+    work.tried = work.trial
+    work.residuals_tried = (work.residuals_here + 1) % 3
+    residuals = work.rows[residuals_at(system, work.residuals_tried) :]
+    count = residuals_at_point(system, constants, data, index, point, 1, work.penalised, work.rows, residuals)
+    work.evaluations += 1
     cost = dot(count, residuals, residuals)
-    scalars[COST_TRIED] = cost
-    if not isfinite(cost) or system.boxed == 1 or not scalars[STEP_PREDICTED] > UNDECIDED * place[AT_SLACK]:
+    work.cost_tried = cost
+    if not isfinite(cost) or system.boxed == 1 or not work.step_predicted > UNDECIDED * place.cost_rounding:
         return
-    if place[AT_COST] - cost >= CURVED_SHARE * scalars[STEP_PREDICTED]:
+    if place.cost - cost >= CURVED_SHARE * work.step_predicted:
         return
-    if bend_step(system, constants, data, index, columns, work, flags) == 0:
+    if bend_step(system, constants, data, index, columns, work) == 0:
         return
-    curved = work[trial_at(system, 1) :]
-    retract(system, place[AT_POINT:], work[step_at(system, 3) :], curved)
-    there = work[residuals_at(system, (flags[RESIDUALS_HERE] + 2) % 3) :]
-    count = residuals_at_point(system, constants, data, index, curved, 1, flags[PENALISED], work, there)
-    flags[EVALUATIONS_DONE] += 1
+    curved = work.bent_trial
+    retract(system, place.point, work.bent, curved)
+    there = work.rows[residuals_at(system, (work.residuals_here + 2) % 3) :]
+    count = residuals_at_point(system, constants, data, index, curved, 1, work.penalised, work.rows, there)
+    work.evaluations += 1
     lower = dot(count, there, there)
     if lower < cost:
-        scalars[COST_TRIED] = lower
-        flags[POINT_TRIED] = 1
-        flags[RESIDUALS_TRIED] = (flags[RESIDUALS_HERE] + 2) % 3
+        work.cost_tried = lower
+        work.tried = work.bent_trial
+        work.residuals_tried = (work.residuals_here + 2) % 3
 
 
 def same_point(system: Problem, a: ConstantReals, b: ConstantReals) -> Integer:
@@ -192,15 +159,15 @@ def same_point(system: Problem, a: ConstantReals, b: ConstantReals) -> Integer:
     return 1
 
 
-def shortening(system: Problem, place: ConstantReals, vector: ConstantReals, actual: Real, work: Reals) -> Real:
+def shortening(system: Problem, place: Place, vector: ConstantReals, actual: Real, work: Work) -> Real:
     """MINPACK's shortening after a growing cost: half of where the parabola through slope and value is least."""
     if actual >= 0.0:
         return shortened(0.0, actual)
     n = system.n
-    scale = place[vector_at(system, METRIC) :]
-    scaled = work[step_at(system, 9) :]
-    moved = work[step_at(system, 10) :]
+    scale = place.scale
+    scaled = work.scaled
+    moved = work.moved
     for j in range(n):
         scaled[j] = scale[j] * vector[j]
-    times_upper(n, place[factor_at(system) :], scaled, moved)
-    return shortened(dot(n, moved, place[vector_at(system, IMAGE) :]), actual)
+    times_upper(n, place.factor, scaled, moved)
+    return shortened(dot(n, moved, place.image), actual)

@@ -26,40 +26,9 @@ from mbm.target.solver.newton import set_curvature
 from mbm.target.solver.places import arrive, judge
 from mbm.target.solver.sweeps import set_triangle, sweep
 from mbm.target.solver.trials import same_point, shortening, step_within, try_step
-from mbm.target.solver.workspace import (
-    AT_COST,
-    AT_LENGTH,
-    AT_OFFSET,
-    AT_POINT,
-    AT_PREDICTED,
-    AT_SLACK,
-    COST_TRIED,
-    CURVATURE_KNOWN,
-    DEFICIENT_OF,
-    ENDING_OF,
-    FINITE,
-    HERE,
-    ITERATIONS_DONE,
-    PATIENCE_LEFT,
-    PENALISED,
-    POINT_TRIED,
-    RADIUS,
-    RESIDUALS_HERE,
-    RESIDUALS_TRIED,
-    SLOT,
-    STEP_LENGTH,
-    STEP_PREDICTED,
-    STOP,
-    TOLERANCE_NOW,
-    WHOLE,
-    place_at,
-    scalars_at,
-    step_at,
-    trial_at,
-    triangle_at,
-)
+from mbm.target.solver.workspace import Work
 from mbm.target.step_control import radius_after, remaining
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real
 
 
 def factor_there(
@@ -68,20 +37,18 @@ def factor_there(
     data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> Integer:
     """The trial point as the other place, with its triangle; 0 where that is not finite."""
     n = system.n
-    there = work[place_at(system, 1 - flags[HERE]) :]
-    scalars = work[scalars_at(system) :]
-    copied(system.numbers, work[trial_at(system, flags[POINT_TRIED]) :], there[AT_POINT:])
-    there[AT_COST] = scalars[COST_TRIED]
-    triangle = there[triangle_at(system) :]
+    there = work.other
+    copied(system.numbers, work.tried, there.point)
+    there.cost = work.cost_tried
+    triangle = there.triangle
     if LANES > 1:
-        set_triangle(system, constants, data, index, columns, 1 - flags[HERE], work, flags)
+        set_triangle(system, constants, data, index, columns, there, work)
     else:
-        sweep(system, constants, data, index, columns, there[AT_POINT:], 0, flags[PENALISED], work, scalars, triangle)
+        sweep(system, constants, data, index, columns, there.point, 0, work.penalised, work, constants, triangle)
     total = 0.0
     for i in range((n + 1) * (n + 1)):
         total += triangle[i]
@@ -95,45 +62,42 @@ def arrive_there(
     index: ConstantIntegers,
     columns: ConstantIntegers,
     share: Real,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> None:
     """Go to the accepted point; the second-order term is taken where convergence is slow enough to pay for it.
 
     ``share`` of the promise that the step brought, negative where it was judged by the offset.
     """
-    scalars = work[scalars_at(system) :]
-    before = flags[HERE]
-    number = 1 - before
-    arrive(system, constants, number, before, flags[CURVATURE_KNOWN], work, flags)
-    here = work[place_at(system, before) :]
-    there = work[place_at(system, number) :]
-    if share < 0.0 and not there[AT_OFFSET] <= OFFSET_DECREASE * here[AT_OFFSET]:
-        no_better(system, constants, work, flags)
+    here = work.here
+    there = work.other
+    arrive(system, constants, there, 1, work.curvature_known, work)
+    if share < 0.0 and not there.offset <= OFFSET_DECREASE * here.offset:
+        no_better(system, constants, work)
         return
     if share >= 0.0:
-        scalars[RADIUS] = radius_after(share, scalars[RADIUS], scalars[STEP_LENGTH], flags[WHOLE])
-    flags[HERE] = number
-    flags[RESIDUALS_HERE] = flags[RESIDUALS_TRIED]
-    flags[STOP] = flags[SLOT * number + ENDING_OF]
-    if flags[PATIENCE_LEFT] > 0:
-        flags[PATIENCE_LEFT] -= 1
-    if system.strict == 1 and flags[SLOT * number + DEFICIENT_OF] > 0:
-        flags[STOP] = UNSURE
-    if flags[STOP] != RUNNING or there[AT_OFFSET] <= SLOW_OFFSET * here[AT_OFFSET] or flags[PATIENCE_LEFT] > 0:
+        work.radius = radius_after(share, work.radius, work.step_length, work.undamped)
+    work.here = there
+    work.other = here
+    work.residuals_here = work.residuals_tried
+    work.stop = there.ending
+    if work.patience > 0:
+        work.patience -= 1
+    if system.strict == 1 and there.deficient > 0:
+        work.stop = UNSURE
+    if work.stop != RUNNING or there.offset <= SLOW_OFFSET * here.offset or work.patience > 0:
         return
-    if there[AT_OFFSET] < NEAR_OFFSET:
+    if there.offset < NEAR_OFFSET:
         few = float(system.n + 2)
-        if remaining(there[AT_OFFSET], here[AT_OFFSET], scalars[TOLERANCE_NOW]) <= few:
+        if remaining(there.offset, here.offset, work.tolerance) <= few:
             return
-    elif here[AT_COST] - there[AT_COST] > CREEP * here[AT_COST]:
+    elif here.cost - there.cost > CREEP * here.cost:
         return
-    take_curvature(system, constants, data, index, columns, work, flags)
-    longest = REACH * scalars[RADIUS]
-    if there[AT_LENGTH] < longest:
-        longest = there[AT_LENGTH]
-    if longest > scalars[RADIUS]:
-        scalars[RADIUS] = longest
+    take_curvature(system, constants, data, index, columns, work)
+    longest = REACH * work.radius
+    if there.length < longest:
+        longest = there.length
+    if longest > work.radius:
+        work.radius = longest
 
 
 def take_curvature(
@@ -142,32 +106,28 @@ def take_curvature(
     data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> None:
     """The second-order term at the place of the iteration, and the place judged anew with it."""
-    number = flags[HERE]
-    flags[CURVATURE_KNOWN] = set_curvature(system, constants, data, index, columns, work, flags)
-    judge(system, constants, number, flags[CURVATURE_KNOWN], work, flags)
-    place = work[place_at(system, number) :]
-    flags[PATIENCE_LEFT] = PATIENCE if place[AT_OFFSET] >= NEAR_OFFSET else 0
-    flags[STOP] = flags[SLOT * number + ENDING_OF]
+    place = work.here
+    work.curvature_known = set_curvature(system, constants, data, index, columns, work)
+    judge(system, constants, place, work.curvature_known, work)
+    work.patience = PATIENCE if place.offset >= NEAR_OFFSET else 0
+    work.stop = place.ending
 
 
-def no_better(system: Problem, constants: ConstantReals, work: Reals, flags: Integers) -> None:
+def no_better(system: Problem, constants: ConstantReals, work: Work) -> None:
     """No better point: the end, unless the second-order term was too inexact for the last digits."""
-    if flags[CURVATURE_KNOWN] == 0:
-        flags[STOP] = ROUNDING
+    if work.curvature_known == 0:
+        work.stop = ROUNDING
         return
-    number = flags[HERE]
-    place = work[place_at(system, number) :]
-    scalars = work[scalars_at(system) :]
-    flags[CURVATURE_KNOWN] = 0
-    judge(system, constants, number, 0, work, flags)
-    if place[AT_LENGTH] > scalars[RADIUS]:
-        scalars[RADIUS] = place[AT_LENGTH]
-    flags[PATIENCE_LEFT] = NEVER
-    flags[STOP] = flags[SLOT * number + ENDING_OF]
+    place = work.here
+    work.curvature_known = 0
+    judge(system, constants, place, 0, work)
+    if place.length > work.radius:
+        work.radius = place.length
+    work.patience = NEVER
+    work.stop = place.ending
 
 
 def stuck(
@@ -176,23 +136,21 @@ def stuck(
     data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> None:
     """No trial was accepted: the end, unless Newton's step shows a way that Gauss-Newton's did not."""
-    place = work[place_at(system, flags[HERE]) :]
-    scalars = work[scalars_at(system) :]
-    if place[AT_PREDICTED] <= UNDECIDED * place[AT_SLACK]:
-        no_better(system, constants, work, flags)
-    elif flags[FINITE] == 0:
-        flags[STOP] = NO_FINITE_STEP
-    elif flags[PATIENCE_LEFT] > 0:
-        flags[STOP] = FLAT
+    place = work.here
+    if place.predicted <= UNDECIDED * place.cost_rounding:
+        no_better(system, constants, work)
+    elif work.finite == 0:
+        work.stop = NO_FINITE_STEP
+    elif work.patience > 0:
+        work.stop = FLAT
     else:
-        take_curvature(system, constants, data, index, columns, work, flags)
-        flags[PATIENCE_LEFT] = PATIENCE
-        if place[AT_LENGTH] > scalars[RADIUS]:
-            scalars[RADIUS] = place[AT_LENGTH]
+        take_curvature(system, constants, data, index, columns, work)
+        work.patience = PATIENCE
+        if place.length > work.radius:
+            work.radius = place.length
 
 
 def iterate(
@@ -201,46 +159,44 @@ def iterate(
     data: DataSet,
     index: ConstantIntegers,
     columns: ConstantIntegers,
-    work: Reals,
-    flags: Integers,
+    work: Work,
 ) -> None:
     """Trial steps until one is accepted, or none can be; the cost never grows by more than its rounding."""
-    here = work[place_at(system, flags[HERE]) :]
-    scalars = work[scalars_at(system) :]
-    start = scalars[RADIUS]
+    here = work.here
+    start = work.radius
     radius = start
-    flags[FINITE] = 1
-    flags[ITERATIONS_DONE] += 1
+    work.finite = 1
+    work.iterations += 1
     for _ in range(TRIAL_POINTS):
-        step_within(system, constants, radius, work, flags)
-        try_step(system, constants, data, index, columns, work, flags)
-        if same_point(system, work[trial_at(system, flags[POINT_TRIED]) :], here[AT_POINT:]) == 1:
+        step_within(system, constants, radius, work)
+        try_step(system, constants, data, index, columns, work)
+        if same_point(system, work.tried, here.point) == 1:
             break
-        shorter = scalars[STEP_LENGTH] if scalars[STEP_LENGTH] < radius else radius
-        flags[FINITE] = 1 if isfinite(scalars[COST_TRIED]) else 0
-        if flags[FINITE] == 0:
+        shorter = work.step_length if work.step_length < radius else radius
+        work.finite = 1 if isfinite(work.cost_tried) else 0
+        if work.finite == 0:
             radius = 0.25 * shorter
             continue
-        actual = here[AT_COST] - scalars[COST_TRIED]
+        actual = here.cost - work.cost_tried
         share = -1.0
         acceptable = 0
-        decided = scalars[STEP_PREDICTED] > UNDECIDED * here[AT_SLACK]
+        decided = work.step_predicted > UNDECIDED * here.cost_rounding
         if decided:
-            share = actual / scalars[STEP_PREDICTED]
+            share = actual / work.step_predicted
             if share > LEAST_GAIN_RATIO:
                 acceptable = 1
-        elif flags[WHOLE] == 1 and actual >= -here[AT_SLACK]:
+        elif work.undamped == 1 and actual >= -here.cost_rounding:
             acceptable = 1
         if acceptable == 1:
-            if factor_there(system, constants, data, index, columns, work, flags) == 0:
-                flags[FINITE] = 0
+            if factor_there(system, constants, data, index, columns, work) == 0:
+                work.finite = 0
                 radius = 0.25 * shorter
                 continue
-            scalars[RADIUS] = radius
-            arrive_there(system, constants, data, index, columns, share, work, flags)
+            work.radius = radius
+            arrive_there(system, constants, data, index, columns, share, work)
             return
         if not decided:
             break
-        radius = shortening(system, here, work[step_at(system, 0) :], actual, work) * shorter
-    scalars[RADIUS] = radius
-    stuck(system, constants, data, index, columns, work, flags)
+        radius = shortening(system, here, work.step, actual, work) * shorter
+    work.radius = radius
+    stuck(system, constants, data, index, columns, work)

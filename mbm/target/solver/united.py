@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from mbm.target.solver.description import DataSet, Problem
 from mbm.target.solver.linear_algebra import copied
-from mbm.target.solver.workspace import UNITED_NOW, scalars_at, united_at
+from mbm.target.solver.workspace import UNITED_NOW, united_at
 from mbm.target.words import ConstantReals, Integer, Reals, call_united
 
 
@@ -15,7 +15,7 @@ def united_now(system: Problem, work: ConstantReals) -> Integer:
     """1 where the united rows of the data set are loaded."""
     if system.united_reals == 0:
         return 0
-    return 1 if work[scalars_at(system) + UNITED_NOW] == 1.0 else 0
+    return 1 if work[UNITED_NOW] == 1.0 else 0
 
 
 def first_apart(system: Problem, work: ConstantReals) -> Integer:
@@ -39,7 +39,7 @@ def unite(system: Problem, data: DataSet, parameters: ConstantReals, weights: Co
     """The data of the united rows, if the data set has just these and all of them count."""
     if system.united_reals == 0:
         return
-    work[scalars_at(system) + UNITED_NOW] = 0.0
+    work[UNITED_NOW] = 0.0
     there = work[united_at(system) :]
     done = 0
     for b in range(system.residual_blocks):
@@ -58,7 +58,7 @@ def unite(system: Problem, data: DataSet, parameters: ConstantReals, weights: Co
                     return
                 there[done] = heavy[k]
                 done += 1
-    work[scalars_at(system) + UNITED_NOW] = 1.0
+    work[UNITED_NOW] = 1.0
 
 
 def united_rows(

@@ -10,29 +10,15 @@ from math import fabs
 from mbm.target.decisions import EXACT
 from mbm.target.solver.beginning import constraint_count
 from mbm.target.solver.description import BOUNDS_AT, DataSet, Problem
-from mbm.target.solver.workspace import (
-    FORCES,
-    FREE,
-    HELD,
-    LAMBDA,
-    NORMS,
-    ROUNDINGS,
-    UNITS,
-    VALUES,
-    X,
-    multipliers_at,
-    slopes_at,
-    triangle_at,
-    vector_at,
-)
-from mbm.target.words import ConstantReals, Integer, Real, Reals
+from mbm.target.solver.workspace import Place, Work
+from mbm.target.words import ConstantReals, Integer, Real
 
 
-def set_working(system: Problem, data: DataSet, work: Reals) -> None:
-    """`HELD`: the units of the equations, and of the inequalities that have a multiplier."""
-    multipliers = work[multipliers_at(system, LAMBDA) :]
-    units = work[multipliers_at(system, UNITS) :]
-    held = work[multipliers_at(system, HELD) :]
+def set_working(system: Problem, data: DataSet, work: Work) -> None:
+    """`held`: the units of the equations, and of the inequalities that have a multiplier."""
+    multipliers = work.multipliers
+    units = work.units
+    held = work.held
     done = 0
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
@@ -46,12 +32,12 @@ def set_working(system: Problem, data: DataSet, work: Reals) -> None:
         done += count
 
 
-def largest_violation(system: Problem, data: DataSet, work: Reals) -> Real:
+def largest_violation(system: Problem, data: DataSet, work: Work) -> Real:
     """Of the equations and of the inequalities that hold like them: in units, beyond rounding."""
-    units = work[multipliers_at(system, UNITS) :]
-    values = work[multipliers_at(system, VALUES) :]
-    roundings = work[multipliers_at(system, ROUNDINGS) :]
-    held = work[multipliers_at(system, HELD) :]
+    units = work.units
+    values = work.values
+    roundings = work.roundings
+    held = work.held
     worst = 0.0
     done = 0
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
@@ -68,15 +54,15 @@ def largest_violation(system: Problem, data: DataSet, work: Reals) -> Real:
     return worst
 
 
-def change_working(system: Problem, data: DataSet, nothing: Real, work: Reals) -> Integer:
+def change_working(system: Problem, data: DataSet, nothing: Real, work: Work) -> Integer:
     """1 where another inequality holds from now on: the most overstepped one does; or else the one does not any more
     whose multiplier is the most negative, beyond ``nothing`` standard deviations. 0: all signs are right.
     """
-    forces = work[multipliers_at(system, FORCES) :]
-    units = work[multipliers_at(system, UNITS) :]
-    values = work[multipliers_at(system, VALUES) :]
-    roundings = work[multipliers_at(system, ROUNDINGS) :]
-    held = work[multipliers_at(system, HELD) :]
+    forces = work.forces
+    units = work.units
+    values = work.values
+    roundings = work.roundings
+    held = work.held
     overstepped = -1
     pulled = -1
     most = EXACT
@@ -112,17 +98,17 @@ def pushes_on_bounds(
     constants: ConstantReals,
     data: DataSet,
     nothing: Real,
-    place: ConstantReals,
-    work: Reals,
+    place: Place,
+    work: Work,
 ) -> Integer:
     """1 where nothing pulls coordinates away from the bounds that hold them, beyond ``nothing`` standard deviations."""
     n = system.n
-    forces = work[multipliers_at(system, FORCES) :]
-    slopes = work[slopes_at(system) :]
-    triangle = place[triangle_at(system) :]
-    free = place[vector_at(system, FREE) :]
-    norms = place[vector_at(system, NORMS) :]
-    x = place[vector_at(system, X) :]
+    forces = work.forces
+    slopes = work.slopes
+    triangle = place.triangle
+    free = place.free
+    norms = place.norms
+    x = place.x
     for j in range(n):
         if free[j] == 0.0:
             slope = 0.0

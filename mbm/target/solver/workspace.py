@@ -1,188 +1,185 @@
-"""Where things stand in the scratch arrays of one thread: ``work`` (reals) and ``flags`` (integers).
+"""What a solve works with: two linearisation points, the state of its iteration, and scratch, as records.
 
-``work`` holds two places (points with all that is known there), vectors of residuals, steps, small matrices, and the
-rows of the data set as the kernels take them. Functions give offsets in ``work``, or inside of a place.
+`Rows` of the data set stand apart, as consensus evaluates them too: in one array, in which functions give offsets.
 """
 
 from __future__ import annotations
 
+from mbm.target.records import Reference, integers_in, lay_out, reals_in, record, sized
 from mbm.target.solver.description import LANES, Problem
-from mbm.target.words import Integer
+from mbm.target.words import Integer, Integers, Real, Reals
 
-# --- reals of a place -------------------------------------------------------------------------------------------
-AT_COST = 0
-AT_PREDICTED = 1
-"""Decrease of the cost that the undamped step promises."""
-AT_LENGTH = 2
-"""Its scaled length."""
-AT_OFFSET = 3
-AT_NOISE = 4
-"""The rounding of ``‖r‖``."""
-AT_SLACK = 5
-"""The rounding of the cost."""
-AT_SQUARE = 6
-"""Upper estimate of the squared condition where the triangle comes from sums of products; 0 where it does not."""
-AT_POINT = 8
 
-X = 0
-"""Coordinates as bounds compare them."""
-PEAK = 1
-"""The largest norm that each column has had."""
-METRIC = 2
-"""The scale of each coordinate."""
-FULL = 3
-"""The undamped step."""
-STOPPED = 4
-"""1 for coordinates that a bound stopped in the undamped step."""
-FREE = 5
-"""1 for coordinates free to move."""
-IMAGE = 6
-"""``Qᵀ r``: with the scaled triangle all that the rows say about steps."""
-NORMS = 7
-"""Norms of the columns."""
-VECTORS = 8
+@record
+class Place:
+    """A linearisation point: a point with all that depends on it alone."""
 
-# --- integers: of places 0 and 1, then of the iteration ----------------------------------------------------------
-FREEDOM_OF = 0
-ENDING_OF = 1
-DEFICIENT_OF = 2
-SLOT = 4
-HERE = 8
-"""Number of the place where the iteration is."""
-CURVATURE_KNOWN = 9
-PATIENCE_LEFT = 10
-STOP = 11
-"""Why the iteration is over, `RUNNING` while it is not."""
-ITERATIONS_DONE = 12
-EVALUATIONS_DONE = 13
-RESIDUALS_HERE = 14
-"""Number of the vector of residuals at the place of the iteration."""
-RESIDUALS_TRIED = 15
-"""… and at the trial point."""
-FINITE = 16
-LOADED = 17
-"""Number of the data set whose rows are loaded, and its weights unchanged; -1: none."""
-ROUND = 18
-COUNT_HERE = 19
-"""Residuals that count, with those of penalties."""
-PENALISED = 20
-"""1: the constraints act as penalties, 0: they are left out."""
-POINT_TRIED = 21
-"""Number of the trial point."""
-WHOLE = 22
-"""1: the step tried is the undamped one."""
-SUMMED = 23
-"""1: triangles come from sums of products, as long as the condition allows it."""
-RANK = 24
-"""Directions along the surface that the residuals determine, as the last covariance has found …"""
-LOOSE = 25
-"""… and those that they do not."""
-FLAGS = 26
+    cost: Real
+    predicted: Real
+    """Decrease of the cost that the undamped step promises."""
+    length: Real
+    """Its scaled length."""
+    offset: Real
+    """Relative offset (Bates and Watts 1981)."""
+    rounding: Real
+    """The rounding of ``‖r‖``."""
+    cost_rounding: Real
+    """The rounding of the cost."""
+    squared_condition: Real
+    """Upper estimate of it where the triangle comes from sums of products; 0 where it does not."""
+    freedom: Integer
+    ending: Integer
+    """Why the iteration would end here."""
+    deficient: Integer
+    """Columns as good as dependent on those before them."""
+    point: Reals = sized("numbers")
+    x: Reals = sized("n")
+    """Coordinates as bounds compare them."""
+    peak: Reals = sized("n")
+    """The largest norm that each column has had."""
+    scale: Reals = sized("n")
+    """The scale of each coordinate."""
+    full: Reals = sized("n")
+    """The undamped step."""
+    stopped: Reals = sized("n")
+    """1 for coordinates that a bound stopped in the undamped step."""
+    free: Reals = sized("n")
+    """1 for coordinates free to move."""
+    image: Reals = sized("n")
+    """``Qᵀ r``: with the scaled triangle all that the rows say about steps."""
+    norms: Reals = sized("n")
+    """Norms of the columns."""
+    factor: Reals = sized("n * n")
+    """The scaled triangle."""
+    triangle: Reals = sized("(n + 1) * (n + 1)")
+    """That of ``[J r]``."""
 
-# --- reals of the iteration --------------------------------------------------------------------------------------
-RADIUS = 0
-COST_TRIED = 1
-STEP_PREDICTED = 2
-"""Promise of the step tried …"""
-STEP_LENGTH = 3
-"""… and its scaled length."""
-TOLERANCE_NOW = 4
-"""The relative offset that ends the iteration."""
-WEIGHT = 5
-"""What a violation by one unit costs is half the square of this."""
-WORST = 6
-"""The largest violation of the rounds before, in units."""
-UNITED_NOW = 7
+
+@record
+class Work:
+    """What one thread needs for a solve.
+
+    The caller brings ``reals`` and ``integers`` of the sizes `work_reals` and `work_integers`; see `share_out`.
+    """
+
+    reals: Reals
+    integers: Integers
+    shared: Integer
+    """1: the arrays here are parts of them, as the problem wants it."""
+    first: Place
+    second: Place
+    here: Reference[Place]
+    """Where the iteration is."""
+    other: Reference[Place]
+
+    radius: Real
+    cost_tried: Real
+    step_predicted: Real
+    """Decrease of the cost that the step tried promises …"""
+    step_length: Real
+    """… and its scaled length."""
+    tolerance: Real
+    """The relative offset that ends the iteration."""
+    weight: Real
+    """What a violation by one unit costs is half the square of this."""
+    worst: Real
+    """The largest violation of the rounds before, in units."""
+    curvature_known: Integer
+    patience: Integer
+    stop: Integer
+    """Why the iteration is over, `RUNNING` while it is not."""
+    iterations: Integer
+    evaluations: Integer
+    residuals_here: Integer
+    """Number of the vector of residuals at the place of the iteration."""
+    residuals_tried: Integer
+    """… and at the trial point."""
+    finite: Integer
+    round: Integer
+    count: Integer
+    """Residuals that count, with those of penalties."""
+    penalised: Integer
+    """1: the constraints act as penalties, 0: they are left out."""
+    undamped: Integer
+    """1: the step tried is the undamped one."""
+    summed: Integer
+    """1: triangles come from sums of products, as long as the condition allows it."""
+    rank: Integer
+    """Directions along the surface that the residuals determine, as the last covariance has found …"""
+    loose: Integer
+    """… and those that they do not."""
+
+    tried: Reals
+    """The trial point that counts: one of the next two."""
+    trial: Reals = sized("numbers")
+    bent_trial: Reals = sized("numbers")
+
+    step: Reals = sized("n")
+    """The step tried."""
+    step_stopped: Reals = sized("n")
+    """1 for coordinates that a bound stopped in it."""
+    scaled: Reals = sized("n")
+    bent: Reals = sized("n")
+    """The step with the curvature answered."""
+    gradient: Reals = sized("n")
+    row: Reals = sized("n")
+    right: Reals = sized("n")
+    moving: Reals = sized("n")
+    rest: Reals = sized("n")
+    part_image: Reals = sized("n")
+    part_step: Reals = sized("n")
+    moved: Reals = sized("n")
+    back: Reals = sized("n")
+    x: Reals = sized("n")
+    shift: Reals = sized("n")
+    gradient_shifted: Reals = sized("n")
+    scale: Reals = sized("n")
+    line: Reals = sized("n")
+    along: Reals = sized("n")
+    singular: Reals = sized("n")
+    sizes: Reals = sized("n")
+    """One over the scales of the coordinates, as the last covariance has taken them."""
+    touched: Reals = sized("n")
+    """Not 0 for coordinates that the last covariance leaves undetermined."""
+    chosen: Integers = sized("n")
+    """Coordinates that may move, one after the other."""
+
+    damped: Reals = sized("n * n")
+    part: Reals = sized("n * n")
+    inner: Reals = sized("n * n")
+    lower: Reals = sized("n * n")
+    reflections: Reals = sized("n * n")
+    inverse: Reals = sized("n * n")
+    curvature: Reals = sized("n * n")
+    """The second-order term."""
+    small: Reals = sized("(n + 1) * (n + 1)")
+    """A triangle …"""
+    small_rows: Reals = sized("n * (n + 1)")
+    """… and rows to go into it, column by column, ``n`` to a column."""
+
+    multipliers: Reals = sized("most_multipliers")
+    units: Reals = sized("most_multipliers")
+    values: Reals = sized("most_multipliers")
+    roundings: Reals = sized("most_multipliers")
+    held: Reals = sized("most_multipliers")
+    """Units of the constraints that hold, else 0."""
+    forces: Reals = sized("most_multipliers")
+    """The multipliers at a place on their surface."""
+    slopes: Reals = sized("most_multipliers * n")
+    """Derivatives of the constraints."""
+
+    loaded: Integer
+    """Number of the data set whose rows are loaded, and its weights unchanged; -1: none."""
+    rows: Reals
+
+
+UNITED_NOW = 0
 """1: the united rows of the data set are loaded, 0: its blocks are taken one by one."""
-SCALARS = 16
-
-STEP_VECTORS = 16
-"""Vectors (n,) of scratch."""
-TOUCHED = 15
-"""The one of them that says which coordinates the last covariance leaves undetermined: not 0."""
-MATRICES = 4
-"""Matrices (n, n) of scratch."""
-
-
-def vector_at(system: Problem, number: Integer) -> Integer:
-    """Vector ``number`` in a place."""
-    return AT_POINT + system.numbers + number * system.n
-
-
-def factor_at(system: Problem) -> Integer:
-    """The scaled triangle (n, n) in a place."""
-    return AT_POINT + system.numbers + VECTORS * system.n
-
-
-def triangle_at(system: Problem) -> Integer:
-    """The triangle (n + 1, n + 1) of ``[J r]`` in a place."""
-    return AT_POINT + system.numbers + (VECTORS + system.n) * system.n
-
-
-def place_at(system: Problem, number: Integer) -> Integer:
-    """Place 0 or 1; number 2 is where they end."""
-    return number * (AT_POINT + 1 + system.numbers + (VECTORS + 2 + 2 * system.n) * system.n)
-
-
-def trial_at(system: Problem, number: Integer) -> Integer:
-    """Trial point (N,) 0 or 1; number 2 is where they end."""
-    return place_at(system, 2) + number * system.numbers
-
-
-def scalars_at(system: Problem) -> Integer:
-    """Reals of the iteration, `SCALARS` of them."""
-    return place_at(system, 2) + 2 * system.numbers
-
-
-def step_at(system: Problem, number: Integer) -> Integer:
-    """Vector (n,) of scratch."""
-    return scalars_at(system) + SCALARS + number * system.n
-
-
-def matrix_at(system: Problem, number: Integer) -> Integer:
-    """Matrix (n, n) of scratch; number `MATRICES` is the second-order term."""
-    return scalars_at(system) + SCALARS + (STEP_VECTORS + number * system.n) * system.n
-
-
-def curvature_at(system: Problem) -> Integer:
-    """The second-order term (n, n)."""
-    return matrix_at(system, MATRICES)
-
-
-def small_triangle_at(system: Problem) -> Integer:
-    """A triangle (n + 1, n + 1) of scratch."""
-    return matrix_at(system, MATRICES + 1)
-
-
-def small_rows_at(system: Problem) -> Integer:
-    """Rows to go into it, column by column, ``n`` to a column."""
-    return matrix_at(system, MATRICES + 2) + 2 * system.n + 1
-
-
-def multipliers_at(system: Problem, number: Integer) -> Integer:
-    """Vector (K,) of the constraints: `LAMBDA` and so on."""
-    return matrix_at(system, MATRICES + 3) + 3 * system.n + 1 + number * system.most_multipliers
-
-
-LAMBDA = 0
-UNITS = 1
-VALUES = 2
-ROUNDINGS = 3
-HELD = 4
-FORCES = 5
-MULTIPLIER_VECTORS = 6
-"""Vectors (K,) of the constraints: multipliers, units, values, their roundings, units of those that hold (else 0), and
-the multipliers at a place on their surface."""
-
-
-def slopes_at(system: Problem) -> Integer:
-    """Derivatives of the constraints (K, n)."""
-    return multipliers_at(system, MULTIPLIER_VECTORS)
 
 
 def residuals_at(system: Problem, number: Integer) -> Integer:
     """Vector of residuals 0, 1 or 2."""
-    return slopes_at(system) + system.most_multipliers * system.n + number * system.most_residuals
+    return UNITED_NOW + 1 + number * system.most_residuals
 
 
 def chunk_at(system: Problem) -> Integer:
@@ -210,13 +207,25 @@ def united_at(system: Problem) -> Integer:
     return weights_at(system) + system.most_weights
 
 
-def work_reals(system: Problem) -> Integer:
-    """Reals of scratch that a thread needs."""
+def rows_reals(system: Problem) -> Integer:
+    """Reals that the rows of a data set need."""
     if LANES > 1:
         return united_at(system) + system.united_reals
-    return weights_at(system) + system.most_weights
+    return united_at(system)
+
+
+def work_reals(system: Problem) -> Integer:
+    """Reals of scratch that a thread needs."""
+    return reals_in(Work, system) + rows_reals(system)
 
 
 def work_integers(system: Problem) -> Integer:
     """Integers of scratch that a thread needs."""
-    return FLAGS + system.n
+    return integers_in(Work, system)
+
+
+def share_out(system: Problem, work: Work) -> None:
+    """Let the arrays in ``work`` be parts of its `work_reals` reals and `work_integers` integers."""
+    lay_out(work, system, work.reals, work.integers)
+    work.rows = work.reals[reals_in(Work, system) :]
+    work.shared = 1

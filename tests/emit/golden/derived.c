@@ -11,7 +11,7 @@
 /* How the solver's description of the equations begins: what no data change. */
 static const long SYSTEM[52] = {
     0, 0, 0, 1, 0, 0, 1, 0, 100, 0, 0, 0, 0, 32, 0, 0, 0, 24, 0, 1, 0, 0, 0, 0, 0, 1, 1, 2, 1, 2, 2, 2, 2, 1,
-    1, 40, 46, -1, 52, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0
+    1, 16, 22, -1, 28, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0
 };
 
 /* Of each unknown: numbers, coordinates, family, positive, pieces. */
@@ -53,17 +53,20 @@ struct frame {
     long members[1];        /* of each unknown; 1 without a family */
     long offsets[2];        /* where the numbers of each unknown begin */
     long firsts[2];         /* where its coordinates begin */
-    long data_set[6];      /* as the solver wants it */
+    long data_numbers[6];      /* of `data_set` */
     long *h_of_steps;    /* the member that each row names */
     long *h_of_steps_;    /* the member that each row names */
     long *h_b;    /* the member that each row names */
     long *h_c;    /* the member that each row names */
     long *marks_members;    /* a row of `marks` for each member */
     long marks_members_count;
-    long *chosen, *fixed, *used, *column, *index, *columns, *system, *sides, *flags, *coordinates;
+    long *chosen, *fixed, *used, *column, *index, *columns, *sides, *coordinates;
+    struct problem *system;
+    struct work work;
+    struct data_set *data_set;    /* as the solver wants it */
     long parameters_used, weights_used, index_used, columns_used;
     double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;
-    double *triangle, *covariance, *multipliers, *work, *spare;
+    double *triangle, *covariance, *multipliers, *spare;
     double *derived_climb, *derived_climb_sigma;
     long derived_climb_count;
     double *derived_top, *derived_top_sigma;
@@ -80,7 +83,7 @@ static void lay_out(struct frame *f, const derived_data *data, struct arena *a)
 {
     long n, numbers, residuals = 4, inputs = 0, weights = 0, multipliers = 0, i;
     long parameters = 0, index = 0, columns = 0, chosen = 1;
-    long header[24] = {0};
+    struct problem header = {0};
 
     f->data = data;
     f->h_of_steps = integers_of(a, data->steps_rows);
@@ -108,7 +111,7 @@ static void lay_out(struct frame *f, const derived_data *data, struct arena *a)
     f->column = integers_of(a, n + 1);
     f->sides = integers_of(a, n + 1);
     f->coordinates = integers_of(a, n + 1);
-    f->system = integers_of(a, 52 + (2 + 8) * n);
+    f->system = (struct problem *)integers_of(a, 52 + (2 + 8) * n);
     f->parameters = reals_of(a, parameters + 1);
     f->weights = reals_of(a, weights + 1);
     f->scratch = reals_of(a, 1);
@@ -121,15 +124,15 @@ static void lay_out(struct frame *f, const derived_data *data, struct arena *a)
     f->triangle = reals_of(a, (n + 1) * (n + 1));
     f->covariance = reals_of(a, n * n);
     f->multipliers = reals_of(a, multipliers + 1);
-    header[0] = numbers;
-    header[1] = n;
-    header[5] = multipliers;
-    header[10] = residuals;
-    header[11] = inputs;
-    header[12] = weights + 2 * multipliers;
-    header[13] = 32;
-    header[14] = 96;
-    f->work = reals_of(a, work_reals(header));
+    header.numbers = numbers;
+    header.n = n;
+    header.most_multipliers = multipliers;
+    header.most_residuals = residuals;
+    header.most_inputs = inputs;
+    header.most_weights = weights + 2 * multipliers;
+    header.chunk = 32;
+    header.most_outputs = 96;
+    f->work.reals = reals_of(a, work_reals(&header));
     f->spare = reals_of(a, 10 + 2 * n);
     f->derived_climb = reals_of(a, 1 * data->steps_rows + 1);
     f->derived_climb_sigma = reals_of(a, 1 * data->steps_rows + 1);
@@ -137,10 +140,11 @@ static void lay_out(struct frame *f, const derived_data *data, struct arena *a)
     f->derived_top_sigma = reals_of(a, 1 + 1);
     f->derived_both = reals_of(a, 2 + 1);
     f->derived_both_sigma = reals_of(a, 2 + 1);
-    f->flags = integers_of(a, work_integers(header));
+    f->work.integers = integers_of(a, work_integers(&header));
     f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;
     for (i = 0; i < 6; i++)
-        f->data_set[i] = 0;
+        f->data_numbers[i] = 0;
+    f->data_set = (struct data_set *)f->data_numbers;
 }
 
 /* The place of a key among cells: those in `rows`, or the first `count`; -1: it is none. Data often come
@@ -269,13 +273,14 @@ static int steps_assemble(struct frame *f, long count)
 {
     const derived_data *data = f->data;
     double inputs[1], noise[1];
+    struct data_block *own = &blocks_of_data_set(f->data_set)[0];
     long i, rows = 0;
 
     (void)data;
-    f->data_set[1] = f->parameters_used;
-    f->data_set[2] = f->weights_used;
-    f->data_set[3] = f->index_used;
-    f->data_set[4] = f->columns_used;
+    own->parameters = f->parameters_used;
+    own->weights = f->weights_used;
+    own->index = f->index_used;
+    own->columns = f->columns_used;
     for (i = 0; i < count; i++) {
         const long row = f->chosen[i];
         f->parameters[f->parameters_used++] = data->steps_rise[row];
@@ -290,7 +295,7 @@ static int steps_assemble(struct frame *f, long count)
         f->columns[f->columns_used++] = f->firsts[0] + f->h_of_steps_[row] * 1;    /* h */
         rows++;
     }
-    f->data_set[5] = rows;
+    own->rows = rows;
     return (int)rows;
 }
 
@@ -316,10 +321,10 @@ static int assemble(struct frame *f)
 
 /* The standard deviation of a quantity with the derivatives `slopes` by the coordinates at `places`, by
  * linear propagation; negative where the data do not determine it. `row` says which of several quantities it is. */
-static double spread_of(const struct frame *f, long row, long count, const long *rows, const long *columns,
+static double spread_of(struct frame *f, long row, long count, const long *rows, const long *columns,
     const long *places, const double *slopes, double *gradient)
 {
-    const long n = f->system[1];
+    const long n = f->system->n;
     double variance = 0.0;
     long i, j, k;
 
@@ -334,7 +339,7 @@ static double spread_of(const struct frame *f, long row, long count, const long 
         else if (!f->fixed[place])
             return -1.0;
     }
-    if (f->states[4] != 0 && !determines(f->system, gradient, f->work, f->flags))
+    if (f->states[4] != 0 && !determines(f->system, gradient, &f->work))
         return -1.0;
     for (i = 0; i < n; i++) {
         if (gradient[i] == 0.0)
@@ -465,21 +470,21 @@ static int prepare(struct frame *f, const derived_data *data,
     if (status != 0)
         return status;
     for (c = 0; c < 52; c++)
-        f->system[c] = SYSTEM[c];
+        ((long *)f->system)[c] = SYSTEM[c];
     count = f->firsts[1];
     for (c = 0; c < count; c++)
         f->used[c] = 0;
     for (b = 0; b < 1; b++) {
-        const long *block = f->system + 24 + b * 16;
-        const long *own = f->data_set + 1 + b * 5;
-        mark_used(f->system, block, own[4], f->columns + own[3], f->used);
+        const struct data_block *own = &blocks_of_data_set(f->data_set)[b];
+        mark_used(&blocks_of_problem(f->system)[b], own->rows, f->columns + own->columns, f->used);
     }
     c = free_coordinates(UNKNOWNS, 1, f->members, f->firsts, f->used, f->fixed, f->column);
     renumber(f->columns_used, f->column, f->columns);
-    set_coordinates(f->system, 52, c, UNKNOWNS, 1, f->members, f->offsets,
+    set_coordinates((long *)f->system, 52, c, UNKNOWNS, 1, f->members, f->offsets,
         f->firsts, f->column);
-    f->data_set[0] = set_capacities(f->system, f->data_set);
+    f->data_set->count = set_capacities(f->system, f->data_set);
     set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);
+    share_out(f->system, &f->work);
     for (b = 0; b < count; b++)
         if (f->column[b] >= 0)
             f->coordinates[f->column[b]] = b;
@@ -491,7 +496,7 @@ static int prepare(struct frame *f, const derived_data *data,
 /* Where the answer stands; `sigma` of what is not determined is negative, of what stays 0. */
 static void answer(struct frame *f, derived_result *result)
 {
-    const long n = f->system[1], all = f->firsts[1];
+    const long n = f->system->n, all = f->firsts[1];
     long c;
 
     if (!derive_climb(f))
@@ -508,7 +513,7 @@ static void answer(struct frame *f, derived_result *result)
     result->both = f->derived_both;
     result->both_sigma = f->derived_both_sigma;
     if (f->states[4] != 0)
-        mask_undetermined(f->system, f->work, f->covariance);
+        mask_undetermined(f->system, &f->work, f->covariance);
     for (c = 0; c < all; c++)
         f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
     for (c = 0; c < n; c++) {
@@ -562,11 +567,11 @@ int derived_solve(const derived_data *data, derived_result *result, derived_work
     result->status = prepare(f, data, workspace);
     if (result->status != 0)
         return result->status;
-    n = f->system[1];
+    n = f->system->n;
     for (c = 0; c < 1; c++)
         factors[c] = 1.0;
     solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
-        f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
+        f->start, &f->work, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
         f->multipliers, f->kappa, factors, f->spare);
     result->cost = f->results[2];
     result->status = status_of(f);
@@ -589,10 +594,10 @@ int derived_begin(const derived_data *data, derived_result *result, derived_work
     result->status = prepare(f, data, workspace);
     if (result->status != 0)
         return result->status;
-    n = f->system[1];
+    n = f->system->n;
     for (c = 0; c < n * n; c++)
         f->covariance[c] = NAN;
-    for (c = 0; c < f->system[0]; c++)
+    for (c = 0; c < f->system->numbers; c++)
         f->point[c] = f->start[c];
     f->states[4] = 0;
     answer(f, result);
@@ -603,7 +608,7 @@ long derived_residual_count(const derived_data *data, derived_workspace *workspa
 {
     struct frame f;
 
-    return prepare(&f, data, workspace) == 0 ? f.data_set[0] : 0;
+    return prepare(&f, data, workspace) == 0 ? f.data_set->count : 0;
 }
 
 void derived_residuals(const derived_data *data, const double *point, double *residuals,
@@ -636,14 +641,14 @@ int derived_covariance(const derived_data *data, const double *point, double *co
 
     if (prepare(f, data, workspace) != 0)
         return 0;
-    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work);
-    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, f->work, f->constants,
+    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work.rows);
+    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, &f->work, f->constants,
         f->triangle);
-    for (c = 0; c < f->system[1]; c++)
+    for (c = 0; c < f->system->n; c++)
         f->sides[c] = 0;
-    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, &f->work, covariance)
         < 1e300;
-    mask_undetermined(f->system, f->work, covariance);
+    mask_undetermined(f->system, &f->work, covariance);
     return (int)c;
 }
 

@@ -11,7 +11,7 @@
 /* How the solver's description of the equations begins: what no data change. */
 static const long SYSTEM[52] = {
     0, 0, 0, 1, 0, 0, 1, 0, 100, 0, 0, 0, 0, 32, 0, 0, 0, 24, 0, 1, 0, 0, 0, 0, 0, 1, 1, 2, 2, 2, 2, 2, 2, 1,
-    1, 40, 46, -1, 52, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0
+    1, 16, 22, -1, 28, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0
 };
 
 /* Of each unknown: numbers, coordinates, family, positive, pieces. */
@@ -53,16 +53,19 @@ struct frame {
     long members[2];        /* of each unknown; 1 without a family */
     long offsets[3];        /* where the numbers of each unknown begin */
     long firsts[3];         /* where its coordinates begin */
-    long data_set[6];      /* as the solver wants it */
+    long data_numbers[6];      /* of `data_set` */
     long *kept_of_d;    /* the rows that the problem keeps */
     long kept_of_d_count;
     long *o_of_d;    /* the member that each row names */
     long *d_kind_members;    /* a row of `d` for each member */
     long d_kind_members_count;
-    long *chosen, *fixed, *used, *column, *index, *columns, *system, *sides, *flags, *coordinates;
+    long *chosen, *fixed, *used, *column, *index, *columns, *sides, *coordinates;
+    struct problem *system;
+    struct work work;
+    struct data_set *data_set;    /* as the solver wants it */
     long parameters_used, weights_used, index_used, columns_used;
     double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;
-    double *triangle, *covariance, *multipliers, *work, *spare;
+    double *triangle, *covariance, *multipliers, *spare;
     double kappa[1];    /* of each kind of unit: what limits leave */
     double results[8];
     long states[8];
@@ -73,7 +76,7 @@ static void lay_out(struct frame *f, const distinct_data *data, struct arena *a)
 {
     long n, numbers, residuals = 4, inputs = 0, weights = 0, multipliers = 0, i;
     long parameters = 0, index = 0, columns = 0, chosen = 1;
-    long header[24] = {0};
+    struct problem header = {0};
 
     f->data = data;
     f->kept_of_d = integers_of(a, data->d_rows);
@@ -100,7 +103,7 @@ static void lay_out(struct frame *f, const distinct_data *data, struct arena *a)
     f->column = integers_of(a, n + 1);
     f->sides = integers_of(a, n + 1);
     f->coordinates = integers_of(a, n + 1);
-    f->system = integers_of(a, 52 + (2 + 8) * n);
+    f->system = (struct problem *)integers_of(a, 52 + (2 + 8) * n);
     f->parameters = reals_of(a, parameters + 1);
     f->weights = reals_of(a, weights + 1);
     f->scratch = reals_of(a, 1);
@@ -113,20 +116,21 @@ static void lay_out(struct frame *f, const distinct_data *data, struct arena *a)
     f->triangle = reals_of(a, (n + 1) * (n + 1));
     f->covariance = reals_of(a, n * n);
     f->multipliers = reals_of(a, multipliers + 1);
-    header[0] = numbers;
-    header[1] = n;
-    header[5] = multipliers;
-    header[10] = residuals;
-    header[11] = inputs;
-    header[12] = weights + 2 * multipliers;
-    header[13] = 32;
-    header[14] = 96;
-    f->work = reals_of(a, work_reals(header));
+    header.numbers = numbers;
+    header.n = n;
+    header.most_multipliers = multipliers;
+    header.most_residuals = residuals;
+    header.most_inputs = inputs;
+    header.most_weights = weights + 2 * multipliers;
+    header.chunk = 32;
+    header.most_outputs = 96;
+    f->work.reals = reals_of(a, work_reals(&header));
     f->spare = reals_of(a, 11 + 2 * n);
-    f->flags = integers_of(a, work_integers(header));
+    f->work.integers = integers_of(a, work_integers(&header));
     f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;
     for (i = 0; i < 6; i++)
-        f->data_set[i] = 0;
+        f->data_numbers[i] = 0;
+    f->data_set = (struct data_set *)f->data_numbers;
 }
 
 /* The place of a key among cells: those in `rows`, or the first `count`; -1: it is none. Data often come
@@ -296,14 +300,15 @@ static int d_assemble(struct frame *f, long count)
 {
     const distinct_data *data = f->data;
     double inputs[1], noise[1];
+    struct data_block *own = &blocks_of_data_set(f->data_set)[0];
     long i, rows = 0;
 
     (void)data;
     inputs[0] = 0.0;
-    f->data_set[1] = f->parameters_used;
-    f->data_set[2] = f->weights_used;
-    f->data_set[3] = f->index_used;
-    f->data_set[4] = f->columns_used;
+    own->parameters = f->parameters_used;
+    own->weights = f->weights_used;
+    own->index = f->index_used;
+    own->columns = f->columns_used;
     for (i = 0; i < count; i++) {
         const long row = f->chosen[i];
         f->parameters[f->parameters_used++] = data->d_x[row];
@@ -318,7 +323,7 @@ static int d_assemble(struct frame *f, long count)
         f->columns[f->columns_used++] = f->firsts[1] + f->o_of_d[row] * 1;    /* o */
         rows++;
     }
-    f->data_set[5] = rows;
+    own->rows = rows;
     return (int)rows;
 }
 
@@ -368,21 +373,21 @@ static int prepare(struct frame *f, const distinct_data *data,
     if (status != 0)
         return status;
     for (c = 0; c < 52; c++)
-        f->system[c] = SYSTEM[c];
+        ((long *)f->system)[c] = SYSTEM[c];
     count = f->firsts[2];
     for (c = 0; c < count; c++)
         f->used[c] = 0;
     for (b = 0; b < 1; b++) {
-        const long *block = f->system + 24 + b * 16;
-        const long *own = f->data_set + 1 + b * 5;
-        mark_used(f->system, block, own[4], f->columns + own[3], f->used);
+        const struct data_block *own = &blocks_of_data_set(f->data_set)[b];
+        mark_used(&blocks_of_problem(f->system)[b], own->rows, f->columns + own->columns, f->used);
     }
     c = free_coordinates(UNKNOWNS, 2, f->members, f->firsts, f->used, f->fixed, f->column);
     renumber(f->columns_used, f->column, f->columns);
-    set_coordinates(f->system, 52, c, UNKNOWNS, 2, f->members, f->offsets,
+    set_coordinates((long *)f->system, 52, c, UNKNOWNS, 2, f->members, f->offsets,
         f->firsts, f->column);
-    f->data_set[0] = set_capacities(f->system, f->data_set);
+    f->data_set->count = set_capacities(f->system, f->data_set);
     set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);
+    share_out(f->system, &f->work);
     for (b = 0; b < count; b++)
         if (f->column[b] >= 0)
             f->coordinates[f->column[b]] = b;
@@ -394,11 +399,11 @@ static int prepare(struct frame *f, const distinct_data *data,
 /* Where the answer stands; `sigma` of what is not determined is negative, of what stays 0. */
 static void answer(struct frame *f, distinct_result *result)
 {
-    const long n = f->system[1], all = f->firsts[2];
+    const long n = f->system->n, all = f->firsts[2];
     long c;
 
     if (f->states[4] != 0)
-        mask_undetermined(f->system, f->work, f->covariance);
+        mask_undetermined(f->system, &f->work, f->covariance);
     for (c = 0; c < all; c++)
         f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
     for (c = 0; c < n; c++) {
@@ -454,11 +459,11 @@ int distinct_solve(const distinct_data *data, distinct_result *result, distinct_
     result->status = prepare(f, data, workspace);
     if (result->status != 0)
         return result->status;
-    n = f->system[1];
+    n = f->system->n;
     for (c = 0; c < 1; c++)
         factors[c] = 1.0;
     solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
-        f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
+        f->start, &f->work, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
         f->multipliers, f->kappa, factors, f->spare);
     result->cost = f->results[2];
     result->status = status_of(f);
@@ -481,10 +486,10 @@ int distinct_begin(const distinct_data *data, distinct_result *result, distinct_
     result->status = prepare(f, data, workspace);
     if (result->status != 0)
         return result->status;
-    n = f->system[1];
+    n = f->system->n;
     for (c = 0; c < n * n; c++)
         f->covariance[c] = NAN;
-    for (c = 0; c < f->system[0]; c++)
+    for (c = 0; c < f->system->numbers; c++)
         f->point[c] = f->start[c];
     f->states[4] = 0;
     answer(f, result);
@@ -495,7 +500,7 @@ long distinct_residual_count(const distinct_data *data, distinct_workspace *work
 {
     struct frame f;
 
-    return prepare(&f, data, workspace) == 0 ? f.data_set[0] : 0;
+    return prepare(&f, data, workspace) == 0 ? f.data_set->count : 0;
 }
 
 void distinct_residuals(const distinct_data *data, const double *point, double *residuals,
@@ -528,14 +533,14 @@ int distinct_covariance(const distinct_data *data, const double *point, double *
 
     if (prepare(f, data, workspace) != 0)
         return 0;
-    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work);
-    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, f->work, f->constants,
+    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work.rows);
+    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, &f->work, f->constants,
         f->triangle);
-    for (c = 0; c < f->system[1]; c++)
+    for (c = 0; c < f->system->n; c++)
         f->sides[c] = 0;
-    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, &f->work, covariance)
         < 1e300;
-    mask_undetermined(f->system, f->work, covariance);
+    mask_undetermined(f->system, &f->work, covariance);
     return (int)c;
 }
 

@@ -11,7 +11,7 @@
 /* How the solver's description of the equations begins: what no data change. */
 static const long SYSTEM[78] = {
     0, 0, 0, 1, 1, 0, 1, 0, 100, 0, 0, 0, 0, 32, 0, 0, 0, 24, 0, 0, 0, 0, 0, 0, 0, 1, 1, 3, 2, 3, 3, 0, 0, 1,
-    1, 56, 62, -1, 71, 0, 2, 3, 1, 2, 0, 2, 2, 0, 0, 0, 0, 71, 71, -1, 77, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1,
+    1, 32, 38, -1, 47, 0, 2, 3, 1, 2, 0, 2, 2, 0, 0, 0, 0, 31, 31, -1, 37, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1,
     0, 0, 2, 0, 0, 0, -1, 0, 1, -1, 1
 };
 
@@ -64,12 +64,16 @@ struct frame {
     long members[3];        /* of each unknown; 1 without a family */
     long offsets[4];        /* where the numbers of each unknown begin */
     long firsts[4];         /* where its coordinates begin */
-    long data_set[11];      /* as the solver wants it */
-    long *chosen, *fixed, *used, *column, *index, *columns, *system, *sides, *flags, *coordinates;
+    long data_numbers[11];      /* of `data_set` */
+    long *chosen, *fixed, *used, *column, *index, *columns, *sides, *coordinates;
+    struct problem *system;
+    struct work work;
+    struct data_set *data_set;    /* as the solver wants it */
     long parameters_used, weights_used, index_used, columns_used;
     double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;
-    double *triangle, *covariance, *multipliers, *work, *spare;
-    long *rules, *wide, *places;    /* of consensus: what is asked for, the equations, scratch */
+    double *triangle, *covariance, *multipliers, *spare;
+    long *rules, *places;    /* of consensus: what is asked for, scratch */
+    struct problem *wide;    /* the equations with all rows side by side */
     double *desk, *bench, *known;    /* scratch, and what the closed form knows of the units */
     long agreement[4], units;
     int startless;
@@ -83,7 +87,7 @@ static void lay_out(struct frame *f, const held_data *data, struct arena *a)
 {
     long n, numbers, residuals = 4, inputs = 0, weights = 0, multipliers = 0, i;
     long parameters = 0, index = 0, columns = 0, chosen = 1;
-    long header[24] = {0};
+    struct problem header = {0};
 
     f->data = data;
     f->members[0] = 1;
@@ -115,7 +119,7 @@ static void lay_out(struct frame *f, const held_data *data, struct arena *a)
     f->column = integers_of(a, n + 1);
     f->sides = integers_of(a, n + 1);
     f->coordinates = integers_of(a, n + 1);
-    f->system = integers_of(a, 78 + (2 + 8) * n);
+    f->system = (struct problem *)integers_of(a, 78 + (2 + 8) * n);
     f->parameters = reals_of(a, parameters + 1);
     f->weights = reals_of(a, weights + 1);
     f->scratch = reals_of(a, 1);
@@ -128,42 +132,43 @@ static void lay_out(struct frame *f, const held_data *data, struct arena *a)
     f->triangle = reals_of(a, (n + 1) * (n + 1));
     f->covariance = reals_of(a, n * n);
     f->multipliers = reals_of(a, multipliers + 1);
-    header[0] = numbers;
-    header[1] = n;
-    header[5] = multipliers;
-    header[10] = residuals;
-    header[11] = inputs;
-    header[12] = weights + 2 * multipliers;
-    header[13] = 32;
-    header[14] = 128;
+    header.numbers = numbers;
+    header.n = n;
+    header.most_multipliers = multipliers;
+    header.most_residuals = residuals;
+    header.most_inputs = inputs;
+    header.most_weights = weights + 2 * multipliers;
+    header.chunk = 32;
+    header.most_outputs = 128;
     {    /* consensus: all rows side by side */
         long room[16] = {0, 0, 1361133826, 697191286, 0, 22, 0, 1, 0, 121, 16, 20, 0, 0, 0, 1};
         long units = 1, rows = 1;
-        header[3] = 1;
-        header[4] = 1;
-        if (header[13] < residuals)
-            header[13] = (residuals + 3) / 4 * 4;
-        if (header[14] < 4 * (header[13] / 1 + 1))
-            header[14] = 4 * (header[13] / 1 + 1);
-        if (header[14] < 3 * (header[13] / 1 + 1))
-            header[14] = 3 * (header[13] / 1 + 1);
+        header.residual_blocks = 1;
+        header.constraint_blocks = 1;
+        if (header.chunk < residuals)
+            header.chunk = (residuals + 3) / 4 * 4;
+        if (header.most_outputs < 4 * (header.chunk / 1 + 1))
+            header.most_outputs = 4 * (header.chunk / 1 + 1);
+        if (header.most_outputs < 3 * (header.chunk / 1 + 1))
+            header.most_outputs = 3 * (header.chunk / 1 + 1);
         units += data->d_rows * 1;
         rows += (n + 1) * 3;
         room[8] = units;
         room[13] = rows;
         f->rules = integers_of(a, 22);
-        f->wide = integers_of(a, 78 + (2 + 8) * n);
-        f->places = integers_of(a, places_integers(header, room));
-        f->bench = reals_of(a, bench_reals(header, room));
-        f->desk = reals_of(a, work_reals(header));
+        f->wide = (struct problem *)integers_of(a, 78 + (2 + 8) * n);
+        f->places = integers_of(a, places_integers(&header, room));
+        f->bench = reals_of(a, bench_reals(&header, room));
+        f->desk = reals_of(a, rows_reals(&header));
         f->known = reals_of(a, units * 1);
     }
-    f->work = reals_of(a, work_reals(header));
+    f->work.reals = reals_of(a, work_reals(&header));
     f->spare = reals_of(a, 13 + 2 * n);
-    f->flags = integers_of(a, work_integers(header));
+    f->work.integers = integers_of(a, work_integers(&header));
     f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;
     for (i = 0; i < 11; i++)
-        f->data_set[i] = 0;
+        f->data_numbers[i] = 0;
+    f->data_set = (struct data_set *)f->data_numbers;
 }
 
 /* The rows that count, the members of families, and what the keys name. */
@@ -326,14 +331,15 @@ static int d_assemble(struct frame *f, long count)
 {
     const held_data *data = f->data;
     double inputs[1], noise[1];
+    struct data_block *own = &blocks_of_data_set(f->data_set)[0];
     long i, rows = 0;
 
     (void)data;
     inputs[0] = 0.0;
-    f->data_set[1] = f->parameters_used;
-    f->data_set[2] = f->weights_used;
-    f->data_set[3] = f->index_used;
-    f->data_set[4] = f->columns_used;
+    own->parameters = f->parameters_used;
+    own->weights = f->weights_used;
+    own->index = f->index_used;
+    own->columns = f->columns_used;
     for (i = 0; i < count; i++) {
         const long row = f->chosen[i];
         f->parameters[f->parameters_used++] = data->d_x[row];
@@ -352,7 +358,7 @@ static int d_assemble(struct frame *f, long count)
         }
         rows++;
     }
-    f->data_set[5] = rows;
+    own->rows = rows;
     return (int)rows;
 }
 
@@ -361,13 +367,14 @@ static int d_assemble(struct frame *f, long count)
 static int a_b_3_assemble(struct frame *f, long count)
 {
     const held_data *data = f->data;
+    struct data_block *own = &blocks_of_data_set(f->data_set)[1];
     long i, rows = 0;
 
     (void)data;
-    f->data_set[6] = f->parameters_used;
-    f->data_set[7] = f->weights_used;
-    f->data_set[8] = f->index_used;
-    f->data_set[9] = f->columns_used;
+    own->parameters = f->parameters_used;
+    own->weights = f->weights_used;
+    own->index = f->index_used;
+    own->columns = f->columns_used;
     for (i = 0; i < count; i++) {
         if (rows == 0) {    /* all rows share their unknowns */
             f->index[f->index_used++] = f->offsets[0];    /* a */
@@ -377,7 +384,7 @@ static int a_b_3_assemble(struct frame *f, long count)
         }
         rows++;
     }
-    f->data_set[10] = rows;
+    own->rows = rows;
     return (int)rows;
 }
 
@@ -436,21 +443,21 @@ static int prepare(struct frame *f, const held_data *data,
     if (status != 0)
         return status;
     for (c = 0; c < 78; c++)
-        f->system[c] = SYSTEM[c];
+        ((long *)f->system)[c] = SYSTEM[c];
     count = f->firsts[3];
     for (c = 0; c < count; c++)
         f->used[c] = 0;
     for (b = 0; b < 2; b++) {
-        const long *block = f->system + 24 + b * 16;
-        const long *own = f->data_set + 1 + b * 5;
-        mark_used(f->system, block, own[4], f->columns + own[3], f->used);
+        const struct data_block *own = &blocks_of_data_set(f->data_set)[b];
+        mark_used(&blocks_of_problem(f->system)[b], own->rows, f->columns + own->columns, f->used);
     }
     c = free_coordinates(UNKNOWNS, 3, f->members, f->firsts, f->used, f->fixed, f->column);
     renumber(f->columns_used, f->column, f->columns);
-    set_coordinates(f->system, 78, c, UNKNOWNS, 3, f->members, f->offsets,
+    set_coordinates((long *)f->system, 78, c, UNKNOWNS, 3, f->members, f->offsets,
         f->firsts, f->column);
-    f->data_set[0] = set_capacities(f->system, f->data_set);
+    f->data_set->count = set_capacities(f->system, f->data_set);
     set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);
+    share_out(f->system, &f->work);
     for (b = 0; b < count; b++)
         if (f->column[b] >= 0)
             f->coordinates[f->column[b]] = b;
@@ -470,15 +477,15 @@ static int agree_on(struct frame *f, double *factors)
 {
     long scalars;
 
-    if (f->system[1] > 1
+    if (f->system->n > 1
         && !connected(f->system, f->data_set, f->columns, f->places))
         return HELD_NOT_CONNECTED;
     scalars = set_room(f->system, f->data_set, f->rules);
-    side_by_side(f->system, 78 + (2 + 8) * f->system[1], f->wide);
+    side_by_side((long *)f->system, 78 + (2 + 8) * f->system->n, (long *)f->wide);
     f->rules[14] = f->startless;
     f->units = come_to_agreement(1, scalars, f->system, f->wide, f->constants,
         f->data_set, f->parameters, f->weights, f->index, f->columns, f->rules, LEVELS, f->known,
-        f->start, f->work, f->desk, f->bench, f->places, f->agreement, f->kappa, factors);
+        f->start, f->work.rows, f->desk, f->bench, f->places, f->agreement, f->kappa, factors);
     if (f->startless && f->agreement[0] == 0)
         return HELD_NO_START;
     return 0;
@@ -487,11 +494,11 @@ static int agree_on(struct frame *f, double *factors)
 /* Where the answer stands; `sigma` of what is not determined is negative, of what stays 0. */
 static void answer(struct frame *f, held_result *result)
 {
-    const long n = f->system[1], all = f->firsts[3];
+    const long n = f->system->n, all = f->firsts[3];
     long c;
 
     if (f->states[4] != 0)
-        mask_undetermined(f->system, f->work, f->covariance);
+        mask_undetermined(f->system, &f->work, f->covariance);
     for (c = 0; c < all; c++)
         f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
     for (c = 0; c < n; c++) {
@@ -553,19 +560,19 @@ int held_solve(const held_data *data, held_result *result, held_workspace *works
     result->status = prepare(f, data, workspace);
     if (result->status != 0)
         return result->status;
-    n = f->system[1];
+    n = f->system->n;
     for (c = 0; c < 1; c++)
         factors[c] = 1.0;
     result->status = agree_on(f, factors);
     if (result->status != 0)
         return result->status;
     solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
-        f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
+        f->start, &f->work, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
         f->multipliers, f->kappa, factors, f->spare);
     result->cost = f->results[2];
     if (f->states[0] != 7
         && !inform(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index, f->columns, f->point,
-            f->kappa, f->sides, f->work, f->flags, f->triangle, f->covariance))
+            f->kappa, f->sides, &f->work, f->triangle, f->covariance))
         f->states[4] = 1;
     result->status = status_of(f);
     result->iterations = f->states[1];
@@ -587,10 +594,10 @@ int held_begin(const held_data *data, held_result *result, held_workspace *works
     result->status = prepare(f, data, workspace);
     if (result->status != 0)
         return result->status;
-    n = f->system[1];
+    n = f->system->n;
     for (c = 0; c < n * n; c++)
         f->covariance[c] = NAN;
-    for (c = 0; c < f->system[0]; c++)
+    for (c = 0; c < f->system->numbers; c++)
         f->point[c] = f->start[c];
     f->states[4] = 0;
     answer(f, result);
@@ -601,7 +608,7 @@ long held_residual_count(const held_data *data, held_workspace *workspace)
 {
     struct frame f;
 
-    return prepare(&f, data, workspace) == 0 ? f.data_set[0] : 0;
+    return prepare(&f, data, workspace) == 0 ? f.data_set->count : 0;
 }
 
 void held_residuals(const held_data *data, const double *point, double *residuals,
@@ -634,14 +641,14 @@ int held_covariance(const held_data *data, const double *point, double *covarian
 
     if (prepare(f, data, workspace) != 0)
         return 0;
-    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work);
-    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, f->work, f->constants,
+    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work.rows);
+    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, &f->work, f->constants,
         f->triangle);
-    for (c = 0; c < f->system[1]; c++)
+    for (c = 0; c < f->system->n; c++)
         f->sides[c] = 0;
-    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, &f->work, covariance)
         < 1e300;
-    mask_undetermined(f->system, f->work, covariance);
+    mask_undetermined(f->system, &f->work, covariance);
     return (int)c;
 }
 

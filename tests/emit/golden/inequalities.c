@@ -11,8 +11,8 @@
 /* How the solver's description of the equations begins: what no data change. */
 static const long SYSTEM[95] = {
     0, 0, 0, 1, 2, 0, 1, 0, 100, 0, 0, 0, 0, 32, 0, 0, 0, 24, 0, 0, 0, 0, 0, 0, 0, 1, 1, 2, 2, 2, 2, 0, 0, 1,
-    1, 72, 78, -1, 84, 0, 2, 3, 1, 2, 0, 2, 2, 0, 0, 0, 0, 84, 84, -1, 90, 0, 4, 5, 1, 1, 0, 1, 1, 0, 0, 0, 0,
-    91, 91, -1, 94, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, -1, 0, 1, -1, 0, 0, 0, -1, 0
+    1, 48, 54, -1, 60, 0, 2, 3, 1, 2, 0, 2, 2, 0, 0, 0, 0, 44, 44, -1, 50, 0, 4, 5, 1, 1, 0, 1, 1, 0, 0, 0, 0,
+    35, 35, -1, 38, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, -1, 0, 1, -1, 0, 0, 0, -1, 0
 };
 
 /* Of each unknown: numbers, coordinates, family, positive, pieces. */
@@ -54,11 +54,14 @@ struct frame {
     long members[2];        /* of each unknown; 1 without a family */
     long offsets[3];        /* where the numbers of each unknown begin */
     long firsts[3];         /* where its coordinates begin */
-    long data_set[16];      /* as the solver wants it */
-    long *chosen, *fixed, *used, *column, *index, *columns, *system, *sides, *flags, *coordinates;
+    long data_numbers[16];      /* of `data_set` */
+    long *chosen, *fixed, *used, *column, *index, *columns, *sides, *coordinates;
+    struct problem *system;
+    struct work work;
+    struct data_set *data_set;    /* as the solver wants it */
     long parameters_used, weights_used, index_used, columns_used;
     double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;
-    double *triangle, *covariance, *multipliers, *work, *spare;
+    double *triangle, *covariance, *multipliers, *spare;
     double kappa[1];    /* of each kind of unit: what limits leave */
     double results[8];
     long states[8];
@@ -69,7 +72,7 @@ static void lay_out(struct frame *f, const inequalities_data *data, struct arena
 {
     long n, numbers, residuals = 4, inputs = 0, weights = 0, multipliers = 0, i;
     long parameters = 0, index = 0, columns = 0, chosen = 1;
-    long header[24] = {0};
+    struct problem header = {0};
 
     f->data = data;
     f->members[0] = 1;
@@ -107,7 +110,7 @@ static void lay_out(struct frame *f, const inequalities_data *data, struct arena
     f->column = integers_of(a, n + 1);
     f->sides = integers_of(a, n + 1);
     f->coordinates = integers_of(a, n + 1);
-    f->system = integers_of(a, 95 + (2 + 8) * n);
+    f->system = (struct problem *)integers_of(a, 95 + (2 + 8) * n);
     f->parameters = reals_of(a, parameters + 1);
     f->weights = reals_of(a, weights + 1);
     f->scratch = reals_of(a, 1);
@@ -120,20 +123,21 @@ static void lay_out(struct frame *f, const inequalities_data *data, struct arena
     f->triangle = reals_of(a, (n + 1) * (n + 1));
     f->covariance = reals_of(a, n * n);
     f->multipliers = reals_of(a, multipliers + 1);
-    header[0] = numbers;
-    header[1] = n;
-    header[5] = multipliers;
-    header[10] = residuals;
-    header[11] = inputs;
-    header[12] = weights + 2 * multipliers;
-    header[13] = 32;
-    header[14] = 96;
-    f->work = reals_of(a, work_reals(header));
+    header.numbers = numbers;
+    header.n = n;
+    header.most_multipliers = multipliers;
+    header.most_residuals = residuals;
+    header.most_inputs = inputs;
+    header.most_weights = weights + 2 * multipliers;
+    header.chunk = 32;
+    header.most_outputs = 96;
+    f->work.reals = reals_of(a, work_reals(&header));
     f->spare = reals_of(a, 11 + 2 * n);
-    f->flags = integers_of(a, work_integers(header));
+    f->work.integers = integers_of(a, work_integers(&header));
     f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;
     for (i = 0; i < 16; i++)
-        f->data_set[i] = 0;
+        f->data_numbers[i] = 0;
+    f->data_set = (struct data_set *)f->data_numbers;
 }
 
 /* The rows that count, the members of families, and what the keys name. */
@@ -255,14 +259,15 @@ static int d_assemble(struct frame *f, long count)
 {
     const inequalities_data *data = f->data;
     double inputs[1], noise[1];
+    struct data_block *own = &blocks_of_data_set(f->data_set)[0];
     long i, rows = 0;
 
     (void)data;
     inputs[0] = 0.0;
-    f->data_set[1] = f->parameters_used;
-    f->data_set[2] = f->weights_used;
-    f->data_set[3] = f->index_used;
-    f->data_set[4] = f->columns_used;
+    own->parameters = f->parameters_used;
+    own->weights = f->weights_used;
+    own->index = f->index_used;
+    own->columns = f->columns_used;
     for (i = 0; i < count; i++) {
         const long row = f->chosen[i];
         f->parameters[f->parameters_used++] = data->d_x[row];
@@ -279,7 +284,7 @@ static int d_assemble(struct frame *f, long count)
         }
         rows++;
     }
-    f->data_set[5] = rows;
+    own->rows = rows;
     return (int)rows;
 }
 
@@ -288,13 +293,14 @@ static int d_assemble(struct frame *f, long count)
 static int a_b_3_assemble(struct frame *f, long count)
 {
     const inequalities_data *data = f->data;
+    struct data_block *own = &blocks_of_data_set(f->data_set)[1];
     long i, rows = 0;
 
     (void)data;
-    f->data_set[6] = f->parameters_used;
-    f->data_set[7] = f->weights_used;
-    f->data_set[8] = f->index_used;
-    f->data_set[9] = f->columns_used;
+    own->parameters = f->parameters_used;
+    own->weights = f->weights_used;
+    own->index = f->index_used;
+    own->columns = f->columns_used;
     for (i = 0; i < count; i++) {
         if (rows == 0) {    /* all rows share their unknowns */
             f->index[f->index_used++] = f->offsets[0];    /* a */
@@ -304,7 +310,7 @@ static int a_b_3_assemble(struct frame *f, long count)
         }
         rows++;
     }
-    f->data_set[10] = rows;
+    own->rows = rows;
     return (int)rows;
 }
 
@@ -313,13 +319,14 @@ static int a_b_3_assemble(struct frame *f, long count)
 static int b_10_assemble(struct frame *f, long count)
 {
     const inequalities_data *data = f->data;
+    struct data_block *own = &blocks_of_data_set(f->data_set)[2];
     long i, rows = 0;
 
     (void)data;
-    f->data_set[11] = f->parameters_used;
-    f->data_set[12] = f->weights_used;
-    f->data_set[13] = f->index_used;
-    f->data_set[14] = f->columns_used;
+    own->parameters = f->parameters_used;
+    own->weights = f->weights_used;
+    own->index = f->index_used;
+    own->columns = f->columns_used;
     for (i = 0; i < count; i++) {
         if (rows == 0) {    /* all rows share their unknowns */
             f->index[f->index_used++] = f->offsets[1];    /* b */
@@ -327,7 +334,7 @@ static int b_10_assemble(struct frame *f, long count)
         }
         rows++;
     }
-    f->data_set[15] = rows;
+    own->rows = rows;
     return (int)rows;
 }
 
@@ -395,21 +402,21 @@ static int prepare(struct frame *f, const inequalities_data *data,
     if (status != 0)
         return status;
     for (c = 0; c < 95; c++)
-        f->system[c] = SYSTEM[c];
+        ((long *)f->system)[c] = SYSTEM[c];
     count = f->firsts[2];
     for (c = 0; c < count; c++)
         f->used[c] = 0;
     for (b = 0; b < 3; b++) {
-        const long *block = f->system + 24 + b * 16;
-        const long *own = f->data_set + 1 + b * 5;
-        mark_used(f->system, block, own[4], f->columns + own[3], f->used);
+        const struct data_block *own = &blocks_of_data_set(f->data_set)[b];
+        mark_used(&blocks_of_problem(f->system)[b], own->rows, f->columns + own->columns, f->used);
     }
     c = free_coordinates(UNKNOWNS, 2, f->members, f->firsts, f->used, f->fixed, f->column);
     renumber(f->columns_used, f->column, f->columns);
-    set_coordinates(f->system, 95, c, UNKNOWNS, 2, f->members, f->offsets,
+    set_coordinates((long *)f->system, 95, c, UNKNOWNS, 2, f->members, f->offsets,
         f->firsts, f->column);
-    f->data_set[0] = set_capacities(f->system, f->data_set);
+    f->data_set->count = set_capacities(f->system, f->data_set);
     set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);
+    share_out(f->system, &f->work);
     for (b = 0; b < count; b++)
         if (f->column[b] >= 0)
             f->coordinates[f->column[b]] = b;
@@ -421,11 +428,11 @@ static int prepare(struct frame *f, const inequalities_data *data,
 /* Where the answer stands; `sigma` of what is not determined is negative, of what stays 0. */
 static void answer(struct frame *f, inequalities_result *result)
 {
-    const long n = f->system[1], all = f->firsts[2];
+    const long n = f->system->n, all = f->firsts[2];
     long c;
 
     if (f->states[4] != 0)
-        mask_undetermined(f->system, f->work, f->covariance);
+        mask_undetermined(f->system, &f->work, f->covariance);
     for (c = 0; c < all; c++)
         f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
     for (c = 0; c < n; c++) {
@@ -479,11 +486,11 @@ int inequalities_solve(const inequalities_data *data, inequalities_result *resul
     result->status = prepare(f, data, workspace);
     if (result->status != 0)
         return result->status;
-    n = f->system[1];
+    n = f->system->n;
     for (c = 0; c < 1; c++)
         factors[c] = 1.0;
     solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
-        f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
+        f->start, &f->work, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
         f->multipliers, f->kappa, factors, f->spare);
     result->cost = f->results[2];
     result->status = status_of(f);
@@ -506,10 +513,10 @@ int inequalities_begin(const inequalities_data *data, inequalities_result *resul
     result->status = prepare(f, data, workspace);
     if (result->status != 0)
         return result->status;
-    n = f->system[1];
+    n = f->system->n;
     for (c = 0; c < n * n; c++)
         f->covariance[c] = NAN;
-    for (c = 0; c < f->system[0]; c++)
+    for (c = 0; c < f->system->numbers; c++)
         f->point[c] = f->start[c];
     f->states[4] = 0;
     answer(f, result);
@@ -520,7 +527,7 @@ long inequalities_residual_count(const inequalities_data *data, inequalities_wor
 {
     struct frame f;
 
-    return prepare(&f, data, workspace) == 0 ? f.data_set[0] : 0;
+    return prepare(&f, data, workspace) == 0 ? f.data_set->count : 0;
 }
 
 void inequalities_residuals(const inequalities_data *data, const double *point, double *residuals,
@@ -553,14 +560,14 @@ int inequalities_covariance(const inequalities_data *data, const double *point, 
 
     if (prepare(f, data, workspace) != 0)
         return 0;
-    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work);
-    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, f->work, f->constants,
+    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work.rows);
+    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, &f->work, f->constants,
         f->triangle);
-    for (c = 0; c < f->system[1]; c++)
+    for (c = 0; c < f->system->n; c++)
         f->sides[c] = 0;
-    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, &f->work, covariance)
         < 1e300;
-    mask_undetermined(f->system, f->work, covariance);
+    mask_undetermined(f->system, &f->work, covariance);
     return (int)c;
 }
 

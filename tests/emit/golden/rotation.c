@@ -11,7 +11,7 @@
 /* How the solver's description of the equations begins: what no data change. */
 static const long SYSTEM[73] = {
     0, 0, 0, 1, 0, 0, 0, 0, 100, 0, 0, 0, 0, 32, 0, 0, 0, 24, 0, 0, 0, 0, 0, 0, 0, 1, 3, 4, 6, 3, 9, 0, 0, 3,
-    1, 40, 46, -1, 73, 0, 0, 3, 0, 0, 0, 0, 0, 0, 0, 1, 0, 1, 2, 0, 2, 0, 1, 0, 1, 1, 1, 2, 1, 2, 0, 2, 0, 1,
+    1, 16, 22, -1, 49, 0, 0, 3, 0, 0, 0, 0, 0, 0, 0, 1, 0, 1, 2, 0, 2, 0, 1, 0, 1, 1, 1, 2, 1, 2, 0, 2, 0, 1,
     2, 1, 2, 2, 2
 };
 
@@ -54,11 +54,14 @@ struct frame {
     long members[1];        /* of each unknown; 1 without a family */
     long offsets[2];        /* where the numbers of each unknown begin */
     long firsts[2];         /* where its coordinates begin */
-    long data_set[6];      /* as the solver wants it */
-    long *chosen, *fixed, *used, *column, *index, *columns, *system, *sides, *flags, *coordinates;
+    long data_numbers[6];      /* of `data_set` */
+    long *chosen, *fixed, *used, *column, *index, *columns, *sides, *coordinates;
+    struct problem *system;
+    struct work work;
+    struct data_set *data_set;    /* as the solver wants it */
     long parameters_used, weights_used, index_used, columns_used;
     double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;
-    double *triangle, *covariance, *multipliers, *work, *spare;
+    double *triangle, *covariance, *multipliers, *spare;
     double kappa[1];    /* of each kind of unit: what limits leave */
     double results[8];
     long states[8];
@@ -69,7 +72,7 @@ static void lay_out(struct frame *f, const rotation_data *data, struct arena *a)
 {
     long n, numbers, residuals = 4, inputs = 0, weights = 0, multipliers = 0, i;
     long parameters = 0, index = 0, columns = 0, chosen = 1;
-    long header[24] = {0};
+    struct problem header = {0};
 
     f->data = data;
     f->members[0] = 1;
@@ -92,7 +95,7 @@ static void lay_out(struct frame *f, const rotation_data *data, struct arena *a)
     f->column = integers_of(a, n + 1);
     f->sides = integers_of(a, n + 1);
     f->coordinates = integers_of(a, n + 1);
-    f->system = integers_of(a, 73 + (2 + 8) * n);
+    f->system = (struct problem *)integers_of(a, 73 + (2 + 8) * n);
     f->parameters = reals_of(a, parameters + 1);
     f->weights = reals_of(a, weights + 1);
     f->scratch = reals_of(a, 9);
@@ -105,20 +108,21 @@ static void lay_out(struct frame *f, const rotation_data *data, struct arena *a)
     f->triangle = reals_of(a, (n + 1) * (n + 1));
     f->covariance = reals_of(a, n * n);
     f->multipliers = reals_of(a, multipliers + 1);
-    header[0] = numbers;
-    header[1] = n;
-    header[5] = multipliers;
-    header[10] = residuals;
-    header[11] = inputs;
-    header[12] = weights + 2 * multipliers;
-    header[13] = 32;
-    header[14] = 120;
-    f->work = reals_of(a, work_reals(header));
+    header.numbers = numbers;
+    header.n = n;
+    header.most_multipliers = multipliers;
+    header.most_residuals = residuals;
+    header.most_inputs = inputs;
+    header.most_weights = weights + 2 * multipliers;
+    header.chunk = 32;
+    header.most_outputs = 120;
+    f->work.reals = reals_of(a, work_reals(&header));
     f->spare = reals_of(a, 28 + 6 * n);
-    f->flags = integers_of(a, work_integers(header));
+    f->work.integers = integers_of(a, work_integers(&header));
     f->parameters_used = f->weights_used = f->index_used = f->columns_used = 0;
     for (i = 0; i < 6; i++)
-        f->data_set[i] = 0;
+        f->data_numbers[i] = 0;
+    f->data_set = (struct data_set *)f->data_numbers;
 }
 
 /* The rows that count, the members of families, and what the keys name. */
@@ -196,14 +200,15 @@ static int d_assemble(struct frame *f, long count)
 {
     const rotation_data *data = f->data;
     double inputs[1], noise[3];
+    struct data_block *own = &blocks_of_data_set(f->data_set)[0];
     long i, rows = 0;
 
     (void)data;
     inputs[0] = 0.0;
-    f->data_set[1] = f->parameters_used;
-    f->data_set[2] = f->weights_used;
-    f->data_set[3] = f->index_used;
-    f->data_set[4] = f->columns_used;
+    own->parameters = f->parameters_used;
+    own->weights = f->weights_used;
+    own->index = f->index_used;
+    own->columns = f->columns_used;
     for (i = 0; i < count; i++) {
         const long row = f->chosen[i];
         f->parameters[f->parameters_used++] = data->d_x[row];
@@ -231,7 +236,7 @@ static int d_assemble(struct frame *f, long count)
         }
         rows++;
     }
-    f->data_set[5] = rows;
+    own->rows = rows;
     return (int)rows;
 }
 
@@ -281,21 +286,21 @@ static int prepare(struct frame *f, const rotation_data *data,
     if (status != 0)
         return status;
     for (c = 0; c < 73; c++)
-        f->system[c] = SYSTEM[c];
+        ((long *)f->system)[c] = SYSTEM[c];
     count = f->firsts[1];
     for (c = 0; c < count; c++)
         f->used[c] = 0;
     for (b = 0; b < 1; b++) {
-        const long *block = f->system + 24 + b * 16;
-        const long *own = f->data_set + 1 + b * 5;
-        mark_used(f->system, block, own[4], f->columns + own[3], f->used);
+        const struct data_block *own = &blocks_of_data_set(f->data_set)[b];
+        mark_used(&blocks_of_problem(f->system)[b], own->rows, f->columns + own->columns, f->used);
     }
     c = free_coordinates(UNKNOWNS, 1, f->members, f->firsts, f->used, f->fixed, f->column);
     renumber(f->columns_used, f->column, f->columns);
-    set_coordinates(f->system, 73, c, UNKNOWNS, 1, f->members, f->offsets,
+    set_coordinates((long *)f->system, 73, c, UNKNOWNS, 1, f->members, f->offsets,
         f->firsts, f->column);
-    f->data_set[0] = set_capacities(f->system, f->data_set);
+    f->data_set->count = set_capacities(f->system, f->data_set);
     set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);
+    share_out(f->system, &f->work);
     for (b = 0; b < count; b++)
         if (f->column[b] >= 0)
             f->coordinates[f->column[b]] = b;
@@ -307,11 +312,11 @@ static int prepare(struct frame *f, const rotation_data *data,
 /* Where the answer stands; `sigma` of what is not determined is negative, of what stays 0. */
 static void answer(struct frame *f, rotation_result *result)
 {
-    const long n = f->system[1], all = f->firsts[1];
+    const long n = f->system->n, all = f->firsts[1];
     long c;
 
     if (f->states[4] != 0)
-        mask_undetermined(f->system, f->work, f->covariance);
+        mask_undetermined(f->system, &f->work, f->covariance);
     for (c = 0; c < all; c++)
         f->sigma[c] = f->fixed[c] ? 0.0 : -1.0;
     for (c = 0; c < n; c++) {
@@ -363,11 +368,11 @@ int rotation_solve(const rotation_data *data, rotation_result *result, rotation_
     result->status = prepare(f, data, workspace);
     if (result->status != 0)
         return result->status;
-    n = f->system[1];
+    n = f->system->n;
     for (c = 0; c < 1; c++)
         factors[c] = 1.0;
     solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
-        f->start, f->work, f->flags, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
+        f->start, &f->work, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
         f->multipliers, f->kappa, factors, f->spare);
     result->cost = f->results[2];
     result->status = status_of(f);
@@ -390,10 +395,10 @@ int rotation_begin(const rotation_data *data, rotation_result *result, rotation_
     result->status = prepare(f, data, workspace);
     if (result->status != 0)
         return result->status;
-    n = f->system[1];
+    n = f->system->n;
     for (c = 0; c < n * n; c++)
         f->covariance[c] = NAN;
-    for (c = 0; c < f->system[0]; c++)
+    for (c = 0; c < f->system->numbers; c++)
         f->point[c] = f->start[c];
     f->states[4] = 0;
     answer(f, result);
@@ -404,7 +409,7 @@ long rotation_residual_count(const rotation_data *data, rotation_workspace *work
 {
     struct frame f;
 
-    return prepare(&f, data, workspace) == 0 ? f.data_set[0] : 0;
+    return prepare(&f, data, workspace) == 0 ? f.data_set->count : 0;
 }
 
 void rotation_residuals(const rotation_data *data, const double *point, double *residuals,
@@ -437,14 +442,14 @@ int rotation_covariance(const rotation_data *data, const double *point, double *
 
     if (prepare(f, data, workspace) != 0)
         return 0;
-    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work);
-    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, f->work, f->constants,
+    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work.rows);
+    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, &f->work, f->constants,
         f->triangle);
-    for (c = 0; c < f->system[1]; c++)
+    for (c = 0; c < f->system->n; c++)
         f->sides[c] = 0;
-    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, f->work, f->flags, covariance)
+    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, &f->work, covariance)
         < 1e300;
-    mask_undetermined(f->system, f->work, covariance);
+    mask_undetermined(f->system, &f->work, covariance);
     return (int)c;
 }
 

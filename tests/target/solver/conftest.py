@@ -45,8 +45,9 @@ class Python:
     def __call__(self, name, *arguments):
         function = FUNCTIONS[name]
         kinds = [vars(import_module(function.__module__)).get(text) for text in function.__annotations__.values()]
-        given = [a.reshape(-1) if isinstance(a, np.ndarray) else a for a in arguments]
-        return function(*(view(k, a) if is_record(k) else a for k, a in zip(kinds, given, strict=False)))
+        given = [a.reshape(-1) if isinstance(a, np.ndarray) else getattr(a, "record", a) for a in arguments]
+        flat = [is_record(k) and isinstance(a, np.ndarray) for k, a in zip(kinds, given, strict=False)]
+        return function(*(view(k, a) if f else a for k, a, f in zip(kinds, given, flat, strict=False)))
 
 
 class Compiled:
@@ -60,7 +61,12 @@ class Compiled:
         plain = {Type.REAL: ctypes.c_double, Type.INTEGER: ctypes.c_int64, None: None}
         kinds = [plain.get(p.type, ctypes.c_void_p) for p in tree.parameters]
         function = ctypes.CFUNCTYPE(plain[tree.returns], *kinds)(self._address(name))
-        return function(*(a.ctypes.data if isinstance(a, np.ndarray) else a for a in arguments))
+        records = [a for a in arguments if hasattr(a, "record")]
+        plain = [a.address() if hasattr(a, "record") else a for a in arguments]
+        found = function(*(a.ctypes.data if isinstance(a, np.ndarray) else a for a in plain))
+        for each in records:
+            each.taken()
+        return found
 
 
 def everything():

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from mbm.target.decisions import SHARE
-from mbm.target.records import view
 from mbm.target.solver.description import HEADER, Problem
-from mbm.target.solver.workspace import FLAGS, LOOSE, RANK, TOUCHED, step_at, work_integers, work_reals
+from tests.target.solver.scratch import Scratch
 from tests.target.solver.test_linear_algebra import matrix
 
 
@@ -60,27 +59,23 @@ def covariance_of(solver, jacobian, sides):
     n = jacobian.shape[1]
     system = np.zeros(HEADER, dtype=np.int64)
     system[Problem.n] = n  # nothing else matters to scratch without residuals
-    work, flags = (
-        np.zeros(int(work_reals(view(Problem, system)))),
-        np.zeros(int(work_integers(view(Problem, system))), dtype=np.int64),
-    )
+    work = Scratch(system)
     triangle = np.zeros((n + 1, n + 1))
     upper = np.linalg.qr(np.hstack([jacobian, np.ones((len(jacobian), 1))]), mode="r")
     triangle[: len(upper)] = upper
     covariance = np.zeros((n, n))
     nothing = np.zeros(1)
-    condition = solver("set_covariance", system, triangle, sides, 0, nothing, work, flags, covariance)
-    return system, work, flags, condition, covariance
+    condition = solver("set_covariance", system, triangle, sides, 0, nothing, work, covariance)
+    return system, work, condition, covariance
 
 
 def test_what_is_determined_has_the_covariance_of_the_pseudoinverse(solver):
     jacobian = matrix(9, 6) * np.array([1.0, 1e3, 1.0, 1e-4, 1.0, 1.0])
     jacobian[:, 4] = 2.0 * jacobian[:, 2]
-    system, work, flags, condition, covariance = covariance_of(solver, jacobian, np.zeros(6, dtype=np.int64))
+    system, work, condition, covariance = covariance_of(solver, jacobian, np.zeros(6, dtype=np.int64))
     assert condition == np.inf
-    assert (flags[RANK], flags[LOOSE]) == (5, 1)
-    touched = work[step_at(view(Problem, system), TOUCHED) :][:6]
-    assert touched.tolist() == [0.0, 0.0, 1.0, 0.0, 1.0, 0.0]
+    assert (work.record.rank, work.record.loose) == (5, 1)
+    assert work.record.touched[:6].tolist() == [0.0, 0.0, 1.0, 0.0, 1.0, 0.0]
     # the others do not depend on how the free direction is closed: here by leaving one of the two columns out
     kept = [0, 1, 2, 3, 5]
     wanted = np.linalg.inv(jacobian[:, kept].T @ jacobian[:, kept])
@@ -91,10 +86,10 @@ def test_what_is_determined_has_the_covariance_of_the_pseudoinverse(solver):
     assert np.abs(difference / scale).max() < 1e-8
     # x3 + 2 x5 is determined, x3 alone is not
     gradient = np.array([0.0, 0.0, 1.0, 0.0, 2.0, 0.0])
-    assert solver("determines", system, gradient, work, flags) == 1
+    assert solver("determines", system, gradient, work) == 1
     assert gradient @ covariance @ gradient == pytest.approx(wanted[2, 2], rel=1e-8)
     gradient[4] = 0.0
-    assert solver("determines", system, gradient, work, flags) == 0
+    assert solver("determines", system, gradient, work) == 0
     solver("mask_undetermined", system, work, covariance)
     assert np.isnan(covariance).any(axis=0).all()
     assert np.isnan(np.diag(covariance)).tolist() == [False, False, True, False, True, False]
@@ -103,9 +98,9 @@ def test_what_is_determined_has_the_covariance_of_the_pseudoinverse(solver):
 def test_fewer_rows_than_coordinates_and_one_at_a_bound(solver):
     jacobian = np.array([[1.0, 1.0, 3.0, 0.0], [0.0, 0.0, 5.0, 2.0]])
     sides = np.array([0, 0, 1, 0])
-    system, work, flags, condition, covariance = covariance_of(solver, jacobian, sides)
+    system, work, condition, covariance = covariance_of(solver, jacobian, sides)
     assert condition == np.inf
-    assert (flags[RANK], flags[LOOSE]) == (2, 1)
+    assert (work.record.rank, work.record.loose) == (2, 1)
     solver("mask_undetermined", system, work, covariance)
     assert np.diag(covariance)[2:] == pytest.approx([0.0, 0.25])
     assert np.isnan(np.diag(covariance)[:2]).all()
@@ -113,12 +108,12 @@ def test_fewer_rows_than_coordinates_and_one_at_a_bound(solver):
 
 def test_what_is_well_determined_is_not_decomposed(solver):
     jacobian = matrix(7, 3)
-    system, work, flags, condition, covariance = covariance_of(solver, jacobian, np.zeros(3, dtype=np.int64))
+    _, work, condition, covariance = covariance_of(solver, jacobian, np.zeros(3, dtype=np.int64))
     assert np.linalg.cond(jacobian) <= condition < 1e3
-    assert (flags[RANK], flags[LOOSE]) == (3, 0)
+    assert (work.record.rank, work.record.loose) == (3, 0)
     np.testing.assert_allclose(covariance @ (jacobian.T @ jacobian), np.eye(3), rtol=0, atol=1e-12)
-    assert not work[step_at(view(Problem, system), TOUCHED) :][:3].any()
-    assert flags[FLAGS : FLAGS + 3].tolist() == [0, 1, 2]
+    assert not work.record.touched[:3].any()
+    assert work.record.chosen[:3].tolist() == [0, 1, 2]
 
 
 @pytest.mark.parametrize(("share", "felt"), [(0.0, False), (0.9, False), (1.1, True), (1e3, True)])
@@ -126,8 +121,8 @@ def test_what_is_well_determined_is_not_decomposed(solver):
 def test_a_gradient_feels_free_directions_from_a_millionth_on(solver, share, felt, scale):
     """Of three coordinates the third is free; the second counts in units of ``scale``."""
     jacobian = np.array([[1.0, 0.0, 0.0], [0.0, 1.0 / scale, 0.0], [0.0, 0.0, 0.0]])
-    system, work, flags, _, _ = covariance_of(solver, jacobian, np.zeros(3, dtype=np.int64))
-    assert (flags[RANK], flags[LOOSE]) == (2, 1)
+    system, work, _, _ = covariance_of(solver, jacobian, np.zeros(3, dtype=np.int64))
+    assert (work.record.rank, work.record.loose) == (2, 1)
     # A column of zeros counts as one of length 1; its share is that of the whole gradient in such units.
     gradient = np.array([0.0, 1.0 / scale, share * SHARE])
-    assert solver("determines", system, gradient, work, flags) == int(not felt)
+    assert solver("determines", system, gradient, work) == int(not felt)

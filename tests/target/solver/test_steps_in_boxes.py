@@ -5,40 +5,25 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbm.target.records import slot, view
+from mbm.target.records import slot
 from mbm.target.solver.description import BOUNDS_AT, HEADER, Problem
-from mbm.target.solver.workspace import (
-    FREE,
-    IMAGE,
-    METRIC,
-    SCALARS,
-    STEP_LENGTH,
-    STEP_PREDICTED,
-    X,
-    factor_at,
-    vector_at,
-    work_integers,
-    work_reals,
-)
+from tests.target.solver.scratch import FirstPlace, Scratch
 
 
 def boxed(solver, radius, limited, upper):
     """The step for residuals (x - 200, y - 50) at (0, 0), x counted twice: vector, stopped, promise, length."""
     n = 2
-    numbers = np.zeros(HEADER + n, dtype=np.int64)
-    numbers[Problem.n], numbers[slot(Problem, "positive")] = n, HEADER
-    system = view(Problem, numbers)
+    system = np.zeros(HEADER + n, dtype=np.int64)
+    system[Problem.n], system[slot(Problem, "positive")] = n, HEADER
     constants = np.zeros(BOUNDS_AT + 2 * n)
     constants[BOUNDS_AT : BOUNDS_AT + n], constants[BOUNDS_AT + n :] = -np.inf, upper
-    scale = np.array([2.0, 1.0])
-    place = np.zeros(int(factor_at(system)) + n * n + 64)
-    for vector, values in ((X, [0, 0]), (METRIC, scale), (IMAGE, [-200.0, -50.0]), (FREE, [1, 1])):
-        place[vector_at(system, vector) :][:n] = values
-    place[factor_at(system) :][: n * n] = np.diag(1.0 / scale).ravel()
-    work, flags = np.zeros(int(work_reals(system))), np.zeros(int(work_integers(system)), dtype=np.int64)
-    vector, stopped, scalars = np.zeros(n), np.zeros(n), np.zeros(SCALARS)
-    solver("boxed_step", numbers, constants, place, radius, limited, work, flags, vector, stopped, scalars)
-    return vector, stopped.tolist(), scalars[STEP_PREDICTED], scalars[STEP_LENGTH]
+    work = Scratch(system)
+    place = work.record.first
+    place.scale[:n], place.image[:n], place.free[:n] = [2.0, 1.0], [-200.0, -50.0], 1.0
+    place.factor[: n * n] = np.diag([0.5, 1.0]).ravel()
+    vector, stopped = np.zeros(n), np.zeros(n)
+    solver("boxed_step", system, constants, FirstPlace(work), radius, limited, work, vector, stopped)
+    return vector, stopped.tolist(), work.record.step_predicted, work.record.step_length
 
 
 @pytest.mark.parametrize("limit", [5.0, 10.0])
