@@ -30,7 +30,7 @@ _ROOTS = (
     "place_unknowns", "mark_used", "free_coordinates", "renumber", "set_capacities", "set_coordinates", "set_constants",
     "solve_noises", "all_rows", "row_scratch", "work_reals", "work_integers", "begun", "within_turn", "unit_vector",
     "quaternion_of_matrix", "angle_of_matrix", "weights_of_covariance", "weights_of_information", "sandwich",
-    "spread_of_group", "mask_undetermined", "share_out", "rows_reals", "determines",
+    "spread_of_group", "mask_undetermined", "share_out", "determines",
 )  # fmt: skip
 _DESCRIPTION = (
     "HEADER", "BLOCK", "PIECE", "BOUNDS_AT", "DATA_HEAD", "DATA_BLOCK", "RESULTS",

@@ -110,17 +110,13 @@ def set_sides(system: Problem, constants: ConstantReals, place: Place, sides: In
     A `positive` coordinate whose undamped step still goes all the way to zero is at its lower bound.
     """
     n = system.n
-    x = place.x
-    free = place.free
-    full = place.full
-    stopped = place.stopped
     for j in range(n):
         sides[j] = 0
-        if free[j] == 0.0 and x[j] >= constants[BOUNDS_AT + n + j]:
+        if place.free[j] == 0.0 and place.x[j] >= constants[BOUNDS_AT + n + j]:
             sides[j] = 1
-        if free[j] == 0.0 and x[j] <= constants[BOUNDS_AT + j]:
+        if place.free[j] == 0.0 and place.x[j] <= constants[BOUNDS_AT + j]:
             sides[j] = -1
-        if system.positive[j] != 0 and stopped[j] != 0.0 and full[j] < 0.0:
+        if system.positive[j] != 0 and place.stopped[j] != 0.0 and place.full[j] < 0.0:
             sides[j] = -1
 
 
@@ -195,8 +191,7 @@ def finish_solve(
         size = residuals_at_point(system, constants, data, index, point, 0, 0, work.rows, residuals)
         results[PLAIN_COST] = dot(size, residuals, residuals)
     count = count if work.penalised == 1 else 0
-    held = work.held
-    results[CONDITION] = set_covariance(system, triangle, sides, count, held, work, covariance)
+    results[CONDITION] = set_covariance(system, triangle, sides, count, work.held, work, covariance)
     states[FREEDOM] = data.count - work.rank
     if work.penalised == 1 and states[FREEDOM] <= 0 and results[COST] > PUSHED * PUSHED:
         # Residuals are perpendicular to all columns at a minimum: what remains of so few leaves a column too many.

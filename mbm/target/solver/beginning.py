@@ -81,9 +81,8 @@ def begin(
         work.stop = UNSURE
     size = 0.0
     coordinates = place.x
-    scale = place.scale
     for j in range(n):
-        size += scale[j] * coordinates[j] * scale[j] * coordinates[j]
+        size += place.scale[j] * coordinates[j] * place.scale[j] * coordinates[j]
     size = sqrt(size)
     length = sqrt(place.cost)
     work.radius = size if size > UNSCALED * length else length

@@ -52,10 +52,8 @@ def linearise(
 ) -> None:
     """Values and slopes of all constraints at a point."""
     n = system.n
-    values = work.values
-    slopes = work.slopes
     outputs = work.rows[outputs_at(system) :]
-    filled(constraint_count(system, data) * n, 0.0, slopes)
+    filled(constraint_count(system, data) * n, 0.0, work.slopes)
     inputs = inputs_at(system)
     done = 0
     for b in range(system.residual_blocks + system.constraint_blocks):
@@ -72,7 +70,7 @@ def linearise(
                     count = rows - first
                 call_kernel(block.jacobian, work.rows[inputs + first // LANES * width :], outputs, groups_of(count))
                 own = columns[part.columns :]
-                add_slopes(system, block, own, first, count, outputs, values[done:], slopes[done * n :])
+                add_slopes(system, block, own, first, count, outputs, work.values[done:], work.slopes[done * n :])
                 done += count * block.outputs
                 first += count
         inputs += groups_of(rows) * width
@@ -82,18 +80,14 @@ def set_units(system: Problem, data: DataSet, place: Place, first: Integer, work
     """Units and roundings of the constraints at a place; at ``first`` its norms alone are the measure."""
     n = system.n
     norms = place.norms
-    x = place.x
     units = work.units
-    values = work.values
-    roundings = work.roundings
-    slopes = work.slopes
     for c in range(constraint_count(system, data)):
         square = 0.0
-        terms = fabs(values[c])
+        terms = fabs(work.values[c])
         longest = 0.0
         for j in range(n):
-            slope = fabs(slopes[c * n + j])
-            size = fabs(x[j]) if system.number_of[j] >= 0 else 1.0
+            slope = fabs(work.slopes[c * n + j])
+            size = fabs(place.x[j]) if system.number_of[j] >= 0 else 1.0
             terms += slope * size
             if slope > longest:
                 longest = slope
@@ -103,4 +97,4 @@ def set_units(system: Problem, data: DataSet, place: Place, first: Integer, work
             units[c] = sqrt(square) if square > 0.0 else longest
             if not units[c] > 0.0:
                 units[c] = 1.0
-        roundings[c] = ROUNDING_ERRORS * EPSILON * terms
+        work.roundings[c] = ROUNDING_ERRORS * EPSILON * terms

@@ -36,8 +36,6 @@ TIGHTER = 0.03
 def set_penalties(system: Problem, data: DataSet, work: Work) -> None:
     """Factors and shifts of the penalties, where the kernels' weights stand."""
     weight = work.weight
-    multipliers = work.multipliers
-    units = work.units
     whitening = weights_at(system)
     done = 0
     for b in range(system.residual_blocks + system.constraint_blocks):
@@ -53,8 +51,8 @@ def set_penalties(system: Problem, data: DataSet, work: Work) -> None:
                     own[at + LANES] = 0.0
                     if row < rows:
                         c = done + row * lines + i
-                        own[at] = weight / units[c]
-                        own[at + LANES] = multipliers[c] * units[c] / weight
+                        own[at] = weight / work.units[c]
+                        own[at + LANES] = work.multipliers[c] * work.units[c] / weight
             done += rows * lines
         whitening += groups_of(rows) * weights_width(block) * LANES
 
@@ -62,10 +60,8 @@ def set_penalties(system: Problem, data: DataSet, work: Work) -> None:
 def update_multipliers(system: Problem, data: DataSet, work: Work) -> Real:
     """The multipliers that the penalties amount to, and the largest violation in units beyond rounding."""
     weight = work.weight
-    multipliers = work.multipliers
     units = work.units
     values = work.values
-    roundings = work.roundings
     worst = 0.0
     done = 0
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
@@ -75,7 +71,7 @@ def update_multipliers(system: Problem, data: DataSet, work: Work) -> Real:
         for k in range(count):
             c = done + k
             equal = block.equality[k % lines]
-            updated = multipliers[c] + values[c] / units[c] * weight * weight / units[c]
+            updated = work.multipliers[c] + values[c] / units[c] * weight * weight / units[c]
             missed = fabs(values[c])
             if equal == 0:
                 if updated < 0.0:
@@ -83,8 +79,8 @@ def update_multipliers(system: Problem, data: DataSet, work: Work) -> Real:
                 # One that pushes must hold as an equation does; one that does not must not be overstepped.
                 if updated == 0.0 and values[c] < 0.0:
                     missed = 0.0
-            multipliers[c] = updated
-            missed -= roundings[c]
+            work.multipliers[c] = updated
+            missed -= work.roundings[c]
             if missed > worst * units[c]:
                 worst = missed / units[c]
         done += count
@@ -162,9 +158,6 @@ def next_round(
 
 def set_held(system: Problem, data: DataSet, cost: Real, work: Work) -> None:
     """Mark the constraints that hold the estimates, by their units; the others have no multiplier."""
-    multipliers = work.multipliers
-    units = work.units
-    held = work.held
     done = 0
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
@@ -172,9 +165,9 @@ def set_held(system: Problem, data: DataSet, cost: Real, work: Work) -> None:
         count = lines * data.blocks[b].rows
         for k in range(count):
             c = done + k
-            held[c] = units[c]
-            pushed = multipliers[c] * units[c] > PUSHED * (1.0 + sqrt(cost))
+            work.held[c] = work.units[c]
+            pushed = work.multipliers[c] * work.units[c] > PUSHED * (1.0 + sqrt(cost))
             if block.equality[k % lines] == 0 and not pushed:
-                held[c] = 0.0
-                multipliers[c] = 0.0
+                work.held[c] = 0.0
+                work.multipliers[c] = 0.0
         done += count

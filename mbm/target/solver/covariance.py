@@ -38,12 +38,10 @@ def set_covariance(
     """
     n = system.n
     scale = work.scale
-    line = work.line
     part = work.part
     reflections = work.reflections
     inverse = work.inverse
     small = work.small
-    slopes = work.slopes
     chosen = work.chosen
     count = 0
     for j in range(n):
@@ -51,8 +49,8 @@ def set_covariance(
             chosen[count] = j
             count += 1
     filled(n * n, 0.0, covariance)
-    set_scales(n, count, chosen, triangle, holding, held, slopes, scale)
-    turned = turn_constraints(n, count, chosen, scale, holding, held, slopes, reflections)
+    set_scales(n, count, chosen, triangle, holding, held, work.slopes, scale)
+    turned = turn_constraints(n, count, chosen, scale, holding, held, work.slopes, reflections)
     width = count - turned
     if width == n:
         for i in range(n):
@@ -64,7 +62,7 @@ def set_covariance(
         right = work.right
         filled(n, 0.0, across)
         filled(n, 0.0, right)
-        set_reduced(n, count, turned, chosen, triangle, scale, reflections, across, right, line, rows, small)
+        set_reduced(n, count, turned, chosen, triangle, scale, reflections, across, right, work.line, rows, small)
     filled(n, 0.0, work.touched)
     work.rank = width
     work.loose = 0
@@ -78,7 +76,7 @@ def set_covariance(
             return inf
         condition_of(count, width, small, part, inverse)
     if turned > 0:
-        turn_back(count, turned, reflections, line, part, inverse)
+        turn_back(count, turned, reflections, work.line, part, inverse)
     for i in range(count):
         for k in range(i + 1):
             first = i if turned == 0 else 0

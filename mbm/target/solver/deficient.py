@@ -95,16 +95,14 @@ def set_determined(
     n = system.n
     width = count - turned
     chosen = work.chosen
-    right = work.inverse
-    reflections = work.reflections
     factor = work.part
     line = work.line
     touched = work.touched
     filled(n * n, 0.0, factor)
     for a in range(width):
         filled(count, 0.0, line)
-        copied(width, right[a * width :], line[turned:])
-        from_surface(count, turned, reflections, line)
+        copied(width, work.inverse[a * width :], line[turned:])
+        from_surface(count, turned, work.reflections, line)
         for k in range(count):
             if a < rank:
                 factor[a * n + chosen[k]] = line[k] / (singular[a] * scale[k])
@@ -113,10 +111,9 @@ def set_determined(
                 touched[chosen[k]] += line[k] * line[k]
     work.rank = rank
     work.loose = width - rank
-    sizes = work.sizes
-    filled(n, 0.0, sizes)
+    filled(n, 0.0, work.sizes)
     for k in range(count):
-        sizes[chosen[k]] = 1.0 / scale[k]
+        work.sizes[chosen[k]] = 1.0 / scale[k]
     for j in range(n):
         touched[j] = 1.0 if touched[j] > SHARE * SHARE else 0.0
     for i in range(n):
@@ -131,22 +128,20 @@ def determines(system: Problem, gradient: ConstantReals, work: Work) -> Integer:
     """1 where a quantity with the ``gradient`` (n,) does not feel the free directions of the last covariance."""
     n = system.n
     loose = work.part[work.rank * n :]
-    sizes = work.sizes
     length = 0.0
     along = 0.0
     for a in range(work.loose):
         share = dot(n, loose[a * n :], gradient)
         along += share * share
     for j in range(n):
-        length += gradient[j] * sizes[j] * gradient[j] * sizes[j]
+        length += gradient[j] * work.sizes[j] * gradient[j] * work.sizes[j]
     return 1 if along <= SHARE * SHARE * length else 0
 
 
 def mask_undetermined(system: Problem, work: Work, covariance: Reals) -> None:
     """NaN for what the free directions of the last covariance touch."""
     n = system.n
-    touched = work.touched
     for i in range(n):
         for k in range(n):
-            if touched[i] != 0.0 or touched[k] != 0.0:
+            if work.touched[i] != 0.0 or work.touched[k] != 0.0:
                 covariance[i * n + k] = inf - inf

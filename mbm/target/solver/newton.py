@@ -22,30 +22,24 @@ from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Rea
 def newton_step(system: Problem, constants: ConstantReals, place: Place, work: Work) -> Integer:
     """Newton's step as the undamped one of the place; 0 where the Hessian is indefinite or the step leaves the box."""
     n = system.n
-    free = place.free
-    scale = place.scale
     full = place.full
-    x = place.x
     factor = work.part
     image = work.part_image
     chosen = work.chosen
     count = 0
     for j in range(n):
         full[j] = 0.0
-        if free[j] != 0.0:
+        if place.free[j] != 0.0:
             chosen[count] = j
             count += 1
     if count == 0:
         return 0
-    rows = work.small_rows
-    triangle = work.small
-    whole = place.factor
-    chosen_columns(n, whole, place.image, count, chosen, rows, triangle, factor, image)
+    chosen_columns(n, place.factor, place.image, count, chosen, work.small_rows, work.small, factor, image)
     for j in range(count):
         if factor[j * count + j] == 0.0:
             return 0
     inner = work.inner
-    set_inner(system, count, chosen, sqrt(place.cost), scale, factor, work, inner)
+    set_inner(system, count, chosen, sqrt(place.cost), place.scale, factor, work, inner)
     if cholesky(count, inner) == 0:
         return 0
     for i in range(count):
@@ -63,8 +57,8 @@ def newton_step(system: Problem, constants: ConstantReals, place: Place, work: W
         return 0
     for k in range(count):
         at = chosen[k]
-        full[at] = -image[k] / scale[at]
-        beyond = full[at] < down_of(system, constants, x, at) or full[at] > up_of(system, constants, x, at)
+        full[at] = -image[k] / place.scale[at]
+        beyond = full[at] < down_of(system, constants, place.x, at) or full[at] > up_of(system, constants, place.x, at)
         if system.boxed == 1 and beyond:
             return 0
     place.predicted = gain
@@ -84,10 +78,9 @@ def set_inner(
 ) -> None:
     """``I + A⁻ᵀ C A⁻¹`` (count, count) with the second-order term C in scaled coordinates."""
     n = system.n
-    curvature = work.curvature
     for i in range(count):
         for k in range(count):
-            value = curvature[chosen[i] * n + chosen[k]]
+            value = work.curvature[chosen[i] * n + chosen[k]]
             inner[i * count + k] = weight / (scale[chosen[i]] * scale[chosen[k]]) * value
         solve_transposed(count, factor, inner[i * count :])
     for i in range(count):
@@ -111,9 +104,6 @@ def set_curvature(
     """The second-order term at the place of the iteration, by forward differences; 0 where it is not finite."""
     n = system.n
     place = work.here
-    triangle = place.triangle
-    scale = place.scale
-    x = place.x
     curvature = work.curvature
     step = work.shift
     there = work.gradient_shifted
@@ -124,15 +114,15 @@ def set_curvature(
     total = 0.0
     for j in range(n):
         filled(n, 0.0, step)
-        step[j] = DIFFERENCE * spread / scale[j]
-        if LEAST_DIFFERENCE * fabs(x[j]) > step[j]:
-            step[j] = LEAST_DIFFERENCE * fabs(x[j])
+        step[j] = DIFFERENCE * spread / place.scale[j]
+        if LEAST_DIFFERENCE * fabs(place.x[j]) > step[j]:
+            step[j] = LEAST_DIFFERENCE * fabs(place.x[j])
         retract(system, place.point, step, point)
         sweep(system, constants, data, index, columns, point, 1, work.penalised, work, residuals, there)
         for k in range(n):
             gradient = 0.0
             for i in range(k + 1):
-                gradient += triangle[i * (n + 1) + k] * triangle[i * (n + 1) + n]
+                gradient += place.triangle[i * (n + 1) + k] * place.triangle[i * (n + 1) + n]
             curvature[j * n + k] = (there[k] - gradient) / step[j]
             total += curvature[j * n + k]
     if not isfinite(total):

@@ -86,7 +86,6 @@ def arrive(
     x = place.x
     norms = place.norms
     peak = place.peak
-    scale = place.scale
     triangle = place.triangle
     coordinates_of(system, place.point, x)
     deficient = 0
@@ -103,7 +102,7 @@ def arrive(
         for j in range(n):
             if old[j] > peak[j]:
                 peak[j] = old[j]
-    set_metric(system, x, peak, scale)
+    set_metric(system, x, peak, place.scale)
     terms = 0.0
     for j in range(n):
         size = fabs(x[j]) if system.number_of[j] >= 0 else 1.0
@@ -111,14 +110,13 @@ def arrive(
     noise = ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(place.cost))
     place.rounding = noise
     place.cost_rounding = 2.0 * noise * sqrt(place.cost) + noise * noise
-    deficient += set_factor(n, triangle, scale, place.factor, place.image)
+    deficient += set_factor(n, triangle, place.scale, place.factor, place.image)
     place.deficient = deficient
-    free = place.free
-    filled(n, 1.0, free)
+    filled(n, 1.0, place.free)
     if system.boxed == 1:
         gradient = work.gradient
         times_transposed(n, place.factor, place.image, gradient)
-        set_free(system, constants, x, gradient, free)
+        set_free(system, constants, x, gradient, place.free)
     judge(system, constants, place, curved, work)
 
 
@@ -127,17 +125,14 @@ def judge(system: Problem, constants: ConstantReals, place: Place, curved: Integ
     n = system.n
     set_full_step(system, constants, place, curved, work)
     norms = place.norms
-    full = place.full
-    x = place.x
-    free = place.free
     moving = 0
     movement = 0.0
     terms = 0.0
     for j in range(n):
-        if free[j] != 0.0:
+        if place.free[j] != 0.0:
             moving += 1
-        movement += norms[j] * full[j] * norms[j] * full[j]
-        size = fabs(x[j]) if system.number_of[j] >= 0 else 1.0
+        movement += norms[j] * place.full[j] * norms[j] * place.full[j]
+        size = fabs(place.x[j]) if system.number_of[j] >= 0 else 1.0
         terms += norms[j] * size * norms[j] * size
     rank = n - place.deficient
     if rank > moving:
@@ -164,28 +159,25 @@ def set_full_step(system: Problem, constants: ConstantReals, place: Place, curve
     """The undamped step of a place, its promise and length."""
     n = system.n
     full = place.full
-    stopped = place.stopped
     image = place.image
-    scale = place.scale
-    factor = place.factor
-    filled(n, 0.0, stopped)
+    filled(n, 0.0, place.stopped)
     if curved == 1 and newton_step(system, constants, place, work) == 1:
         return
     if system.boxed == 1:
         promised = work.step_predicted
         length = work.step_length
-        boxed_step(system, constants, place, inf, 0, work, full, stopped)
+        boxed_step(system, constants, place, inf, 0, work, full, place.stopped)
         place.predicted = work.step_predicted
         place.length = work.step_length
         work.step_predicted = promised
         work.step_length = length
         return
-    undamped_step(n, factor, image, full)
+    undamped_step(n, place.factor, image, full)
     inside = 0.0
     for j in range(n):
-        if factor[j * n + j] != 0.0:
+        if place.factor[j * n + j] != 0.0:
             inside += image[j] * image[j]
     place.predicted = inside
     place.length = norm_of(n, full)
     for j in range(n):
-        full[j] /= scale[j]
+        full[j] /= place.scale[j]

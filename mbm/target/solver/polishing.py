@@ -41,7 +41,6 @@ def set_place(
     """Residuals, without penalties, and constraints at the point of a place; 0 where something is not finite."""
     n = system.n
     triangle = place.triangle
-    norms = place.norms
     point = place.point
     residuals = work.rows[residuals_at(system, 0) :]
     coordinates_of(system, point, place.x)
@@ -55,14 +54,12 @@ def set_place(
         square = 0.0
         for i in range(j + 1):
             square += triangle[i * (n + 1) + j] * triangle[i * (n + 1) + j]
-        norms[j] = sqrt(square)
-        total += norms[j]
-    values = work.values
-    slopes = work.slopes
+        place.norms[j] = sqrt(square)
+        total += place.norms[j]
     for c in range(constraint_count(system, data)):
-        total += fabs(values[c])
+        total += fabs(work.values[c])
         for j in range(n):
-            total += fabs(slopes[c * n + j])
+            total += fabs(work.slopes[c * n + j])
     if not isfinite(total):
         return 0
     set_units(system, data, place, 0, work)
@@ -81,12 +78,8 @@ def set_surface_curvature(
 ) -> Integer:
     """``Σ r ∇²r + Σ λ ∇²c`` at a place that `turn_place` has seen, by forward differences; 0: it is not finite."""
     n = system.n
-    chosen = work.chosen
-    x = place.x
-    scale = work.scale
     step = work.shift
     there = work.gradient_shifted
-    gradient = work.gradient
     curvature = work.curvature
     point = work.trial
     residuals = work.rows[residuals_at(system, 0) :]
@@ -95,19 +88,19 @@ def set_surface_curvature(
     if spread < 1e-3:
         spread = 1e-3
     filled(n * n, 0.0, curvature)
-    set_gradient(system, constants, data, index, columns, place.point, residuals, work, gradient)
+    set_gradient(system, constants, data, index, columns, place.point, residuals, work, work.gradient)
     total = 0.0
     for k in range(count):
-        j = chosen[k]
+        j = work.chosen[k]
         filled(n, 0.0, step)
-        step[j] = DIFFERENCE * spread / scale[k]
-        if LEAST_DIFFERENCE * fabs(x[j]) > step[j]:
-            step[j] = LEAST_DIFFERENCE * fabs(x[j])
+        step[j] = DIFFERENCE * spread / work.scale[k]
+        if LEAST_DIFFERENCE * fabs(place.x[j]) > step[j]:
+            step[j] = LEAST_DIFFERENCE * fabs(place.x[j])
         retract(system, place.point, step, point)
         linearise(system, data, index, columns, point, work)
         set_gradient(system, constants, data, index, columns, point, residuals, work, there)
         for i in range(n):
-            curvature[j * n + i] = (there[i] - gradient[i]) / step[j]
+            curvature[j * n + i] = (there[i] - work.gradient[i]) / step[j]
             total += fabs(curvature[j * n + i])
     work.evaluations += count
     for i in range(n):
@@ -132,12 +125,10 @@ def set_gradient(
 ) -> None:
     """``Jᵀ r + Σ λ ∇c`` (n,) with the slopes at a point, residuals and multipliers as they are given."""
     n = system.n
-    forces = work.forces
-    slopes = work.slopes
     sweep(system, constants, data, index, columns, point, 1, 0, work, residuals, gradient)
     for c in range(constraint_count(system, data)):
         for j in range(n):
-            gradient[j] += forces[c] * slopes[c * n + j]
+            gradient[j] += work.forces[c] * work.slopes[c * n + j]
 
 
 def move(system: Problem, constants: ConstantReals, place: Place, work: Work) -> Integer:
@@ -145,12 +136,11 @@ def move(system: Problem, constants: ConstantReals, place: Place, work: Work) ->
     n = system.n
     point = work.trial
     x = place.x
-    free = place.free
     retract(system, place.point, place.full, point)
     copied(system.numbers, point, place.point)
     coordinates_of(system, point, x)
     for j in range(n):
-        if free[j] != 0.0:
+        if place.free[j] != 0.0:
             if x[j] < constants[BOUNDS_AT + j] or x[j] > constants[BOUNDS_AT + n + j]:
                 return 0
             if system.positive[j] != 0 and not x[j] > 0.0:
@@ -256,5 +246,4 @@ def arrive_on_surface(
     work.here = there
     work.stop = ending
     work.worst = worst
-    forces = work.forces
-    copied(constraint_count(system, data), forces, work.multipliers)
+    copied(constraint_count(system, data), work.forces, work.multipliers)

@@ -225,7 +225,6 @@ def boxed_step(
     """The step restricted to the box: what leaves it first is put on its bound, until nothing does."""
     n = system.n
     factor = place.factor
-    image = place.image
     scale = place.scale
     x = place.x
     moving = work.moving
@@ -233,7 +232,7 @@ def boxed_step(
     trial = work.part_step
     chosen = work.chosen
     copied(n, place.free, moving)
-    copied(n, image, rest)
+    copied(n, place.image, rest)
     filled(n, 0.0, vector)
     filled(n, 0.0, stopped)
     remaining = radius
@@ -304,12 +303,10 @@ def first_to_leave(
 def judge_step(system: Problem, place: Place, vector: ConstantReals, work: Work) -> None:
     """Promise and scaled length of any step ``vector`` (n,)."""
     n = system.n
-    scale = place.scale
-    image = place.image
     scaled = work.scaled
     moved = work.moved
     for j in range(n):
-        scaled[j] = scale[j] * vector[j]
+        scaled[j] = place.scale[j] * vector[j]
     times_upper(n, place.factor, scaled, moved)
-    work.step_predicted = -(dot(n, moved, moved) + 2.0 * dot(n, moved, image))
+    work.step_predicted = -(dot(n, moved, moved) + 2.0 * dot(n, moved, place.image))
     work.step_length = norm_of(n, scaled)

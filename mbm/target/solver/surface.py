@@ -30,12 +30,10 @@ IMAGE_THERE = 10
 
 def choose_free(system: Problem, place: Place, work: Work) -> Integer:
     """The coordinates that no bound holds, and how many they are."""
-    free = place.free
-    chosen = work.chosen
     count = 0
     for j in range(system.n):
-        if free[j] != 0.0:
-            chosen[count] = j
+        if place.free[j] != 0.0:
+            work.chosen[count] = j
             count += 1
     return count
 
@@ -55,12 +53,9 @@ def turn_place(
     chosen = work.chosen
     triangle = place.triangle
     held = work.held
-    values = work.values
-    forces = work.forces
     slopes = work.slopes
     scale = work.scale
     line = work.line
-    along = work.along
     gradient = work.gradient
     reflections = work.reflections
     lower = work.lower
@@ -69,14 +64,14 @@ def turn_place(
     turned = turn_constraints(n, count, chosen, scale, holding, held, slopes, reflections)
     found = 0
     for c in range(holding):
-        forces[c] = 0.0
+        work.forces[c] = 0.0
         if held[c] != 0.0:
             for k in range(count):
                 line[k] = slopes[c * n + chosen[k]] / scale[k]
             length = sqrt(dot(count, line, line))
             along_surface(count, turned, reflections, line)
             if found < turned and fabs(line[found]) > REPEATED * length:
-                along[found] = (-values[c] - dot(found, line, along)) / line[found]
+                work.along[found] = (-work.values[c] - dot(found, line, work.along)) / line[found]
                 for k in range(turned):
                     lower[found * turned + k] = line[k]
                 found += 1
@@ -97,7 +92,7 @@ def turn_place(
             for k in range(last + 1, found):
                 total -= lower[k * turned + last] * line[k]
             line[last] = total / lower[last * turned + last]
-            forces[c] = line[last]
+            work.forces[c] = line[last]
     return found
 
 
@@ -116,19 +111,27 @@ def surface_step(
     """
     n = system.n
     width = count - turned
-    chosen = work.chosen
-    triangle = place.triangle
-    scale = work.scale
     line = work.line
     along = work.along
     there = work.right
-    reflections = work.reflections
     factor = work.part
     small = work.small
-    rows = work.small_rows
     for i in range(n):
-        there[i] = triangle[i * (n + 1) + n]
-    set_reduced(n, count, turned, chosen, triangle, scale, reflections, along, there, line, rows, small)
+        there[i] = place.triangle[i * (n + 1) + n]
+    set_reduced(
+        n,
+        count,
+        turned,
+        work.chosen,
+        place.triangle,
+        work.scale,
+        work.reflections,
+        along,
+        there,
+        line,
+        work.small_rows,
+        small,
+    )
     for i in range(width):
         for k in range(width):
             factor[i * width + k] = small[i * (width + 1) + k]
@@ -140,7 +143,7 @@ def surface_step(
     solve_upper(width, factor, line)
     for k in range(width):
         along[turned + k] = line[k]
-    from_surface(count, turned, reflections, along)
+    from_surface(count, turned, work.reflections, along)
     set_step(system, data, count, width, place, work)
     return 1
 
@@ -152,24 +155,19 @@ def bent_right(system: Problem, count: Integer, turned: Integer, work: Work) -> 
     """
     n = system.n
     width = count - turned
-    chosen = work.chosen
-    curvature = work.curvature
-    scale = work.scale
     line = work.line
-    along = work.along
     gradient = work.gradient
-    reflections = work.reflections
     factor = work.part
     inner = work.inner
     for i in range(count):
         for k in range(count):
-            inner[i * count + k] = curvature[chosen[i] * n + chosen[k]] / (scale[i] * scale[k])
-        along_surface(count, turned, reflections, inner[i * count :])
+            inner[i * count + k] = work.curvature[work.chosen[i] * n + work.chosen[k]] / (work.scale[i] * work.scale[k])
+        along_surface(count, turned, work.reflections, inner[i * count :])
     transposed(count, inner)
     for i in range(count):
-        along_surface(count, turned, reflections, inner[i * count :])
+        along_surface(count, turned, work.reflections, inner[i * count :])
     for i in range(width):
-        gradient[i] = dot(turned, inner[(turned + i) * count :], along)
+        gradient[i] = dot(turned, inner[(turned + i) * count :], work.along)
     for i in range(width):
         for k in range(width):
             inner[i * width + k] = inner[(turned + i) * count + turned + k]
@@ -213,20 +211,18 @@ def set_step(
     """The scaled step in `along` as that of the place: in all coordinates, its length, offset and rounding."""
     n = system.n
     chosen = work.chosen
-    triangle = place.triangle
     full = place.full
-    x = place.x
     scale = work.scale
     along = work.along
     filled(n, 0.0, full)
     terms = 0.0
     for k in range(count):
         full[chosen[k]] = along[k] / scale[k]
-        size = fabs(x[chosen[k]]) if system.number_of[chosen[k]] >= 0 else 1.0
+        size = fabs(place.x[chosen[k]]) if system.number_of[chosen[k]] >= 0 else 1.0
         terms += scale[k] * size * scale[k] * size
     inside = 0.0
     for i in range(n):
-        moved = dot(n - i, triangle[i * (n + 1) + i :], full[i:])
+        moved = dot(n - i, place.triangle[i * (n + 1) + i :], full[i:])
         inside += moved * moved
     outside = place.cost - inside
     place.length = sqrt(dot(count, along, along))

@@ -150,11 +150,10 @@ def set_triangle(
 ) -> None:
     """The triangle of a place whose point and cost are known: from sums of products while the condition allows it."""
     n = system.n
-    point = place.point
     triangle = place.triangle
     if work.summed == 1:
         filled((n + 1) * (n + 1), 0.0, triangle)
-        sweep(system, constants, data, index, columns, point, 2, work.penalised, work, constants, triangle)
+        sweep(system, constants, data, index, columns, place.point, 2, work.penalised, work, constants, triangle)
         lower = work.lower
         upper = work.inner
         inverse = work.inverse
@@ -163,4 +162,4 @@ def set_triangle(
             return
         work.summed = 0
     place.squared_condition = 0.0
-    sweep(system, constants, data, index, columns, point, 0, work.penalised, work, constants, triangle)
+    sweep(system, constants, data, index, columns, place.point, 0, work.penalised, work, constants, triangle)

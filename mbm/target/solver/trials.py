@@ -46,14 +46,9 @@ def step_within(system: Problem, constants: ConstantReals, radius: Real, work: W
         boxed_step(system, constants, place, radius, 1, work, vector, stopped)
         return
     filled(n, 0.0, stopped)
-    triangle = work.damped
-    right = work.right
-    row = work.row
-    factor = place.factor
-    marquardt_step(n, factor, place.image, radius, vector, triangle, right, row)
-    scale = place.scale
+    marquardt_step(n, place.factor, place.image, radius, vector, work.damped, work.right, work.row)
     for j in range(n):
-        vector[j] /= scale[j]
+        vector[j] /= place.scale[j]
     judge_step(system, place, vector, work)
 
 
@@ -74,16 +69,13 @@ def bend_step(
     factor = place.factor
     image = place.image
     scale = place.scale
-    vector = work.step
     scaled = work.scaled
     bent = work.bent
-    gradient = work.gradient
     moved = work.moved
-    back = work.back
     residuals = work.rows[residuals_at(system, work.residuals_tried) :]
-    sweep(system, constants, data, index, columns, place.point, 1, work.penalised, work, residuals, gradient)
+    sweep(system, constants, data, index, columns, place.point, 1, work.penalised, work, residuals, work.gradient)
     for j in range(n):
-        scaled[j] = scale[j] * vector[j]
+        scaled[j] = scale[j] * work.step[j]
     times_upper(n, factor, scaled, moved)
     size = dot(n, scaled, scaled)
     damping = 0.0
@@ -93,9 +85,9 @@ def bend_step(
             damping = 0.0
     for j in range(n):
         moved[j] += image[j]
-    times_transposed(n, factor, moved, back)
+    times_transposed(n, factor, moved, work.back)
     for j in range(n):
-        bent[j] = gradient[j] / scale[j] - back[j]
+        bent[j] = work.gradient[j] / scale[j] - work.back[j]
     triangle = work.damped
     damped_triangle(n, factor, image, damping, triangle, work.right, work.row)
     solve_transposed(n, triangle, bent)
@@ -164,10 +156,7 @@ def shortening(system: Problem, place: Place, vector: ConstantReals, actual: Rea
     if actual >= 0.0:
         return shortened(0.0, actual)
     n = system.n
-    scale = place.scale
-    scaled = work.scaled
-    moved = work.moved
     for j in range(n):
-        scaled[j] = scale[j] * vector[j]
-    times_upper(n, place.factor, scaled, moved)
-    return shortened(dot(n, moved, place.image), actual)
+        work.scaled[j] = place.scale[j] * vector[j]
+    times_upper(n, place.factor, work.scaled, work.moved)
+    return shortened(dot(n, work.moved, place.image), actual)

@@ -44,14 +44,13 @@ def factor_there(
     there = work.other
     copied(system.numbers, work.tried, there.point)
     there.cost = work.cost_tried
-    triangle = there.triangle
     if LANES > 1:
         set_triangle(system, constants, data, index, columns, there, work)
     else:
-        sweep(system, constants, data, index, columns, there.point, 0, work.penalised, work, constants, triangle)
+        sweep(system, constants, data, index, columns, there.point, 0, work.penalised, work, constants, there.triangle)
     total = 0.0
     for i in range((n + 1) * (n + 1)):
-        total += triangle[i]
+        total += there.triangle[i]
     return 1 if isfinite(total) else 0
 
 

@@ -16,9 +16,6 @@ from mbm.target.words import ConstantReals, Integer, Real
 
 def set_working(system: Problem, data: DataSet, work: Work) -> None:
     """`held`: the units of the equations, and of the inequalities that have a multiplier."""
-    multipliers = work.multipliers
-    units = work.units
-    held = work.held
     done = 0
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
@@ -26,18 +23,14 @@ def set_working(system: Problem, data: DataSet, work: Work) -> None:
         count = lines * data.blocks[b].rows
         for k in range(count):
             c = done + k
-            held[c] = units[c]
-            if block.equality[k % lines] == 0 and not multipliers[c] > 0.0:
-                held[c] = 0.0
+            work.held[c] = work.units[c]
+            if block.equality[k % lines] == 0 and not work.multipliers[c] > 0.0:
+                work.held[c] = 0.0
         done += count
 
 
 def largest_violation(system: Problem, data: DataSet, work: Work) -> Real:
     """Of the equations and of the inequalities that hold like them: in units, beyond rounding."""
-    units = work.units
-    values = work.values
-    roundings = work.roundings
-    held = work.held
     worst = 0.0
     done = 0
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
@@ -46,10 +39,10 @@ def largest_violation(system: Problem, data: DataSet, work: Work) -> Real:
         count = lines * data.blocks[b].rows
         for k in range(count):
             c = done + k
-            missed = fabs(values[c]) - roundings[c]
-            holds = block.equality[k % lines] != 0 or held[c] != 0.0
-            if holds and missed > worst * units[c]:
-                worst = missed / units[c]
+            missed = fabs(work.values[c]) - work.roundings[c]
+            holds = block.equality[k % lines] != 0 or work.held[c] != 0.0
+            if holds and missed > worst * work.units[c]:
+                worst = missed / work.units[c]
         done += count
     return worst
 
@@ -60,8 +53,6 @@ def change_working(system: Problem, data: DataSet, nothing: Real, work: Work) ->
     """
     forces = work.forces
     units = work.units
-    values = work.values
-    roundings = work.roundings
     held = work.held
     overstepped = -1
     pulled = -1
@@ -75,8 +66,8 @@ def change_working(system: Problem, data: DataSet, nothing: Real, work: Work) ->
         for k in range(count):
             c = done + k
             if block.equality[k % lines] == 0:
-                if held[c] == 0.0 and values[c] - roundings[c] > most * units[c]:
-                    most = (values[c] - roundings[c]) / units[c]
+                if held[c] == 0.0 and work.values[c] - work.roundings[c] > most * units[c]:
+                    most = (work.values[c] - work.roundings[c]) / units[c]
                     overstepped = c
                 if held[c] != 0.0 and forces[c] * units[c] < least:
                     least = forces[c] * units[c]
@@ -103,21 +94,15 @@ def pushes_on_bounds(
 ) -> Integer:
     """1 where nothing pulls coordinates away from the bounds that hold them, beyond ``nothing`` standard deviations."""
     n = system.n
-    forces = work.forces
-    slopes = work.slopes
-    triangle = place.triangle
-    free = place.free
-    norms = place.norms
-    x = place.x
     for j in range(n):
-        if free[j] == 0.0:
+        if place.free[j] == 0.0:
             slope = 0.0
             for i in range(j + 1):
-                slope += triangle[i * (n + 1) + j] * triangle[i * (n + 1) + n]
+                slope += place.triangle[i * (n + 1) + j] * place.triangle[i * (n + 1) + n]
             for c in range(constraint_count(system, data)):
-                slope += forces[c] * slopes[c * n + j]
-            low = x[j] <= constants[BOUNDS_AT + j] and slope >= -nothing * norms[j]
-            high = x[j] >= constants[BOUNDS_AT + n + j] and slope <= nothing * norms[j]
+                slope += work.forces[c] * work.slopes[c * n + j]
+            low = place.x[j] <= constants[BOUNDS_AT + j] and slope >= -nothing * place.norms[j]
+            high = place.x[j] >= constants[BOUNDS_AT + n + j] and slope <= nothing * place.norms[j]
             if not (low or high):
                 return 0
     return 1
