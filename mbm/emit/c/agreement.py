@@ -24,7 +24,6 @@ def called(agreement: Agreement, lossy: bool) -> list[str]:
         "side_by_side",
         "bench_reals",
         "places_integers",
-        "rows_reals",
     ]
     names += ["place_vector_at"] if agreement.kept else []
     names += ["inform"] if agreement.kept and not lossy else []
