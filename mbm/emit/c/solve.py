@@ -127,6 +127,8 @@ def _prepare(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterat
     yield "    f->data_set->count = set_capacities(f->system, f->data_set);"
     yield "    set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);"
     yield "    share_out(f->system, &f->work);"
+    for name, array in (("constants", "constants"), ("data", "data_set"), ("index", "index"), ("columns", "columns")):
+        yield f"    f->work.{name} = f->{array};"
     yield "    for (b = 0; b < count; b++)"
     yield "        if (f->column[b] >= 0)"
     yield "            f->coordinates[f->column[b]] = b;"
@@ -264,7 +266,7 @@ def _solve(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
         yield f"        f->states[{at.DEFICIENT}] = 1;"
     elif blueprint.agreement is not None and blueprint.agreement.kept:
         yield f"    if (f->states[{at.REASON}] != {at.NOT_FINITE_AT_START}"
-        yield f"        && !inform(f->system, f->constants, f->data_set, {_FRAME_ARGUMENTS}, f->point,"
+        yield "        && !inform(f->system, f->parameters, f->weights, f->point,"
         yield "            f->kappa, f->sides, &f->work, f->triangle, f->covariance))"
         yield f"        f->states[{at.DEFICIENT}] = 1;"
     yield "    result->status = status_of(f);"
@@ -337,8 +339,7 @@ def _functions(name: str) -> Iterator[str]:
     yield "    if (prepare(f, data, workspace) != 0)"
     yield "        return 0;"
     yield "    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work.rows);"
-    yield "    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, &f->work, f->constants,"
-    yield "        f->triangle);"
+    yield "    sweep(f->system, point, 0, 0, &f->work, f->constants, f->triangle);"
     yield "    for (c = 0; c < f->system->n; c++)"
     yield "        f->sides[c] = 0;"
     yield "    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, &f->work, covariance)"

@@ -284,7 +284,7 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
             )
         elif KEPT and states[REASON] != NOT_FINITE_AT_START:
             found = inform(
-                p.system, p.constants, p.data, *p.arrays, point, p.kappa, sides, p.work, triangle, covariance
+                p.system, *p.arrays[:2], point, p.kappa, sides, p.work, triangle, covariance
             )
         if not found:
             states[DEFICIENT] = 1

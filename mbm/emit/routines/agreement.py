@@ -191,12 +191,8 @@ def come_to_agreement(
 
 def inform(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
     parameters: ConstantReals,
     weights: Reals,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     point: ConstantReals,
     kappa: ConstantReals,
     sides: ConstantIntegers,
@@ -213,12 +209,11 @@ def inform(
         count = system.blocks[b].unit_count
         for u in range(count):
             if kappa[first + u] != 1.0:
-                weigh_units(system, data, b, u, sqrt(kappa[first + u]), weights)
+                weigh_units(system, work.data, b, u, sqrt(kappa[first + u]), weights)
         first += count
-    load_rows(system, data, parameters, weights, work.rows)
-    sweep(system, constants, data, index, columns, point, 0, 0, work, constants, triangle)
-    held = work.held
+    load_rows(system, work.data, parameters, weights, work.rows)
+    sweep(system, point, 0, 0, work, work.constants, triangle)
     count = 0
     if work.penalised == 1:
-        count = constraint_count(system, data)
-    return set_covariance(system, triangle, sides, count, held, work, covariance) < 1e300
+        count = constraint_count(system, work.data)
+    return set_covariance(system, triangle, sides, count, work.held, work, covariance) < 1e300

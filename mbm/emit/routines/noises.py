@@ -145,22 +145,8 @@ def solve_noises(
     going = 1
     while going == 1:
         start_solve(system, constants, parameters, weights, index, columns, data, 0, numbers, work)
-        go_on(system, constants, data, index, columns, system.iterations + 1, work)
-        finish_solve(
-            system,
-            constants,
-            data,
-            index,
-            columns,
-            work,
-            numbers,
-            results,
-            states,
-            sides,
-            triangle,
-            covariance,
-            multipliers,
-        )
+        go_on(system, system.iterations + 1, work)
+        finish_solve(system, work, numbers, results, states, sides, triangle, covariance, multipliers)
         going = 0
         if groups > 0 and states[REASON] != NOT_FINITE_AT_START:
             if change > SETTLED_FACTORS and rounds < NOISE_ROUNDS:

@@ -194,16 +194,16 @@ class NativeSystem:
     ) -> None:
         """One solve, ``most`` iterations at a time; ``answer`` are the arrays that it goes to."""
         begin = self.code.routine("start_solve", *[object] * 7, int, *[object] * 2).function
-        go_on = self.code.routine("go_on", *[object] * 5, int, object).function
-        finish = self.code.routine("finish_solve", *[object] * 13).function
+        go_on = self.code.routine("go_on", object, int, object).function
+        finish = self.code.routine("finish_solve", *[object] * 9).function
         system, constants, parameters, weights, index, columns, _ = self._given
         data = self.rows.data[which].ctypes.data
         work = scratch[0].ctypes.data
         begin(system, constants, parameters, weights, index, columns, data, 0, start.ctypes.data, work)
-        done = go_on(system, constants, data, index, columns, 0, work)
+        done = go_on(system, 0, work)
         while not done and not stopped():
-            done = go_on(system, constants, data, index, columns, most, work)
-        finish(system, constants, data, index, columns, work, *(array.ctypes.data for array in answer))
+            done = go_on(system, most, work)
+        finish(system, work, *(array.ctypes.data for array in answer))
 
 
 def handled(equations: object) -> bool:

@@ -61,6 +61,10 @@ def start_solve(
     """Everything at the start of a solve; ``loaded`` 1: the rows of the data set are in ``work`` already."""
     if work.shared == 0:
         share_out(system, work)
+    work.constants = constants
+    work.data = data
+    work.index = index
+    work.columns = columns
     if loaded == 0:
         load_rows(system, data, parameters, weights, work.rows)
     work.here = work.first
@@ -72,19 +76,15 @@ def start_solve(
     work.penalised = 0
     work.tolerance = constants[TOLERANCE]
     if system.constraint_blocks > 0:
-        begin_rounds(system, constants, data, index, columns, work)
+        begin_rounds(system, work)
     else:
-        begin(system, constants, data, index, columns, work)
+        begin(system, work)
         if system.direct == 1 and work.stop != NOT_FINITE_AT_START and work.stop != UNSURE:
-            solve_directly(system, constants, data, index, columns, work)
+            solve_directly(system, work)
 
 
 def go_on(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     most: Integer,
     work: Work,
 ) -> Integer:
@@ -95,12 +95,12 @@ def go_on(
         while work.stop == RUNNING and work.iterations < system.iterations:
             if work.iterations >= last:
                 return 0
-            iterate(system, constants, data, index, columns, work)
+            iterate(system, work)
         if work.stop == RUNNING:
             work.stop = MAX_ITERATIONS
         going = 0
         if system.constraint_blocks > 0 and work.penalised == 1:
-            going = next_round(system, constants, data, index, columns, work)
+            going = next_round(system, work)
     return 1
 
 
@@ -132,10 +132,6 @@ def lossy(system: Problem) -> Integer:
 
 def finish_solve(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     work: Work,
     numbers: Reals,
     results: Reals,
@@ -161,7 +157,7 @@ def finish_solve(
     copied((n + 1) * (n + 1), here.triangle, triangle)
     residuals = work.rows[residuals_at(system, 0) :]
     point = here.point
-    count = constraint_count(system, data)
+    count = constraint_count(system, work.data)
     if work.stop == NOT_FINITE_AT_START:
         for j in range(n):
             sides[j] = 0
@@ -173,26 +169,26 @@ def finish_solve(
         work.rank = 0
         work.loose = 0
         return
-    set_sides(system, constants, here, sides)
+    set_sides(system, work.constants, here, sides)
     if work.penalised == 1:
-        size = residuals_at_point(system, constants, data, index, point, 1, 0, work.rows, residuals)
+        size = residuals_at_point(system, work.constants, work.data, work.index, point, 1, 0, work.rows, residuals)
         results[COST] = dot(size, residuals, residuals)
-        sweep(system, constants, data, index, columns, point, 0, 0, work, constants, triangle)
+        sweep(system, point, 0, 0, work, work.constants, triangle)
         results[VIOLATION] = work.worst
-        set_held(system, data, results[COST], work)
+        set_held(system, results[COST], work)
         copied(count, work.multipliers, multipliers)
     else:
         if LANES > 1 and here.squared_condition > SURE:
-            sweep(system, constants, data, index, columns, point, 0, 0, work, constants, triangle)
+            sweep(system, point, 0, 0, work, work.constants, triangle)
         # constraints push as well, and say so themselves
         release_idle(n, triangle, here.x, results[COST], sides)
     results[PLAIN_COST] = results[COST]
     if lossy(system) == 1:
-        size = residuals_at_point(system, constants, data, index, point, 0, 0, work.rows, residuals)
+        size = residuals_at_point(system, work.constants, work.data, work.index, point, 0, 0, work.rows, residuals)
         results[PLAIN_COST] = dot(size, residuals, residuals)
     count = count if work.penalised == 1 else 0
     results[CONDITION] = set_covariance(system, triangle, sides, count, work.held, work, covariance)
-    states[FREEDOM] = data.count - work.rank
+    states[FREEDOM] = work.data.count - work.rank
     if work.penalised == 1 and states[FREEDOM] <= 0 and results[COST] > PUSHED * PUSHED:
         # Residuals are perpendicular to all columns at a minimum: what remains of so few leaves a column too many.
         results[CONDITION] = undetermined(n, sides, covariance)
@@ -230,13 +226,9 @@ def solve_many(
         start = starts[k * system.numbers :]
         start_solve(system, constants, parameters, weights, index, columns, own, loaded, start, work)
         work.loaded = which[k]
-        go_on(system, constants, own, index, columns, system.iterations + 1, work)
+        go_on(system, system.iterations + 1, work)
         finish_solve(
             system,
-            constants,
-            own,
-            index,
-            columns,
             work,
             numbers[k * system.numbers :],
             results[k * RESULTS :],

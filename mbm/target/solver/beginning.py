@@ -23,7 +23,7 @@ from mbm.target.solver.steps import project
 from mbm.target.solver.sweeps import set_triangle, summed, sweep
 from mbm.target.solver.trust_region import factor_there
 from mbm.target.solver.workspace import Work, residuals_at
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer
+from mbm.target.words import Integer
 
 
 def constraint_count(system: Problem, data: DataSet) -> Integer:
@@ -37,10 +37,6 @@ def constraint_count(system: Problem, data: DataSet) -> Integer:
 
 def begin(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     work: Work,
 ) -> None:
     """Everything where the iteration is, put into the bounds; `stop` says whether it is the end already."""
@@ -50,23 +46,25 @@ def begin(
     x = work.x
     if system.boxed == 1:
         coordinates_of(system, point, x)
-        project(system, constants, x)
+        project(system, work.constants, x)
         place_coordinates(system, x, point)
     work.curvature_known = 0
     work.patience = 0
     work.residuals_here = 0
-    work.count = data.count + work.penalised * constraint_count(system, data)
+    work.count = work.data.count + work.penalised * constraint_count(system, work.data)
     work.stop = RUNNING
     work.evaluations += 1
     residuals = work.rows[residuals_at(system, 0) :]
-    count = residuals_at_point(system, constants, data, index, point, 1, work.penalised, work.rows, residuals)
+    count = residuals_at_point(
+        system, work.constants, work.data, work.index, point, 1, work.penalised, work.rows, residuals
+    )
     place.cost = dot(count, residuals, residuals)
     triangle = place.triangle
     if LANES > 1:
-        work.summed = summed(system, data)
-        set_triangle(system, constants, data, index, columns, place, work)
+        work.summed = summed(system, work.data)
+        set_triangle(system, place, work)
     else:
-        sweep(system, constants, data, index, columns, point, 0, work.penalised, work, constants, triangle)
+        sweep(system, point, 0, work.penalised, work, work.constants, triangle)
     total = place.cost
     for i in range((n + 1) * (n + 1)):
         total += fabs(triangle[i])
@@ -75,7 +73,7 @@ def begin(
         work.stop = NOT_FINITE_AT_START
         place.deficient = 0
         return
-    arrive(system, constants, place, 0, 0, work)
+    arrive(system, place, 0, 0, work)
     work.stop = place.ending
     if system.strict == 1 and place.deficient > 0:
         work.stop = UNSURE
@@ -92,10 +90,6 @@ def begin(
 
 def solve_directly(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     work: Work,
 ) -> None:
     """The minimum of affine equations in one step, with refinement."""
@@ -109,17 +103,17 @@ def solve_directly(
         work.tried = work.trial
         work.residuals_tried = (work.residuals_here + 1) % 3
         residuals = work.rows[residuals_at(system, work.residuals_tried) :]
-        count = residuals_at_point(system, constants, data, index, point, 1, 0, work.rows, residuals)
+        count = residuals_at_point(system, work.constants, work.data, work.index, point, 1, 0, work.rows, residuals)
         work.evaluations += 1
         cost = dot(count, residuals, residuals)
         work.cost_tried = cost
         finite = 1 if isfinite(cost) else 0
         if finite == 0 or cost > here.cost + here.cost_rounding:
             break
-        if factor_there(system, constants, data, index, columns, work) == 0:
+        if factor_there(system, work) == 0:
             break
         there = work.other
-        arrive(system, constants, there, 1, 0, work)
+        arrive(system, there, 1, 0, work)
         if tries > 0 and not there.length < here.length:
             break
         work.here = there

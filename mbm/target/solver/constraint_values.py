@@ -6,7 +6,7 @@ from math import fabs, sqrt
 
 from mbm.target.decisions import EPSILON, ROUNDING_ERRORS
 from mbm.target.solver.beginning import constraint_count
-from mbm.target.solver.description import LANES, Block, DataSet, Problem
+from mbm.target.solver.description import LANES, Block, Problem
 from mbm.target.solver.equations import gather, groups_of, portion
 from mbm.target.solver.linear_algebra import filled
 from mbm.target.solver.united import rows_apart
@@ -44,44 +44,41 @@ def add_slopes(
 
 def linearise(
     system: Problem,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     point: ConstantReals,
     work: Work,
 ) -> None:
     """Values and slopes of all constraints at a point."""
     n = system.n
     outputs = work.rows[outputs_at(system) :]
-    filled(constraint_count(system, data) * n, 0.0, work.slopes)
+    filled(constraint_count(system, work.data) * n, 0.0, work.slopes)
     inputs = inputs_at(system)
     done = 0
     for b in range(system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
-        part = data.blocks[b]
-        rows = rows_apart(system, data, b, work.rows) if LANES > 1 else part.rows
+        part = work.data.blocks[b]
+        rows = rows_apart(system, work.data, b, work.rows) if LANES > 1 else part.rows
         width = (block.variables + block.parameters) * LANES
         if b >= system.residual_blocks:
-            gather(block, rows, index[part.index :], point, work.rows[inputs:])
+            gather(block, rows, work.index[part.index :], point, work.rows[inputs:])
             first = 0
             while first < rows:
                 count = portion(system, block) * LANES
                 if first + count > rows:
                     count = rows - first
                 call_kernel(block.jacobian, work.rows[inputs + first // LANES * width :], outputs, groups_of(count))
-                own = columns[part.columns :]
+                own = work.columns[part.columns :]
                 add_slopes(system, block, own, first, count, outputs, work.values[done:], work.slopes[done * n :])
                 done += count * block.outputs
                 first += count
         inputs += groups_of(rows) * width
 
 
-def set_units(system: Problem, data: DataSet, place: Place, first: Integer, work: Work) -> None:
+def set_units(system: Problem, place: Place, first: Integer, work: Work) -> None:
     """Units and roundings of the constraints at a place; at ``first`` its norms alone are the measure."""
     n = system.n
     norms = place.norms
     units = work.units
-    for c in range(constraint_count(system, data)):
+    for c in range(constraint_count(system, work.data)):
         square = 0.0
         terms = fabs(work.values[c])
         longest = 0.0

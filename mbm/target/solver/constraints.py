@@ -12,13 +12,13 @@ from math import fabs, sqrt
 from mbm.target.decisions import EXACT, FIRST_WEIGHT, HEAVIER, LOOSE, MET, PUSHED, SHRINKS
 from mbm.target.solver.beginning import begin, constraint_count
 from mbm.target.solver.constraint_values import linearise, set_units
-from mbm.target.solver.description import FLAT, INFEASIBLE, LANES, NOT_FINITE_AT_START, TOLERANCE, DataSet, Problem
+from mbm.target.solver.description import FLAT, INFEASIBLE, LANES, NOT_FINITE_AT_START, TOLERANCE, Problem
 from mbm.target.solver.equations import groups_of, weights_width
 from mbm.target.solver.linear_algebra import filled
 from mbm.target.solver.polishing import polish
 from mbm.target.solver.united import rows_apart
 from mbm.target.solver.workspace import Work, weights_at
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real
+from mbm.target.words import Integer, Real
 
 ROUNDS = 30
 """Rounds of the multiplied penalties."""
@@ -33,14 +33,14 @@ TIGHTER = 0.03
 """Standard deviations to which each round after the first is solved."""
 
 
-def set_penalties(system: Problem, data: DataSet, work: Work) -> None:
+def set_penalties(system: Problem, work: Work) -> None:
     """Factors and shifts of the penalties, where the kernels' weights stand."""
     weight = work.weight
     whitening = weights_at(system)
     done = 0
     for b in range(system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
-        rows = rows_apart(system, data, b, work.rows) if LANES > 1 else data.blocks[b].rows
+        rows = rows_apart(system, work.data, b, work.rows) if LANES > 1 else work.data.blocks[b].rows
         if b >= system.residual_blocks:
             lines = block.outputs
             own = work.rows[whitening:]
@@ -57,7 +57,7 @@ def set_penalties(system: Problem, data: DataSet, work: Work) -> None:
         whitening += groups_of(rows) * weights_width(block) * LANES
 
 
-def update_multipliers(system: Problem, data: DataSet, work: Work) -> Real:
+def update_multipliers(system: Problem, work: Work) -> Real:
     """The multipliers that the penalties amount to, and the largest violation in units beyond rounding."""
     weight = work.weight
     units = work.units
@@ -67,7 +67,7 @@ def update_multipliers(system: Problem, data: DataSet, work: Work) -> Real:
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
         lines = block.outputs
-        count = lines * data.blocks[b].rows
+        count = lines * work.data.blocks[b].rows
         for k in range(count):
             c = done + k
             equal = block.equality[k % lines]
@@ -89,53 +89,45 @@ def update_multipliers(system: Problem, data: DataSet, work: Work) -> Real:
 
 def begin_rounds(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     work: Work,
 ) -> None:
     """The first round, from the point where the iteration is."""
     place = work.here
     work.round = 0
-    filled(constraint_count(system, data), 0.0, work.multipliers)
+    filled(constraint_count(system, work.data), 0.0, work.multipliers)
     work.penalised = 0
-    begin(system, constants, data, index, columns, work)
+    begin(system, work)
     # Coordinates that the constraints alone determine leave the residuals deficient: that is no reason to end.
     if work.stop == NOT_FINITE_AT_START:
         return
-    linearise(system, data, index, columns, place.point, work)
-    set_units(system, data, place, 1, work)
+    linearise(system, place.point, work)
+    set_units(system, place, 1, work)
     work.penalised = 1
     work.weight = FIRST_WEIGHT
     work.worst = 1e300
-    work.tolerance = LOOSE if constants[TOLERANCE] < LOOSE else constants[TOLERANCE]
-    set_penalties(system, data, work)
-    begin(system, constants, data, index, columns, work)
+    work.tolerance = LOOSE if work.constants[TOLERANCE] < LOOSE else work.constants[TOLERANCE]
+    set_penalties(system, work)
+    begin(system, work)
 
 
 def next_round(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     work: Work,
 ) -> Integer:
     """What follows on a round that has ended: 1 where another one has begun, 0 where it is the end."""
     if work.stop > FLAT:
         return 0
     here = work.here
-    linearise(system, data, index, columns, here.point, work)
+    linearise(system, here.point, work)
     work.evaluations += 1
-    set_units(system, data, here, 0, work)
-    worst = update_multipliers(system, data, work)
+    set_units(system, here, 0, work)
+    worst = update_multipliers(system, work)
     work.round += 1
-    if polish(system, constants, data, index, columns, work) == 1:
+    if polish(system, work) == 1:
         return 0
-    linearise(system, data, index, columns, here.point, work)
-    set_units(system, data, here, 0, work)
-    settled = work.tolerance <= constants[TOLERANCE] and work.stop != FLAT
+    linearise(system, here.point, work)
+    set_units(system, here, 0, work)
+    settled = work.tolerance <= work.constants[TOLERANCE] and work.stop != FLAT
     stalled = not worst <= SHRINKS * work.worst
     over = settled and (worst <= EXACT or (stalled and worst <= MET and work.weight >= ENOUGH))
     if over or work.round >= ROUNDS:
@@ -149,20 +141,20 @@ def next_round(
     if worst < work.worst:
         work.worst = worst
     work.tolerance *= TIGHTER
-    if work.tolerance < constants[TOLERANCE]:
-        work.tolerance = constants[TOLERANCE]
-    set_penalties(system, data, work)
-    begin(system, constants, data, index, columns, work)
+    if work.tolerance < work.constants[TOLERANCE]:
+        work.tolerance = work.constants[TOLERANCE]
+    set_penalties(system, work)
+    begin(system, work)
     return 1
 
 
-def set_held(system: Problem, data: DataSet, cost: Real, work: Work) -> None:
+def set_held(system: Problem, cost: Real, work: Work) -> None:
     """Mark the constraints that hold the estimates, by their units; the others have no multiplier."""
     done = 0
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
         lines = block.outputs
-        count = lines * data.blocks[b].rows
+        count = lines * work.data.blocks[b].rows
         for k in range(count):
             c = done + k
             work.held[c] = work.units[c]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import fabs, isfinite, sqrt
 
 from mbm.target.decisions import DIFFERENCE, LEAST_DIFFERENCE
-from mbm.target.solver.description import DataSet, Problem
+from mbm.target.solver.description import Problem
 from mbm.target.solver.linear_algebra import cholesky, dot, filled, solve_transposed, solve_upper
 from mbm.target.solver.manifolds import retract
 from mbm.target.solver.steps import chosen_columns, down_of, norm_of, up_of
@@ -19,7 +19,7 @@ from mbm.target.solver.workspace import Place, Work, residuals_at
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 
 
-def newton_step(system: Problem, constants: ConstantReals, place: Place, work: Work) -> Integer:
+def newton_step(system: Problem, place: Place, work: Work) -> Integer:
     """Newton's step as the undamped one of the place; 0 where the Hessian is indefinite or the step leaves the box."""
     n = system.n
     full = place.full
@@ -58,7 +58,9 @@ def newton_step(system: Problem, constants: ConstantReals, place: Place, work: W
     for k in range(count):
         at = chosen[k]
         full[at] = -image[k] / place.scale[at]
-        beyond = full[at] < down_of(system, constants, place.x, at) or full[at] > up_of(system, constants, place.x, at)
+        low = down_of(system, work.constants, place.x, at)
+        high = up_of(system, work.constants, place.x, at)
+        beyond = full[at] < low or full[at] > high
         if system.boxed == 1 and beyond:
             return 0
     place.predicted = gain
@@ -95,10 +97,6 @@ def set_inner(
 
 def set_curvature(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     work: Work,
 ) -> Integer:
     """The second-order term at the place of the iteration, by forward differences; 0 where it is not finite."""
@@ -118,7 +116,7 @@ def set_curvature(
         if LEAST_DIFFERENCE * fabs(place.x[j]) > step[j]:
             step[j] = LEAST_DIFFERENCE * fabs(place.x[j])
         retract(system, place.point, step, point)
-        sweep(system, constants, data, index, columns, point, 1, work.penalised, work, residuals, there)
+        sweep(system, point, 1, work.penalised, work, residuals, there)
         for k in range(n):
             gradient = 0.0
             for i in range(k + 1):

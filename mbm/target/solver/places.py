@@ -75,7 +75,6 @@ def set_free(system: Problem, constants: ConstantReals, x: ConstantReals, gradie
 
 def arrive(
     system: Problem,
-    constants: ConstantReals,
     place: Place,
     reached: Integer,
     curved: Integer,
@@ -116,14 +115,14 @@ def arrive(
     if system.boxed == 1:
         gradient = work.gradient
         times_transposed(n, place.factor, place.image, gradient)
-        set_free(system, constants, x, gradient, place.free)
-    judge(system, constants, place, curved, work)
+        set_free(system, work.constants, x, gradient, place.free)
+    judge(system, place, curved, work)
 
 
-def judge(system: Problem, constants: ConstantReals, place: Place, curved: Integer, work: Work) -> None:
+def judge(system: Problem, place: Place, curved: Integer, work: Work) -> None:
     """The undamped step at a place (Newton's where ``curved``), its offset, and why the iteration ends there if so."""
     n = system.n
-    set_full_step(system, constants, place, curved, work)
+    set_full_step(system, place, curved, work)
     norms = place.norms
     moving = 0
     movement = 0.0
@@ -155,18 +154,18 @@ def judge(system: Problem, constants: ConstantReals, place: Place, curved: Integ
     place.ending = ending
 
 
-def set_full_step(system: Problem, constants: ConstantReals, place: Place, curved: Integer, work: Work) -> None:
+def set_full_step(system: Problem, place: Place, curved: Integer, work: Work) -> None:
     """The undamped step of a place, its promise and length."""
     n = system.n
     full = place.full
     image = place.image
     filled(n, 0.0, place.stopped)
-    if curved == 1 and newton_step(system, constants, place, work) == 1:
+    if curved == 1 and newton_step(system, place, work) == 1:
         return
     if system.boxed == 1:
         promised = work.step_predicted
         length = work.step_length
-        boxed_step(system, constants, place, inf, 0, work, full, place.stopped)
+        boxed_step(system, place, inf, 0, work, full, place.stopped)
         place.predicted = work.step_predicted
         place.length = work.step_length
         work.step_predicted = promised

@@ -13,7 +13,7 @@ from math import fabs, inf, isfinite, sqrt
 from mbm.target.decisions import DIFFERENCE, EXACT, LEAST_DIFFERENCE, MET, POLISH, SETTLED, SLOW_KKT
 from mbm.target.solver.beginning import constraint_count
 from mbm.target.solver.constraint_values import linearise, set_units
-from mbm.target.solver.description import BOUNDS_AT, ROUNDING, RUNNING, SMALL_OFFSET, TOLERANCE, DataSet, Problem
+from mbm.target.solver.description import BOUNDS_AT, ROUNDING, RUNNING, SMALL_OFFSET, TOLERANCE, Problem
 from mbm.target.solver.equations import residuals_at_point
 from mbm.target.solver.linear_algebra import copied, dot, filled
 from mbm.target.solver.manifolds import coordinates_of, retract
@@ -21,7 +21,7 @@ from mbm.target.solver.surface import choose_free, surface_step, turn_place
 from mbm.target.solver.sweeps import sweep
 from mbm.target.solver.working import change_working, largest_violation, pushes_on_bounds, set_working
 from mbm.target.solver.workspace import Place, Work, residuals_at
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.target.words import ConstantReals, Integer, Real, Reals
 
 STEPS_AT_MOST = 20
 
@@ -31,10 +31,6 @@ CLOSE = 0.3
 
 def set_place(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     place: Place,
     work: Work,
 ) -> Integer:
@@ -44,10 +40,10 @@ def set_place(
     point = place.point
     residuals = work.rows[residuals_at(system, 0) :]
     coordinates_of(system, point, place.x)
-    count = residuals_at_point(system, constants, data, index, point, 1, 0, work.rows, residuals)
+    count = residuals_at_point(system, work.constants, work.data, work.index, point, 1, 0, work.rows, residuals)
     place.cost = dot(count, residuals, residuals)
-    sweep(system, constants, data, index, columns, point, 0, 0, work, residuals, triangle)
-    linearise(system, data, index, columns, point, work)
+    sweep(system, point, 0, 0, work, residuals, triangle)
+    linearise(system, point, work)
     work.evaluations += 1
     total = place.cost
     for j in range(n):
@@ -56,22 +52,18 @@ def set_place(
             square += triangle[i * (n + 1) + j] * triangle[i * (n + 1) + j]
         place.norms[j] = sqrt(square)
         total += place.norms[j]
-    for c in range(constraint_count(system, data)):
+    for c in range(constraint_count(system, work.data)):
         total += fabs(work.values[c])
         for j in range(n):
             total += fabs(work.slopes[c * n + j])
     if not isfinite(total):
         return 0
-    set_units(system, data, place, 0, work)
+    set_units(system, place, 0, work)
     return 1
 
 
 def set_surface_curvature(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     count: Integer,
     place: Place,
     work: Work,
@@ -83,12 +75,12 @@ def set_surface_curvature(
     curvature = work.curvature
     point = work.trial
     residuals = work.rows[residuals_at(system, 0) :]
-    freedom = float(data.count - count)
+    freedom = float(work.data.count - count)
     spread = sqrt(place.cost / (freedom if freedom > 1.0 else 1.0))
     if spread < 1e-3:
         spread = 1e-3
     filled(n * n, 0.0, curvature)
-    set_gradient(system, constants, data, index, columns, place.point, residuals, work, work.gradient)
+    set_gradient(system, place.point, residuals, work, work.gradient)
     total = 0.0
     for k in range(count):
         j = work.chosen[k]
@@ -97,8 +89,8 @@ def set_surface_curvature(
         if LEAST_DIFFERENCE * fabs(place.x[j]) > step[j]:
             step[j] = LEAST_DIFFERENCE * fabs(place.x[j])
         retract(system, place.point, step, point)
-        linearise(system, data, index, columns, point, work)
-        set_gradient(system, constants, data, index, columns, point, residuals, work, there)
+        linearise(system, point, work)
+        set_gradient(system, point, residuals, work, there)
         for i in range(n):
             curvature[j * n + i] = (there[i] - work.gradient[i]) / step[j]
             total += fabs(curvature[j * n + i])
@@ -108,16 +100,12 @@ def set_surface_curvature(
             value = 0.5 * (curvature[i * n + k] + curvature[k * n + i])
             curvature[i * n + k] = value
             curvature[k * n + i] = value
-    linearise(system, data, index, columns, place.point, work)
+    linearise(system, place.point, work)
     return 1 if isfinite(total) else 0
 
 
 def set_gradient(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     point: ConstantReals,
     residuals: ConstantReals,
     work: Work,
@@ -125,13 +113,13 @@ def set_gradient(
 ) -> None:
     """``Jᵀ r + Σ λ ∇c`` (n,) with the slopes at a point, residuals and multipliers as they are given."""
     n = system.n
-    sweep(system, constants, data, index, columns, point, 1, 0, work, residuals, gradient)
-    for c in range(constraint_count(system, data)):
+    sweep(system, point, 1, 0, work, residuals, gradient)
+    for c in range(constraint_count(system, work.data)):
         for j in range(n):
             gradient[j] += work.forces[c] * work.slopes[c * n + j]
 
 
-def move(system: Problem, constants: ConstantReals, place: Place, work: Work) -> Integer:
+def move(system: Problem, place: Place, work: Work) -> Integer:
     """The step of a place taken; 0 where that leaves the bounds."""
     n = system.n
     point = work.trial
@@ -141,7 +129,7 @@ def move(system: Problem, constants: ConstantReals, place: Place, work: Work) ->
     coordinates_of(system, point, x)
     for j in range(n):
         if place.free[j] != 0.0:
-            if x[j] < constants[BOUNDS_AT + j] or x[j] > constants[BOUNDS_AT + n + j]:
+            if x[j] < work.constants[BOUNDS_AT + j] or x[j] > work.constants[BOUNDS_AT + n + j]:
                 return 0
             if system.positive[j] != 0 and not x[j] > 0.0:
                 return 0
@@ -167,75 +155,70 @@ def ending_of(
     return RUNNING
 
 
-def begin_on_surface(system: Problem, data: DataSet, place: Place, work: Work) -> Integer:
+def begin_on_surface(system: Problem, place: Place, work: Work) -> Integer:
     """A place where the iteration is, and which constraints hold there; how many coordinates may move."""
     n = system.n
     here = work.here
     copied(system.numbers, here.point, place.point)
     copied(n, here.free, place.free)
     filled(n, 0.0, place.stopped)
-    set_working(system, data, work)
+    set_working(system, work)
     return choose_free(system, place, work)
 
 
 def polish(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     work: Work,
 ) -> Integer:
     """1: the solve is at its end, at a point on the surface near that of the iteration; 0: nothing has happened."""
     place = work.other
-    count = begin_on_surface(system, data, place, work)
+    count = begin_on_surface(system, place, work)
     before = inf
     curved = 0
     fresh = 0
     steps = 0
     for _ in range(STEPS_AT_MOST):
-        if set_place(system, constants, data, index, columns, place, work) == 0:
+        if set_place(system, place, work) == 0:
             return 0
-        turned = turn_place(system, data, place, count, work)
-        if surface_step(system, data, count, turned, curved, place, work) == 0:
+        turned = turn_place(system, place, count, work)
+        if surface_step(system, count, turned, curved, place, work) == 0:
             return 0
-        worst = largest_violation(system, data, work)
-        ending = ending_of(constants, place, steps, fresh, before, worst)
+        worst = largest_violation(system, work)
+        ending = ending_of(work.constants, place, steps, fresh, before, worst)
         if ending < 0:
             return 0
         if ending != RUNNING:
-            nothing = constants[TOLERANCE] * (1.0 + sqrt(place.cost))
-            if change_working(system, data, nothing, work) == 0:
-                if pushes_on_bounds(system, constants, data, nothing, place, work) == 0:
+            nothing = work.constants[TOLERANCE] * (1.0 + sqrt(place.cost))
+            if change_working(system, nothing, work) == 0:
+                if pushes_on_bounds(system, nothing, place, work) == 0:
                     return 0
-                arrive_on_surface(system, data, ending, worst, work)
+                arrive_on_surface(system, ending, worst, work)
                 return 1
             steps = 0
-            turned = turn_place(system, data, place, count, work)
-            if surface_step(system, data, count, turned, curved, place, work) == 0:
+            turned = turn_place(system, place, count, work)
+            if surface_step(system, count, turned, curved, place, work) == 0:
                 return 0
         if steps == 0 and not (place.offset <= CLOSE or place.length <= CLOSE):
             return 0
         fresh = 0
         if steps > 0 and not place.offset <= SLOW_KKT * before:
-            if set_surface_curvature(system, constants, data, index, columns, count, place, work) == 0:
+            if set_surface_curvature(system, count, place, work) == 0:
                 return 0
             curved = 1
             fresh = 1
-            turned = turn_place(system, data, place, count, work)
-            if surface_step(system, data, count, turned, curved, place, work) == 0:
+            turned = turn_place(system, place, count, work)
+            if surface_step(system, count, turned, curved, place, work) == 0:
                 return 0
         before = place.offset
         steps += 1
         work.iterations += 1
-        if move(system, constants, place, work) == 0:
+        if move(system, place, work) == 0:
             return 0
     return 0
 
 
 def arrive_on_surface(
     system: Problem,
-    data: DataSet,
     ending: Integer,
     worst: Real,
     work: Work,
@@ -246,4 +229,4 @@ def arrive_on_surface(
     work.here = there
     work.stop = ending
     work.worst = worst
-    copied(constraint_count(system, data), work.forces, work.multipliers)
+    copied(constraint_count(system, work.data), work.forces, work.multipliers)

@@ -12,7 +12,7 @@ from math import fabs, sqrt
 from mbm.target.decisions import EPSILON, ROUNDING_ERRORS
 from mbm.target.solver.beginning import constraint_count
 from mbm.target.solver.covariance import set_reduced, set_scales
-from mbm.target.solver.description import DataSet, Problem
+from mbm.target.solver.description import Problem
 from mbm.target.solver.linear_algebra import cholesky, dot, filled, solve_transposed, solve_upper
 from mbm.target.solver.steps import without_dependent
 from mbm.target.solver.tangent import REPEATED, along_surface, from_surface, turn_constraints
@@ -40,7 +40,6 @@ def choose_free(system: Problem, place: Place, work: Work) -> Integer:
 
 def turn_place(
     system: Problem,
-    data: DataSet,
     place: Place,
     count: Integer,
     work: Work,
@@ -59,7 +58,7 @@ def turn_place(
     gradient = work.gradient
     reflections = work.reflections
     lower = work.lower
-    holding = constraint_count(system, data)
+    holding = constraint_count(system, work.data)
     set_scales(n, count, chosen, triangle, holding, held, slopes, scale)
     turned = turn_constraints(n, count, chosen, scale, holding, held, slopes, reflections)
     found = 0
@@ -98,7 +97,6 @@ def turn_place(
 
 def surface_step(
     system: Problem,
-    data: DataSet,
     count: Integer,
     turned: Integer,
     curved: Integer,
@@ -144,7 +142,7 @@ def surface_step(
     for k in range(width):
         along[turned + k] = line[k]
     from_surface(count, turned, work.reflections, along)
-    set_step(system, data, count, width, place, work)
+    set_step(system, count, width, place, work)
     return 1
 
 
@@ -202,7 +200,6 @@ def transposed(n: Integer, matrix: Reals) -> None:
 
 def set_step(
     system: Problem,
-    data: DataSet,
     count: Integer,
     width: Integer,
     place: Place,
@@ -227,5 +224,5 @@ def set_step(
     outside = place.cost - inside
     place.length = sqrt(dot(count, along, along))
     place.predicted = inside
-    place.offset = relative_offset(inside, outside if outside > 0.0 else 0.0, width, data.count - width)
+    place.offset = relative_offset(inside, outside if outside > 0.0 else 0.0, width, work.data.count - width)
     place.rounding = ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(place.cost))

@@ -17,7 +17,7 @@ from mbm.target.solver.normal_equations import add_products, add_sums, rooted
 from mbm.target.solver.slopes import penalise_slopes, root_slopes, scatter, whiten_matrices
 from mbm.target.solver.united import first_apart, rows_apart, united_rows
 from mbm.target.solver.workspace import Place, Work, chunk_at, inputs_at, outputs_at, weights_at
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, call_kernel, distinct_arrays
+from mbm.target.words import ConstantReals, Integer, Reals, call_kernel, distinct_arrays
 
 HARMLESS = 1e6
 """A squared condition up to which sums of products give steps to 1e-9 of their length, and offsets likewise."""
@@ -63,10 +63,6 @@ def whiten_portion(
 
 def sweep(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     point: ConstantReals,
     mode: Integer,
     penalised: Integer,
@@ -91,17 +87,17 @@ def sweep(
     begin = first_apart(system, work.rows) if LANES > 1 else 0
     for b in range(begin, system.residual_blocks + penalised * system.constraint_blocks):
         block = system.blocks[b]
-        part = data.blocks[b]
-        rows = rows_apart(system, data, b, work.rows) if LANES > 1 else part.rows
+        part = work.data.blocks[b]
+        rows = rows_apart(system, work.data, b, work.rows) if LANES > 1 else part.rows
         lines = block.outputs * LANES
         width = (block.variables + block.parameters) * LANES
         heavy = weights_width(block) * LANES
-        own = columns[part.columns :]
-        gather(block, rows, index[part.index :], point, work.rows[inputs:])
+        own = work.columns[part.columns :]
+        gather(block, rows, work.index[part.index :], point, work.rows[inputs:])
         first = 0
         if LANES > 1 and mode == 2 and block.normal != 0 and rows >= system.summed_from:
             first = groups_of(rows)
-            add_sums(n, constants, block, own, first, work.rows[inputs:], work.rows[whitening:], outputs, target)
+            add_sums(n, work.constants, block, own, first, work.rows[inputs:], work.rows[whitening:], outputs, target)
         while first < groups_of(rows):
             groups = portion(system, block)
             if first + groups > groups_of(rows):
@@ -118,7 +114,7 @@ def sweep(
             right = chunk[n * stride + there :]
             every = block.outputs + block.nonzero_count
             if b < system.residual_blocks:
-                whiten_portion(system, constants, block, groups, every, outputs, weights, right, chunk[there:])
+                whiten_portion(system, work.constants, block, groups, every, outputs, weights, right, chunk[there:])
             else:
                 penalise_values(block, groups, every, outputs, weights, right)
                 penalise_slopes(system, block, groups, weights, right, chunk[there:])
@@ -141,10 +137,6 @@ def summed(system: Problem, data: DataSet) -> Integer:
 
 def set_triangle(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     place: Place,
     work: Work,
 ) -> None:
@@ -153,7 +145,7 @@ def set_triangle(
     triangle = place.triangle
     if work.summed == 1:
         filled((n + 1) * (n + 1), 0.0, triangle)
-        sweep(system, constants, data, index, columns, place.point, 2, work.penalised, work, constants, triangle)
+        sweep(system, place.point, 2, work.penalised, work, work.constants, triangle)
         lower = work.lower
         upper = work.inner
         inverse = work.inverse
@@ -162,4 +154,4 @@ def set_triangle(
             return
         work.summed = 0
     place.squared_condition = 0.0
-    sweep(system, constants, data, index, columns, place.point, 0, work.penalised, work, constants, triangle)
+    sweep(system, place.point, 0, work.penalised, work, work.constants, triangle)

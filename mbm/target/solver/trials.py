@@ -8,7 +8,7 @@ from __future__ import annotations
 from math import isfinite
 
 from mbm.target.decisions import BEND, CURVED_SHARE, UNDECIDED
-from mbm.target.solver.description import DataSet, Problem
+from mbm.target.solver.description import Problem
 from mbm.target.solver.equations import residuals_at_point
 from mbm.target.solver.linear_algebra import (
     copied,
@@ -25,10 +25,10 @@ from mbm.target.solver.steps import boxed_step, judge_step, land, marquardt_step
 from mbm.target.solver.sweeps import sweep
 from mbm.target.solver.workspace import Place, Work, residuals_at
 from mbm.target.step_control import shortened
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real
+from mbm.target.words import ConstantReals, Integer, Real
 
 
-def step_within(system: Problem, constants: ConstantReals, radius: Real, work: Work) -> None:
+def step_within(system: Problem, radius: Real, work: Work) -> None:
     """The step inside the radius: `step`, `step_stopped`, its promise and length."""
     n = system.n
     place = work.here
@@ -43,7 +43,7 @@ def step_within(system: Problem, constants: ConstantReals, radius: Real, work: W
         work.step_length = place.length
         return
     if system.boxed == 1:
-        boxed_step(system, constants, place, radius, 1, work, vector, stopped)
+        boxed_step(system, place, radius, 1, work, vector, stopped)
         return
     filled(n, 0.0, stopped)
     marquardt_step(n, place.factor, place.image, radius, vector, work.damped, work.right, work.row)
@@ -54,10 +54,6 @@ def step_within(system: Problem, constants: ConstantReals, radius: Real, work: W
 
 def bend_step(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     work: Work,
 ) -> Integer:
     """The step with the curvature answered that showed at its end: `bent`; 0 where the answer is too long.
@@ -73,7 +69,7 @@ def bend_step(
     bent = work.bent
     moved = work.moved
     residuals = work.rows[residuals_at(system, work.residuals_tried) :]
-    sweep(system, constants, data, index, columns, place.point, 1, work.penalised, work, residuals, work.gradient)
+    sweep(system, place.point, 1, work.penalised, work, residuals, work.gradient)
     for j in range(n):
         scaled[j] = scale[j] * work.step[j]
     times_upper(n, factor, scaled, moved)
@@ -102,10 +98,6 @@ def bend_step(
 
 def try_step(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     work: Work,
 ) -> None:
     """Evaluate the step, and once more with the curvature answered where it brought too little."""
@@ -116,12 +108,14 @@ def try_step(
     if system.boxed == 1:
         x = work.x
         coordinates_of(system, point, x)
-        land(system, constants, vector, work.step_stopped, x)
+        land(system, work.constants, vector, work.step_stopped, x)
         place_coordinates(system, x, point)
     work.tried = work.trial
     work.residuals_tried = (work.residuals_here + 1) % 3
     residuals = work.rows[residuals_at(system, work.residuals_tried) :]
-    count = residuals_at_point(system, constants, data, index, point, 1, work.penalised, work.rows, residuals)
+    count = residuals_at_point(
+        system, work.constants, work.data, work.index, point, 1, work.penalised, work.rows, residuals
+    )
     work.evaluations += 1
     cost = dot(count, residuals, residuals)
     work.cost_tried = cost
@@ -129,12 +123,14 @@ def try_step(
         return
     if place.cost - cost >= CURVED_SHARE * work.step_predicted:
         return
-    if bend_step(system, constants, data, index, columns, work) == 0:
+    if bend_step(system, work) == 0:
         return
     curved = work.bent_trial
     retract(system, place.point, work.bent, curved)
     there = work.rows[residuals_at(system, (work.residuals_here + 2) % 3) :]
-    count = residuals_at_point(system, constants, data, index, curved, 1, work.penalised, work.rows, there)
+    count = residuals_at_point(
+        system, work.constants, work.data, work.index, curved, 1, work.penalised, work.rows, there
+    )
     work.evaluations += 1
     lower = dot(count, there, there)
     if lower < cost:

@@ -20,7 +20,7 @@ from mbm.target.decisions import (
     TRIAL_POINTS,
     UNDECIDED,
 )
-from mbm.target.solver.description import FLAT, LANES, NO_FINITE_STEP, ROUNDING, RUNNING, UNSURE, DataSet, Problem
+from mbm.target.solver.description import FLAT, LANES, NO_FINITE_STEP, ROUNDING, RUNNING, UNSURE, Problem
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.solver.newton import set_curvature
 from mbm.target.solver.places import arrive, judge
@@ -28,15 +28,11 @@ from mbm.target.solver.sweeps import set_triangle, sweep
 from mbm.target.solver.trials import same_point, shortening, step_within, try_step
 from mbm.target.solver.workspace import Work
 from mbm.target.step_control import radius_after, remaining
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real
+from mbm.target.words import Integer, Real
 
 
 def factor_there(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     work: Work,
 ) -> Integer:
     """The trial point as the other place, with its triangle; 0 where that is not finite."""
@@ -45,9 +41,9 @@ def factor_there(
     copied(system.numbers, work.tried, there.point)
     there.cost = work.cost_tried
     if LANES > 1:
-        set_triangle(system, constants, data, index, columns, there, work)
+        set_triangle(system, there, work)
     else:
-        sweep(system, constants, data, index, columns, there.point, 0, work.penalised, work, constants, there.triangle)
+        sweep(system, there.point, 0, work.penalised, work, work.constants, there.triangle)
     total = 0.0
     for i in range((n + 1) * (n + 1)):
         total += there.triangle[i]
@@ -56,10 +52,6 @@ def factor_there(
 
 def arrive_there(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     share: Real,
     work: Work,
 ) -> None:
@@ -69,9 +61,9 @@ def arrive_there(
     """
     here = work.here
     there = work.other
-    arrive(system, constants, there, 1, work.curvature_known, work)
+    arrive(system, there, 1, work.curvature_known, work)
     if share < 0.0 and not there.offset <= OFFSET_DECREASE * here.offset:
-        no_better(system, constants, work)
+        no_better(system, work)
         return
     if share >= 0.0:
         work.radius = radius_after(share, work.radius, work.step_length, work.undamped)
@@ -91,7 +83,7 @@ def arrive_there(
             return
     elif here.cost - there.cost > CREEP * here.cost:
         return
-    take_curvature(system, constants, data, index, columns, work)
+    take_curvature(system, work)
     longest = REACH * work.radius
     if there.length < longest:
         longest = there.length
@@ -101,28 +93,24 @@ def arrive_there(
 
 def take_curvature(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     work: Work,
 ) -> None:
     """The second-order term at the place of the iteration, and the place judged anew with it."""
     place = work.here
-    work.curvature_known = set_curvature(system, constants, data, index, columns, work)
-    judge(system, constants, place, work.curvature_known, work)
+    work.curvature_known = set_curvature(system, work)
+    judge(system, place, work.curvature_known, work)
     work.patience = PATIENCE if place.offset >= NEAR_OFFSET else 0
     work.stop = place.ending
 
 
-def no_better(system: Problem, constants: ConstantReals, work: Work) -> None:
+def no_better(system: Problem, work: Work) -> None:
     """No better point: the end, unless the second-order term was too inexact for the last digits."""
     if work.curvature_known == 0:
         work.stop = ROUNDING
         return
     place = work.here
     work.curvature_known = 0
-    judge(system, constants, place, 0, work)
+    judge(system, place, 0, work)
     if place.length > work.radius:
         work.radius = place.length
     work.patience = NEVER
@@ -131,22 +119,18 @@ def no_better(system: Problem, constants: ConstantReals, work: Work) -> None:
 
 def stuck(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     work: Work,
 ) -> None:
     """No trial was accepted: the end, unless Newton's step shows a way that Gauss-Newton's did not."""
     place = work.here
     if place.predicted <= UNDECIDED * place.cost_rounding:
-        no_better(system, constants, work)
+        no_better(system, work)
     elif work.finite == 0:
         work.stop = NO_FINITE_STEP
     elif work.patience > 0:
         work.stop = FLAT
     else:
-        take_curvature(system, constants, data, index, columns, work)
+        take_curvature(system, work)
         work.patience = PATIENCE
         if place.length > work.radius:
             work.radius = place.length
@@ -154,10 +138,6 @@ def stuck(
 
 def iterate(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     work: Work,
 ) -> None:
     """Trial steps until one is accepted, or none can be; the cost never grows by more than its rounding."""
@@ -167,8 +147,8 @@ def iterate(
     work.finite = 1
     work.iterations += 1
     for _ in range(TRIAL_POINTS):
-        step_within(system, constants, radius, work)
-        try_step(system, constants, data, index, columns, work)
+        step_within(system, radius, work)
+        try_step(system, work)
         if same_point(system, work.tried, here.point) == 1:
             break
         shorter = work.step_length if work.step_length < radius else radius
@@ -187,15 +167,15 @@ def iterate(
         elif work.undamped == 1 and actual >= -here.cost_rounding:
             acceptable = 1
         if acceptable == 1:
-            if factor_there(system, constants, data, index, columns, work) == 0:
+            if factor_there(system, work) == 0:
                 work.finite = 0
                 radius = 0.25 * shorter
                 continue
             work.radius = radius
-            arrive_there(system, constants, data, index, columns, share, work)
+            arrive_there(system, share, work)
             return
         if not decided:
             break
         radius = shortening(system, here, work.step, actual, work) * shorter
     work.radius = radius
-    stuck(system, constants, data, index, columns, work)
+    stuck(system, work)

@@ -9,18 +9,18 @@ from math import fabs
 
 from mbm.target.decisions import EXACT
 from mbm.target.solver.beginning import constraint_count
-from mbm.target.solver.description import BOUNDS_AT, DataSet, Problem
+from mbm.target.solver.description import BOUNDS_AT, Problem
 from mbm.target.solver.workspace import Place, Work
-from mbm.target.words import ConstantReals, Integer, Real
+from mbm.target.words import Integer, Real
 
 
-def set_working(system: Problem, data: DataSet, work: Work) -> None:
+def set_working(system: Problem, work: Work) -> None:
     """`held`: the units of the equations, and of the inequalities that have a multiplier."""
     done = 0
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
         lines = block.outputs
-        count = lines * data.blocks[b].rows
+        count = lines * work.data.blocks[b].rows
         for k in range(count):
             c = done + k
             work.held[c] = work.units[c]
@@ -29,14 +29,14 @@ def set_working(system: Problem, data: DataSet, work: Work) -> None:
         done += count
 
 
-def largest_violation(system: Problem, data: DataSet, work: Work) -> Real:
+def largest_violation(system: Problem, work: Work) -> Real:
     """Of the equations and of the inequalities that hold like them: in units, beyond rounding."""
     worst = 0.0
     done = 0
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
         lines = block.outputs
-        count = lines * data.blocks[b].rows
+        count = lines * work.data.blocks[b].rows
         for k in range(count):
             c = done + k
             missed = fabs(work.values[c]) - work.roundings[c]
@@ -47,7 +47,7 @@ def largest_violation(system: Problem, data: DataSet, work: Work) -> Real:
     return worst
 
 
-def change_working(system: Problem, data: DataSet, nothing: Real, work: Work) -> Integer:
+def change_working(system: Problem, nothing: Real, work: Work) -> Integer:
     """1 where another inequality holds from now on: the most overstepped one does; or else the one does not any more
     whose multiplier is the most negative, beyond ``nothing`` standard deviations. 0: all signs are right.
     """
@@ -62,7 +62,7 @@ def change_working(system: Problem, data: DataSet, nothing: Real, work: Work) ->
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
         lines = block.outputs
-        count = lines * data.blocks[b].rows
+        count = lines * work.data.blocks[b].rows
         for k in range(count):
             c = done + k
             if block.equality[k % lines] == 0:
@@ -86,8 +86,6 @@ def change_working(system: Problem, data: DataSet, nothing: Real, work: Work) ->
 
 def pushes_on_bounds(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
     nothing: Real,
     place: Place,
     work: Work,
@@ -99,10 +97,10 @@ def pushes_on_bounds(
             slope = 0.0
             for i in range(j + 1):
                 slope += place.triangle[i * (n + 1) + j] * place.triangle[i * (n + 1) + n]
-            for c in range(constraint_count(system, data)):
+            for c in range(constraint_count(system, work.data)):
                 slope += work.forces[c] * work.slopes[c * n + j]
-            low = place.x[j] <= constants[BOUNDS_AT + j] and slope >= -nothing * place.norms[j]
-            high = place.x[j] >= constants[BOUNDS_AT + n + j] and slope <= nothing * place.norms[j]
+            low = place.x[j] <= work.constants[BOUNDS_AT + j] and slope >= -nothing * place.norms[j]
+            high = place.x[j] >= work.constants[BOUNDS_AT + n + j] and slope <= nothing * place.norms[j]
             if not (low or high):
                 return 0
     return 1

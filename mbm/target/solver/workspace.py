@@ -6,8 +6,8 @@
 from __future__ import annotations
 
 from mbm.target.records import Reference, integers_in, lay_out, reals_in, record, sized
-from mbm.target.solver.description import LANES, Problem
-from mbm.target.words import Integer, Integers, Real, Reals
+from mbm.target.solver.description import LANES, DataSet, Problem
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 
 @record
@@ -62,6 +62,11 @@ class Work:
     The caller brings ``reals`` and ``integers`` of the sizes `work_reals` and `work_integers`; see `share_out`.
     """
 
+    constants: ConstantReals
+    data: Reference[DataSet]
+    index: ConstantIntegers
+    columns: ConstantIntegers
+    """Of the solve, see `description`."""
     reals: Reals
     integers: Integers
     shared: Integer
@@ -171,6 +176,7 @@ class Work:
     loaded: Integer
     """Number of the data set whose rows are loaded, and its weights unchanged; -1: none."""
     rows: Reals
+    """The rows of the data set, as the kernels take them and as they come out; functions below give offsets."""
 
 
 UNITED_NOW = 0

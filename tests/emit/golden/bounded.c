@@ -437,6 +437,10 @@ static int prepare(struct frame *f, const bounded_data *data,
     f->data_set->count = set_capacities(f->system, f->data_set);
     set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);
     share_out(f->system, &f->work);
+    f->work.constants = f->constants;
+    f->work.data = f->data_set;
+    f->work.index = f->index;
+    f->work.columns = f->columns;
     for (b = 0; b < count; b++)
         if (f->column[b] >= 0)
             f->coordinates[f->column[b]] = b;
@@ -614,8 +618,7 @@ int bounded_covariance(const bounded_data *data, const double *point, double *co
     if (prepare(f, data, workspace) != 0)
         return 0;
     load_rows(f->system, f->data_set, f->parameters, f->weights, f->work.rows);
-    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, &f->work, f->constants,
-        f->triangle);
+    sweep(f->system, point, 0, 0, &f->work, f->constants, f->triangle);
     for (c = 0; c < f->system->n; c++)
         f->sides[c] = 0;
     c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, &f->work, covariance)

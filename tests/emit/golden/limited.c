@@ -463,6 +463,10 @@ static int prepare(struct frame *f, const limited_data *data,
     f->data_set->count = set_capacities(f->system, f->data_set);
     set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);
     share_out(f->system, &f->work);
+    f->work.constants = f->constants;
+    f->work.data = f->data_set;
+    f->work.index = f->index;
+    f->work.columns = f->columns;
     for (b = 0; b < count; b++)
         if (f->column[b] >= 0)
             f->coordinates[f->column[b]] = b;
@@ -576,7 +580,7 @@ int limited_solve(const limited_data *data, limited_result *result, limited_work
         f->multipliers, f->kappa, factors, f->spare);
     result->cost = f->results[2];
     if (f->states[0] != 7
-        && !inform(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index, f->columns, f->point,
+        && !inform(f->system, f->parameters, f->weights, f->point,
             f->kappa, f->sides, &f->work, f->triangle, f->covariance))
         f->states[4] = 1;
     result->status = status_of(f);
@@ -647,8 +651,7 @@ int limited_covariance(const limited_data *data, const double *point, double *co
     if (prepare(f, data, workspace) != 0)
         return 0;
     load_rows(f->system, f->data_set, f->parameters, f->weights, f->work.rows);
-    sweep(f->system, f->constants, f->data_set, f->index, f->columns, point, 0, 0, &f->work, f->constants,
-        f->triangle);
+    sweep(f->system, point, 0, 0, &f->work, f->constants, f->triangle);
     for (c = 0; c < f->system->n; c++)
         f->sides[c] = 0;
     c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, &f->work, covariance)

@@ -18,11 +18,12 @@ def boxed(solver, radius, limited, upper):
     constants = np.zeros(BOUNDS_AT + 2 * n)
     constants[BOUNDS_AT : BOUNDS_AT + n], constants[BOUNDS_AT + n :] = -np.inf, upper
     work = Scratch(system)
+    work.record.constants = constants
     place = work.record.first
     place.scale[:n], place.image[:n], place.free[:n] = [2.0, 1.0], [-200.0, -50.0], 1.0
     place.factor[: n * n] = np.diag([0.5, 1.0]).ravel()
     vector, stopped = np.zeros(n), np.zeros(n)
-    solver("boxed_step", system, constants, FirstPlace(work), radius, limited, work, vector, stopped)
+    solver("boxed_step", system, FirstPlace(work), radius, limited, work, vector, stopped)
     return vector, stopped.tolist(), work.record.step_predicted, work.record.step_length
 
 
