@@ -17,8 +17,8 @@ from tests.trials.kinds import Case, Home
 
 CHUNK = 1 << 20
 LONGEST = 10_000_000
-"""Bytes that are written for one case. Sound rows take time in proportion: a solve of three times as many, a million rows,
-takes some four seconds."""
+"""Bytes that are written for one case. Sound rows are work in proportion: a solve of three times as many, which are a
+million, takes some four seconds."""
 ROWS_AT_ONCE = 1 << 20
 
 
