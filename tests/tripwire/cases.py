@@ -1,0 +1,128 @@
+"""What is recorded: problems of this repository and problems made up, each solved on several paths.
+
+Cases have names that stay; a case is an amount of text and data, of which the record keeps a digest: one whose text has
+changed since is not compared.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import mbm
+from mbm.api.problem import Problem
+from tests.fuzz.kinds import NODES, READINGS, write_tables
+from tests.fuzz.problems import problem_file
+
+ROOT = Path(__file__).parents[2]
+RANDOM = 5000
+"""Random problems, of the generator of `tests/fuzz`."""
+
+BYTES = 320
+"""That decide a random problem."""
+
+EVERY = ("native", "casadi", "numpy")
+"""Backends: each is a path of its own today."""
+
+MADE = 8
+"""Of so many random problems one is solved by machine code too, which takes ten times as long to make."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One problem: ``load`` makes it, with its data; ``text`` is all that decides it, ``paths`` the backends asked."""
+
+    name: str
+    text: bytes
+    load: Callable[[], tuple[Problem, dict]]
+    paths: tuple[str, ...] = EVERY
+
+    @property
+    def digest(self) -> int:
+        """Of the text: 63 bits."""
+        return int.from_bytes(hashlib.sha256(self.text).digest()[:8], "big") >> 1
+
+
+def cases(random: int = RANDOM) -> Iterator[Case]:
+    """All cases: those of the repository first."""
+    yield from _files(sorted((ROOT / "problems").glob("*/*.mbm")), "problems", EVERY)
+    yield from _files(sorted((ROOT / "tests" / "bad").glob("*.mbm")), "bad", ("numpy",))
+    yield from _texts()
+    yield from _tables()
+    yield from (_random(number) for number in range(random))
+
+
+def _files(paths: list[Path], group: str, backends: tuple[str, ...]) -> Iterator[Case]:
+    """The problems of files, with all that lies beside them."""
+    for path in paths:
+        try:
+            names = mbm.load(path).names
+        except mbm.MbmError:
+            continue  # no problem, but a message that tests/bad looks at
+        beside = b"".join(p.read_bytes() for p in sorted(path.parent.glob("*")) if p.suffix in (".csv", ".json"))
+        for name in names:
+            yield Case(
+                name=f"{group}/{path.stem}/{name}",
+                text=path.read_bytes() + (beside if group == "problems" else b"") + name.encode(),
+                load=lambda path=path, name=name: (mbm.load(path).named(name), {}),
+                paths=backends,
+            )
+
+
+def _texts() -> Iterator[Case]:
+    """Shapes that generated solvers have to take, and what the data leave undetermined."""
+    from tests.emit.agreeing import TEXTS, with_rows
+    from tests.emit.shapes import SHAPES
+    from tests.emit.test_undetermined import TEXTS as UNDETERMINED
+
+    found = {f"shapes/{name}": text for name, text in SHAPES.items()}
+    found |= {f"shapes/{name}/other": with_rows(name, 1) for name in TEXTS}
+    found |= {f"undetermined/{name}": f"(problem {name} {text})" for name, text in UNDETERMINED.items()}
+    for name, text in found.items():
+        yield Case(name=name, text=text.encode(), load=lambda text=text: (mbm.loads(text), {}))
+
+
+def _tables() -> Iterator[Case]:
+    """Problems with data of their own: those of `for-each` and `window`, and the kinds of the oracles."""
+    from tests.oracles.catalogue import KINDS
+    from tests.oracles.kinds import drawn
+    from tests.oracles.paths import joined
+    from tests.solution.many.problems import PROBLEMS
+
+    found = {f"many/{name}": each for name, each in PROBLEMS.items()}
+    for name, kind in KINDS.items():
+        sets = drawn(name, kind)
+        found[f"kinds/{name}"] = (kind.text(), sets[0])
+        found[f"kinds/{name}/for-each"] = (kind.text("(for-each set)"), joined(kind, sets))
+    for name, (text, data) in found.items():
+        yield Case(name=name, text=text.encode() + _bytes_of(data), load=lambda t=text, d=data: (mbm.loads(t), d))
+
+
+def _bytes_of(data) -> bytes:
+    """The columns of tables."""
+    columns = [np.asarray(column) for table in data.values() for column in table.values()]
+    return b"".join(c.tobytes() if c.dtype.kind in "fiub" else repr(c.tolist()).encode() for c in columns)
+
+
+def _random(number: int) -> Case:
+    text = problem_file(np.random.default_rng([77, number]).bytes(BYTES))
+    return Case(
+        name=f"random/{number}",
+        text=(text + NODES + READINGS).encode(),
+        load=lambda: (mbm.loads(text, base=Path(_folder().name)).named("first"), {}),
+        paths=("numpy", "native") if number % MADE == 0 else ("numpy",),
+    )
+
+
+@functools.cache
+def _folder() -> tempfile.TemporaryDirectory:
+    """A folder with the tables that random problems read: one for each process, until it ends."""
+    made = tempfile.TemporaryDirectory(prefix="mbm-tripwire-")
+    write_tables(Path(made.name))
+    return made
