@@ -5,8 +5,11 @@ VENV := .venv
 RUN := $(VENV)/bin/python -m
 READY := $(VENV)/.ready
 CASES ?= 1000000
+HOSTILE ?= 100000
+PROCESSES ?= 1000
+PARTS ?=
 
-.PHONY: help problems test lint types imports slow fuzz bench wheel clean
+.PHONY: help problems test lint types imports slow fuzz hostile processes bench wheel clean
 
 help:  ## what can be made
 	@sed -n 's/^\([a-z]*\):.*## */make \1\t/p' Makefile | expand -t 16
@@ -30,8 +33,15 @@ imports: $(READY)  ## who may import whom
 slow: $(READY)  ## the tests that take longer
 	$(RUN) pytest -m slow
 
-fuzz: $(READY)  ## a million random problems (make fuzz CASES=1000 for fewer)
-	MBM_FUZZ_CASES=$(CASES) $(RUN) pytest tests/fuzz -x
+fuzz: $(READY)  ## a million random problems, in parts that go on where they ended (make fuzz CASES=1000 PARTS=1-4)
+	$(RUN) tests.trials.campaign --cases $(CASES) --of 50 --parts "$(PARTS)"
+
+hostile: $(READY)  ## 100,000 files and command lines that mean harm (make hostile HOSTILE=1000 for fewer)
+	$(RUN) tests.trials.campaign --kinds tests.hostile.kinds --cases $(HOSTILE) --of 10 --record .fuzz/hostile
+
+processes: $(READY)  ## 1,000 of those as whole processes, with attacks by size among them, one at a time
+	$(RUN) tests.trials.campaign --kinds tests.hostile.processes --cases $(PROCESSES) --of 10 --parts "$(PARTS)" \
+	    --processes 1 --record .fuzz/processes
 
 bench: $(READY)  ## the comparisons with other programs, and their page in docs/
 	$(RUN) benchmarks.table --long

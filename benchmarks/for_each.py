@@ -66,12 +66,12 @@ def kind_seconds(name: str) -> tuple[float, float, float]:
     alone = timed(lambda: compiled.solve(workers=1)) / count
     every = timed(compiled.solve) / count
     compiled = mbm.loads(kind.text).compile(data=kind.data(FEW))
-    usual, together.FEW = together.FEW, FEW
+    usual, together.FEW_SOLVES = together.FEW_SOLVES, FEW
     try:
         compiled.solve()
         one_by_one = timed(compiled.solve) / FEW
     finally:
-        together.FEW = usual
+        together.FEW_SOLVES = usual
     return alone, every, one_by_one
 
 

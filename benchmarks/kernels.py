@@ -17,9 +17,9 @@ from mbm.kernels.native.normal import normal_kernels, normal_rows
 from mbm.kernels.native.processor import vector_library
 from mbm.kernels.types import Kernel, KernelSet
 from mbm.target import blocks_of_rows
-from mbm.target.normal_rows import NO_LOSS, Unit
+from mbm.target.normal_rows import Unit
 from mbm.target.program import Program
-from mbm.target.vector_text import LANES
+from mbm.target.solver.description import LANES, NO_LOSS
 
 DESK = """
 (problem desk

@@ -13,7 +13,10 @@ from pathlib import Path
 from types import ModuleType
 
 import mbm
+from mbm.data.columns import MOST_COLUMNS
 from mbm.expression.units import REFUSED, UNITS
+from mbm.files import memory
+from mbm.language.limits import Limits
 from mbm.language.vocabulary import (
     arithmetic,
     comparison,
@@ -29,7 +32,14 @@ from mbm.problem.vocabulary import SPECIAL_FORMS as PROBLEM_FORMS
 from mbm.registry import standard_registry
 from mbm.shapes.library import LibraryModel
 from mbm.shapes.vocabulary import FEATURE_FUNCTIONS
-from mbm.text.types import Code
+from mbm.solution.minimise import DENSE_LIMIT
+from mbm.solution.selection import MAXIMUM_SOLVES, MAXIMUM_WINDOWS
+from mbm.text.atoms import LONGEST_NUMBER
+from mbm.text.characters import LARGEST_TEXT, MOST_WORDS
+from mbm.text.faults import MOST_FAULTS
+from mbm.text.printer import LONGEST
+from mbm.text.structure import DEEPEST
+from mbm.text.types import LONGEST_MESSAGE, Code
 
 DOCS = Path(__file__).parent
 NOTE = "<!-- Made by docs/generate.py; do not edit. -->\n\n"
@@ -90,6 +100,12 @@ LIBRARY_INTRODUCTION = """Models that every file may call. They are written in t
 DIAGNOSTICS_INTRODUCTION = """Every message of mbm has a stable code. It says where in the file or the data the fault
 is, and its likely mend; several independent faults are reported in one run. Errors end with exit status 2; warnings
 do not change it.
+
+"""
+BOUNDS_INTRODUCTION = f"""A problem is data that somebody else may have written, so what mbm takes for it is bounded.
+What goes beyond a bound ends with a diagnostic that says the limit, before memory is taken. Bounds of memory follow
+`{memory.VARIABLE}`, as in `{memory.VARIABLE}=8GB mbm solve …`; the others are the same on every machine, so that a
+problem that is read here is read everywhere.
 
 """
 
@@ -184,6 +200,46 @@ def diagnostics() -> str:
     return "".join(parts).rstrip("\n") + "\n"
 
 
+def bounds() -> str:
+    """What bounds the work on one problem, with the diagnostic that tells it, and what to do then."""
+    limits = Limits()
+    usual = f"{memory.USUAL / 1e9:g} GB, or 1/{memory.SHARE} of the machine's memory if that is less"
+    rows: tuple[tuple[str, str, str, str], ...] = (
+        ("a problem file, in bytes", _count(LARGEST_TEXT), "text-too-large", "measurements in data files"),
+        ("a problem file, in words", _count(MOST_WORDS), "text-too-large", "measurements in data files"),
+        ("files of one problem", _count(limits.files), "too-many-files", "definitions, and tables, put together"),
+        ("brackets within brackets", _count(DEEPEST), "too-deeply-nested", "names for parts"),
+        ("digits of a number", _count(LONGEST_NUMBER), "number-out-of-range", "powers of ten"),
+        ("calls within calls", _count(limits.depth), "too-deep", "an end for the recursion, or `reduce`"),
+        ("steps of one evaluation", _count(limits.steps), "too-many-steps", "tables in place of loops"),
+        ("steps of all of them", _count(limits.total_steps), "too-many-steps", "tables in place of loops"),
+        ("elements of a list or vector", _count(limits.list_length), "list-too-long", "a data table"),
+        ("equations written out", _count(limits.equations), "too-much-to-compile", "`(observe TABLE …)`, `:per TABLE`"),
+        ("operations in them", _count(limits.operations), "too-much-to-compile", "`(observe TABLE …)`, `:per TABLE`"),
+        ("values that decide equations", _count(limits.equations), "too-many-static-values", "the column as a number"),
+        ("words of a printed form", _count(LONGEST), "too-long-to-print", "a part of the form"),
+        ("faults told in one run", _count(MOST_FAULTS), "more-faults", "the first ones mended"),
+        ("characters of one message", _count(LONGEST_MESSAGE), "", "cut in the middle"),
+        ("memory, everything together", usual, "too-much-memory", f"`{memory.VARIABLE}`"),
+        ("a file, and what it unpacks to", f"1/{memory.FILE_SHARE} of that", "file-too-large", f"`{memory.VARIABLE}`"),
+        ("columns of a table", _count(MOST_COLUMNS), "too-many-columns", "rows in place of columns"),
+        ("numbers of a dense Jacobian", _count(DENSE_LIMIT), "too-many-unknowns", "`:method auto`"),
+        ("solves of `for-each`", _count(MAXIMUM_SOLVES), "too-many-solves", "its columns in one table"),
+        ("windows", _count(MAXIMUM_WINDOWS), "too-many-solves", "a longer step"),
+    )
+    known = diagnostic_codes()
+    strange = [name for *_, name, _ in rows if name and name not in known]
+    if strange:
+        message = f"docs/generate.py names diagnostics that there are not: {strange}"
+        raise SystemExit(message)
+    lines = [(what, most, f"[`{name}`](diagnostics.md#{name})" if name else "", do) for what, most, name, do in rows]
+    return f"# Bounds\n\n{NOTE}{BOUNDS_INTRODUCTION}" + table(("what", "at most", "told by", "instead"), lines)
+
+
+def _count(number: int) -> str:
+    return f"{number:,}"
+
+
 def _sentence(text: str) -> str:
     first = text[:1].upper() + text[1:]
     return first if first.endswith((".", "!", "?")) else first + "."
@@ -194,6 +250,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "manual/vocabulary.md": vocabulary,
     "manual/library.md": library,
     "reference/diagnostics.md": diagnostics,
+    "reference/bounds.md": bounds,
 }
 
 

@@ -7,13 +7,12 @@
 Everything is loaded when it is first used, so that ``import mbm`` costs nothing.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
-
 from mbm.version import __version__
 
+TYPE_CHECKING = False  # `typing` would be imported from the folder of `python -m mbm`
 if TYPE_CHECKING:
+    from typing import Any
+
     from mbm.api import CompiledProblem, MbmError, Problem, Solved, build, keyword, load, loads, symbol
 
 __all__ = [
@@ -30,7 +29,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     if name in __all__:
         from mbm import api
 

@@ -15,10 +15,8 @@ if TYPE_CHECKING:
     from mbm.data.types import ManyReader, Reader
     from mbm.kernels.store import Store
     from mbm.kernels.types import Backend, KernelSet
-    from mbm.language.evaluator import Vocabulary
+    from mbm.language.values import Vocabulary
     from mbm.solution.closed_forms.types import ClosedForm
-    from mbm.solution.robust.estimators.types import ConsensusEstimator
-    from mbm.solution.robust.losses.types import RobustLoss
 
 
 def _vocabulary() -> Vocabulary:
@@ -63,18 +61,6 @@ def _closed_forms() -> tuple[ClosedForm, ...]:
     return STANDARD
 
 
-def _losses() -> tuple[RobustLoss, ...]:
-    from mbm.solution.robust.losses.standard import STANDARD
-
-    return STANDARD
-
-
-def _estimators() -> tuple[ConsensusEstimator, ...]:
-    from mbm.solution.robust.estimators.standard import STANDARD
-
-    return STANDARD
-
-
 def _store() -> Store | None:
     from mbm.kernels.store import standard_store
 
@@ -91,8 +77,7 @@ class Registry:
     """Vocabulary, readers by name, what makes a backend by the name that ``--backend`` gives it, and the closed forms.
 
     Each is called where it is needed: a warm start does without most of them. ``store`` is what keeps equations,
-    kernels and object code from one process to the next, if anything does. ``losses`` and ``estimators`` list what
-    ``:loss`` and ``:robust`` name; the language fixes those names, so nothing adds to them.
+    kernels and object code from one process to the next, if anything does.
     """
 
     vocabulary: Callable[[], Vocabulary] = _vocabulary
@@ -100,8 +85,6 @@ class Registry:
     backends: Mapping[str, Callable[[Store | None], Backend]] = field(default_factory=lambda: _BACKENDS)
     store: Callable[[], Store | None] = _store
     closed_forms: Callable[[], tuple[ClosedForm, ...]] = _closed_forms
-    losses: Callable[[], tuple[RobustLoss, ...]] = _losses
-    estimators: Callable[[], tuple[ConsensusEstimator, ...]] = _estimators
     limits: Limits = field(default_factory=Limits)
 
     def backend(self, name: str) -> Backend:
@@ -112,7 +95,7 @@ class Registry:
         """``backend``, or what stands in for it where these kernels are not for it."""
         from mbm.kernels.backends.automatic import suited
 
-        return suited(backend, len(kernels.kernels))
+        return suited(backend, kernels)
 
 
 ENTRY_POINTS = "mbm.closed_forms"

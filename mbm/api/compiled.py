@@ -10,6 +10,7 @@ import numpy as np
 
 from mbm import compiler
 from mbm.api.arguments import by_name, coordinates, threads
+from mbm.api.compilation import Compilation, Origin, compilation_of
 from mbm.compiler import Inputs, SolveSettings
 from mbm.data.faults import MISSING_TABLE
 from mbm.files.journal import noting
@@ -23,35 +24,13 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from mbm.api.estimator import Estimator
-    from mbm.api.reading import Reading
     from mbm.kernels.types import KernelSet
     from mbm.problem.tables import Table
     from mbm.problem.types import Problem
-    from mbm.registry import Registry
     from mbm.report.answer import Solved
     from mbm.report.types import Result
     from mbm.solution.assembly import Assembled
     from mbm.solution.binding import EvaluationCache
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Origin:
-    """The problem of a program that is compiled: by name (None: the only one), with what results call its file."""
-
-    reading: Reading = field(repr=False)
-    registry: Registry = field(repr=False)
-    file: str | None
-    name: str | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Compilation:
-    """The equations for tables, and the kernels made ready for them; ``key`` is that of their entry in the store."""
-
-    elaborated: Elaborated
-    kernels: KernelSet
-    cache: EvaluationCache
-    key: str | None = None
 
 
 class Kept:
@@ -270,35 +249,6 @@ def compiled(origin: Origin, inputs: Inputs, backend: str) -> CompiledProblem:
         if others:
             raise MbmError(*others) from None
     return CompiledProblem(origin=origin, inputs=inputs, backend=backend, complete=made is not None, kept=Kept(made))
-
-
-def compilation_of(origin: Origin, inputs: Inputs, backend: str) -> Compilation:
-    """The compilation for ``inputs``.
-
-    Raises:
-        MbmError: the problem, its data or the name of the backend are wrong.
-
-    """
-    from mbm.kernels.types import BackendUnavailableError
-    from mbm.solution.binding import EvaluationCache
-
-    if backend not in origin.registry.backends:
-        from mbm.problem import faults
-
-        raise MbmError(faults.unknown_backend(backend, tuple(origin.registry.backends)))
-    try:
-        evaluating = origin.registry.backend(backend)
-    except BackendUnavailableError as error:
-        from mbm.problem import faults
-
-        raise MbmError(faults.native_unavailable(str(error))) from None
-    found = origin.reading.compiled(origin.name, inputs)
-    return Compilation(
-        elaborated=found.elaborated,
-        kernels=found.kernels,
-        cache=EvaluationCache(origin.registry.suited(evaluating, found.kernels), found.without_closed_form),
-        key=found.key,
-    )
 
 
 def _values(init: object) -> dict[str, object] | None:

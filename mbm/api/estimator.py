@@ -25,7 +25,7 @@ from mbm.text.types import MbmError
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.api.compiled import Compilation, Origin
+    from mbm.api.compilation import Compilation, Origin
     from mbm.solution.native.robust_stream import RobustStream
 
 CONVERGED = SolveStatus.CONVERGED.label

@@ -11,7 +11,8 @@ import numpy as np
 
 from mbm import compiler
 from mbm.api.arguments import by_name
-from mbm.api.compiled import CompiledProblem, Origin, as_json, compiled
+from mbm.api.compilation import Origin
+from mbm.api.compiled import CompiledProblem, as_json, compiled
 from mbm.api.reading import Reading
 from mbm.api.recall import Text
 from mbm.compiler import Inputs

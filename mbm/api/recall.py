@@ -27,7 +27,7 @@ from mbm.compiler import Inputs
 from mbm.files.source import read_file
 from mbm.problem.elaborated import Consulted, Elaborated
 from mbm.problem.types import Problem
-from mbm.text.types import MbmError, Source
+from mbm.text.types import DataPlace, MbmError, Source
 from mbm.values import dataclass
 from mbm.version import __version__
 
@@ -122,7 +122,9 @@ def _unchanged(path: str, resolved: str, digest: str | None) -> bool:
     """Whether a file that is used leads where it led, and holds what it held."""
     place = Path(path)
     try:
-        return str(place.resolve()) == resolved and (digest is None or _digest(read_file(place, path)) == digest)
+        if str(place.resolve()) != resolved:
+            return False
+        return digest is None or _digest(read_file(place, path, DataPlace(file=path))) == digest
     except (MbmError, OSError, RuntimeError):
         return False
 

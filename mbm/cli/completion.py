@@ -26,5 +26,9 @@ def complete(variable: str, asked: str) -> int:
     if kind is None or instruction not in ("source", "complete"):
         return UNKNOWN
     completion = kind(cli, {}, "mbm", variable)
-    write_bytes((completion.source() if instruction == "source" else f"{completion.complete()}\n").encode())
+    try:
+        answer = completion.source() if instruction == "source" else f"{completion.complete()}\n"
+    except (KeyError, ValueError):  # words and their number are in the environment too
+        return UNKNOWN
+    write_bytes(answer.encode())
     return 0

@@ -43,11 +43,6 @@ def not_available_yet(what: str) -> Diagnostic:
     return Diagnostic(code=NOT_AVAILABLE_YET, message=f"`{what}` is not available yet")
 
 
-def not_readable(path: str, reason: str) -> Diagnostic:
-    """A file of ``--init`` that is missing, is a folder or may not be read."""
-    return Diagnostic(code=BAD_JSON, message=f"`{path}` cannot be read: {reason}", hint="check the path")
-
-
 def bad_json(path: str, problem: str) -> Diagnostic:
     """``problem`` says what and where."""
     return Diagnostic(code=BAD_JSON, message=f"`{path}` is no JSON: {problem}", hint="mend the file")

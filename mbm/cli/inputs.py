@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mbm.cli import faults
+from mbm.text.faults import shown
 from mbm.text.types import MbmError
 
 
@@ -32,18 +33,30 @@ def named_paths(option: str, entries: Iterable[str]) -> dict[str, Path]:
 
 
 def json_object(path: Path) -> dict[str, Any]:
-    """The JSON object that a file holds. Raises MbmError (bad-json) if it holds none."""
-    import json
+    """The JSON object that a file, or a stream that the shell hands over, holds; every name in it occurs once.
 
+    Raises MbmError: bad-json, too-much-memory, and as `mbm.files.reading.read_bytes` does.
+    """
+    from json import detect_encoding
+
+    from mbm.files.json_text import MARKS, JsonError, parsed
+    from mbm.files.memory import check_memory, largest_file, text_memory
+    from mbm.files.reading import read_bytes
+    from mbm.text.types import DataPlace
+
+    place = DataPlace(file=str(path))
+    content = read_bytes(path, place, largest=largest_file(), streams=True)
+    values = sum(content.count(mark) for mark in MARKS)
+    check_memory(text_memory(content, values), f"the file `{shown(path)}` with {values:,} values", place)
     try:
-        value = json.loads(path.read_bytes())
-    except OSError as error:
-        raise MbmError(faults.not_readable(str(path), error.strerror or str(error))) from error
-    except json.JSONDecodeError as error:
-        where = f"{error.msg.lower()} in line {error.lineno}, column {error.colno}"
-        raise MbmError(faults.bad_json(str(path), where)) from error
-    except (UnicodeDecodeError, RecursionError) as error:
-        raise MbmError(faults.bad_json(str(path), "it is no text, or nested too deeply")) from error
-    if not isinstance(value, dict):
+        found = parsed(content.decode(detect_encoding(content)))
+    except UnicodeDecodeError as error:
+        raise MbmError(faults.bad_json(str(path), f"byte 0x{content[error.start]:02x} belongs to no text")) from None
+    except JsonError as error:
+        where = "" if error.line is None else f" in line {error.line}, column {error.column}"
+        raise MbmError(faults.bad_json(str(path), f"{error.reason[:1].lower()}{error.reason[1:]}{where}")) from None
+    if not isinstance(found.value, dict):
         raise MbmError(faults.bad_json(str(path), "an object of names and values is wanted"))
-    return value
+    if found.twice is not None:
+        raise MbmError(faults.bad_json(str(path), f"the name `{shown(found.twice)}` stands in one object twice"))
+    return found.value

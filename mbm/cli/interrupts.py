@@ -14,8 +14,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from mbm.cli.main import INTERRUPTED
 from mbm.cli.output import say_error
+from mbm.cli.statuses import INTERRUPTED
 
 if TYPE_CHECKING:
     from types import FrameType

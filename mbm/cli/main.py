@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
 from mbm.cli.output import open_closed_streams, say_error
+from mbm.cli.statuses import INTERRUPTED, WRONG
 from mbm.files.journal import Journal, noting
 
 if TYPE_CHECKING:
@@ -17,9 +19,6 @@ if TYPE_CHECKING:
 
 COMPLETION = "_MBM_COMPLETE"
 """Environment variable by which a shell asks what may come next (Click's protocol)."""
-
-INTERRUPTED = 130
-WRONG = 2
 
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Read when NumPy is first imported. One thread unless the environment says otherwise: the matrices are narrow, where
@@ -30,14 +29,19 @@ COLLECTED = 100_000
 of which stay: a tenth of a warm start went into looking at them time and again."""
 
 
-def main() -> int:
-    """The command line of this process, whose exit status it answers."""
+def main(*, heard: bool = False) -> int:
+    """The command line of this process, whose exit status it answers; interrupts are ``heard`` from here on."""
     open_closed_streams()
     gc.set_threshold(COLLECTED, *gc.get_threshold()[1:])
     for variable in BLAS_THREADS:
         os.environ.setdefault(variable, "1")
     asked = os.environ.get(COMPLETION)
-    return completed(asked) if asked else run(sys.argv[1:])
+    try:
+        if heard:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        return completed(asked) if asked else run(sys.argv[1:])
+    except KeyboardInterrupt:  # while something else was said
+        return INTERRUPTED
 
 
 def completed(asked: str) -> int:
@@ -89,13 +93,16 @@ def _guarded(call: Callable[[], object], arguments: Sequence[str], journal: Jour
 def _report(error: Exception, arguments: Sequence[str], journal: Journal) -> int:
     """Says the diagnostics of an MbmError; anything else is a fault of ours."""
     from mbm.cli import faults
-    from mbm.cli.failure import report_failure
+    from mbm.cli.failure import print_diagnostics, report_failure
     from mbm.text.types import MbmError
 
-    if isinstance(error, MbmError):
-        report_failure(error.diagnostics, arguments, journal)
-    else:
-        report_failure((faults.internal_fault(error),), arguments, journal, error)
+    try:
+        if isinstance(error, MbmError):
+            report_failure(error.diagnostics, arguments, journal)
+        else:
+            report_failure((faults.internal_fault(error),), arguments, journal, error)
+    except Exception as another:  # noqa: BLE001 - a fault while one is told: nobody gets a traceback for it either
+        print_diagnostics((faults.internal_fault(another),), color=False)
     return WRONG
 
 

@@ -14,7 +14,9 @@ from mbm.cli.output import is_terminal, say, shows_colors
 from mbm.files.journal import THE_PROBLEM, Journal, Read, note, noting
 from mbm.values import dataclass
 
-WIDEST, NARROWEST = 100, 60
+WIDEST_TABLE, NARROWEST = 100, 60
+_DIGITS = 9
+"""Of a width that is looked at: Python reads no number of thousands of digits."""
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
@@ -55,19 +57,19 @@ def terminal() -> Terminal:
         verbose=asked.get("mbm.verbose", False),
         color=colors and shows_colors(sys.stdout),
         color_errors=colors and shows_colors(sys.stderr),
-        width=max(NARROWEST, min(WIDEST, _columns())),
+        width=max(NARROWEST, min(WIDEST_TABLE, _columns())),
     )
 
 
 def _columns() -> int:
     """The width of the terminal; `shutil.get_terminal_size` answers the same, but loads what unpacks archives."""
     stated = os.environ.get("COLUMNS", "")
-    if stated.isdecimal() and int(stated) > 0:
-        return int(stated)
+    if stated.isdecimal() and stated.strip("0"):
+        return int(stated) if len(stated) <= _DIGITS else WIDEST_TABLE
     try:
-        return os.get_terminal_size(sys.__stdout__.fileno()).columns or WIDEST if sys.__stdout__ else WIDEST
+        return os.get_terminal_size(sys.__stdout__.fileno()).columns or WIDEST_TABLE if sys.__stdout__ else WIDEST_TABLE
     except (OSError, ValueError):  # no terminal, or closed
-        return WIDEST
+        return WIDEST_TABLE
 
 
 def version_option(text: str) -> Callable[[_Function], _Function]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from numbers import Integral, Real
+from types import NoneType
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -77,6 +78,8 @@ def column_from_values(name: str, values: Sequence[object], path: str) -> Column
     """
     if {type(value) for value in values} <= {float, int}:
         return Column(name=name, numbers=frozen([_to_float(value) for value in values]))  # type: ignore[arg-type]
+    if {type(value) for value in values} <= {str, NoneType}:
+        return mixed_column(name, values)  # type: ignore[arg-type]
     cells = [_checked(value, DataPlace(file=path, row=row, column=name)) for row, value in enumerate(values, start=1)]
     return mixed_column(name, cells)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,19 +11,26 @@ from numpy.typing import NDArray
 
 from mbm.data import faults
 from mbm.data.cells import column_from_values
+from mbm.data.content import check_table
 from mbm.data.types import RawTable
 from mbm.problem.tables import Column
-from mbm.text.types import DataPlace, MbmError, Place
+from mbm.text.faults import worth_reading
+from mbm.text.types import DataPlace, Diagnostic, MbmError, Place
+
+MOST_COLUMNS = 50_000
+"""Columns of a table: each is a value of its own with a name that is looked up."""
 
 
 def check_names(names: Sequence[object], place: Place) -> tuple[str, ...]:
     """The names of a table's columns, if they are texts, not empty, and all different.
 
-    Raises MbmError with all of: no-columns, bad-column-name, duplicate-column.
+    Raises MbmError: no-columns, too-many-columns, or the first few of bad-column-name, duplicate-column.
     """
     if not names:
         raise MbmError(faults.no_columns(place))
-    found = []
+    if len(names) > MOST_COLUMNS:
+        raise MbmError(faults.too_many_columns(place, len(names), MOST_COLUMNS))
+    found: list[Diagnostic] = []
     good: dict[str, None] = {}
     for position, name in enumerate(names, start=1):
         if not isinstance(name, str) or not name:
@@ -32,7 +40,7 @@ def check_names(names: Sequence[object], place: Place) -> tuple[str, ...]:
         else:
             good[str(name)] = None
     if found:
-        raise MbmError(*found)
+        raise MbmError(*worth_reading(found))
     return tuple(good)
 
 
@@ -51,9 +59,10 @@ def check_lengths(lengths: Mapping[str, int], place: DataPlace) -> int:
 def columns_of_records(records: Sequence[Mapping[Any, object]], path: str) -> tuple[Column, ...]:
     """The columns of records, in the order in which their names first occur; a field left out is a gap.
 
-    Raises MbmError: no-columns, bad-column-name, bad-cell.
+    Raises MbmError: no-columns, too-many-columns, bad-column-name, too-much-memory, bad-cell.
     """
     names = check_names(list(dict.fromkeys(name for record in records for name in record)), DataPlace(file=path))
+    check_table(Path(path), len(records) * len(names))
     return tuple(column_from_values(name, [record.get(name) for record in records], path) for name in names)
 
 

@@ -12,6 +12,8 @@ from mbm.text.types import Code, DataPlace, Diagnostic, Label, Place
 
 LONGEST_CELL_SHOWN = 40
 MOST_NAMES_SHOWN = 12
+MOST_ROWS_REPORTED = 5
+"""Rows of a table, or lines of a file, that are said to be wrong at once."""
 
 EMPTY_FILE = Code(
     "empty-file",
@@ -67,6 +69,12 @@ NO_COLUMNS = Code(
     "no-columns",
     "A table has no column at all.",
     "Look at what was written to the file, or at what was given.",
+)
+TOO_MANY_COLUMNS = Code(
+    "too-many-columns",
+    "A table has more columns than any problem names.",
+    "Leave out the columns that the problem does not use, or write what they hold as rows: one column for what the"
+    " names say now, one for the values.",
 )
 MISSING_COLUMN = Code(
     "missing-column",
@@ -134,6 +142,11 @@ def _names(names: Iterable[str]) -> str:
     every = [f"`{_short(name)}`" for name in names]
     more = len(every) - MOST_NAMES_SHOWN
     return ", ".join(every[:MOST_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
+
+
+def table_of_cells(path: str, cells: int) -> str:
+    """What a message about memory calls a table of so many cells."""
+    return f"a table of {cells:,} cells (`{_short(path)}`)"
 
 
 def unpacks_too_large(place: DataPlace, packed: int, largest: int) -> Diagnostic:
@@ -209,6 +222,12 @@ def duplicate_column(place: Place, column: str) -> Diagnostic:
 def no_columns(place: Place) -> Diagnostic:
     """Nothing to make a table of."""
     return Diagnostic(code=NO_COLUMNS, message="the table has no columns", place=place)
+
+
+def too_many_columns(place: Place, columns: int, most: int) -> Diagnostic:
+    """A table with more columns than are read."""
+    message = f"the table has {columns:,} columns, more than the {most:,} that are read"
+    return Diagnostic(code=TOO_MANY_COLUMNS, message=message, place=place)
 
 
 def missing_column(place: Place, column: str, path: str, present: Iterable[str]) -> Diagnostic:

@@ -12,17 +12,27 @@ from pathlib import Path
 from typing import TypeAlias
 
 from mbm.data import faults
-from mbm.data.content import COMPRESSED, LARGEST_FILE
+from mbm.data.content import COMPRESSED, PER_ROW
 from mbm.data.given import table_from_given
 from mbm.data.inline import table_from_inline
 from mbm.data.shaping import shape
 from mbm.data.types import ManyReader, RawTable, Reader, asked
-from mbm.files.faults import unreadable_file
+from mbm.files.faults import too_many_files, unreadable_file
 from mbm.files.journal import note, table_role
+from mbm.files.memory import PER_VALUE, check_memory, largest_file
 from mbm.files.reading import check_ordinary
 from mbm.problem.tables import EXTERNAL, Table, TableDeclaration
 from mbm.text.faults import MOST_FAULTS, worth_reading
 from mbm.text.types import Diagnostic, Label, MbmError, Span
+
+MOST_FILES = 1000
+"""Tables of a problem."""
+
+TABLES_SHARE = 2
+"""All tables may take one part in so many of the memory: the rest is for what is made of them."""
+
+PER_CELL = 8
+"""Bytes of a number in a table."""
 
 Parts: TypeAlias = "dict[tuple[str, Path], Mapping[str, RawTable | MbmError]]"
 """Files of several tables that were read, by format and path."""
@@ -47,18 +57,39 @@ def load_all(
     found: list[Diagnostic] = [faults.undeclared_table(name, declared) for name in strangers]
     tables: dict[str, Table] = {}
     parts: Parts = {}
-    for name, declaration in declared.items():
+    for number, (name, declaration) in enumerate(declared.items(), start=1):
+        if number > MOST_FILES:
+            raise MbmError(too_many_files(declaration.span, MOST_FILES))
         try:
             tables[name] = load(
                 declaration, base=base, given=given, paths=paths, sandbox=sandbox, readers=readers, parts=parts
             )
         except MbmError as error:
             found.extend(error.diagnostics)
+        else:
+            _check_together(tables, declaration.span)
         if len(found) > MOST_FAULTS:
             raise MbmError(*worth_reading(_once(found), ended=True))
     if found:
         raise MbmError(*_once(found))
     return tables
+
+
+def _check_together(tables: Mapping[str, Table], place: Span) -> None:
+    """Refuse tables that together take more than they may have of the memory; ``place`` is the last one's.
+
+    Raises:
+        MbmError: too-much-memory.
+
+    """
+    taken = sum(_size(table) for table in tables.values())
+    check_memory(taken * TABLES_SHARE, f"a problem with the {len(tables)} tables up to here", place)
+
+
+def _size(table: Table) -> int:
+    """Bytes that a table takes."""
+    texts = sum(column.is_text for column in table.columns.values())
+    return len(table) * (PER_ROW + PER_VALUE * texts + PER_CELL * (len(table.columns) - texts))
 
 
 def _once(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
@@ -161,7 +192,7 @@ def _read(
     """Read a file that lies where it may; whether it is there is said of the place that names it."""
     if sandbox is not None:
         _check_confined(path, declaration, sandbox)
-    check_ordinary(path, declaration.span, largest=LARGEST_FILE)
+    check_ordinary(path, declaration.span, largest=largest_file())
     if isinstance(reader, Reader):
         return reader.read(path)
     found = parts.get((reader.name, path))

@@ -14,8 +14,6 @@ from mbm.data.types import RawTable
 from mbm.problem.tables import Column, ColumnDeclaration, Provenance, Table, TableDeclaration
 from mbm.text.types import DataPlace, Diagnostic, Label, MbmError
 
-MOST_ROWS_REPORTED = 5
-
 
 def shape(raw: RawTable, declaration: TableDeclaration) -> Table:
     """The table of a data clause: columns renamed, units turned into SI, rows with gaps left out, keys checked.
@@ -114,7 +112,7 @@ def _check_key(table: Table, key: str, declaration: TableDeclaration) -> None:
         path = table.provenance.path
         raise MbmError(faults.missing_column(declaration.span, key, path, table.columns))
     label = Label(declaration.span, f"`{key}` is the key of `{declaration.name}` here")
-    found = [faults.missing_key(table.place(int(i), key)) for i in _gaps(column)[:MOST_ROWS_REPORTED]]
+    found = [faults.missing_key(table.place(int(i), key)) for i in _gaps(column)[: faults.MOST_ROWS_REPORTED]]
     if not found:
         found = _duplicates(table, column)
     if found:
@@ -140,6 +138,6 @@ def _duplicates(table: Table, column: Column) -> list[Diagnostic]:
         if earlier != position:
             places = table.place(position, column.name), table.place(earlier, column.name)
             found.append(faults.duplicate_key(*places, key))
-            if len(found) == MOST_ROWS_REPORTED:
+            if len(found) == faults.MOST_ROWS_REPORTED:
                 break
     return found

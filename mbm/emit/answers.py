@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
 Floats: TypeAlias = NDArray[np.float64]
 
+FAILED = "failed"
+"""The status of a data set that no solve could be set up for: nothing to compare with."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reference:

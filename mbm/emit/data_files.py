@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mbm.emit.answers import Floats, Reference
+from mbm.emit.answers import FAILED, Floats, Reference
 from mbm.emit.foreign import Foreign
 from mbm.emit.types import Blueprint, GivenTable, OutputFile, TableShape
 
 MOST_COVARIANCES = 60
 """Coordinates up to which all covariances are kept; beyond only the variances."""
-ROUNDING = 1e-12
+ROUNDED_BASIS = 1e-12
 """Of the largest sigma: what a basis of the constraints' null space, rounded, makes of none."""
 STATUSES = ("converged", "not-converged", "unobservable", "infeasible", "no-agreement")
 
@@ -62,6 +62,9 @@ def _references(blueprint: Blueprint) -> str:
 
 
 def _reference(reference: Reference) -> Iterator[str]:
+    """The lines of a solve; none where there was nothing to solve."""
+    if reference.status == FAILED:
+        return
     yield f"status,0,0,{STATUSES.index(reference.status)},0"
     if reference.status != "converged":
         return
@@ -71,7 +74,7 @@ def _reference(reference: Reference) -> Iterator[str]:
     largest = float(np.max(reference.spread, initial=0.0))
     for i, (value, own) in enumerate(zip(reference.numbers.tolist(), reference.spread.tolist(), strict=True)):
         if np.isfinite(value):
-            spread = largest if own == 0.0 and abs(value) <= ROUNDING * largest else own
+            spread = largest if own == 0.0 and abs(value) <= ROUNDED_BASIS * largest else own
             yield f"number,{i},0,{value!r},{spread!r}"
     yield f"freedom,0,0,{reference.dof},0"
     yield f"cost,0,0,{reference.cost!r},1"
@@ -79,7 +82,8 @@ def _reference(reference: Reference) -> Iterator[str]:
         for i, (value, own) in enumerate(zip(values.ravel().tolist(), sigmas.ravel().tolist(), strict=True)):
             if np.isfinite(value) and np.isfinite(own):
                 yield f"derived,{number},{i},{value!r},{own!r}"
-                yield f"derived sigma,{number},{i},{own!r},{own!r}"
+                scale = abs(value) if own <= ROUNDED_BASIS * abs(value) else own
+                yield f"derived sigma,{number},{i},{own!r},{scale!r}"
     covariance = reference.covariance
     sigma = _scales(covariance)
     for i in range(len(covariance)):
@@ -96,4 +100,4 @@ def _scales(covariance: Floats) -> Floats:
     """
     sigma: Floats = np.sqrt(np.diag(covariance))
     largest = float(np.nanmax(sigma, initial=0.0))
-    return np.where(sigma <= ROUNDING * largest, largest, sigma)
+    return np.where(sigma <= ROUNDED_BASIS * largest, largest, sigma)

@@ -10,7 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NoReturn
 
+from mbm.text.shown import one_line
 from mbm.values import dataclass
+
+LONGEST_LINE = 5_000
+"""Characters of a text in a comment or README: more than equations have that anybody reads."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +26,11 @@ class Foreign:
     """
 
     unescaped: str
+
+    def unescaped_line(self) -> str:
+        """As readers want it in a comment: one line, and of more than `LONGEST_LINE` characters the first."""
+        text = self.unescaped
+        return one_line(text if len(text) <= LONGEST_LINE else f"{text[: LONGEST_LINE - 1]}…")
 
     def __bool__(self) -> bool:
         """Whether there is any text."""

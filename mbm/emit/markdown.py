@@ -6,23 +6,21 @@ import re
 from collections.abc import Iterable, Iterator
 
 from mbm.emit.foreign import Word, told
-from mbm.text.shown import one_line
 
-_ENTITIES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
-_ACTIVE = re.compile(r"[\\`*_\[\]|~$#]")
+_ACTIVE = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", **{sign: f"\\{sign}" for sign in "\\`*_[]|~$#"}})
 _FIRST = re.compile(r"^(\d*)([-+=:.)])")
 """What makes a list, a heading or a definition of the paragraph that it begins."""
 
 
 def prose(*parts: Word) -> str:
     """A text that is read as it stands: no markup, no HTML, one paragraph at most."""
-    text = " ".join(one_line(told(*parts).unescaped).split())
-    return _FIRST.sub(r"\1\\\2", _ACTIVE.sub(r"\\\g<0>", text.translate(_ENTITIES)))
+    text = " ".join(told(*parts).unescaped_line().split())
+    return _FIRST.sub(r"\1\\\2", text.translate(_ACTIVE))
 
 
 def code(*parts: Word) -> str:
     """A text between backticks: one more than stand together anywhere in it."""
-    text = one_line(told(*parts).unescaped)
+    text = told(*parts).unescaped_line()
     ticks = "`" * (_longest_run(text) + 1)
     pad = " " if not text.strip() or text[0] in "` " or text[-1] in "` " else ""
     return f"{ticks}{pad}{text}{pad}{ticks}"
@@ -30,7 +28,7 @@ def code(*parts: Word) -> str:
 
 def fenced(lines: Iterable[Word], language: str = "") -> Iterator[str]:
     """Lines of code, whatever stands in them."""
-    text = [one_line(told(line).unescaped) for line in lines]
+    text = [told(line).unescaped_line() for line in lines]
     fence = "`" * max(3, 1 + max(map(_longest_run, text), default=0))
     yield fence + language
     yield from text

@@ -14,10 +14,8 @@ from mbm.expression.nodes import Column, Expression, leaves
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import Column as TableColumn
 from mbm.problem.types import BlockRole, Gauge, Method, Problem, TablePlan, Unknown
+from mbm.target.decisions import MOST_DENSE
 from mbm.text.types import Diagnostic, MbmError
-
-MOST_COORDINATES = 300
-"""Coordinates beyond which a dense solver is the wrong one: `mbm solve` takes a sparse one there."""
 
 INTERPOLATE = "interpolate before, into a column of the table that the equations are about"
 
@@ -36,8 +34,8 @@ def refuse(found: Elaborated, target: Target) -> None:
     count = sum(
         u.freedom * (1 if u.family is None else len(found.tables[u.family.rows])) for u in found.problem.unknowns
     )
-    if target.solves and count > MOST_COORDINATES:
-        message = f"generated solvers are dense, for up to {MOST_COORDINATES} coordinates"
+    if target.solves and count > MOST_DENSE:
+        message = f"generated solvers are dense, for up to {MOST_DENSE} coordinates"
         todo = "use `mbm solve`, which has a sparse solver; or compile for `casadi`"
         faults_found.append(faults.not_emitted(found.problem.span, f"a problem of {count} coordinates", message, todo))
     if faults_found:

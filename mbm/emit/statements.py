@@ -7,10 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from mbm.emit.foreign import Foreign
 from mbm.emit.identifiers import Identifiers
 from mbm.target.program import Operator, Program
+from mbm.target.tree import ATOM
 from mbm.values import dataclass
-
-ATOM = 9
-"""Precedence of names, numbers and calls; sums have 5, products 6, signs 8."""
 
 LONGEST = 90
 """Characters of an expression that is written into another: longer ones get a name."""

@@ -7,28 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from mbm.emit.foreign import Foreign
-from mbm.emit.routines.description import NUMBER, UNKNOWN
+from mbm.emit.routines.description import UNKNOWN
 from mbm.emit.types import BlockCase, BlockShape, Blueprint, EquationShape
-from mbm.problem.kinds import LossKind
-from mbm.problem.manifold import Piece
 from mbm.problem.types import BlockRole, NoiseKind
 from mbm.target.solver import description as at
 from mbm.values import dataclass
 
-_LOSSES: Mapping[LossKind, int] = {
-    LossKind.HUBER: at.HUBER,
-    LossKind.SOFT_L1: at.SOFT_L1,
-    LossKind.CAUCHY: at.CAUCHY,
-    LossKind.TUKEY: at.TUKEY,
-    LossKind.GEMAN_MCCLURE: at.GEMAN_MCCLURE,
-    LossKind.BARRON: at.BARRON,
-}
-_PIECES: Mapping[str, int] = {
-    Piece.NUMBER.label: NUMBER,
-    Piece.SCALE.label: at.SCALE,
-    Piece.QUATERNION.label: at.QUATERNION,
-    Piece.SPHERE.label: at.DIRECTION,
-}
 _TRIANGLES: Mapping[NoiseKind, int] = {NoiseKind.SIGMA: 0, NoiseKind.COVARIANCE: 1, NoiseKind.INFORMATION: 2}
 """What the weights are: factors, a lower or an upper triangular matrix."""
 SMALLEST_CHUNK = 32
@@ -125,7 +109,7 @@ def _block(
         matrix = _TRIANGLES[equation.noise_kind]
         kind, place = at.NO_LOSS, 0
         if block.loss is not None:
-            kind, place = _LOSSES[block.loss.kind], at.BOUNDS_AT + len(losses)
+            kind, place = at.LOSSES[block.loss.kind], at.BOUNDS_AT + len(losses)
             losses += [equation.loss_scale, block.loss.shape or 0.0]
         prefix += [equation.first, equation.last, weight, matrix, kind, place]
         for output in range(equation.first, equation.last):
@@ -148,5 +132,5 @@ def _unknowns(blueprint: Blueprint) -> tuple[int, ...]:
         family = unknown.family is not None
         heads += [unknown.size, unknown.freedom, int(family), int(unknown.positive), len(unknown.pieces), place]
         for label, number, coordinate in unknown.pieces:
-            parts += [_PIECES[label], number, coordinate]
+            parts += [at.PIECES[label], number, coordinate]
     return (*heads, *parts)

@@ -11,6 +11,7 @@ from mbm.emit.types import BlockShape, Blueprint, ColumnValue, Key, UnknownShape
 from mbm.problem.types import BlockRole, NoiseKind
 
 MOST_CASES = 3
+"""Groups of rows whose equations are printed; the others differ in their static values only."""
 
 
 def described(blueprint: Blueprint) -> Iterator[str]:

@@ -14,6 +14,9 @@ from mbm.expression.dimension import NONE, Dimension
 from mbm.expression.nodes import CONDITIONS, Apply, Constant, Expression, Number, Operation, postorder
 from mbm.text.types import Span
 
+ZERO, ONE, TWO = (Number(value, NONE) for value in range(3))
+"""Numbers without a dimension."""
+
 _ANGLE_SURVIVES = frozenset({Operation.ADD, Operation.SUBTRACT, Operation.NEGATE})
 _ANGLE_BORN = frozenset({Operation.ATAN2, Operation.AS_ANGLE, Operation.WRAP})
 

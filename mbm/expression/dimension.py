@@ -29,6 +29,9 @@ _NAMES: dict[tuple[tuple[str, int | Fraction], ...], str] = {
 }
 
 
+LARGEST_SHOWN = 10**9
+"""Exponents beyond are not spelt out: powers of powers have thousands of digits."""
+
 Exponent: TypeAlias = int | Fraction
 """Whole exponents are plain integers: nearly all are, and they are ten times faster."""
 
@@ -87,6 +90,8 @@ class Dimension:
 def _power(base: str, power: Exponent) -> str:
     if power == 1:
         return base
+    if max(abs(power.numerator), power.denominator) > LARGEST_SHOWN:
+        return f"{base}^…"
     return f"{base}^{power}" if power.denominator == 1 else f"{base}^({power})"
 
 

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.expression.nodes import Apply, Expression, Leaf, Number, Operation, postorder
+from mbm.expression.nodes import Apply, Expression, Leaf, Number, Operation, nearest, postorder
 
 Values: TypeAlias = NDArray[np.float64] | float
 Lookup: TypeAlias = Callable[[Leaf], Values]
@@ -100,7 +100,7 @@ def evaluate(roots: tuple[Expression, ...], lookup: Lookup) -> tuple[Values, ...
             if isinstance(node, Apply):
                 values[id(node)] = _FUNCTIONS[node.operation](*(values[id(a)] for a in node.arguments))
             elif isinstance(node, Number):
-                values[id(node)] = float(node.value)
+                values[id(node)] = nearest(node.value)
             else:
                 values[id(node)] = lookup(node)
     return tuple(values[id(root)] for root in roots)

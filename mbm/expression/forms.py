@@ -17,6 +17,7 @@ from mbm.expression.nodes import (
     Number,
     Opaque,
     Operation,
+    nearest,
     postorder,
 )
 from mbm.text.build import numeral, sequence, symbol
@@ -38,7 +39,7 @@ def number_form(node: Number, span: Span) -> Form:
     unit = node.dimension.suffix() if node.dimension is not None else ""
     value = node.value
     if isinstance(value, Fraction) and unit:
-        value = float(value)
+        value = nearest(value)
     return numeral(value, span, unit or None)
 
 

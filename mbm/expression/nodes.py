@@ -6,6 +6,7 @@ all said once, for numbers. Nodes compare by identity; equal subexpressions are 
 
 from __future__ import annotations
 
+import math
 from dataclasses import field
 from enum import StrEnum
 from fractions import Fraction
@@ -85,6 +86,14 @@ class RowChoice(StrEnum):
     KEYED = "keyed"
     BEFORE = "before"
     AFTER = "after"
+
+
+def nearest(value: int | Fraction | float) -> float:
+    """The double nearest to an exact number; infinite beyond the largest, as IEEE 754 has it."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from math import pi
+from math import inf, pi
 from types import MappingProxyType
 
 from mbm.expression.dimension import NONE, Dimension, base
@@ -90,6 +90,8 @@ def parse_unit(text: str) -> Unit | None:
             factor *= unit.factor**power
             dimension *= unit.dimension**power
         position = match.end()
+        if not 0.0 < factor < inf:
+            return None
         if position == len(text):
             return Unit(text, factor, dimension)
         if text[position] not in "*/":

@@ -28,7 +28,25 @@ UNREADABLE_FILE = Code(
 FILE_TOO_LARGE = Code(
     "file-too-large",
     "A file is larger than the bound that keeps a slip from filling the memory.",
-    "Split the file, leave out columns that are not used, or hand over the table through the Python API.",
+    "Split the file, leave out columns that are not used, hand over the table through the Python API, or let mbm take"
+    " more memory: `MBM_MEMORY=8GB mbm solve …`; files may have a third of it.",
+)
+
+TOO_MANY_FILES = Code(
+    "too-many-files",
+    "A problem names more files than are opened for one problem.",
+    "Put definitions that are used together into one file, and tables of the same columns too.",
+)
+TOO_MUCH_MEMORY = Code(
+    "too-much-memory",
+    "What is asked for would take more memory than mbm takes: a table, a matrix, or all of them together. It is refused"
+    " before the memory is taken.",
+    "Use fewer rows or unknowns, or let mbm take more: `MBM_MEMORY=8GB mbm solve …`.",
+)
+BAD_MEMORY_BOUND = Code(
+    "bad-memory-bound",
+    "The environment variable `MBM_MEMORY` says how many bytes may be taken, and holds something else.",
+    "Write a number with `KB`, `MB`, `GB` or `TB`, such as `MBM_MEMORY=4GB`.",
 )
 NOT_WRITABLE = Code(
     "not-writable",
@@ -203,3 +221,33 @@ def exists_already(path: str | Path) -> Diagnostic:
 
 def _named(path: str | Path) -> str:
     return shown(path.as_posix() if isinstance(path, Path) else path, LONGEST_PATH)
+
+
+def too_many_files(place: Place, most: int) -> Diagnostic:
+    """``place`` names the first file beyond the ``most`` that are opened."""
+    message = f"this is one file more than the {most:,} that are opened for one problem"
+    return Diagnostic(code=TOO_MANY_FILES, message=message, place=place)
+
+
+def too_much_memory(what: str, needed: int, most: int, variable: str, place: Place | None) -> Diagnostic:
+    """``what`` needs about ``needed`` bytes, ``most`` may be taken; ``variable`` of the environment raises that."""
+    message = f"{what} needs about {in_units(needed)} of memory, and mbm takes {in_units(most)} at most"
+    leading = 10 ** (len(str(needed)) - 1)
+    wanted = in_units((needed // leading + 1) * leading).replace(" ", "").replace(",", "")
+    hint = f"use less of it, or set the environment variable {variable}={wanted} if the machine has that much"
+    return Diagnostic(code=TOO_MUCH_MEMORY, message=message, place=place, hint=hint)
+
+
+def bad_memory_bound(variable: str, text: str) -> Diagnostic:
+    """``text`` stands where a number of bytes is wanted."""
+    message = f"`{variable}` is `{shown(text)}`, which is no number of bytes"
+    return Diagnostic(code=BAD_MEMORY_BOUND, message=message, hint=f"write it as in `{variable}=4GB`")
+
+
+def in_units(count: int) -> str:
+    """A number of bytes as people read it: ``1.5 GB``, ``12 GB``, ``375 MB``."""
+    for power, unit in ((12, "TB"), (9, "GB"), (6, "MB"), (3, "KB")):
+        if count >= 10**power:
+            value = count / 10**power
+            return f"{value:.2f}".rstrip("0").rstrip(".") + f" {unit}" if value < 100 else f"{round(value):,} {unit}"
+    return f"{count} bytes"

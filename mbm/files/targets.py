@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from stat import S_ISBLK, S_ISDIR, S_ISREG
 
@@ -20,6 +21,7 @@ WRITABLE = 0o222
 """Without any of these bits a file is not to be changed, whoever asks."""
 
 _MOST_LINKS = 40
+_STREAMS = ((1, "standard output"), (2, "standard error"))
 _DESCRIPTORS = re.compile(r"/dev/fd|/proc/(?P<process>\d+)(?:/task/\d+)?/fd")
 
 
@@ -64,7 +66,7 @@ def target_of(name: str | os.PathLike[str]) -> Target:
         found = _found(text)
     except OSError as error:
         raise MbmError(faults.not_writable(text, faults.reason_of(error))) from None
-    except ValueError:
+    except (ValueError, OverflowError):
         raise MbmError(faults.not_writable(text, "no file can have this name")) from None
     objection = _objection(found)
     if objection is not None:
@@ -152,14 +154,30 @@ def refuse_source(target: Target) -> None:
         MbmError: would-overwrite.
 
     """
-    called_so = SOURCE_ENDING in (Path(target.name).suffix.lower(), target.path.suffix.lower())
-    if target.status is not None and target.is_ordinary and called_so:
+    names = (Path(target.name), target.path, Path(os.path.realpath(target.path)))
+    called_so = SOURCE_ENDING in (name.suffix.lower() for name in names)
+    if target.status is not None and S_ISREG(target.status.st_mode) and called_so:
         raise MbmError(faults.would_replace_source(target.name))
 
 
 def is_source(path: Path) -> bool:
     """Whether a path, and what it leads to, are called as problem files are."""
     return path.suffix.lower() == SOURCE_ENDING == Path(os.path.realpath(path)).suffix.lower()
+
+
+def refuse_streamed(target: Target) -> None:
+    """Refuse a file that standard output or standard error goes to: what they say would be lost.
+
+    Raises:
+        MbmError: would-overwrite.
+
+    """
+    if target.status is None or not target.is_ordinary:
+        return
+    for number, name in _STREAMS:
+        with suppress(OSError):  # closed: nothing is said there
+            if os.path.samestat(target.status, os.fstat(number)):
+                raise MbmError(faults.written_twice(name, target.name))
 
 
 def refuse_twice(targets: Iterable[Target]) -> None:

@@ -18,7 +18,7 @@ from stat import S_IMODE, S_ISFIFO
 
 from mbm.files import faults
 from mbm.files.journal import WRITTEN, Read, note
-from mbm.files.targets import Target, refuse_read, refuse_source, target_of
+from mbm.files.targets import Target, refuse_read, refuse_source, refuse_streamed, target_of
 from mbm.text.types import MbmError
 
 PATIENCE = 3.0
@@ -82,6 +82,7 @@ def checked_target(
     """
     target = target_of(path)
     refuse_read(target, reads, allowed)
+    refuse_streamed(target)
     if not replaces_source:
         refuse_source(target)
     return target
@@ -130,11 +131,22 @@ def discard(temporary: Path) -> None:
 
 
 def _make_alike(path: Path, status: os.stat_result) -> None:
-    """The owner, where that may be said, and the mode of the file that is to be replaced."""
-    if hasattr(os, "chown"):
-        with suppress(OSError):
-            os.chown(path, status.st_uid, status.st_gid)
-    path.chmod(S_IMODE(status.st_mode) & 0o777)
+    """The owner and the group, where that may be said, and the mode of the file that is to be replaced.
+
+    Where the group cannot be kept, the group that the new file has gets what all others have: nobody gets more.
+    """
+    mode = S_IMODE(status.st_mode) & 0o777
+    if hasattr(os, "chown") and not (_owned(path, status.st_uid, status.st_gid) or _owned(path, -1, status.st_gid)):
+        mode = (mode & ~0o070) | (mode & (mode << 3) & 0o070)
+    path.chmod(mode)
+
+
+def _owned(path: Path, user: int, group: int) -> bool:
+    try:
+        os.chown(path, user, group)
+    except OSError:
+        return False
+    return True
 
 
 def _synchronise(descriptor: int) -> None:

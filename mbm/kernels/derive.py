@@ -6,7 +6,9 @@ from typing import Any
 
 import casadi
 import numpy as np
+from numpy.typing import NDArray
 
+from mbm.files.memory import check_memory
 from mbm.kernels.charts import tangent_map
 from mbm.kernels.corrections import corrections_of
 from mbm.kernels.differentiation import differentiated
@@ -15,6 +17,9 @@ from mbm.kernels.lowering import lower
 from mbm.kernels.types import Kernel, KernelSet
 from mbm.problem.manifold import Piece
 from mbm.symbolic.types import ResidualBlock, SymbolicModel
+
+PER_PLACE = 400
+"""Bytes for one unknown number of an equation in one element of its Jacobian, where each depends on each."""
 
 
 def derive(model: SymbolicModel) -> KernelSet:
@@ -35,14 +40,6 @@ def kernel_of(block: ResidualBlock) -> Kernel:
     scalars_of_jacobian: Any = jacobian.nonzeros()  # CasADi's stubs do not know their own type here
     nonzeros = casadi.vertcat(*scalars_of_jacobian) if rows else casadi.SX(0, 1)
     outputs = casadi.cse(casadi.vertcat(values, nonzeros))
-    dependence = np.zeros((len(rows), len(block.tangents)), dtype=bool)
-    if rows and count:
-        pattern = casadi.jacobian_sparsity(nonzeros, inputs[:count])
-        found_rows, found_columns = (np.asarray(found, dtype=np.int64) for found in pattern.get_triplet())
-        for chart in block.charts:
-            varying = found_rows[np.isin(found_columns, chart.variables)]
-            for tangent in chart.tangents:
-                dependence[varying, tangent] = True
     return Kernel(
         name=block.name,
         purpose=block.purpose,
@@ -55,9 +52,33 @@ def kernel_of(block: ResidualBlock) -> Kernel:
         outputs=len(block.expressions),
         jacobian_rows=np.asarray(rows, dtype=np.int64),
         jacobian_columns=np.asarray(columns, dtype=np.int64),
-        dependence=dependence,
+        dependence=_dependence(block, nonzeros, inputs[:count]),
         value_program=program_of(casadi.Function("values", [inputs], [casadi.cse(values)])),
         jacobian_program=program_of(casadi.Function("values_and_jacobian", [inputs], [outputs])),
         corrections=corrections_of(block) if block.corrected else None,
         span=block.span,
     )
+
+
+def _dependence(block: ResidualBlock, nonzeros: casadi.SX, unknowns: casadi.SX) -> NDArray[np.bool_]:
+    """Which elements of the Jacobian (nonzeros,) vary with which tangents: (nonzeros, tangents).
+
+    Raises:
+        MbmError: too-much-memory.
+
+    """
+    count, elements = int(unknowns.numel()), int(nonzeros.numel())
+    what = f"an equation of {count:,} unknown numbers, with {elements:,} derivatives,"
+    check_memory(PER_PLACE * count * elements, what, block.span)
+    dependence = np.zeros((elements, len(block.tangents)), dtype=bool)
+    if not count or not elements:
+        return dependence
+    tangents = np.full((count, max(len(chart.tangents) for chart in block.charts)), -1, dtype=np.int64)
+    for chart in block.charts:
+        tangents[list(chart.variables), : len(chart.tangents)] = chart.tangents
+    pattern = casadi.jacobian_sparsity(nonzeros, unknowns)
+    rows, columns = (np.asarray(found, dtype=np.int64) for found in pattern.get_triplet())
+    for each in tangents.T:
+        moved = each[columns]
+        dependence[rows[moved >= 0], moved[moved >= 0]] = True
+    return dependence

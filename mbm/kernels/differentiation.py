@@ -24,10 +24,10 @@ def differentiated(lowered: Lowered, variables: casadi.SX) -> tuple[casadi.SX, c
     def total(expression: casadi.SX) -> casadi.SX:
         """The Jacobian with those of the choices that ``expression`` uses, by the chain rule."""
         result = casadi.jacobian(expression, variables)
-        for symbol in casadi.symvar(expression):
-            slope = slopes.get(symbol.element_hash())
-            if slope is not None:
-                result = result + casadi.mtimes(casadi.jacobian(expression, symbol), slope)
+        used = [symbol for symbol in casadi.symvar(expression) if symbol.element_hash() in slopes]
+        if used:  # all at once: one after the other, each would go through the whole expression
+            by_choice = casadi.jacobian(expression, casadi.vertcat(*used))
+            result = result + casadi.mtimes(by_choice, casadi.vertcat(*(slopes[s.element_hash()] for s in used)))
         return result
 
     for choice in lowered.choices:

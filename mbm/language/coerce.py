@@ -7,7 +7,7 @@ from collections.abc import Sequence as Many
 from fractions import Fraction
 
 from mbm.expression.algebra import UndefinedValueError, apply, constant_value, subtract, wrap
-from mbm.expression.nodes import Apply, Column, Component, Expression, Number, Opaque, Operation, leaves
+from mbm.expression.nodes import Apply, Column, Component, Expression, Number, Opaque, Operation, leaves, nearest
 from mbm.language import faults
 from mbm.language.values import (
     FORMS,
@@ -139,8 +139,8 @@ def integer(value: Value, span: Span, wanted: str = "a whole number") -> int:
     found = static_number(value, span, wanted)
     if isinstance(found, int):
         return found
-    if not math.isfinite(found) or found != int(found):
-        raise MbmError(faults.wrong_kind(span, wanted, f"{float(found):g}"))
+    if not math.isfinite(nearest(found)) or found != int(found):
+        raise MbmError(faults.wrong_kind(span, wanted, f"{nearest(found):g}"))
     return int(found)
 
 

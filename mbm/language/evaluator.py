@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
 
@@ -15,7 +14,7 @@ from mbm.language import faults
 from mbm.language.coerce import assemble
 from mbm.language.indexing import element
 from mbm.language.limits import ITEMS_PER_STEP, Budget, Limits
-from mbm.language.scope import EmptyScope, Scope
+from mbm.language.scope import EmptyScope
 from mbm.language.values import (
     FORMS,
     SCALARS,
@@ -24,11 +23,12 @@ from mbm.language.values import (
     Call,
     Callable_,
     FamilyValue,
-    FunctionTable,
     ListValue,
     Macro,
+    Scope,
     SpecialForm,
     Value,
+    Vocabulary,
     describe,
     size_of,
 )
@@ -48,22 +48,12 @@ from mbm.text.types import (
     Symbol,
     Text,
 )
-from mbm.values import dataclass
 
 MAXIMUM_LABELS = 4
 """How many calls an error names on its way out: enough to find the cause, few enough to read."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Vocabulary:
-    """What heads may mean: special forms, functions (built-in, models, the user's), and names that come later."""
-
-    special_forms: Mapping[str, SpecialForm]
-    functions: FunctionTable
-    not_yet: Mapping[str, str]
-
-
-class Evaluator:
+class FormEvaluator:
     """Evaluates forms. Holds the vocabulary, counts the work and collects warnings; keeps no other state.
 
     ``world`` is the scope of the problem being compiled: where ``perse`` finds k0 and k1.

@@ -370,5 +370,6 @@ def outside_sandbox(span: Span, path: str) -> Diagnostic:
 
 def used_here(diagnostic: Diagnostic, span: Span) -> Diagnostic:
     """A fault of a used file, said where it is used."""
-    labels = (*diagnostic.labels, Label(diagnostic.place, "the file")) if diagnostic.place else diagnostic.labels
-    return replace(diagnostic, place=span, labels=labels)
+    if diagnostic.place is None or diagnostic.place == span:
+        return replace(diagnostic, place=span)
+    return replace(diagnostic, place=span, labels=(*diagnostic.labels, Label(diagnostic.place, "the file")))

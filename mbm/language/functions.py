@@ -6,8 +6,8 @@ from dataclasses import field
 
 from mbm.language import faults
 from mbm.language.parameters import Parameters, bind, parse_parameters
-from mbm.language.scope import LocalScope, Scope
-from mbm.language.values import Call, Callable_, Macro, Value
+from mbm.language.scope import LocalScope
+from mbm.language.values import Call, Callable_, Macro, Scope, Value
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol, Text
 from mbm.values import dataclass
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mbm.expression.nodes import Column, Number, Opaque
+from mbm.expression.nodes import Column, Number, Opaque, nearest
 from mbm.language import faults
 from mbm.language.coerce import integer, opaque_element, scalar
 from mbm.language.values import Array, FamilyValue, ListValue, TextColumn, Value, describe
@@ -62,7 +62,7 @@ def family_key(family: FamilyValue, value: Value, span: Span) -> str | float | C
             raise MbmError(
                 faults.bad_index(span, f"the key of `{family.name}` is computed", "use a literal or a column as key")
             )
-        key = float(number.value)
+        key = nearest(number.value)
     if key not in family.keys:
         near = closest(str(key), sorted(str(k) for k in family.keys))
         shown = f"`{key}`" if isinstance(key, str) else f"{key:g}"

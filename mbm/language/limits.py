@@ -16,7 +16,9 @@ from mbm.values import dataclass
 class Limits:
     """Bounds of one compilation. The defaults let any sensible problem through and end a runaway within a second.
 
-    ``steps`` bounds one evaluation (of a clause, for one group of rows), ``total_steps`` all of them together.
+    ``steps`` bounds one evaluation (of a clause, for one group of rows), ``total_steps`` all of them together,
+    ``equations`` and ``operations`` bound what is derived and compiled: an equation takes about a millisecond, an
+    operation a fifth of one.
     """
 
     depth: int = 3000
@@ -24,6 +26,8 @@ class Limits:
     total_steps: int = 10 * steps
     list_length: int = 100_000
     files: int = 200
+    equations: int = 20_000
+    operations: int = 100_000
 
 
 STEPS_PER_EVALUATION = 16

@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from mbm.language import faults
-from mbm.language.evaluator import Evaluator
-from mbm.language.scope import LocalScope, Scope
-from mbm.language.values import Value
-from mbm.text.printer import print_form
+from mbm.language.scope import LocalScope
+from mbm.language.values import Evaluator, Scope, Value
+from mbm.text.printer import print_beginning
 from mbm.text.suggest import closest
 from mbm.text.types import Form, Keyword, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
 
 USAGE = "(name … [&optional (name default)…] [&key (:tag name [default])…])"
+
+
+_LONGEST_DEFAULT = 60
+"""Characters of a default that a message shows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,8 +40,10 @@ class Parameters:
     def usage(self, name: str) -> str:
         """How a call is written."""
         parts = [name, *self.required]
+        defaults = [None if o.default is None else print_beginning(o.default, _LONGEST_DEFAULT) for o in self.optional]
         parts += [
-            f"[{o.name}]" if o.default is None else f"[{o.name} = {print_form(o.default)}]" for o in self.optional
+            f"[{o.name}]" if default is None else f"[{o.name} = {default}]"
+            for o, default in zip(self.optional, defaults, strict=True)
         ]
         parts += [f"[:{k.tag} {k.name}]" for k in self.keys]
         return f"({' '.join(parts)})"

@@ -6,11 +6,14 @@ from collections.abc import Mapping
 from dataclasses import field
 from pathlib import Path
 
+from mbm.files.faults import too_many_files, unreadable_file
 from mbm.files.source import read_file
 from mbm.language import faults
 from mbm.language.functions import Definition, parse_definition
 from mbm.language.limits import Limits
 from mbm.language.parameters import Parameters, parse_parameters
+from mbm.text import faults as text_faults
+from mbm.text.characters import LARGEST_TEXT, MOST_WORDS, words_in
 from mbm.text.faults import MOST_FAULTS, worth_reading
 from mbm.text.reader import read
 from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Source, Span, Symbol, Text
@@ -144,16 +147,23 @@ class _ProgramReader:
         self.used: list[UsedFile] = []
         self._places: dict[tuple[str, str], Span] = {}
         self._done: set[Path] = set()
+        self._words = self._length = 0
 
     def take(self, source: Source, path: Path, chain: tuple[Path, ...]) -> None:
         """The definitions of one file; those it uses first."""
         resolved = path.resolve()
         self._done.add(resolved)
+        self._length += len(source.text)
+        if self._length > LARGEST_TEXT and chain:
+            raise MbmError(text_faults.too_long_in_all(Span(source=source, start=0, end=0), LARGEST_TEXT))
         try:
             forms = read(source)
         except MbmError as error:
             self.diagnostics.extend(error.diagnostics)
             return
+        self._words += words_in(source.text)
+        if self._words > MOST_WORDS and chain:
+            raise MbmError(text_faults.too_many_words_in_all(Span(source=source, start=0, end=0), MOST_WORDS))
         for form in forms:
             try:
                 self._top_level(form, path, (*chain, resolved))
@@ -224,7 +234,10 @@ class _ProgramReader:
             raise MbmError(faults.bad_form(form.span, "`use` takes one path", '(use "models/furniture.mbm")'))
         written = form.items[1]
         target = path.parent / written.value
-        resolved = target.resolve()
+        try:
+            resolved = target.resolve()
+        except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a name that no file can have
+            raise MbmError(unreadable_file(target, str(error), written.span)) from None
         if self.sandbox is not None and not resolved.is_relative_to(self.sandbox.resolve()):
             raise MbmError(faults.outside_sandbox(written.span, written.value))
         if resolved in chain:
@@ -233,9 +246,9 @@ class _ProgramReader:
             self.used.append(UsedFile(path=target, resolved=resolved, source=None))
             return
         if len(self._done) >= self.limits.files:
-            raise MbmError(faults.list_too_long(form.span, len(self._done) + 1, self.limits.files))
+            raise MbmError(too_many_files(form.span, self.limits.files))
         try:
-            used = read_file(target, str(target))
+            used = read_file(target, str(target), written.span)
         except MbmError as error:
             raise MbmError(*(faults.used_here(d, written.span) for d in error.diagnostics)) from None
         self.used.append(UsedFile(path=target, resolved=resolved, source=used))

@@ -5,10 +5,20 @@ from __future__ import annotations
 from mbm.expression.forms import to_form
 from mbm.language import faults
 from mbm.language.coerce import is_form, list_items
-from mbm.language.evaluator import Evaluator
-from mbm.language.scope import Scope
-from mbm.language.values import SCALARS, Array, Callable_, FamilyValue, ListValue, TextColumn, Value, describe, size_of
-from mbm.text.build import symbol
+from mbm.language.values import (
+    SCALARS,
+    Array,
+    Callable_,
+    Evaluator,
+    FamilyValue,
+    ListValue,
+    Scope,
+    TextColumn,
+    Value,
+    describe,
+    size_of,
+)
+from mbm.text.build import sequence, symbol
 from mbm.text.types import Bracket, Form, MbmError, Sequence, Span, Text
 
 
@@ -46,12 +56,23 @@ def _spliced(evaluator: Evaluator, form: Sequence, scope: Scope) -> list[Form]:
 
 
 def value_form(value: Value, span: Span) -> Form:
-    """The form that evaluates to ``value``; a list that occurs in it many times becomes one form, as often."""
-    return _value_form(value, span, {})
+    """The form that evaluates to ``value``; a list that occurs several times is one form. Not recursive: lists nest."""
+    forms: dict[int, Form] = {}
+    waiting: list[tuple[Value, bool]] = [(value, False)]
+    while waiting:
+        part, ready = waiting.pop()
+        if not isinstance(part, ListValue):
+            forms[id(part)] = _part_form(part, span)
+        elif ready:
+            forms[id(part)] = sequence((forms[id(item)] for item in part.items), span)
+        elif id(part) not in forms:
+            waiting.append((part, True))
+            waiting.extend((item, False) for item in part.items if id(item) not in forms)
+    return forms[id(value)]
 
 
-def _value_form(value: Value, span: Span, known: dict[int, tuple[Value, Form]]) -> Form:
-    """The same; ``known`` has lists within the value by identity, and their forms."""
+def _part_form(value: Value, span: Span) -> Form:
+    """The form of anything but a list."""
     if is_form(value):
         return value  # type: ignore[return-value]
     if isinstance(value, SCALARS):
@@ -60,12 +81,9 @@ def _value_form(value: Value, span: Span, known: dict[int, tuple[Value, Form]]) 
         return symbol("true" if value else "false", span)
     if isinstance(value, str):
         return Text(value=value, span=span)
-    if isinstance(value, Array | ListValue):
-        if id(value) not in known:
-            items = tuple(_value_form(item, span, known) for item in list_items(value, span))
-            bracket = Bracket.SQUARE if isinstance(value, Array) else Bracket.ROUND
-            known[id(value)] = value, Sequence(items=items, bracket=bracket, span=span)
-        return known[id(value)][1]
+    if isinstance(value, Array):
+        items = tuple(_part_form(item, span) for item in list_items(value, span))
+        return Sequence(items=items, bracket=Bracket.SQUARE, span=span)
     if isinstance(value, TextColumn | FamilyValue | Callable_):
         return symbol(value.name, span)
     raise MbmError(faults.wrong_kind(span, "something that can stand in a form", describe(value)))

@@ -3,23 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Protocol
 
-from mbm.language.values import Value
+from mbm.language.values import Scope, Value
 from mbm.text.types import Span
 from mbm.values import dataclass
-
-
-class Scope(Protocol):
-    """A place in the text: what the names mean there."""
-
-    def lookup(self, name: str, span: Span) -> Value | None:
-        """The value of a variable, or None if there is none of this name. ``span`` is where it is used."""
-        ...
-
-    def names(self) -> Iterator[str]:
-        """All names visible, for suggestions."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 
 from mbm.language import faults
-from mbm.language.evaluator import Evaluator, Vocabulary
+from mbm.language.evaluator import FormEvaluator
 from mbm.language.functions import bind_definition
 from mbm.language.limits import Limits
 from mbm.language.program import ConstantDefinition, ModelDefinition, Program
-from mbm.language.scope import Scope
-from mbm.language.values import Callable_, Value
+from mbm.language.values import Callable_, Evaluator, Scope, Value, Vocabulary
 from mbm.text.types import MbmError, Span
 from mbm.values import dataclass
 
@@ -75,7 +74,7 @@ def open_session(
     ``make_world`` makes the scope of the problem being compiled over that of the file.
     """
     functions: dict[str, Callable_] = dict(vocabulary.functions)
-    evaluator = Evaluator(
+    evaluator = FormEvaluator(
         Vocabulary(
             special_forms=vocabulary.special_forms,
             functions=MappingProxyType(functions),

@@ -9,13 +9,12 @@ from mbm.expression.algebra import number, total
 from mbm.expression.nodes import Apply
 from mbm.language import faults
 from mbm.language.coerce import condition, conditional, integer, vector
-from mbm.language.evaluator import Evaluator
 from mbm.language.functions import UserFunction
 from mbm.language.limits import ITEMS_PER_STEP
 from mbm.language.parameters import parse_parameters
 from mbm.language.quasiquote import fill
-from mbm.language.scope import LocalScope, Scope
-from mbm.language.values import SCALARS, Array, SpecialForm, Value, size_of
+from mbm.language.scope import LocalScope
+from mbm.language.values import SCALARS, Array, Evaluator, Scope, SpecialForm, Value, size_of
 from mbm.language.vocabulary.arithmetic import elementwise_sum
 from mbm.text.types import Form, MbmError, Sequence, Symbol
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from mbm.expression.nodes import (
     Apply,
@@ -17,12 +17,11 @@ from mbm.expression.nodes import (
     Opaque,
     RowChoice,
 )
-from mbm.text.types import Form, Keyword, Numeral, Place, Sequence, Span, Symbol, Text
+from mbm.text.types import Code, Diagnostic, Form, Keyword, Numeral, Place, Sequence, Span, Symbol, Text
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.language.evaluator import Evaluator
-    from mbm.language.scope import Scope
+    from mbm.language.limits import Budget
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,6 +176,57 @@ class Transform:
     argument: Value
 
 
+class Scope(Protocol):
+    """A place in the text: what the names mean there."""
+
+    def lookup(self, name: str, span: Span) -> Value | None:
+        """The value of a variable, or None if there is none of this name. ``span`` is where it is used."""
+        ...
+
+    def names(self) -> Iterator[str]:
+        """All names visible, for suggestions."""
+        ...
+
+
+class Evaluator(Protocol):
+    """What evaluates forms, as calls and special forms are given it.
+
+    ``vocabulary`` says what heads mean, ``budget`` what the evaluation may still take, ``world`` is the scope of the
+    problem being compiled; ``warnings`` are kept once for each place.
+    """
+
+    vocabulary: Vocabulary
+    budget: Budget
+    world: Scope
+    warnings: dict[tuple[Code, Place | None], Diagnostic]
+
+    def warn(self, diagnostic: Diagnostic) -> None:
+        """Keep a warning, once for each place."""
+        ...
+
+    def evaluate(self, form: Form, scope: Scope) -> Value:
+        """The value of ``form`` in ``scope``.
+
+        Raises:
+            MbmError: with a diagnostic at the innermost form that is wrong.
+            StaticColumnNeeded: the value of a data column decides what the expression is.
+
+        """
+        ...
+
+    def wanted(self, form: Form, scope: Scope) -> Value:
+        """Like ``evaluate``, where an expression is wanted: a form that arrives is evaluated in its turn."""
+        ...
+
+    def arrived(self, value: Value, at: Form, scope: Scope) -> Value:
+        """``value``, or, if it is a form, what that form means here (LANGUAGE §2, forms as observation models)."""
+        ...
+
+    def call(self, function: Callable_, arguments: tuple[Value, ...], form: Sequence, scope: Scope) -> Value:
+        """Call ``function`` with values; errors inside the user's functions name the call."""
+        ...
+
+
 class Callable_(ABC):  # noqa: N801 - `Callable` is taken by the standard library
     """What may stand at the head of a list and be called. An abstract class for speed, as ``Placeable``."""
 
@@ -325,5 +375,14 @@ def described_with_space(value: Value) -> str:
     return f"{describe(value)} of {'the plane' if rotation.dimension == 2 else 'space'}"
 
 
-SpecialForm: TypeAlias = "Callable[[Evaluator, Sequence, Scope], Value]"
+SpecialForm: TypeAlias = Callable[[Evaluator, Sequence, Scope], Value]
 FunctionTable: TypeAlias = Mapping[str, Callable_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Vocabulary:
+    """What heads may mean: special forms, functions (built-in, models, the user's), and names that come later."""
+
+    special_forms: Mapping[str, SpecialForm]
+    functions: FunctionTable
+    not_yet: Mapping[str, str]

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from mbm.expression.nodes import Number
 from mbm.language import faults as language_faults
-from mbm.language.evaluator import Vocabulary
 from mbm.language.functions import bind_definition, parse_definition
 from mbm.language.limits import Limits
 from mbm.language.program import ProblemDefinition, Program
 from mbm.language.session import Session, open_session
+from mbm.language.values import Vocabulary
 from mbm.problem import faults
 from mbm.problem.checks import check_data
 from mbm.problem.clauses import effective_clauses
@@ -246,6 +246,7 @@ def _unknowns(work: Workspace, declarations: list[Declaration]) -> tuple[tuple[U
             unknown, prior = read_unknown(work, declaration)
             unknowns.append(unknown)
             if prior is not None:
+                work.extent.add(prior)
                 priors.append(prior)
     return tuple(unknowns), tuple(priors)
 
@@ -270,6 +271,7 @@ def _blocks(work: Workspace, clauses: tuple[Sequence, ...], taken: TakenNames) -
     for clause in _all(clauses, "observe"):
         with work.collecting():
             blocks.append(read_observation(work, clause, taken))
+            work.extent.add(blocks[-1])
     for clause in _all(clauses, "constraints"):
         work.evaluator.budget.reset(clause.span)
         blocks.extend(read_constraints(work, clause, taken))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from mbm.expression.algebra import ONE
 from mbm.expression.dimension import NONE, Dimension
 from mbm.expression.inference import Clash, Declared, Inference, origin
 from mbm.expression.nodes import Apply, Column, Component, Expression, Number, Operation, leaves
@@ -159,7 +160,7 @@ def _product(a: Expression, b: Expression) -> Expression:
 
 
 def _reciprocal(node: Expression) -> Expression:
-    return Apply(Operation.DIVIDE, (Number(1, NONE), node), span=node.span)
+    return Apply(Operation.DIVIDE, (ONE, node), span=node.span)
 
 
 def _visit_unknown(inference: Inference, unknown: Unknown) -> None:

@@ -13,11 +13,10 @@ import numpy as np
 from mbm.expression.nodes import Apply, Component, Expression, Number, RowChoice, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, scalar, vector
-from mbm.language.evaluator import Evaluator
-from mbm.language.scope import Scope
-from mbm.language.values import SCALARS, Array, ListValue, StaticColumnNeeded, Value, describe
+from mbm.language.values import SCALARS, Array, Evaluator, ListValue, Scope, StaticColumnNeeded, Value, describe
 from mbm.problem import faults
 from mbm.problem.elaborated import Consulted, Grouping
+from mbm.problem.extent import Extent
 from mbm.problem.rows import MAXIMUM_REPORTED, decided, static_cells
 from mbm.problem.scopes import ProblemScope, RowScope
 from mbm.problem.tables import CellKey, Table
@@ -26,8 +25,8 @@ from mbm.text.faults import MOST_FAULTS, worth_reading
 from mbm.text.types import Bracket, Diagnostic, Form, Keyword, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
 
-MAXIMUM_CASES = 20_000
-"""Groups of rows with different static values that one clause may have; each is compiled on its own."""
+_ENDING = (language_faults.TOO_MANY_STEPS, faults.TOO_MUCH_TO_COMPILE)
+"""Errors after which nothing more is looked at: what goes too far in one clause would do so in the others."""
 
 Routines: TypeAlias = Callable[[], tuple[str, ...]]
 """The names of the registered closed forms: a call, since most problems name none and need not load them."""
@@ -58,7 +57,7 @@ class Workspace:
     """The elaboration at work: local to one call, handed from clause to clause. ``diagnostics`` collects the errors.
 
     ``routines`` gives the names of the registered closed forms, which may be asked for as methods; ``reads`` keeps
-    account of the values that decided something.
+    account of the values that decided something, ``extent`` of what there is to compile.
     """
 
     evaluator: Evaluator
@@ -68,6 +67,10 @@ class Workspace:
     diagnostics: list[Diagnostic] = field(default_factory=list)
     undeclared: set[str] = field(default_factory=set)
     reads: Reads = field(default_factory=Reads)
+    extent: Extent = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.extent = Extent(self.evaluator.budget.limits)
 
     @contextmanager
     def collecting(self, declares: Form | None = None) -> Iterator[None]:
@@ -82,8 +85,8 @@ class Workspace:
             if isinstance(declares, Sequence) and declares.head is not None:
                 self.undeclared.add(declares.head)
             self._keep(found)
-            if any(d.code == language_faults.TOO_MANY_STEPS for d in found):
-                raise MbmError(*self.diagnostics) from None  # what runs away once may do so in every clause
+            if any(d.code in _ENDING for d in found):
+                raise MbmError(*self.diagnostics) from None
         except StaticColumnNeeded as need:
             self._keep([language_faults.not_static(need.span, f"column `{need.column.name}`")])
 
@@ -137,8 +140,9 @@ class Workspace:
             except StaticColumnNeeded as need:
                 columns[need.column.name] = None
                 pending.extend(reversed(self._split(table, static, rows, need)))
-            if len(found) + len(pending) > MAXIMUM_CASES:
-                raise MbmError(faults.too_many_static_values(span, table.name, MAXIMUM_CASES))
+            if len(found) + len(pending) > self.evaluator.budget.limits.equations:
+                most = self.evaluator.budget.limits.equations
+                raise MbmError(faults.too_many_static_values(span, table.name, most))
         if columns:
             self.reads.grouped(table.name, columns, when)
         self.reads.everything |= not found  # which columns rows would be told apart by, only rows can say

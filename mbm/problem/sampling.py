@@ -18,9 +18,7 @@ from mbm.expression.nodes import (
 )
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, list_items, scalar
-from mbm.language.evaluator import Evaluator
-from mbm.language.scope import Scope
-from mbm.language.values import SCALARS, Array, ListValue, Value, describe
+from mbm.language.values import SCALARS, Array, Evaluator, ListValue, Scope, Value, describe
 from mbm.problem import faults
 from mbm.problem.options import split_options
 from mbm.problem.scopes import ProblemScope, RowScope

@@ -8,9 +8,8 @@ from dataclasses import field
 from mbm.expression.nodes import Column, Member, Number, RowChoice, Sampling
 from mbm.language import faults
 from mbm.language.coerce import scalar
-from mbm.language.evaluator import Evaluator
-from mbm.language.scope import LocalScope, Scope
-from mbm.language.values import Array, TableName, TextColumn, Value
+from mbm.language.scope import LocalScope
+from mbm.language.values import Array, Evaluator, Scope, TableName, TextColumn, Value
 from mbm.problem import faults as problem_faults
 from mbm.problem.tables import ROW, CellKey, Table
 from mbm.problem.tables import Column as TableColumn

@@ -63,7 +63,7 @@ def _of_case(
     positions = [0]
     if table is not None and mask is not None:
         found = rows_of(case.static, table)
-        positions = found[mask[found]].tolist()
+        positions = found[mask[found]][:MAXIMUM_EQUATIONS].tolist()
     for equation in case.equations:
         if equation.relation is Relation.NOT_ABOVE_ZERO:
             continue  # it bounds, but determines nothing

@@ -7,9 +7,7 @@ from types import MappingProxyType
 
 from mbm.expression.nodes import RowChoice
 from mbm.language import faults as language_faults
-from mbm.language.evaluator import Evaluator
-from mbm.language.scope import Scope
-from mbm.language.values import SpecialForm, Value
+from mbm.language.values import Evaluator, Scope, SpecialForm, Value
 from mbm.problem import faults
 from mbm.problem.sampling import sample
 from mbm.problem.scopes import ProblemScope, RowScope

@@ -8,7 +8,6 @@ import numpy as np
 
 from mbm.emit import faults
 from mbm.emit.answers import Agreement
-from mbm.emit.routines.rooms import MANY
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Problem
 from mbm.solution.assembly import Assembled, loss_lines
@@ -17,6 +16,7 @@ from mbm.solution.native.consensus_rules import NO_FORM, rules_of
 from mbm.solution.robust.binding import without_losses
 from mbm.solution.robust.parts import parts_of
 from mbm.solution.settings import Settings
+from mbm.target.decisions import MANY_CONNECTED
 from mbm.target.solver import consensus_description as c
 from mbm.text.types import MbmError
 
@@ -79,7 +79,7 @@ def _agreement(
         seed=settings.seed,
         starts=1,
         form=NO_FORM if known is None else known.form,
-        dimension=MANY if families else None,
+        dimension=MANY_CONNECTED if families else None,
     )
     places, maps = _maps(plain, acting, known)
     kept = settings.robust is not None
@@ -110,8 +110,8 @@ def _asked(
 
 
 def _refuse(problem: Problem, equations: Assembled) -> None:
-    if equations.dimension > MANY:
-        why = f"with more than {MANY} unknowns it takes losses in place of subsets, which `mbm solve` has"
+    if equations.dimension > MANY_CONNECTED:
+        why = f"with more than {MANY_CONNECTED} unknowns it takes losses in place of subsets, which `mbm solve` has"
         raise MbmError(faults.not_emitted(problem.span, f"consensus of {equations.dimension} unknowns", why))
     if equations.dimension > 1 and len(parts_of(equations)) > 1:
         why = "no equation connects all unknowns, and `mbm solve` takes the parts one by one"

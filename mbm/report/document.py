@@ -43,7 +43,7 @@ def lazy_document(result: Result) -> dict[str, Any]:
         "problem": result.problem,
         "status": result.status.value,
         "seed": result.seed,
-        "options": {name: _plain(value) for name, value in result.options.items()},
+        "options": {name: plain(value) for name, value in result.options.items()},
         "inputs": [{"path": entry.path, "sha256": entry.sha256, "rows": entry.rows} for entry in result.inputs],
         "diagnostics": [as_json(diagnostic) for diagnostic in result.diagnostics],
         "solves": _Solves(result.solves),
@@ -72,14 +72,14 @@ class _Solves(Sequence[dict[str, Any]]):
         yield from self._solves.each(block_documents, solve_document)
 
 
-def _plain(value: object) -> Any:
-    """An option as JSON holds it."""
+def plain(value: object) -> Any:
+    """A value as JSON holds it: what is not finite is null."""
     if isinstance(value, Enum):
-        return _plain(value.value)
+        return plain(value.value)
     if isinstance(value, Mapping):
-        return {str(name): _plain(entry) for name, entry in value.items()}
+        return {str(name): plain(entry) for name, entry in value.items()}
     if isinstance(value, (tuple, list)):
-        return [_plain(entry) for entry in value]
+        return [plain(entry) for entry in value]
     if isinstance(value, PurePath):
         return value.as_posix()
     if isinstance(value, float):

@@ -9,7 +9,7 @@ import json
 from collections.abc import Mapping, Sequence
 from json.encoder import encode_basestring, encode_basestring_ascii
 
-WIDEST = 100
+WIDEST_LINE = 100
 """Characters of a list or dictionary that is written on one line, its indentation not counted."""
 
 
@@ -61,7 +61,7 @@ def _table(value: Mapping[object, object], indent: str) -> str:
     inner = indent + "  "
     parts = [f"{_text(str(name))}: {_lines(entry, inner)}" for name, entry in value.items()]
     joined = ", ".join(parts)
-    if len(joined) + 2 <= WIDEST and "\n" not in joined:
+    if len(joined) + 2 <= WIDEST_LINE and "\n" not in joined:
         return f"{{{joined}}}"
     return f"{{\n{inner}" + f",\n{inner}".join(parts) + f"\n{indent}}}"
 
@@ -71,7 +71,7 @@ def _list(value: Sequence[object], indent: str) -> str:
     inner = indent + "  "
     parts = [_lines(entry, inner) for entry in value]
     joined = ", ".join(parts)
-    if len(joined) + 2 <= WIDEST and "\n" not in joined:
+    if len(joined) + 2 <= WIDEST_LINE and "\n" not in joined:
         return f"[{joined}]"
     of_numbers = all(part[0] not in '[{"' for part in parts)
     return f"[\n{inner}" + f",\n{inner}".join(_filled(parts) if of_numbers else parts) + f"\n{indent}]"
@@ -82,7 +82,7 @@ def _filled(parts: list[str]) -> list[str]:
     row: list[str] = []
     length = 0
     for part in parts:
-        if row and length + len(part) > WIDEST:
+        if row and length + len(part) > WIDEST_LINE:
             rows.append(", ".join(row))
             row, length = [], 0
         row.append(part)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 
+from mbm.emit.words import MOST_CASES
 from mbm.expression.nodes import Number
 from mbm.kernels.types import KernelSet, WithoutMachineCode
 from mbm.problem.elaborated import Elaborated
@@ -21,10 +22,7 @@ from mbm.symbolic.types import ColumnInput, Parameter, Purpose, ResidualBlock, S
 from mbm.text.shown import joined
 from mbm.text.types import MbmError
 
-MOST_CASES = 3
-"""Groups of rows whose equations are printed; the others differ in their static values only."""
-
-WIDEST = 100
+WIDEST_PROPERTY = 100
 """Columns of what a problem says of itself."""
 
 _SOLVERS = {
@@ -47,7 +45,7 @@ def explanation(
 ) -> str:
     """Equations, unknowns, noise, structure of the Jacobian, and the solver with the reason for it."""
     problem, tables = found.problem, found.tables
-    doc = wrapped(problem.doc, WIDEST - 2) if problem.doc else []
+    doc = wrapped(problem.doc, WIDEST_PROPERTY - 2) if problem.doc else []
     lines = [f"problem {problem.name}", *(f"  {line}" for line in doc), ""]
     lines += ["unknowns", *(f"  {line}" for u in problem.unknowns for line in _unknown(u, tables)), ""]
     if problem.constants:

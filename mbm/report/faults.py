@@ -42,6 +42,7 @@ INTERRUPTED = Code(
 )
 
 MOST_NAMES = 8
+"""Names in one sentence."""
 
 
 def plot_format(path: str, known: str) -> Diagnostic:

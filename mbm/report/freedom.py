@@ -6,14 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from mbm.report.faults import MOST_NAMES
 from mbm.report.types import CommonDirection, FreeDirection
 from mbm.solution.solution import Solution
 from mbm.solution.types import CommonMotion, FreeCombination, GaugeMotion, Motion
 
-MOST_NAMES = 8
-"""Names in one sentence; the coefficients hold all of them."""
-
-EQUAL = 1e-6
+EQUAL_MOVEMENTS = 1e-6
 """Relative difference below which movements count as equal: far above rounding, far below anything a person means."""
 
 
@@ -127,7 +125,7 @@ def _sentence(names: list[str], combination: FreeCombination) -> str:
 
 def _equal(values: tuple[float, ...]) -> bool:
     found = np.asarray(values)
-    return bool((np.abs(found - found[0]) <= EQUAL * np.abs(found).max()).all())
+    return bool((np.abs(found - found[0]) <= EQUAL_MOVEMENTS * np.abs(found).max()).all())
 
 
 def listed(names: list[str]) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 
 from mbm.problem.manifold import Manifold, Piece, manifold_of
 from mbm.report.types import Floats, Kind, Quantity
-from mbm.solution.manifolds import matrix_of_quaternion, quaternion_of_matrix, vector_of_quaternion
+from mbm.rotations import matrix_of_quaternion, quaternion_of_matrix, vector_of_quaternion
 
 GEOMETRIC = frozenset({Kind.DIRECTION, Kind.ROTATION, Kind.POSE, Kind.SIMILARITY})
 """Kinds whose sigmas belong to a tangent space."""

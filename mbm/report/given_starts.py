@@ -96,8 +96,8 @@ def _check_complete(unknown: Unknown, value: Floats) -> None:
 
 def _check_keys(unknown: Unknown, keys: tuple[CellKey, ...], tables: Mapping[str, Table]) -> None:
     """Every key is a member in some solve."""
-    known = members(unknown, tables, {})
-    strangers = [key for key in keys if key not in set(known)]
+    known = dict.fromkeys(members(unknown, tables, {}))
+    strangers = [key for key in keys if key not in known]
     if unknown.family is not None and strangers:
         near = closest(str(strangers[0]), [str(key) for key in known])
         raise MbmError(faults.unknown_member(unknown.name, key_text(strangers[0]), near))

@@ -8,6 +8,7 @@ from hashlib import sha256
 import numpy as np
 
 from mbm.report import faults
+from mbm.report.document import plain
 from mbm.report.encode import encode, to_bytes
 from mbm.report.geometric import numbers_of_written
 from mbm.report.solve_document import solve_key
@@ -54,7 +55,7 @@ def initial_option(given: Mapping[str, object]) -> object:
     """
     if not is_document(given):
         return given
-    digest = sha256(to_bytes(encode(given))).hexdigest()
+    digest = sha256(to_bytes(encode(plain(given)))).hexdigest()
     return {"document": given.get("problem"), "sha256": digest}
 
 

@@ -7,7 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from mbm.emit.answers import Agreement, Answers, DerivedRows, Reference, Whole
+from mbm.emit.answers import FAILED, Agreement, Answers, DerivedRows, Reference, Whole
 from mbm.emit.foreign import Foreign
 from mbm.kernels.serialised import BoundRows
 from mbm.kernels.types import KernelSet
@@ -121,7 +121,7 @@ def _whole(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, known:
     """The equations of the first solve that has an answer, where the generated solver begins."""
     _, picked = selections(found.problem, found.tables)
     for selection, reference in zip(picked, known, strict=False):
-        if reference.status == "failed":
+        if reference.status == FAILED:
             continue
         equations, binder = assemble(found.problem, kernels, selection.tables, {}, cache)
         column = np.full(len(equations.layout.number), -1, dtype=np.int64)
@@ -224,7 +224,7 @@ def _references(
 def _failed() -> Reference:
     nothing = np.empty(0)
     return Reference(
-        status="failed",
+        status=FAILED,
         numbers=nothing,
         spread=nothing,
         covariance=np.empty((0, 0)),
@@ -245,21 +245,36 @@ def _reference(solution: Solution, again: Again | None, agreement: Agreement | N
     first, elsewhere = solution, None
     if again is not None and not begun and _status(solution) == "converged":
         elsewhere, solution = _elsewhere(solution, again, agreement)
-    spread = np.zeros(len(layout.start))
-    places = layout.number[solution.free]
-    plain = places >= 0
-    spread[places[plain]] = np.nan_to_num(solution.covariance.sigma[plain])
     return Reference(
         status=_status(solution),
         numbers=solution.numbers,
-        spread=spread,
-        covariance=solution.covariance.matrix,
-        derived=tuple((each.values, each.sigma) for each in solution.derived),
+        spread=_spread(solution),
+        covariance=np.where(solution.sigma_known, solution.covariance.matrix, np.nan),
+        derived=tuple((d.values, np.where(solution.sigma_known, d.sigma, np.nan)) for d in solution.derived),
         cost=solution.fit.cost,
         dof=solution.fit.dof,
         start=np.where(unknown, first.numbers, layout.start),
         elsewhere=elsewhere,
     )
+
+
+def _spread(solution: Solution) -> Floats:
+    """By what a difference of each number (N,) is measured where the number itself is small: its standard deviation.
+
+    For the numbers that hold a rotation it is the largest one of the coordinates that it varies by. Where no standard
+    deviation is known, it is the largest number.
+    """
+    layout = solution.layout
+    spread = np.zeros(len(layout.start))
+    sigma = np.zeros(len(layout.number))
+    sigma[solution.free] = np.nan_to_num(solution.covariance.sigma)
+    if not solution.sigma_known:
+        sigma[solution.free] = np.max(np.abs(solution.numbers), initial=0.0)
+    for entry in layout.entries:
+        own = sigma[entry.coordinates]
+        plain = own.shape == spread[entry.range].shape
+        spread[entry.range] = own if plain else np.max(own, initial=0.0)
+    return spread
 
 
 def _without(unknown: Mask, layout: Layout, agreement: Agreement | None) -> Mask:

@@ -39,20 +39,23 @@ def normalised(solution: Solution) -> Floats:
 @np.errstate(all="ignore")
 def residual_summaries(problem: Problem, solution: Solution) -> Mapping[str, ResidualSummary]:
     """Rows, rows used and their normalised root mean square, and outliers, of each observation."""
-    values = normalised(solution)
+    values, counting = normalised(solution), _counted(solution)
+    groups: dict[int, list[Group]] = {}
+    for group in solution.groups:
+        groups.setdefault(group.kernel.owner, []).append(group)
     found = {}
     for i, block in enumerate(problem.blocks):
         if block.role is not BlockRole.OBSERVATION:
             continue
-        rows = block_rows(solution.groups, i)
-        counted = _counted(solution)[rows]
-        squares = values[rows][counted] ** 2
+        own = groups.get(i, [])
+        rows = block_rows(own, i)
+        squares = values[rows][counting[rows]] ** 2
         table = solution.tables[block.table] if block.table is not None else None
         rms = float(np.sqrt(squares.mean())) if len(squares) and np.isfinite(squares).all() else None
-        bad = _outlier_positions(solution, i)
+        bad = _outlier_positions(solution, own)
         found[block.name] = ResidualSummary(
             rows=len(table) if table is not None else 1,
-            used=sum(_used_rows(solution, g) for g in solution.groups if g.kernel.owner == i),
+            used=sum(_used_rows(solution, group) for group in own),
             rms=rms,
             outliers=tuple(sorted(int(table.rows[p]) for p in bad)) if table is not None else (1,) * len(bad),
             outlier_places=file_rows(table, bad) if table is not None else (),
@@ -90,11 +93,11 @@ def _used_rows(solution: Solution, group: Group) -> int:
     return int((lines.reshape(group.rows, group.kernel.outputs) > 0.0).any(axis=1).sum())
 
 
-def _outlier_positions(solution: Solution, owner: int) -> list[int]:
-    """Positions in the table (0 without one) of the rows of a block that hold an outlier."""
+def _outlier_positions(solution: Solution, groups: Sequence[Group]) -> list[int]:
+    """Positions in the table (0 without one) of the rows of a block, of these groups, that hold an outlier."""
     found: list[int] = []
-    for group in solution.groups:
-        if solution.outliers is None or group.kernel.owner != owner:
+    for group in groups:
+        if solution.outliers is None:
             continue
         lines = solution.outliers[group.first : group.first + group.count]
         bad = np.flatnonzero(lines.reshape(group.rows, group.kernel.outputs).any(axis=1))

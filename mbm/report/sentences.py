@@ -12,6 +12,9 @@ from mbm.text.types import Diagnostic
 MOST_NAMES = 12
 """Unused unknowns that are listed one by one."""
 
+MOST_FREE = 20
+"""Free combinations that are told one by one."""
+
 UNLIKELY = 1e-3
 """A chi² test beyond this probability, on either side, is spoken of."""
 
@@ -51,8 +54,10 @@ def observability_sentences(found: Observability | None) -> Iterator[str]:
     """What the data do not determine, in words."""
     if found is None:
         return
-    for direction in found.unobservable:
+    for direction in found.unobservable[:MOST_FREE]:
         yield f"not determined by the data: {direction.sentence}"
+    if len(found.unobservable) > MOST_FREE:
+        yield f"not determined by the data: {len(found.unobservable) - MOST_FREE} more (`--json` lists them)"
     told = {direction.sentence for direction in found.unobservable}
     for motion in found.gauge:
         if motion.sentence not in told:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from posixpath import normpath, relpath
 
-from mbm.data.content import COMPRESSED, read_text
+from mbm.data.content import BLANKS, COMPRESSED, read_text
 from mbm.data.pose_graphs import with_measurements
 from mbm.data.writers import WRITERS
 from mbm.files.manifest import SIMULATE
@@ -193,7 +193,7 @@ def _graph(text: str | None, table: SimulatedTable) -> str | None:
         path = Path(origin.path)
         if path.suffix != f".{GRAPH}" or not path.is_file():
             return None
-        text, _ = read_text(path)
+        text, _ = read_text(path, between=BLANKS)
     return with_measurements(text, origin.file_rows.tolist() if columns else (), columns)
 
 
@@ -242,7 +242,7 @@ def _sources(program: Program, main: str, names: Names, edits: list[_Edit]) -> I
             used = path.parent / written.value
             if used.resolve() not in places:
                 places[used.resolve()] = names.own(_place_of(written.value, folder))
-                waiting.append((read_file(used, str(used)), used))
+                waiting.append((read_file(used, str(used), written.span), used))
             there = PurePosixPath(relpath(places[used.resolve()], folder))
             if PurePosixPath(written.value) != there:
                 own.append(_Edit(written.span, print_text(str(there))))
@@ -268,7 +268,8 @@ def _used(source: Source) -> Iterator[Text]:
 
 
 def _edited(source: Source, edits: list[_Edit]) -> str:
-    text = source.text
-    for edit in sorted(edits, key=lambda e: e.span.start, reverse=True):
-        text = text[: edit.span.start] + edit.text + text[edit.span.end :]
-    return text
+    pieces, reached = [], 0
+    for edit in sorted(edits, key=lambda e: e.span.start):
+        pieces += [source.text[reached : edit.span.start], edit.text]
+        reached = edit.span.end
+    return "".join((*pieces, source.text[reached:]))

@@ -9,15 +9,15 @@ from types import MappingProxyType
 from mbm.expression.nodes import Apply, Column, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, vector
-from mbm.language.evaluator import Evaluator
-from mbm.language.scope import Scope
 from mbm.language.special import clauses_of_cond, cond_condition, let_scope
 from mbm.language.values import (
     FORMS,
     SCALARS,
     Array,
     Callable_,
+    Evaluator,
     ListValue,
+    Scope,
     StaticColumnNeeded,
     Transform,
     Value,

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from mbm.language.evaluator import Evaluator
 from mbm.language.functions import UserFunction, UserMacro
-from mbm.language.scope import Scope
-from mbm.language.values import Callable_, ListValue, Value
+from mbm.language.values import Callable_, Evaluator, ListValue, Scope, Value
 from mbm.shapes.surface import CLAUSES
 from mbm.shapes.types import ModelFunction, Shape
 from mbm.text.types import Bracket, Form, Keyword, Sequence, Symbol

@@ -7,12 +7,12 @@ from importlib.resources import files
 from pathlib import Path
 
 from mbm.language.coerce import scalar
-from mbm.language.evaluator import Evaluator, Vocabulary
+from mbm.language.evaluator import FormEvaluator
 from mbm.language.limits import Limits
 from mbm.language.parameters import Parameters, bind
 from mbm.language.program import ModelDefinition, read_program
 from mbm.language.scope import EmptyScope
-from mbm.language.values import Call, Value
+from mbm.language.values import Call, Evaluator, Value, Vocabulary
 from mbm.shapes.model import arrived_arguments, call_model
 from mbm.shapes.types import ModelFunction, Shape
 from mbm.text.types import Source
@@ -76,7 +76,7 @@ class LibraryModel(ModelFunction):
 
     def _home(self, evaluator: Evaluator) -> Evaluator:
         """An evaluator of the library's own words that shares the budget of ``evaluator``."""
-        home = Evaluator(self._vocabulary, evaluator.budget.limits)
+        home = FormEvaluator(self._vocabulary, evaluator.budget.limits)
         home.world, home.budget, home.warnings = evaluator.world, evaluator.budget, evaluator.warnings
         return home
 

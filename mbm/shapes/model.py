@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 
 from mbm.language import faults as language_faults
-from mbm.language.evaluator import Evaluator
 from mbm.language.parameters import Parameters, bind
 from mbm.language.program import MODEL_USAGE, ModelDefinition
-from mbm.language.scope import LocalScope, Scope
-from mbm.language.values import Call, Callable_, Value
+from mbm.language.scope import LocalScope
+from mbm.language.values import Call, Callable_, Evaluator, Scope, Value
 from mbm.shapes.description import Site, describe_shapes
 from mbm.shapes.identity import Identities
 from mbm.shapes.opaque import is_opaque

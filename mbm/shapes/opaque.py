@@ -6,8 +6,7 @@ from mbm.expression.algebra import number
 from mbm.expression.forms import number_form
 from mbm.expression.nodes import Column, Number, Opaque, leaves
 from mbm.language.coerce import opaque_element
-from mbm.language.evaluator import Evaluator
-from mbm.language.values import SCALARS, Array, FamilyValue, ListValue, TextColumn, Value
+from mbm.language.values import SCALARS, Array, Evaluator, FamilyValue, ListValue, TextColumn, Value
 from mbm.text.build import sequence, symbol, text
 from mbm.text.types import Bracket, Form, Keyword, Numeral, Sequence, Span, Symbol, Text
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import field
 
 from mbm.language import faults as language_faults
-from mbm.language.evaluator import Evaluator
-from mbm.language.scope import LocalScope, Scope
-from mbm.language.values import ListValue, Value
+from mbm.language.scope import LocalScope
+from mbm.language.values import Evaluator, ListValue, Scope, Value
 from mbm.shapes import faults
 from mbm.shapes.types import ModelConstraint
 from mbm.text.suggest import closest

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from mbm.expression.algebra import number
 from mbm.language import faults
 from mbm.language.coerce import integer
-from mbm.language.evaluator import Evaluator
-from mbm.language.scope import LocalScope, Scope
+from mbm.language.scope import LocalScope
+from mbm.language.values import Evaluator, Scope
 from mbm.text.types import Form, MbmError, Sequence, Symbol
 
 USAGE = "(for (i first last) shape…)"

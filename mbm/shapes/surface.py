@@ -6,9 +6,7 @@ from collections.abc import Iterator
 
 from mbm.language import faults as language_faults
 from mbm.language.coerce import integer, list_items, vector
-from mbm.language.evaluator import Evaluator
-from mbm.language.scope import Scope
-from mbm.language.values import Array
+from mbm.language.values import Array, Evaluator, Scope
 from mbm.shapes import faults
 from mbm.shapes.repetition import repetitions
 from mbm.shapes.types import Surface

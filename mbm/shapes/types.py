@@ -8,8 +8,7 @@ from dataclasses import field
 from typing import TypeAlias
 
 from mbm.language.parameters import Parameters
-from mbm.language.scope import Scope
-from mbm.language.values import Array, Call, Callable_, ListValue, Placeable, Transform, Value
+from mbm.language.values import Array, Call, Callable_, ListValue, Placeable, Scope, Transform, Value
 from mbm.language.vocabulary.frames import move_point
 from mbm.text.types import Form, Sequence, Span
 from mbm.values import dataclass

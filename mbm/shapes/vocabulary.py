@@ -8,9 +8,8 @@ from types import MappingProxyType
 
 from mbm.language import faults as language_faults
 from mbm.language.coerce import symbol_name
-from mbm.language.evaluator import Vocabulary
 from mbm.language.special import SPECIAL_FORMS
-from mbm.language.values import Builtin, Call, Callable_, Macro, Value, describe
+from mbm.language.values import Builtin, Call, Callable_, Macro, Value, Vocabulary, describe
 from mbm.language.vocabulary import (
     arithmetic,
     comparison,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,9 +16,19 @@ from mbm.solution.binder import Binder
 from mbm.solution.binding import Group, mentioned
 from mbm.solution.layout import Layout, free_positions
 from mbm.solution.types import Mask
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
+    from mbm.problem.tables import Table
     from mbm.solution.implicit.elimination import Elimination
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Last:
+    """The equations that were made last, and the tables that they are of."""
+
+    tables: Mapping[str, Table]
+    equations: Assembled
 
 
 def blank(binder: Binder, kernels: KernelSet, *, corrected: bool = True) -> Assembled:
@@ -29,12 +40,12 @@ def blank(binder: Binder, kernels: KernelSet, *, corrected: bool = True) -> Asse
         MbmError: weights that are none, keys that are no members.
 
     """
-    last = binder.cache.last
-    if last is not None and last[0] is binder.tables and last[1].layout is binder.layout:
-        return last[1]
-    found = _assembled(binder, kernels, last[1] if last is not None else None, corrected=corrected)
+    last = binder.cache.last if isinstance(binder.cache.last, Last) else None
+    if last is not None and last.tables is binder.tables and last.equations.layout is binder.layout:
+        return last.equations
+    found = _assembled(binder, kernels, None if last is None else last.equations, corrected=corrected)
     if all(group.kernel.corrections is None for group in found.groups):  # eliminations remember what they found
-        binder.cache.last = (binder.tables, found)
+        binder.cache.last = Last(binder.tables, found)
     return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -332,7 +332,7 @@ def loss_lines(equations: Assembled) -> Iterator[tuple[LossFunction, Indices]]:
             yield loss, lines
 
 
-def block_rows(groups: tuple[Group, ...], number: int) -> Indices:
+def block_rows(groups: Sequence[Group], number: int) -> Indices:
     """Positions in the vector of all residuals of the rows of block ``number``."""
     parts = [np.arange(g.first, g.first + g.count) for g in groups if g.kernel.owner == number]
     return np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)

@@ -12,9 +12,10 @@ from mbm.solution.agreement import Agreement
 from mbm.solution.assembly import Assembled
 from mbm.solution.batch import Batch
 from mbm.solution.solvers.batched import Batched
-from mbm.solution.solvers.scaled import ROUNDED, turning
+from mbm.solution.solvers.scaled import turning
 from mbm.solution.twins import Twin, separation, twin_of
 from mbm.solution.types import Floats, Indices, Minimum
+from mbm.target.decisions import DIFFERENCE, ROUNDED_ROTATION
 from mbm.values import dataclass
 
 COARSE = 1e-4
@@ -32,13 +33,10 @@ NEGATIVE = -1e-3
 LARGEST = 400
 """Unknowns up to which the curvature at a minimum is looked at."""
 
-DIFFERENCE = 1e-4
-"""Length of a difference in conditional standard deviations of the coordinate."""
-
 COMPARED = 60
 """Minima, the lowest first, that are looked at for twins."""
 
-SHARE = 0.1
+LARGEST_MOVE = 0.1
 """Share of its box, or of its size, that a coordinate moves at most."""
 
 
@@ -156,7 +154,7 @@ def _units(equations: Assembled, minimum: Minimum, spread: float) -> Floats:
     length = _lengths(minimum)
     width = equations.upper - equations.lower
     size = np.maximum(1.0, np.abs(equations.coordinates(minimum.point)))
-    most = SHARE * np.where(np.isfinite(width), width, size)
+    most = LARGEST_MOVE * np.where(np.isfinite(width), width, size)
     return np.asarray(spread / np.maximum(length, spread / most))
 
 
@@ -192,7 +190,9 @@ def _flat(equations: Assembled, minimum: Minimum) -> bool:
     columns = minimum.jacobian[:, free]
     length = np.linalg.norm(columns, axis=0)
     curved = turning(equations)
-    least = 0.0 if curved is None else np.where(curved[free], ROUNDED * length[curved[free]].max(initial=0.0), 0.0)
+    least = (
+        0.0 if curved is None else np.where(curved[free], ROUNDED_ROTATION * length[curved[free]].max(initial=0.0), 0.0)
+    )
     if not (length > least).all():
         return True
     return bool(np.linalg.matrix_rank(columns / length, tol=EQUAL * FINE) < free.sum())

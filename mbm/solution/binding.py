@@ -19,8 +19,6 @@ from mbm.solution.whitening import Whitener
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.problem.tables import Table
-    from mbm.solution.assembly import Assembled
     from mbm.solution.robust.losses.function import LossFunction
 
 DENSE_PART = 20_000_000
@@ -65,7 +63,7 @@ class EvaluationCache:
     Local to one compiled problem in one thread; an evaluation is filled anew before each use. Sets of unknowns and
     numbers of rows for which no closed form is made are remembered too, and in ``native`` what native solves share.
     ``constants``, ``slots`` (by kernel) and ``stated`` noise (by kernel and equation) are what no data decide, and
-    ``last`` are the last equations with the tables that they are of: the next are most often like them.
+    ``last`` what `assembling` keeps of the last equations: the next are most often like them.
     """
 
     def __init__(self, backend: Backend, without_closed_form: Iterable[Kind] = ()) -> None:
@@ -76,8 +74,9 @@ class EvaluationCache:
         self.constants: tuple[tuple[ConstantValue, ...], Mapping[str, float]] | None = None
         self.slots: dict[int, Slots] = {}
         self.stated: dict[tuple[int, int], StatedNoise] = {}
-        self.last: tuple[Mapping[str, Table], Assembled] | None = None
+        self.last: object = None
         self._prepared: dict[tuple[int, int], Evaluation] = {}
+        self._prepared_rows = 0
         self._streams: dict[int, Stream] = {}
 
     def stream(self, number: int, kernel: Kernel) -> Stream:
@@ -91,10 +90,12 @@ class EvaluationCache:
         """The evaluation of kernel ``number`` for ``rows`` rows."""
         found = self._prepared.get((number, rows))
         if found is None:
-            if sum(size for _, size in self._prepared) + rows > MOST_PREPARED_ROWS:
+            if self._prepared_rows + rows > MOST_PREPARED_ROWS:
                 self._prepared.clear()
+                self._prepared_rows = 0
             found = self.backend.prepare(kernel, rows)
             self._prepared[number, rows] = found
+            self._prepared_rows += rows
         return found
 
 

@@ -83,8 +83,6 @@ ANOTHER_SOLUTION = Code(
     "that the noise may have decided between them (a warning). It stands among the `alternatives`.",
     "Measure something that tells the two apart, or exclude one with `:in` or a constraint.",
 )
-FARTHEST = 10.0
-"""Multiples of a stated interval that are told apart."""
 MOST_NAMED = 6
 """Numbers of one unknown that a message lists."""
 

@@ -15,7 +15,8 @@ def free_combinations(null_space: Floats, scale: Floats, point: Floats) -> tuple
     """A readable basis of the free directions: few coordinates in each, separate groups apart.
 
     ``null_space`` (n, k) in scaled coordinates. Gauss-Jordan elimination with complete pivoting: each direction has a
-    coordinate of its own that no other moves, and what falls apart into groups comes out in groups.
+    coordinate of its own that no other moves, and what falls apart into groups comes out in groups. Rows above a pivot
+    wait for the end, where all of them are reduced at once.
     """
     rows = np.array(null_space.T)
     pivots: list[int] = []
@@ -24,9 +25,12 @@ def free_combinations(null_space: Floats, scale: Floats, point: Floats) -> tuple
         best, column = divmod(int(np.argmax(sizes >= (1.0 - TIED) * sizes.max())), rows.shape[1])
         rows[[done, done + best]] = rows[[done + best, done]]
         rows[done] /= rows[done, column]
-        others = np.flatnonzero(np.arange(rows.shape[0]) != done)
-        rows[others] -= np.outer(rows[others, column], rows[done])
+        below = rows[done + 1 :]
+        below -= below[:, column, None] * rows[done]
+        below[:, column] = 0.0
         pivots.append(column)
+    rows[:] = np.linalg.solve(rows[:, pivots], rows)
+    rows[:, pivots] = np.eye(len(pivots))
     order = np.argsort(np.array(pivots, dtype=np.int64), kind="stable")
     return tuple(free_combination(rows[i], scale, point) for i in order)
 

@@ -15,9 +15,10 @@ from typing import Any, cast
 import numpy as np
 
 from mbm.problem.types import Gauge, UnknownKind
+from mbm.rotations import matrix_of_quaternion
 from mbm.solution.freedom import free_combinations, touched_by
 from mbm.solution.layout import Entry, Layout
-from mbm.solution.manifolds import matrix_of_quaternion, tangent_axes
+from mbm.solution.manifolds import tangent_axes
 from mbm.solution.types import CommonMotion, Floats, GaugeMotion, Indices, Observability
 from mbm.values import dataclass
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from mbm.problem.manifold import Manifold, Piece
 from mbm.problem.types import UnknownKind
+from mbm.rotations import cross_matrix, hamilton, quaternion_of_matrix, quaternion_of_vector, unit
 from mbm.solution.types import Floats, Indices
 from mbm.values import dataclass
 
@@ -36,11 +37,11 @@ def moved(piece: Piece, numbers: Floats, step: Floats) -> Floats:
     if piece is Piece.SCALE:
         return np.asarray(numbers * np.exp(step))
     if piece is Piece.QUATERNION:
-        return _unit(hamilton(numbers, quaternion_of_vector(step)))
+        return unit(hamilton(numbers, quaternion_of_vector(step)))
     first, second = tangent_axes(numbers)
     along = step[:, :1] * first + step[:, 1:] * second
     angle = np.linalg.norm(step, axis=1, keepdims=True)
-    return _unit(np.cos(angle) * numbers + np.sinc(angle / np.pi) * along)
+    return unit(np.cos(angle) * numbers + np.sinc(angle / np.pi) * along)
 
 
 def chart_slopes(piece: Piece, numbers: Floats, step: Floats) -> Floats:
@@ -55,7 +56,7 @@ def chart_slopes(piece: Piece, numbers: Floats, step: Floats) -> Floats:
     small = angle < SMALL_ANGLE
     safe = np.where(small, 1.0, angle)
     if piece is Piece.QUATERNION:
-        cross = _cross_matrices(step)
+        cross = cross_matrix(step)
         first = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
         second = np.where(small, 1 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
         return np.asarray(np.eye(3) - first * cross + second * cross @ cross)
@@ -66,74 +67,6 @@ def chart_slopes(piece: Piece, numbers: Floats, step: Floats) -> Floats:
     slopes = (bend * along - sinc * numbers[:, :, None]) @ step[:, None, :] + sinc * axes
     there = np.stack(tangent_axes(moved(piece, numbers, step)), axis=-1)
     return np.asarray(there.transpose(0, 2, 1) @ slopes)
-
-
-def _cross_matrices(vectors: Floats) -> Floats:
-    """[v]× (…, 3, 3)."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    o = np.zeros_like(x)
-    rows = ((o, -z, y), (z, o, -x), (-y, x, o))
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-def _unit(vectors: Floats) -> Floats:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
-
-
-def hamilton(p: Floats, q: Floats) -> Floats:
-    """Products p q of quaternions (…, 4)."""
-    a, b, c, d = np.moveaxis(p, -1, 0)
-    w, x, y, z = np.moveaxis(q, -1, 0)
-    parts = (
-        a * w - b * x - c * y - d * z,
-        a * x + b * w + c * z - d * y,
-        a * y - b * z + c * w + d * x,
-        a * z + b * y - c * x + d * w,
-    )
-    return np.stack(parts, axis=-1)
-
-
-def quaternion_of_vector(omega: Floats) -> Floats:
-    """Exp of rotation vectors (…, 3) as unit quaternions (…, 4)."""
-    angle = np.linalg.norm(omega, axis=-1, keepdims=True)
-    return np.concatenate([np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * omega], axis=-1)
-
-
-def vector_of_quaternion(q: Floats) -> Floats:
-    """Log of unit quaternions (…, 4) as rotation vectors (…, 3), no longer than π."""
-    q = np.where(q[..., :1] < 0, -q, q)
-    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
-    angle = 2 * np.arctan2(sine, q[..., :1])
-    factor = np.where(sine > 1e-150, angle / np.where(sine > 1e-150, sine, 1.0), 2.0)
-    return np.asarray(factor * q[..., 1:])
-
-
-def quaternion_of_matrix(matrices: Floats) -> Floats:
-    """Unit quaternions (…, 4) of rotation matrices (…, 3, 3); of near-rotations the nearest (Bar-Itzhack 2000)."""
-    m = matrices
-    k = np.empty((*m.shape[:-2], 4, 4))
-    xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
-    k[..., 0, 0] = xx + yy + zz
-    k[..., 1, 1], k[..., 2, 2], k[..., 3, 3] = xx - yy - zz, yy - xx - zz, zz - xx - yy
-    k[..., 0, 1] = k[..., 1, 0] = m[..., 2, 1] - m[..., 1, 2]
-    k[..., 0, 2] = k[..., 2, 0] = m[..., 0, 2] - m[..., 2, 0]
-    k[..., 0, 3] = k[..., 3, 0] = m[..., 1, 0] - m[..., 0, 1]
-    k[..., 1, 2] = k[..., 2, 1] = m[..., 1, 0] + m[..., 0, 1]
-    k[..., 1, 3] = k[..., 3, 1] = m[..., 0, 2] + m[..., 2, 0]
-    k[..., 2, 3] = k[..., 3, 2] = m[..., 2, 1] + m[..., 1, 2]
-    q = np.linalg.eigh(k)[1][..., -1]
-    return np.where(q[..., :1] < 0, -q, q)
-
-
-def matrix_of_quaternion(q: Floats) -> Floats:
-    """Rotation matrices (…, 3, 3) of unit quaternions (…, 4)."""
-    w, x, y, z = np.moveaxis(q, -1, 0)
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def tangent_axes(directions: Floats) -> tuple[Floats, Floats]:

@@ -39,7 +39,7 @@ DETERMINED = 1e-10
 """Share of what the standard deviations of its parts add up to below which that of a derived number is a rounding:
 constraints determine the number, and it has no interval whose ends could be missed."""
 
-SAME = 1e-6
+SAME_EQUATIONS = 1e-6
 """Relative difference of the cost at the minimum beyond which it is that of other equations (uncertain columns)."""
 
 MOST_FOLLOWED = 12
@@ -131,7 +131,7 @@ def surroundings(equations: Equations, minimum: Minimum, estimated: Covariance) 
     if not np.isfinite(variance) or np.abs(gram / variance - np.eye(k)).max() > ORTHONORMAL:
         return None
     centre = equations.residuals(minimum.point)
-    if not abs(float(centre @ centre) - minimum.cost) <= SAME * max(minimum.cost, 1.0):
+    if not abs(float(centre @ centre) - minimum.cost) <= SAME_EQUATIONS * max(minimum.cost, 1.0):
         return None
     return Surroundings(
         equations=equations,

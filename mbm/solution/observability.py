@@ -8,7 +8,7 @@ from mbm.solution.freedom import free_combinations
 from mbm.solution.metric import metric
 from mbm.solution.triangle import triangle
 from mbm.solution.types import Floats, Indices, Mask, Minimum, Observability
-from mbm.target.decisions import CERTAIN, GAP, SHARE, SUSPECT
+from mbm.target.decisions import SHARE, decided_rank
 from mbm.values import dataclass
 
 
@@ -58,7 +58,7 @@ def observability(jacobian: Floats, point: Floats, fixed: Mask, surface: Surface
     singular, right = np.zeros(0), np.zeros((0, width))
     if width and reduced.shape[0]:
         _, singular, right = np.linalg.svd(reduced, full_matrices=True)
-    rank = decided_rank(singular)
+    rank = decided_rank(len(singular), singular)
     free = right[rank:].T if right.size else np.eye(width)
     determined, inner = right[:rank].T, free
     if surface is not None:
@@ -94,7 +94,7 @@ def observed_at(minimum: Minimum, point: Floats, jacobian: Floats | None = None)
         # Loaded by sparse problems only, so that the others start at once.
         from mbm.solution.sparse.observability import sparse_observability
 
-        return sparse_observability(minimum, minimum.blocks, point)
+        return sparse_observability(minimum, point)
     surface, held = None, minimum.constraints
     if held is not None and bool(held.forcing.any()):
         surface = Surface(slopes=held.slopes[held.forcing], equality=held.equality[held.forcing])
@@ -113,18 +113,7 @@ def _tangent(surface: Surface | None, used: Indices, scale: Floats) -> _Tangent:
     if not len(rows):
         return _Tangent(basis=np.eye(used.size), equalities=0, inequalities=0)
     _, singular, right = np.linalg.svd(rows, full_matrices=True)
-    rank = decided_rank(singular)
-    equalities = decided_rank(np.linalg.svd(rows[equality], compute_uv=False)) if bool(equality.any()) else 0
+    rank = decided_rank(len(singular), singular)
+    of_equalities = np.linalg.svd(rows[equality], compute_uv=False) if bool(equality.any()) else np.zeros(0)
+    equalities = decided_rank(len(of_equalities), of_equalities)
     return _Tangent(basis=right[rank:].T, equalities=equalities, inequalities=rank - equalities)
-
-
-def decided_rank(singular: Floats) -> int:
-    """How many of the singular values (descending) count; see CERTAIN and GAP."""
-    if singular.size == 0 or not singular[0] > 0.0:
-        return 0
-    shares = singular / singular[0]
-    for rank in range(1, singular.size):
-        following = float(shares[rank])
-        if following <= CERTAIN or (following <= SUSPECT and following * GAP <= float(shares[rank - 1])):
-            return rank
-    return int(singular.size)

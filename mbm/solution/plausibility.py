@@ -15,6 +15,7 @@ from mbm.solution.derived import Propagation
 from mbm.solution.nonlinearity import DETERMINED, IntervalEnds, Surroundings, derived_ends, interval_ends, surroundings
 from mbm.solution.solution import DerivedSolution
 from mbm.solution.types import Covariance, Floats, Indices, Minimum
+from mbm.target.decisions import FARTHEST
 from mbm.text.types import Diagnostic
 
 IMPROBABLE = 1e-6
@@ -104,8 +105,8 @@ def _ends(name: str, lower: float, upper: float) -> str:
 def _reach(ratio: float) -> str:
     if ratio < 0.0:
         return "turning back on the way"
-    if not np.isfinite(ratio) or ratio > faults.FARTHEST:
-        return f"more than {faults.FARTHEST:g} times as far"
+    if not np.isfinite(ratio) or ratio > FARTHEST:
+        return f"more than {FARTHEST:g} times as far"
     if ratio == 0.0:
         return "to where the model has no value"
     return f"{ratio:.2g} times as far"

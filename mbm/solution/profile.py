@@ -8,15 +8,13 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.solution.types import Equations, Floats
+from mbm.target.decisions import FARTHEST
 from mbm.values import dataclass
 
-FARTHEST = 10.0
-"""Multiples of the linear interval beyond which an end counts as open."""
-
-CLOSE = 0.01
+END_ACCURACY = 0.01
 """Relative accuracy of an end."""
 
-TRIALS = 12
+ENDS_TRIED = 12
 INNER = 10
 HALVINGS = 4
 SETTLED = 1e-3
@@ -48,13 +46,13 @@ class Profile:
         grown_inside = 0.0
         beside = np.zeros(len(self.direction))
         multiple = 1.0
-        for _ in range(TRIALS):
+        for _ in range(ENDS_TRIED):
             grown, moved = self._grown(multiple, beside)
             if grown <= 1.0:
                 inside, grown_inside, beside = multiple, grown, moved
             else:
                 outside = multiple
-            if abs(grown - 1.0) < CLOSE or outside - inside < CLOSE * inside:
+            if abs(grown - 1.0) < END_ACCURACY or outside - inside < END_ACCURACY * inside:
                 return multiple if np.isfinite(grown) else inside
             if inside >= FARTHEST:
                 return float("inf")

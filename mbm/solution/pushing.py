@@ -19,10 +19,10 @@ def pushed(at_bound: NDArray[np.int8], slopes: Floats, lengths: Floats, x: Float
     Where data leave a combination of unknowns free, an iteration may end anywhere along it: whether that is just at a
     bound, and to which side rounding then tips the slope, says nothing. ``x`` (n,) are the coordinates.
     """
-    from mbm.target.solver.pushing import IDLE, ROUNDED  # few solves end at a bound
+    from mbm.target.decisions import IDLE, ROUNDED_PUSH
 
     made_of = np.sqrt(np.square(lengths * x).sum())
-    idle = np.abs(slopes) <= lengths * (IDLE * np.sqrt(cost) + ROUNDED * made_of)
+    idle = np.abs(slopes) <= lengths * (IDLE * np.sqrt(cost) + ROUNDED_PUSH * made_of)
     return np.where(idle, 0, at_bound).astype(np.int8)
 
 

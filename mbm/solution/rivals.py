@@ -13,7 +13,7 @@ from mbm.text.types import Diagnostic
 PLAUSIBLE = 9.0
 """A minimum whose Σ r² is larger by less is not excluded: three standard deviations, were it one of two hypotheses."""
 
-EXACT = 1e-6
+BOTH_ZERO = 1e-6
 """What Σ r² may differ by where both are zero."""
 
 
@@ -22,7 +22,7 @@ def rivals(
 ) -> tuple[Diagnostic, ...]:
     """A warning where another minimum fits about as well as the best; with unknown noise, in units of its estimate."""
     spread = best.cost / fit.dof if noise and fit.dof > 0 else 1.0
-    near = [a for a in alternatives if a.minimum.cost - best.cost <= PLAUSIBLE * spread + EXACT]
+    near = [a for a in alternatives if a.minimum.cost - best.cost <= PLAUSIBLE * spread + BOTH_ZERO]
     if not near:
         return ()
     first = near[0]

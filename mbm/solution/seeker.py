@@ -21,7 +21,7 @@ from mbm.solution.solvers.batched import Batched
 from mbm.solution.starting import Beginning
 from mbm.solution.types import Floats, Minimum
 
-FEW = 3
+ALONE = 3
 """Up to so many starts each is minimised by itself: a batch pays only for many."""
 
 ITERATIVE = (Method.AUTO, Method.MARQUARDT, Method.DOGLEG, Method.GAUSS_NEWTON)
@@ -55,7 +55,7 @@ class Seeker:
 
     def basins(self, starts: Sequence[Beginning]) -> tuple[Basin, ...]:
         """The minima that the starts lead to, which differ, the best one first; none where no cost is finite."""
-        if len(starts) <= FEW or not self.batchable:
+        if len(starts) <= ALONE or not self.batchable:
             return self.distinct(self.one_by_one(starts))
         return self.distinct(self.together(np.array([start.point for start in starts])))
 

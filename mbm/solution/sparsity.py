@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from mbm.solution.assembly import Assembled
 from mbm.solution.types import Equations
-
-LARGE = 300
-"""Unknowns up to which the dense solvers are as fast, and tell more."""
+from mbm.target.decisions import MOST_DENSE
 
 SPARSE = 0.1
 """A row that touches more than this share of the unknowns makes the equations dense."""
@@ -14,7 +12,7 @@ SPARSE = 0.1
 
 def sparse_suits(equations: Equations) -> bool:
     """Whether there are many unknowns of which each equation touches few, and no constraints or errors in columns."""
-    if not isinstance(equations, Assembled) or equations.dimension <= LARGE:
+    if not isinstance(equations, Assembled) or equations.dimension <= MOST_DENSE:
         return False
     if equations.constraints or equations.implicit is not None:
         return False

@@ -32,7 +32,7 @@ SAMPLES = 128
 KEPT = 24
 """How many of them, those that fit best, are started from."""
 
-LARGE, FEW = 20_000, 3
+LARGE, FEW_KEPT = 20_000, 3
 """Numbers in the Jacobian from which so few are kept, as where measured values are corrected: each start takes long."""
 
 DIRECT_SEARCH = 30_000
@@ -182,7 +182,7 @@ def _random(
     found = costs(equations, points)
     corrected = any(group.kernel.corrections is not None for group in equations.groups)
     slow = equations.count * equations.dimension > LARGE or corrected
-    kept = FEW if slow else KEPT
+    kept = FEW_KEPT if slow else KEPT
     order = [i for i in np.argsort(found, kind="stable")[:kept] if np.isfinite(found[i])]
     if not order:
         _refuse(equations.layout, missing)
@@ -194,7 +194,7 @@ def _sorted(equations: Assembled, found: list[Beginning]) -> tuple[Beginning, ..
     """Those that meet the constraints first, and of those the best fitting; bounds hold throughout if they can."""
     if len(found) == 1:
         return tuple(found)
-    from mbm.solution.closed_forms.completion import ALIKE
+    from mbm.solution.closed_forms.completion import SAME_COSTS
 
     violations = []
     for each in found:
@@ -204,7 +204,7 @@ def _sorted(equations: Assembled, found: list[Beginning]) -> tuple[Beginning, ..
         violations.append(float(np.maximum(above, 0.0).sum()) if np.isfinite(above).all() else np.inf)
     fits = costs(equations, np.stack([each.point for each in found]))
     lowest = fits.min()
-    fits = np.where(fits <= lowest * (1 + ALIKE) + ALIKE, lowest, fits)
+    fits = np.where(fits <= lowest * (1 + SAME_COSTS) + SAME_COSTS, lowest, fits)
     met = [v <= 1e-6 for v in violations]
     order = sorted(range(len(found)), key=lambda i: (not met[i], fits[i]))
     if any(met):

@@ -14,7 +14,7 @@ from mbm.solution.types import Equations, Minimum
 FAR = 1e4
 """Conditional standard deviations above so many times the coordinate's size are looked into."""
 
-ROUNDING = 1e-12
+VANISHING = 1e-12
 """A derivative that vanishes nearer to the estimate than this share of its size is zero."""
 
 FAINT = 1e-8
@@ -56,4 +56,4 @@ def _stationary(equations: Equations, minimum: Minimum, column: int, size: float
     step[column] = STEP * max(size, LEAST)
     there = equations.jacobian(equations.retract(minimum.point, step))[:, column]
     bend = float(np.linalg.norm(there - here)) / float(step[column])
-    return length <= ROUNDING * size * bend or length * length <= FAINT * bend * spread
+    return length <= VANISHING * size * bend or length * length <= FAINT * bend * spread

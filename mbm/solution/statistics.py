@@ -17,7 +17,7 @@ from mbm.solution.variance import fit_statistics
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
-SAME = 1e-9
+SAME_COVARIANCES = 1e-9
 """Relative difference up to which two covariances are the same: far above rounding, far below any factor."""
 
 
@@ -63,13 +63,9 @@ def statistics(
     stated = _stated(equations, noise)
     if equations.lossy and minimum.blocks is not None:
         # Here and below: loaded by problems with losses only, so that the others start at once.
-        from mbm.solution.sparse.equations import blocked
         from mbm.solution.sparse.sandwich import sparse_sandwich
 
-        plainly = blocked(equations).plain_block_jacobian(minimum.point, minimum.blocks.plan.arithmetic)
-        jacobian = replace(minimum.blocks, values=plainly)
-        place = equations.coordinates(minimum.point)
-        estimated, observed = sparse_sandwich(loss_lines(equations), plain, jacobian, observed, stated, place)
+        estimated, observed = sparse_sandwich(equations, minimum, plain, observed, stated)
     elif equations.lossy:
         from mbm.solution.robust.covariance import sandwich
 
@@ -128,7 +124,7 @@ def _alternative(
 def changed(first: Floats, second: Floats) -> Mask:
     """Which elements of two covariances differ."""
     scale = np.maximum(np.abs(first), np.abs(second))
-    return np.asarray(np.abs(first - second) > SAME * scale, dtype=bool)
+    return np.asarray(np.abs(first - second) > SAME_COVARIANCES * scale, dtype=bool)
 
 
 def _masked(estimated: Covariance, unknown: Mask) -> Covariance:

@@ -13,13 +13,11 @@ from enum import Enum
 import numpy as np
 
 from mbm.problem.manifold import Piece
+from mbm.solution.agreement import NEAR
 from mbm.solution.assembly import Assembled
 from mbm.solution.batch import Batch
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.values import dataclass
-
-NEAR = 1e-5
-"""Relative difference of numbers that are to be equal, at minima found independently."""
 
 AGREE = 1e-7
 """Relative difference of residuals that a symmetry may leave: rounding, magnified by the model."""
@@ -29,7 +27,7 @@ MIDDLES = 3
 
 PROBES = 6
 ANGLE = 0.3
-SHARE = 0.1
+TRIED_SHARE = 0.1
 """How far from the minimum a symmetry is tried: angles and directions in rad, others as a share of themselves."""
 
 
@@ -137,7 +135,7 @@ def _reflection(first: Floats, second: Floats, moving: Indices, turning: Mask, a
 def _holds(stack: Batch, candidate: _Map, about: Floats, places: Indices, angle: Mask) -> bool:
     """Whether the map leaves all residuals as they are, up to their signs, at points scattered about one minimum."""
     random = np.random.default_rng(len(places))
-    reach = np.where(angle, ANGLE, SHARE * np.abs(about[places]))
+    reach = np.where(angle, ANGLE, TRIED_SHARE * np.abs(about[places]))
     probes = np.tile(about, (PROBES, 1))
     probes[:, places] += reach * random.uniform(-1.0, 1.0, (PROBES, len(places)))
     scattered = probes[:, candidate.about] + ANGLE * random.uniform(-1.0, 1.0, (PROBES, *candidate.about.shape))

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import field
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbm.values import dataclass
-
-if TYPE_CHECKING:
-    from mbm.solution.sparse.inverse import SparseInverse
-    from mbm.solution.sparse.structure import BlockJacobian
 
 Floats: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
@@ -107,6 +104,27 @@ class Correctable(Profiled, Protocol):
         ...
 
 
+class SparseJacobian(Protocol):
+    """The whitened Jacobian of a sparse problem; only `mbm.solution.sparse` looks further into it."""
+
+    @property
+    def values(self) -> Sequence[Floats]:
+        """An array (rows, outputs, width) for each piece of its structure."""
+        ...
+
+
+class CovarianceFactor(Protocol):
+    """What stands in for the covariance of so many estimates that it is never formed."""
+
+    def single(self) -> Mask:
+        """Coordinates (n,) that free directions of single members touch."""
+        ...
+
+    def leverages(self, values: Sequence[Floats], fixed: Mask) -> Floats:
+        """The diagonal of ``J Σ Jᵀ`` (m,) for a `SparseJacobian` with these values; ``fixed`` (n,) are known."""
+        ...
+
+
 class Reason(Enum):
     """Why a solver stopped. ``name`` is for programs, ``sentence`` for people."""
 
@@ -132,17 +150,6 @@ class Reason(Enum):
     def converged(self) -> bool:
         """The point is a minimum as far as the arithmetic can tell."""
         return self.outcome == "converged"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TraceEntry:
-    """One iteration: cost ``Σ r²``, relative offset and trust radius before it, trial points that it took."""
-
-    iteration: int
-    cost: float
-    offset: float
-    radius: float
-    trials: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,8 +207,7 @@ class Minimum:
     at_bound: NDArray[np.int8]
     bad_row: int | None = None
     constraints: ConstraintState | None = None
-    blocks: BlockJacobian | None = field(default=None, repr=False)
-    trace: tuple[TraceEntry, ...] = field(default=(), repr=False)
+    blocks: SparseJacobian | None = field(default=None, repr=False)
 
     @property
     def feasible(self) -> bool:
@@ -215,10 +221,6 @@ class Solver(Protocol):
     @property
     def name(self) -> str:
         """The name in ``(solve :method NAME)``."""
-        ...
-
-    def supports(self, equations: Equations) -> bool:
-        """The method can solve problems of this kind."""
         ...
 
     def init(self, equations: Equations, start: Floats, tolerance: float) -> Any:
@@ -318,7 +320,7 @@ class Observability:
     gauge: tuple[GaugeMotion, ...] = ()
     datum: int = 0
     datum_space: Floats | None = None
-    inverse: SparseInverse | None = field(default=None, repr=False)
+    inverse: CovarianceFactor | None = field(default=None, repr=False)
     flat: int = 0
 
     @property
@@ -342,7 +344,7 @@ class Covariance:
     sigma: Floats
     factor: Floats
     variance: float = 1.0
-    inverse: SparseInverse | None = field(default=None, repr=False)
+    inverse: CovarianceFactor | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -374,13 +376,12 @@ class NoiseState(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noise:
-    """Noise of one ``:sigma unknown`` group: its sigma times ``factor``; ``redundancy`` is its share of the dof.
+    """Noise of one ``:sigma unknown`` group: its sigma times ``factor``.
 
     Where ``state`` is not ESTIMATED, ``factor`` is the one last used as a weight, not an estimate.
     """
 
     factor: float
-    redundancy: float
     state: NoiseState
 
 
@@ -389,5 +390,4 @@ class Components:
     """Variance components: one ``Noise`` for each group, in order; ``settled`` is False where the rounds ran out."""
 
     noises: tuple[Noise, ...]
-    rounds: int
     settled: bool

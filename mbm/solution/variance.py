@@ -4,28 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.solution.gamma import chi_square_tail
-from mbm.solution.types import Components, Fit, Floats, Indices, Noise, NoiseState, Observability
-
-if TYPE_CHECKING:
-    from mbm.solution.sparse.structure import BlockJacobian
+from mbm.solution.types import Components, Fit, Floats, Indices, Noise, NoiseState, Observability, SparseJacobian
+from mbm.target.chi_square import chi_square_tail
+from mbm.target.decisions import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS
 
 Reweighted = Callable[[Floats], tuple[Floats, Floats]]
 """From the noise factors (one for each unknown group) to the residuals (m,) and redundancy numbers (m,) at the minimum
 with the rows of group k whitened by its sigma times factor k. The caller starts each solve where the last one ended."""
-
-ROUNDS = 200
-"""Outer iterations; each squares away most of the error unless a group has hardly any redundancy."""
-
-SETTLED = 1e-9
-"""Relative change of every factor that ends the rounds."""
-
-LEAST_REDUNDANCY = 1e-9
-"""A group with less redundancy than this is not checked by anything."""
 
 VANISHED = 1e-12
 """A factor that falls below this share of its first value belongs to a group that is fitted exactly."""
@@ -48,7 +36,7 @@ def fit_statistics(
 
 
 @np.errstate(all="ignore")
-def redundancy_numbers(jacobian: Floats, observed: Observability, blocks: BlockJacobian | None = None) -> Floats:
+def redundancy_numbers(jacobian: Floats, observed: Observability, blocks: SparseJacobian | None = None) -> Floats:
     """Share of each row (m,) that shows in its residual: 1 - the diagonal of the hat matrix; their sum is m - rank.
 
     Förstner (1979). 0: the row determines something that nothing else does; 1: it determines nothing. ``blocks`` is
@@ -65,10 +53,10 @@ def redundancy_numbers(jacobian: Floats, observed: Observability, blocks: BlockJ
 def common_factor(cost: float, dof: int) -> Noise:
     """The factor where all rows share one unknown noise and nothing is stated: ``s² = cost/dof``, weights unchanged."""
     if dof <= 0:
-        return Noise(factor=1.0, redundancy=0.0, state=NoiseState.NO_REDUNDANCY)
+        return Noise(factor=1.0, state=NoiseState.NO_REDUNDANCY)
     if cost == 0.0:
-        return Noise(factor=1.0, redundancy=float(dof), state=NoiseState.EXACT)
-    return Noise(factor=sqrt(cost / dof), redundancy=float(dof), state=NoiseState.ESTIMATED)
+        return Noise(factor=1.0, state=NoiseState.EXACT)
+    return Noise(factor=sqrt(cost / dof), state=NoiseState.ESTIMATED)
 
 
 @np.errstate(all="ignore")
@@ -82,17 +70,16 @@ def variance_components(solve: Reweighted, groups: Sequence[Indices]) -> Compone
     factors = np.ones(len(groups))
     first = np.ones(len(groups))
     states = [NoiseState.ESTIMATED] * len(groups)
-    shares = np.zeros(len(groups))
-    for rounds in range(1, ROUNDS + 1):
+    for rounds in range(1, NOISE_ROUNDS + 1):
         residuals, redundancy = solve(factors)
         ratios = np.ones(len(groups))
         for k, rows in enumerate(groups):
-            shares[k] = float(redundancy[rows].sum())
+            share = float(redundancy[rows].sum())
             squares = float(residuals[rows] @ residuals[rows])
             if states[k] is not NoiseState.EXACT:
-                states[k] = _state_of(shares[k], squares)
+                states[k] = _state_of(share, squares)
             if states[k] is NoiseState.ESTIMATED:
-                ratios[k] = sqrt(squares / shares[k])
+                ratios[k] = sqrt(squares / share)
         updated = factors * ratios
         if rounds == 1:
             first = updated
@@ -102,9 +89,9 @@ def variance_components(solve: Reweighted, groups: Sequence[Indices]) -> Compone
                 updated[k] = factors[k]
         change = float(np.abs(updated / factors - 1.0).max(initial=0.0))
         factors = updated
-        if change <= SETTLED:
-            return _components(factors, shares, states, rounds, settled=True)
-    return _components(factors, shares, states, ROUNDS, settled=False)
+        if change <= SETTLED_FACTORS:
+            return _components(factors, states, settled=True)
+    return _components(factors, states, settled=False)
 
 
 def _state_of(redundancy: float, squares: float) -> NoiseState:
@@ -113,10 +100,6 @@ def _state_of(redundancy: float, squares: float) -> NoiseState:
     return NoiseState.EXACT if squares == 0.0 else NoiseState.ESTIMATED
 
 
-def _components(
-    factors: Floats, shares: Floats, states: Sequence[NoiseState], rounds: int, *, settled: bool
-) -> Components:
-    noises = tuple(
-        Noise(factor=float(f), redundancy=float(r), state=s) for f, r, s in zip(factors, shares, states, strict=True)
-    )
-    return Components(noises=noises, rounds=rounds, settled=settled)
+def _components(factors: Floats, states: Sequence[NoiseState], *, settled: bool) -> Components:
+    noises = tuple(Noise(factor=float(f), state=s) for f, s in zip(factors, states, strict=True))
+    return Components(noises=noises, settled=settled)

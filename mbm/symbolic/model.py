@@ -91,7 +91,7 @@ def _variables(converter: Converter, unknowns: _Unknowns) -> tuple[tuple[Slot, s
     found: dict[Slot, sympy.Symbol] = {}
     for component in [c for c, _ in converter.components.values()]:
         unknown = unknowns[component.unknown]
-        indices = unknown.indices()
+        indices = unknown.indices() if unknown.dimension else ()
         number = indices.index(component.index) if unknown.dimension else _position(component.index, unknown.shape)
         first, count = number, 1
         if unknown.dimension:

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from mbm.target.program import Program
-from mbm.target.vector_text import LANES, VECTOR, Text, VectorLibrary
+from mbm.target.solver.description import LANES
+from mbm.target.vector_text import VECTOR, Text, VectorLibrary
 from mbm.target.vectors import outputs_of
 
 ALIGNMENT = 8

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from mbm.target.escaping import in_comment
 from mbm.target.tree import (
+    ATOM,
     Assign,
     Binary,
     Break,
@@ -58,7 +59,6 @@ _PRECEDENCE = {
     "/": 6,
     "%": 6,
 }
-_ATOM = 9
 _UNARY = 8
 
 
@@ -139,11 +139,11 @@ def _at(node: Expression, outer: int = 0) -> str:
 def _expression(node: Expression) -> tuple[str, int]:
     match node:
         case Literal():
-            return number(node.value), _UNARY if node.value < 0 else _ATOM
+            return number(node.value), _UNARY if node.value < 0 else ATOM
         case Name():
-            return node.name, _ATOM
+            return node.name, ATOM
         case Element():
-            return f"{_at(node.array, _ATOM)}[{_at(node.index)}]", _ATOM
+            return f"{_at(node.array, ATOM)}[{_at(node.index)}]", ATOM
         case Offset():
             return f"{_at(node.array, 5)} + {_at(node.index, 6)}", 5
         case Binary():
@@ -163,9 +163,9 @@ def _expression(node: Expression) -> tuple[str, int]:
         case Convert():
             return f"(double){_at(node.argument, _UNARY)}", _UNARY
         case Primitive():
-            return _primitive(node), _ATOM
+            return _primitive(node), ATOM
         case Call():
-            return f"{node.function}({', '.join(_at(a) for a in node.arguments)})", _ATOM
+            return f"{node.function}({', '.join(_at(a) for a in node.arguments)})", ATOM
 
 
 def _logical(node: Logical) -> tuple[str, int]:
@@ -173,7 +173,7 @@ def _logical(node: Logical) -> tuple[str, int]:
         return f"!{_at(node.arguments[0], _UNARY)}", _UNARY
     # In parentheses always: compilers warn about the mixture of the two.
     word = " && " if node.operator == "and" else " || "
-    return "(" + word.join(_at(a, 3) for a in node.arguments) + ")", _ATOM
+    return "(" + word.join(_at(a, 3) for a in node.arguments) + ")", ATOM
 
 
 def _primitive(node: Primitive) -> str:

@@ -15,14 +15,13 @@ from __future__ import annotations
 
 from mbm.target.blocks_of_rows import close_function, close_loop, load, open_loop, place
 from mbm.target.program import Program
-from mbm.target.vector_text import LANES, VECTOR, ZERO, Text
+from mbm.target.solver.description import LANES, NO_LOSS
+from mbm.target.vector_text import VECTOR, ZERO, Text
 from mbm.target.vectors import outputs_of
 from mbm.values import dataclass
 
 ROOT_FACTOR, ROOT_SLOPE = "root_factor", "root_slope"
 """The functions of losses, of `mbm.target.solver.losses`: q and dq/ds."""
-
-NO_LOSS = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

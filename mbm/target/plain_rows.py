@@ -9,7 +9,8 @@ from collections.abc import Iterator, Mapping
 
 from mbm.target.blocks_of_rows import ALIGNMENT, close_function, close_loop, open_loop, place
 from mbm.target.program import Program
-from mbm.target.vector_text import LANES, VECTOR, Text, VectorLibrary
+from mbm.target.solver.description import LANES
+from mbm.target.vector_text import VECTOR, Text, VectorLibrary
 from mbm.target.vectors import outputs_of
 from mbm.values import dataclass
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 
 from mbm.target.escaping import in_docstring
 from mbm.target.tree import (
+    ATOM,
     Assign,
     Binary,
     Break,
@@ -42,7 +43,6 @@ from mbm.target.tree import (
 _PRECEDENCE = {"or": 1, "and": 2, "not": 3, "+": 5, "-": 5, "*": 6, "/": 6, "//": 6, "%": 6}
 _COMPARISON = 4
 _UNARY = 7
-_ATOM = 9
 _NAMES: Mapping[Intrinsic, str] = {
     Intrinsic.MAX: "greater",
     Intrinsic.MIN: "smaller",
@@ -135,30 +135,30 @@ def _at(node: Expression, outer: int = 0) -> str:
 def _expression(node: Expression) -> tuple[str, int]:
     match node:
         case Literal():
-            return _literal(node.value), _UNARY if node.value < 0 else _ATOM
+            return _literal(node.value), _UNARY if node.value < 0 else ATOM
         case Name():
-            return node.name, _ATOM
+            return node.name, ATOM
         case Element():
-            return f"{_at(node.array, _ATOM)}[{_at(node.index)}]", _ATOM
+            return f"{_at(node.array, ATOM)}[{_at(node.index)}]", ATOM
         case Offset():
-            return f"{_at(node.array, _ATOM)}[{_at(node.index)}:]", _ATOM
+            return f"{_at(node.array, ATOM)}[{_at(node.index)}:]", ATOM
         case Binary():
             level = _PRECEDENCE[node.operator]
             return f"{_at(node.left, level)} {node.operator} {_at(node.right, level + 1)}", level
         case Negate():
             return f"-{_at(node.argument, _UNARY + 1)}", _UNARY
         case Compare() | Logical():
-            return f"int({_condition(node)})", _ATOM
+            return f"int({_condition(node)})", ATOM
         case Choose():
             then = _number(node.then) if isinstance(node.then, Literal) else _at(node.then, 1)
             return f"{then} if {_condition(node.condition, 1)} else {_number(node.otherwise)}", 0
         case Convert():
-            return f"float64({_at(node.argument)})", _ATOM
+            return f"float64({_at(node.argument)})", ATOM
         case Primitive():
             name = _NAMES.get(node.function, node.function.value)
-            return f"{name}({', '.join(_at(a) for a in node.arguments)})", _ATOM
+            return f"{name}({', '.join(_at(a) for a in node.arguments)})", ATOM
         case Call():
-            return f"{node.function}({', '.join(_number(a) for a in node.arguments)})", _ATOM
+            return f"{node.function}({', '.join(_number(a) for a in node.arguments)})", ATOM
 
 
 def _literal(value: float | int) -> str:

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from math import pi
 
-from mbm.target.vector_text import LANES, VECTOR, ZERO, Text, number
+from mbm.target.solver.description import LANES
+from mbm.target.vector_text import VECTOR, ZERO, Text, number
 
 NAME = "sine_and_cosine"
 PAIR = f"{{ {VECTOR}, {VECTOR} }}"

@@ -11,7 +11,8 @@ from itertools import groupby
 
 from mbm.target import sine_and_cosine
 from mbm.target.program import Instruction, Operator, Program
-from mbm.target.vector_text import LANES, VECTOR, Text, scalar
+from mbm.target.solver.description import LANES
+from mbm.target.vector_text import VECTOR, Text, scalar
 from mbm.target.vectors import (
     BINARY,
     COMPARISONS,

@@ -11,6 +11,9 @@ from typing import TypeAlias
 
 from mbm.values import dataclass
 
+ATOM = 9
+"""Precedence, in printed text, of what never needs brackets: names, numbers, elements, calls."""
+
 
 class Type(Enum):
     """Types of values: numbers, and pointers to them (constant: what they point to is only read)."""

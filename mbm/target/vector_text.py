@@ -5,10 +5,8 @@ from __future__ import annotations
 import struct
 from dataclasses import field
 
+from mbm.target.solver.description import LANES
 from mbm.values import dataclass
-
-LANES = 4
-"""Rows of one block."""
 
 VECTOR = f"<{LANES} x double>"
 MASK = f"<{LANES} x i1>"

@@ -12,7 +12,8 @@ from collections.abc import Callable, Mapping
 
 from mbm.target import sine_and_cosine
 from mbm.target.program import Instruction, Operator, Program
-from mbm.target.vector_text import LANES, MASK, MINUS_ONE, ONE, VECTOR, ZERO, Text, number
+from mbm.target.solver.description import LANES
+from mbm.target.vector_text import MASK, MINUS_ONE, ONE, VECTOR, ZERO, Text, number
 
 
 class NoPrinterError(Exception):

@@ -16,7 +16,7 @@ from mbm.solution.types import Floats
 from mbm.testing.requirement import require, require_close
 from mbm.values import dataclass
 
-DIGITS = 1e-6
+KEPT_DIGITS = 1e-6
 """Relative error of an answer for data without noise: half the digits, which closed forms that square numbers keep."""
 
 FOREIGN = """
@@ -113,4 +113,4 @@ def _require_among(solutions: Floats, wanted: Floats, subject: str) -> None:
     errors = np.abs(usable - wanted).max(axis=1)
     nearest = usable[int(np.argmin(errors))]
     scale = max(float(np.abs(wanted).max()), 1.0)
-    require_close(nearest / scale, wanted / scale, DIGITS, subject, "data without noise give their truth back")
+    require_close(nearest / scale, wanted / scale, KEPT_DIGITS, subject, "data without noise give their truth back")

@@ -13,7 +13,8 @@ from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 from mbm.report.elements import element_names
 from mbm.report.types import DerivedValue, Estimate, Floats, Kind, SolveReport
-from mbm.solution.manifolds import hamilton, tangent_axes, vector_of_quaternion
+from mbm.rotations import hamilton, vector_of_quaternion
+from mbm.solution.manifolds import tangent_axes
 from mbm.solution.simulation.places import Rows
 from mbm.solution.simulation.types import Truth
 from mbm.values import dataclass

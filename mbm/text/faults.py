@@ -308,10 +308,10 @@ def missing_extra(what: str, extra: str, place: Place | None = None) -> Diagnost
 
 
 def too_long_to_print(place: Place, limit: int) -> Diagnostic:
-    """More than ``limit`` words and brackets."""
+    """More than ``limit`` characters."""
     return Diagnostic(
         code=TOO_LONG_TO_PRINT,
-        message=f"this stands for a form of more than {limit:,} words, brackets and blanks, too long to be printed",
+        message=f"this stands for a form of more than {limit:,} characters, too long to be printed",
         place=place,
         hint="print a smaller part of it",
     )
@@ -323,6 +323,36 @@ def text_too_large(name: str, limit: int, place: Place | None = None) -> Diagnos
         code=TEXT_TOO_LARGE,
         message=f"`{shown(name)}` is larger than {limit // 2**20} MiB",
         place=DataPlace(file=name) if place is None else place,
+        hint="keep measurements in data files and name them in a `data` clause",
+    )
+
+
+def too_many_words_in_all(place: Span, limit: int) -> Diagnostic:
+    """``place`` begins the file with which all files together have more words than the ``limit``."""
+    return Diagnostic(
+        code=TEXT_TOO_LARGE,
+        message=f"with this file, the problem and what it uses have more than {limit:,} names, numbers and brackets",
+        place=place,
+        hint="use fewer files, or keep measurements in data files",
+    )
+
+
+def too_long_in_all(place: Span, limit: int) -> Diagnostic:
+    """``place`` begins the file with which all files together have more characters than the ``limit``."""
+    return Diagnostic(
+        code=TEXT_TOO_LARGE,
+        message=f"with this file, the problem and what it uses are larger than {limit // 2**20} MiB",
+        place=place,
+        hint="use fewer files, or keep measurements in data files",
+    )
+
+
+def too_many_words(place: Span, limit: int) -> Diagnostic:
+    """``place`` is the first word beyond the ``limit``."""
+    return Diagnostic(
+        code=TEXT_TOO_LARGE,
+        message=f"the text goes on after {limit:,} names, numbers and brackets, which is as far as it is read",
+        place=place,
         hint="keep measurements in data files and name them in a `data` clause",
     )
 

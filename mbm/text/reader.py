@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from mbm.text import faults
@@ -24,6 +25,9 @@ from mbm.text.types import (
 if TYPE_CHECKING:
     from lark import Token, Tree
 
+MOST_COUNTED = 10_000
+"""Faulty words that are looked at."""
+
 _QUOTES = {"QUOTE": "quote", "QUASIQUOTE": "quasiquote", "UNQUOTE": "unquote", "UNQUOTE_SPLICING": "unquote-splicing"}
 
 
@@ -43,7 +47,7 @@ def read(source: Source) -> tuple[Form, ...]:
 
 
 def _faults(tokens: tuple[Token, ...], comments: tuple[Comment, ...], source: Source) -> tuple[Diagnostic, ...]:
-    found = [fault for token in tokens for fault in token_faults(token, source)]
+    found = list(islice((fault for token in tokens for fault in token_faults(token, source)), MOST_COUNTED))
     open_string = bool(tokens) and tokens[-1].type == "OPEN_STRING"
     open_comment = bool(comments) and not comments[-1].closed
     if open_string:
@@ -53,7 +57,7 @@ def _faults(tokens: tuple[Token, ...], comments: tuple[Comment, ...], source: So
         found.append(faults.unterminated_comment(Span(source=source, start=start, end=start + 2)))
     found.extend(nesting_faults(tokens, source, cut_off=open_string or open_comment))
     found.sort(key=_start)
-    return faults.worth_reading(found)
+    return faults.worth_reading(found, ended=len(found) >= MOST_COUNTED)
 
 
 def _start(diagnostic: Diagnostic) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mbm.text.shown import Paint, Style, cell_width, joined, one_line
 from mbm.text.types import Diagnostic, Place, Severity, Span
 
-WIDEST = 100
+WIDEST_EXCERPT = 100
 """Columns of an excerpt; longer lines are cut around the place."""
 
 _TAB = 4
@@ -85,7 +85,7 @@ def _arrow(place: Place, gutter: int, paint: Paint) -> str:
 
 
 def _excerpt(place: Span, words: str | None, mark: str, gutter: int, paint: Paint, style: Style) -> list[str]:
-    shown, indent, taken = _window(place, WIDEST - gutter - 3)
+    shown, indent, taken = _window(place, WIDEST_EXCERPT - gutter - 3)
     bar = paint("|", Style.NOTE)
     under = mark * taken if words is None else f"{mark * taken} {words}"
     return [
@@ -97,8 +97,8 @@ def _excerpt(place: Span, words: str | None, mark: str, gutter: int, paint: Pain
 
 
 def _fits_beside(place: Span, hint: str, gutter: int) -> bool:
-    _shown, indent, taken = _window(place, WIDEST - gutter - 3)
-    return len(hint) <= _LONGEST_SIDE_HINT and gutter + 3 + indent + taken + 1 + cell_width(hint) <= WIDEST
+    _shown, indent, taken = _window(place, WIDEST_EXCERPT - gutter - 3)
+    return len(hint) <= _LONGEST_SIDE_HINT and gutter + 3 + indent + taken + 1 + cell_width(hint) <= WIDEST_EXCERPT
 
 
 def _window(place: Span, room: int) -> tuple[str, int, int]:

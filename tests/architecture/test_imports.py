@@ -1,4 +1,4 @@
-"""Who imports whom at run time: no cycles among the modules; the contracts proper are import-linter's."""
+"""Who imports whom, types included: no cycles among the modules; the contracts proper are import-linter's."""
 
 from __future__ import annotations
 
@@ -16,18 +16,9 @@ MODULES = {
 
 
 def _imported(path: Path) -> set[str]:
-    """The modules of the house that a module imports, wherever it does; imports for the type checker left out."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    typing_only = {
-        id(inner)
-        for node in ast.walk(tree)
-        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
-        for inner in ast.walk(node)
-    }
+    """The modules of the house that a module imports, wherever it does, also for the type checker alone."""
     found = set()
-    for node in ast.walk(tree):
-        if id(node) in typing_only:
-            continue
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module is not None:
             found |= {
                 f"{node.module}.{a.name}" if f"{node.module}.{a.name}" in MODULES else node.module for a in node.names

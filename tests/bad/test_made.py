@@ -35,6 +35,16 @@ def test_a_text_larger_than_any_problem(tmp_path: Path, capfd: pytest.CaptureFix
     assert "keep measurements in data files" in said
 
 
+def test_files_that_are_larger_than_any_problem_together(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for number in range(3):
+        used = f'(use "{number + 1}.mbm")\n' if number < 2 else ""
+        (tmp_path / f"{number}.mbm").write_text(used + "; " + "x" * (2**21 - 100) + "\n", "utf-8")
+    status, said = checked(tmp_path, capfd, '(use "0.mbm")\n')
+    assert status == 2
+    assert "error[text-too-large]: with this file, the problem and what it uses are larger than 4 MiB" in said
+    assert "2.mbm:1" in said
+
+
 @pytest.mark.parametrize(
     "form",
     ["(doubled 40 1)", "`(a ,(doubled 40 1))", "(doubled 40 [1 2])", "(grown 40 'x)", "(grown 40 y)", "(grown 4000 y)"],

@@ -34,6 +34,21 @@ with interruptible(interruption):
 """The main thread is in native code for many minutes."""
 
 
+EARLY = """
+import os, signal, sys
+
+class Pressed:
+    def find_spec(self, name, *_rest):
+        if name == "mbm.cli.main":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Pressed())
+from mbm.__main__ import process
+process()
+"""
+"""While the modules of the command line are loaded."""
+
+
 def press() -> None:
     os.kill(os.getpid(), signal.SIGINT)
 
@@ -74,3 +89,17 @@ def test_before_a_solve_listens_it_ends_the_program() -> None:
     with pytest.raises(KeyboardInterrupt), interruptible(interruption):
         press()
     assert not interruption.requested
+
+
+def test_one_that_comes_while_modules_are_loaded_ends_the_program_without_words() -> None:
+    found = subprocess.run([sys.executable, "-c", EARLY], capture_output=True, text=True, check=False, timeout=120)
+    assert (found.returncode, found.stderr) == (130, "")
+
+
+def test_one_that_is_not_to_be_heard_is_not() -> None:
+    """A shell without job control starts what goes to the background so."""
+    ignoring = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)\n" + EARLY
+    command = [sys.executable, "-c", ignoring, "--version"]
+    found = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert (found.returncode, found.stderr) == (0, "")
+    assert found.stdout.startswith("mbm")

@@ -195,14 +195,15 @@ def test_closed_outputs_change_no_status(closed: str, status: int) -> None:
 def test_the_process_ends_after_threads_and_what_is_registered_for_the_end() -> None:
     code = (
         "import atexit, sys, threading, time\n"
-        "import mbm.__main__ as program\n"
-        "def main():\n"
+        "import mbm.cli.main\n"
+        "from mbm.__main__ import process\n"
+        "def main(heard):\n"
         "    threading.Thread(target=lambda: (time.sleep(0.2), print('thread'))).start()\n"
         "    atexit.register(print, 'registered')\n"
         "    print('said')\n"
         "    return 7\n"
-        "program.main = main\n"
-        "program.process()\n"
+        "mbm.cli.main.main = main\n"
+        "process()\n"
     )
     finished = process("-c", code)
     assert (finished.stdout, finished.stderr, finished.returncode) == ("said\nthread\nregistered\n", "", 7)

@@ -194,3 +194,51 @@ def test_all_that_is_said_goes_one_way() -> None:
         if path.name != "output.py"
     }
     assert not {name: each for name, each in found.items() if each}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "stream"),
+    [
+        (("--json", "o"), "stdout"),
+        (("--json", "-", "--csv", "o"), "stdout"),
+        (("--json", "o"), "stderr"),
+    ],
+)
+def test_a_file_that_a_stream_goes_to_is_no_other_output(arguments: tuple[str, ...], stream: str, folder: Path) -> None:
+    """The table would go to a file that nobody finds any more."""
+    with (folder / "o").open("w") as output:
+        found = called(folder, *SOLVE, "whole.mbm", *arguments, **{stream: output})
+    said = found.stderr if stream == "stdout" else (folder / "o").read_text()
+    assert found.returncode == 2
+    assert "two outputs go to one file" in said
+
+
+@pytest.mark.parametrize("number", [10**10, 10**30])
+def test_numbers_that_no_stream_has(number: int, folder: Path) -> None:
+    for option in ("--json", "--csv"):
+        found = called(folder, *SOLVE, "whole.mbm", option, f"/dev/fd/{number}")
+        assert found.returncode == 2
+        assert "error[not-writable]" in found.stderr
+        assert "Traceback" not in found.stderr
+
+
+@pytest.mark.parametrize("name", ["numpy.py", "click.py", "signal.py", "typing.py"])
+def test_nothing_is_imported_from_where_the_problem_lies(name: str, tmp_path: Path) -> None:
+    """``python -m`` looks for modules in the folder that it is called from first."""
+    (tmp_path / "whole.mbm").write_text(WHOLE)
+    (tmp_path / name).write_text("raise SystemExit('foreign code')")
+    found = called(tmp_path, *SOLVE, "whole.mbm")
+    assert (found.returncode, found.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("environment", "status"),
+    [
+        ({"COLUMNS": "9" * 5000}, 0),
+        ({"_MBM_COMPLETE": "bash_complete"}, 1),
+        ({"_MBM_COMPLETE": "bash_complete", "COMP_WORDS": "mbm so", "COMP_CWORD": "x"}, 1),
+    ],
+)
+def test_an_odd_environment_is_no_fault(environment: dict[str, str], status: int, folder: Path) -> None:
+    found = called(folder, *SOLVE, "whole.mbm", env=environment)
+    assert (found.returncode, found.stderr) == (status, "")

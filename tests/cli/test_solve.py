@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from mbm.cli.main import run
 from mbm.report.options import Backend, SolveOptions
 from mbm.report.types import Result, SolveStatus
 from mbm.text.types import Diagnostic, MbmError, Severity
@@ -137,7 +138,7 @@ def test_warnings_go_to_standard_error_unless_quiet(
         (("--workers", "0"), "invalid value for '--workers'"),
         (("--backend", "gpu"), "invalid value for '--backend'"),
         (("--json", "no/such/folder/x.json"), "its folder does not exist"),
-        (("--init", "no-such.json"), "`no-such.json` cannot be read"),
+        (("--init", "no-such.json"), "`no-such.json` does not exist"),
         (("--starts", "0"), "invalid value for '--starts'"),
         (("--overlay", "o.png"), "`--overlay` is not available yet"),
         (("--scheduler", "tcp://a"), "`--scheduler` is not available yet"),
@@ -167,3 +168,16 @@ def test_initial_values_must_be_json(mbm: Run, api: Any, tmp_path: Path) -> None
     assert "line 2" in outcome.err
     path.write_text("[1, 2]")
     assert mbm("solve", "desk.mbm", "--init", path).status == 2
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
+def test_a_result_with_numbers_that_json_does_not_have_may_be_a_start(number, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "p.mbm").write_text("(problem p (unknowns (a :init 1)) (observe (= 2 a) :sigma 1))")
+    (tmp_path / "r.json").write_text(
+        f'{{"solves": [{{"key": {{}}, "cost": {number}, "estimates": {{"a": {{"value": 3}}}}}}]}}'
+    )
+    status = run(["solve", "p.mbm", "--init", "r.json", "--backend", "numpy", "--json", "-"])
+    said = capfd.readouterr()
+    assert (status, said.err) == (0, "")
+    assert '"sha256"' in said.out

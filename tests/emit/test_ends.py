@@ -69,6 +69,34 @@ def test_both_languages_print_keys_alike(tmp_path):
     assert rows == [wanted, wanted]
 
 
+ELSEWHERE = """(problem elsewhere
+  (data d (table (day y) (1 4) (2 6)))
+  (data e (table (day) (2) (3)))
+  (unknowns (m :init 0))
+  (observe d (= y m) :sigma 0.1)
+  (for-each day))"""
+"""Day 3 is in a table that no equation is about: mbm has no answer to compare with."""
+
+
+@needs_compiler
+@pytest.mark.parametrize("target", ["c", "python"])
+def test_a_data_set_without_equations_is_no_answer(target, tmp_path):
+    folder = written(of_text(ELSEWHERE, target), tmp_path)
+    tables = ("data/d.csv", "data/e.csv")
+    if target == "c":
+        assert run("make", "all", "test", "CFLAGS=-O0", folder=folder).returncode == 0
+        found = run("./elsewhere", *tables, folder=folder)
+    else:
+        assert run(sys.executable, "test_elsewhere.py", folder=folder).returncode == 0
+        found = run(sys.executable, "elsewhere.py", *tables, folder=folder)
+    assert found.returncode == 1
+    rows = list(csv.DictReader(found.stdout.splitlines()))
+    assert [row["day"] for row in rows] == ["1", "2", "3"]
+    assert [float(row["value"]) for row in rows[:2]] == pytest.approx([4.0, 6.0])
+    assert [float(row["sigma"]) for row in rows[:2]] == pytest.approx([0.1, 0.1])
+    assert rows[2]["sigma"] == ""
+
+
 def test_the_program_ends_quietly_where_nobody_reads_on(tmp_path):
     folder = written(of_text(FREE["plain"], "python"), tmp_path)
     reading, writing = os.pipe()

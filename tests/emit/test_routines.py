@@ -7,7 +7,8 @@ import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from mbm.emit.routines.rooms import MANY, connected
+from mbm.emit.routines.rooms import connected
+from mbm.target.decisions import MANY_CONNECTED
 from mbm.target.solver import description as at
 
 
@@ -34,7 +35,7 @@ def test_connected_is_what_the_graph_of_the_equations_is(rows, seed):
 
 
 def test_many_unknowns_are_none_of_it():
-    n = MANY + 1
+    n = MANY_CONNECTED + 1
     columns = np.stack([np.zeros(n - 1, dtype=np.int64), np.arange(1, n)], axis=1)
     system, data = system_with(n, columns)
     assert connected(system, data, columns.ravel(), np.zeros(n, dtype=np.int64)) == 0

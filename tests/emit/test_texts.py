@@ -208,6 +208,15 @@ def test_no_name_is_given_twice(texts):
     assert len({each.lower() for each in made}) == len(texts)
 
 
+@pytest.mark.parametrize("made", [c.remark, lambda text: c.comment([text]), python.remark, prose, code])
+def test_readers_get_the_beginning_of_a_long_text(made):
+    short, long = made(Foreign("long " * 900)), made(Foreign("long " * 10**6))
+    assert "long" in short
+    assert "…" not in short
+    assert "…" in long
+    assert len(long) < 1.3 * len(short)
+
+
 def test_foreign_text_does_not_get_into_a_text_by_itself():
     foreign = told("a", Foreign("*/"))
     assert foreign == Foreign("a*/")

@@ -98,3 +98,38 @@ def test_c(name, tmp_path):
 def test_the_general_path_counts_no_degree_of_freedom_below_zero():
     """By hand: one row, which determines one combination of two unknowns."""
     assert solved("few").solves[0].dof == 0
+
+
+@pytest.mark.parametrize("order", ["a b c", "b c a", "c a b"])
+@pytest.mark.parametrize("box", ["", ":in (-50 50)"])
+def test_what_the_data_determine_is_at_the_minimum(order, box, tmp_path, monkeypatch):
+    """A column that depends on those before it is left out; what its row says of the columns behind it is not."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    unknowns = " ".join(f"({name} :init 1 {box})" for name in order.split())
+    text = f"(problem sums {POINTS} (unknowns {unknowns}) (observe d (= y (+ c (* (+ a b) x))) :sigma 0.2))"
+    folder = written(of_text(text, "python"), tmp_path)
+    spec = importlib.util.spec_from_file_location("sums", folder / "sums.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    found = module.solve(module.read_tables([str(folder / "data" / "d.csv")]))
+    x, y = np.arange(6.0), np.array([1.1, 2.9, 5.2, 6.8, 9.1, 12.0])
+    slope, height = np.polyfit(x, y, 1)
+    point = dict(zip(order.split(), found["point"], strict=True))
+    assert found["status"] == "unobservable"
+    assert found["cost"] == pytest.approx(np.sum(((y - slope * x - height) / 0.2) ** 2), rel=1e-9)
+    assert (point["a"] + point["b"], point["c"]) == pytest.approx((slope, height), rel=1e-9)
+
+
+@pytest.mark.parametrize("target", ["c", "python"])
+def test_folders_pass_their_own_test_where_sigmas_are_missing_or_none(target, tmp_path):
+    """No redundancy, no noise to tell; a derived quantity that cannot vary has a sigma of rounding alone."""
+    text = """(problem untold (data d (table (x y) (0 1.0) (1 2.0))) (unknowns (a) (b))
+      (observe d (= y (+ a (* b x)))) (derive (one (norm (normalize [(+ a 1) b])))))"""
+    stated = text.replace("(* b x)))", "(* b x))) :sigma 0.1").replace("untold", "told")
+    for number, problem in enumerate((text, stated)):
+        folder = written(of_text(problem, target), tmp_path / str(number))
+        command = ("make", "test", "CFLAGS=-O0") if target == "c" else (sys.executable, next(folder.glob("test_*.py")))
+        if target == "c" and shutil.which("make") is None:
+            pytest.skip("no make")
+        found = run(*map(str, command), folder=folder)
+        assert found.returncode == 0, found.stdout + found.stderr

@@ -7,7 +7,7 @@ import pytest
 
 import mbm
 from mbm.kernels.backends.automatic import MANY
-from mbm.kernels.backends.casadi_map import BLOCK
+from mbm.kernels.backends.casadi_map import MAPPED_ROWS
 from tests.evidence.material import loaded
 
 TEXT = """
@@ -39,7 +39,7 @@ def derivative(columns, place):
 
 
 # Row numbers on both sides of every limit: one row, the change of backend, whole blocks of CasADi's map and a rest.
-@pytest.mark.parametrize("rows", [3, MANY - 1, MANY, BLOCK, BLOCK + 1, 2 * BLOCK + 77, 5000])
+@pytest.mark.parametrize("rows", [3, MANY - 1, MANY, MAPPED_ROWS, MAPPED_ROWS + 1, 2 * MAPPED_ROWS + 77, 5000])
 def test_residuals_and_jacobian_of_all_backends(rows):
     columns = marks(rows)
     step = np.array([0.1, -0.2, 0.05, 0.02, -0.01])

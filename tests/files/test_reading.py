@@ -41,6 +41,17 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
     assert file_diagnostic(tmp_path / "pipe").code is faults.NOT_A_FILE
 
 
+def test_a_pipe_that_takes_the_place_of_a_file_in_between_is_refused(tmp_path, monkeypatch):
+    (tmp_path / "d").write_bytes(b"text")
+
+    def replaced(*_arguments, **_named):
+        (tmp_path / "d").unlink()
+        os.mkfifo(tmp_path / "d")
+
+    monkeypatch.setattr("mbm.files.reading.check_ordinary", replaced)
+    assert file_diagnostic(tmp_path / "d").code is faults.NOT_A_FILE
+
+
 @pytest.mark.parametrize("device", ["/dev/zero", "/dev/full", "/dev/tty"])
 def test_a_device_is_refused(device):
     with pytest.raises(MbmError) as caught:

@@ -87,6 +87,27 @@ def test_a_file_that_is_replaced_keeps_its_mode(tmp_path: Path) -> None:
         assert (tmp_path / "a").stat().st_mode & 0o777 == mode
 
 
+@pytest.mark.parametrize(("kept", "mode"), [("all", 0o664), ("group", 0o664), ("none", 0o644)])
+def test_nobody_gets_more_where_owner_or_group_cannot_be_kept(
+    kept: str, mode: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mode means something else for another group: it gets what all others have."""
+    (tmp_path / "a").write_bytes(b"old")
+    (tmp_path / "a").chmod(0o664)
+    wanted = (tmp_path / "a").stat()
+    asked = []
+
+    def chown(_path: Path, user: int, group: int) -> None:
+        asked.append((user, group))
+        if kept == "none" or (kept == "group" and user != -1):
+            raise PermissionError
+
+    monkeypatch.setattr(os, "chown", chown)
+    write_whole(tmp_path / "a", b"new")
+    assert (tmp_path / "a").stat().st_mode & 0o777 == mode
+    assert asked == [(wanted.st_uid, wanted.st_gid), (-1, wanted.st_gid)][: 1 if kept == "all" else 2]
+
+
 def test_what_has_the_earlier_file_open_goes_on_reading_that(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"old")
     with (tmp_path / "a").open("rb") as stream:
@@ -238,6 +259,8 @@ def test_no_result_replaces_a_problem_file(tmp_path: Path) -> None:
     write_whole(tmp_path / "r.json", b"laid out", replaces_source=True)
     assert (tmp_path / "p.mbm").read_bytes() == b"laid out"
     write_whole(tmp_path / "new.mbm", b"new")
+    with (tmp_path / "p.mbm").open("r+b") as stream:
+        assert "is a problem file" in refused("would-overwrite", f"/dev/fd/{stream.fileno()}")
 
 
 def test_two_targets_that_are_one_file(tmp_path: Path) -> None:
@@ -318,8 +341,16 @@ def test_a_stream_that_is_not_open_or_not_for_writing(tmp_path: Path) -> None:
     with (tmp_path / "a").open("rb") as stream:
         number = stream.fileno()
         refused("not-writable", f"/dev/fd/{number}")
+    assert "no file" in refused("not-writable", f"/dev/fd/{10**30}")
     assert "Bad file descriptor" in refused("not-writable", f"/dev/fd/{number}")
     assert (tmp_path / "a").read_bytes() == b"old"
+
+
+def test_streams_of_other_processes_are_not_ours(tmp_path: Path) -> None:
+    """The same number means another file there: nothing may be written to ours instead."""
+    with (tmp_path / "a").open("wb") as stream, pytest.raises(MbmError, match="not-writable"):
+        write_whole(f"/proc/{os.getppid() + 1_000_000_000}/fd/{stream.fileno()}", b"text")
+    assert (tmp_path / "a").read_bytes() == b""
 
 
 def test_what_was_read_is_named_in_the_message(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
-"""The laws of probability that mbm computes, against mpmath with thirty digits, on grids with extreme arguments.
+"""The laws of probability that mbm computes, against mpmath with thirty digits.
 
-The texts of `mbm.target.solver` are tried in all their languages by `tests/target/solver/test_laws.py`. Student's t and
-F are computed nowhere yet.
+The tails themselves are one text, which `tests/target/solver/test_chi_square.py` tries in all its languages.
+Student's t and F are computed nowhere yet.
 """
 
 from __future__ import annotations
@@ -11,37 +11,11 @@ import pytest
 
 from mbm.problem.kinds import LossKind
 from mbm.solution import nonlinearity
-from mbm.solution.gamma import chi_square_tail
-from mbm.solution.many.tails import chi_square_tails
 from mbm.solution.robust import units
 from mbm.solution.robust.efficiency import tuned
 from mbm.solution.robust.losses.function import LossFunction
 from mbm.solution.robust.losses.standard import BY_KIND
-from tests.oracles.laws import EXACT, FREEDOM, GRID, WANTED, close, tail
-
-
-@pytest.mark.parametrize("dof", FREEDOM)
-def test_the_tail_of_chi_square(dof):
-    points = [point for point in GRID if point[1] == dof]
-    together = chi_square_tails(np.array([value for value, _ in points]), np.full(len(points), dof))
-    for point, also in zip(points, together, strict=True):
-        assert close(chi_square_tail(*point), point), (point, float(WANTED[point]))
-        assert close(float(also), point), (point, float(WANTED[point]))
-
-
-def test_digits_that_are_stated():
-    """`gamma.chi_square_tail`: relative errors of 1e-12 for some hundred degrees of freedom, 1e-9 for a million."""
-    for dof, error in ((100, 1e-12), (301, 1e-12), (1_000_000, 1e-9)):
-        for share in (0.9, 0.999, 1.0, 1.001, 1.01):
-            wanted = tail(share * dof, dof)
-            assert wanted < 1e-290 or abs(chi_square_tail(share * dof, dof) / wanted - 1) < error
-
-
-def test_the_ends_of_the_tail():
-    for dof in FREEDOM:
-        assert chi_square_tail(0.0, dof) == chi_square_tail(-1.0, dof) == 1.0
-        assert chi_square_tail(np.inf, dof) == 0.0
-        assert chi_square_tails(np.array([0.0]), np.array([dof])).tolist() == [1.0]
+from tests.oracles.laws import EXACT, tail
 
 
 @pytest.mark.parametrize("dof", [1, 2, 3, 6, 20, 200])

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbm.report.encode import WIDEST, encode, to_bytes
+from mbm.report.encode import WIDEST_LINE, encode, to_bytes
 
 TEXTS = st.text(st.characters())
 """Any code points, halves of surrogate pairs among them."""
@@ -41,7 +41,7 @@ def test_floats_keep_all_digits():
 def test_numbers_of_a_long_list_fill_lines():
     lines = encode({"values": list(np.linspace(0, 1, 60))}).splitlines()
     assert len(lines) < 20
-    assert all(len(line) <= WIDEST + len("    ,") for line in lines)
+    assert all(len(line) <= WIDEST_LINE + len("    ,") for line in lines)
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), np.float64("nan")])

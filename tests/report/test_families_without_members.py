@@ -41,8 +41,7 @@ def test_solve(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], clause: str, rows: str, each: str, backend: str
 ) -> None:
     file = tmp_path / "p.mbm"
-    text = PROBLEM.replace("ROWS", ROWS[rows]).replace("UNKNOWNS", UNKNOWNS).replace("CLAUSE", f"{clause} {each}")
-    file.write_text(text)
+    file.write_text(text_of(rows, f"{clause} {each}", start=""))
     json_path, csv_path = tmp_path / "o.json", tmp_path / "o.csv"
     options = ("--backend", backend, "--json", str(json_path), "--csv", str(csv_path))
     status = run(["solve", str(file), *options, "--residuals", str(tmp_path / "r.csv")])

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbm.solution.robust.units import STATED, Units
+from mbm.solution.robust.units import Units
 from mbm.solution.solvers.batched import minimise_all
+from mbm.target.decisions import STATED
 
 
 @dataclass(frozen=True)

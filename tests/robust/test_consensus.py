@@ -9,7 +9,8 @@ from scipy.stats import chi2
 from mbm.problem.types import Consensus, ConsensusKind
 from mbm.solution.robust.agree import agree
 from mbm.solution.robust.subsets import minimal_subsets, trials_for
-from mbm.solution.robust.units import STATED, Units, consistency, limits, medians, quantile, robust_variance
+from mbm.solution.robust.units import Units, consistency, limits, medians, quantile, robust_variance
+from mbm.target.decisions import STATED
 from tests.robust.scenes import CEILING, linear_model, range_model, scalar_units
 
 EVERY = tuple(ConsensusKind)

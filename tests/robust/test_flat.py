@@ -66,7 +66,7 @@ def test_what_other_rows_determine_keeps_its_deviation(backend):
 
 
 def test_so_it_does_in_sparse_problems(monkeypatch):
-    monkeypatch.setattr(sparsity, "LARGE", 0)
+    monkeypatch.setattr(sparsity, "MOST_DENSE", 0)
     monkeypatch.setattr(sparsity, "SPARSE", 1.0)
     # both in one equation of two, so that the problem does not fall apart
     tied = BESIDE.replace("(derive", "(observe d (= (* 0 y) (* 0 a b)) :sigma 1) (derive")

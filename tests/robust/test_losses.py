@@ -14,9 +14,9 @@ from mbm.solution.robust.losses.barron import Barron
 from mbm.solution.robust.losses.function import LossFunction
 from mbm.solution.robust.losses.parameters import loss_function
 from mbm.solution.robust.losses.rooted import rooted, rooted_jacobian
-from mbm.solution.robust.losses.standard import BY_KIND, STANDARD
+from mbm.solution.robust.losses.standard import BY_KIND
 
-TUNED = tuple(loss.kind for loss in STANDARD if loss.defaults)
+TUNED = tuple(loss.kind for loss in BY_KIND.values() if loss.defaults)
 PUBLISHED = {LossKind.HUBER: 1.345, LossKind.CAUCHY: 2.385, LossKind.TUKEY: 4.685}
 """Holland and Welsch (1977): tuning constants of 95 % efficiency for one component, to their three digits."""
 

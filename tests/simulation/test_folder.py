@@ -105,7 +105,7 @@ def test_wrong_calls(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
         (["--noise", "angles=fast"], "bad-initial-value"),
         (["--noise", "zzz=1"], "unknown-observation"),
         (["--measured", "zzz=a,b"], "unknown-observation"),
-        (["--at", str(folder / "nothing.json")], "bad-json"),
+        (["--at", str(folder / "nothing.json")], "missing-file"),
         (["--set", "zzz=1"], "unknown-override"),
     ):
         assert run(["simulate", file, *out, *options]) == 2

@@ -226,6 +226,40 @@ def test_a_column_measured_twice_in_a_row_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
+    ("clauses", "use"),
+    [
+        (
+            "(data d external :with (n i)) (data n external :key k) (observe d (= i a) :sigma 1)",
+            "a key of the table `n`",
+        ),
+        ("(data d external) (data n external :key k) (observe n (= k a) :sigma 1)", "the key of its table"),
+        ("(data d external) (for-each y) (observe d (= y a) :sigma 1)", "in `for-each`"),
+        ("(data d external) (window y :length 1 :step 1) (observe d (= y a) :sigma 1)", "in `window`"),
+        ("(data d external) (unknowns (f :per d.i :init 1)) (observe d (= i a) :sigma 1)", "the key of the family `f`"),
+        ("(data d external) (unknowns (f :per d.i :init 1)) (observe d (= y (f y)) :sigma 1)", "a key of `f`"),
+        (
+            "(data d external) (unknowns (v (vector 2) :init [1 1])) (observe d (= y a) :sigma 1) "
+            "(observe e d (= i (v y)) :sigma 1)",
+            "what decides which equation a row has",
+        ),
+        (
+            "(data d external) (data n external) (pair P (d n) :by y) (observe P (= d.y a) :sigma 1)",
+            "the time of a pair",
+        ),
+    ],
+    ids=lambda value: value if value[0] != "(" else "",
+)
+def test_columns_that_name_things_are_not_simulated(clauses: str, use: str) -> None:
+    """With noise in them they would name other things, or none: the folder could not be solved."""
+    problem = mbm.loads(f"(problem p (unknowns (a :init 1)) {clauses})")
+    given = {"d": {"i": [1.0, 2.0], "y": [1.0, 2.0]}, "n": {"k": [1.0, 2.0], "y": [1.0, 2.0]}}
+    used = {name: columns for name, columns in given.items() if f"(data {name} " in clauses}
+    with pytest.raises(mbm.MbmError, match="measured-elsewhere") as caught:
+        problem.simulate(data=used, seed=1)
+    assert use in str(caught.value)
+
+
+@pytest.mark.parametrize(
     "asked", [{"noise": {"zzz": 1.0}}, {"measured": {"zzz": ["y"]}}, {"measured": {"d": ["zzz"]}}], ids=str
 )
 def test_names_that_are_none_are_refused(asked: dict[str, object]) -> None:

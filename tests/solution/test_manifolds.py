@@ -7,18 +7,14 @@ from scipy.spatial.transform import Rotation
 
 from mbm.problem.manifold import Piece, manifold_of
 from mbm.problem.types import UnknownKind
-from mbm.solution.manifolds import (
-    chart_slopes,
+from mbm.rotations import (
     hamilton,
     matrix_of_quaternion,
-    moved,
-    numbers_of_stated,
     quaternion_of_matrix,
     quaternion_of_vector,
-    tangent_axes,
-    tangent_slopes,
     vector_of_quaternion,
 )
+from mbm.solution.manifolds import chart_slopes, moved, numbers_of_stated, tangent_axes, tangent_slopes
 
 ROUNDING = 1e-14
 """A few units in the last place of numbers of size 1."""

@@ -13,7 +13,7 @@ from mbm.problem.types import Method
 from mbm.solution import minimise as module
 from mbm.solution.minimise import minimise, solver_for, solver_name
 from mbm.solution.settings import Settings
-from mbm.solution.solvers.linear import LINEAR
+from mbm.solution.solvers.box import one_step_suits
 from mbm.solution.types import Reason
 from mbm.text.types import MbmError
 from tests.solution.classics import Functions
@@ -61,7 +61,7 @@ def test_choice_of_solver(method, name):
 def test_bounds_are_not_for_the_one_step_solver():
     problem = linear(np.eye(2), np.zeros(2), (0, 0))
     problem.lower = np.array([1.0, -np.inf])
-    assert not LINEAR.supports(problem)
+    assert not one_step_suits(problem)
     assert minimise(problem, np.zeros(2), Settings()).point.tolist() == [1.0, 0.0]
 
 

@@ -19,8 +19,9 @@ from mbm import compiler
 from mbm.kernels.derive import kernel_of
 from mbm.kernels.functions import function_of
 from mbm.problem.manifold import Piece
+from mbm.rotations import hamilton
 from mbm.solution.estimate import assemble
-from mbm.solution.manifolds import hamilton, tangent_axes
+from mbm.solution.manifolds import tangent_axes
 from mbm.solution.settings import settings_of
 from mbm.solution.starting import beginnings
 from mbm.symbolic.conversion import Finite

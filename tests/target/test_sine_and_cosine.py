@@ -16,7 +16,7 @@ from mbm.kernels.native.processor import vector_library
 from mbm.target.blocks_of_rows import module_of
 from mbm.target.program import Instruction, Operator, Program
 from mbm.target.sine_and_cosine import LARGEST, NAME
-from mbm.target.vector_text import LANES
+from mbm.target.solver.description import LANES
 
 BOTH = Program(
     values=3,

@@ -1,10 +1,11 @@
-"""Some hundred cases of one kind, from one seed: found faults are made small by Hypothesis."""
+"""Some hundred cases of one kind, from one seed; found faults are made small by Hypothesis."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from hypothesis.errors import HypothesisException
@@ -61,6 +62,23 @@ def blocks_of(kinds: Sequence[Kind], cases: int, base: int) -> tuple[Block, ...]
 
 def run_block(block: Block, home: Home, notice: Callable[[bytes], None] | None = None) -> Result:
     """Tries the cases; ``notice`` hears of each before it is run."""
+    return _drawn(block, home, notice) if home.processes else _searched(block, home, notice)
+
+
+def _drawn(block: Block, home: Home, notice: Callable[[bytes], None] | None) -> Result:
+    """Cases as they come, none made small: a process takes a second, and blocks of few cases hold no simplest one."""
+    draw = np.random.default_rng(block.seed)
+    for ran in range(1, block.count + 1):
+        decisions = draw.bytes(block.kind.size)
+        if notice is not None:
+            notice(decisions)
+        trial = attempt(block.kind, home, decisions)
+        if trial.wrong:
+            return Result(ran=ran, fault=str(trial), decisions=decisions)
+    return Result(ran=block.count)
+
+
+def _searched(block: Block, home: Home, notice: Callable[[bytes], None] | None) -> Result:
     ran, last = 0, b""
 
     @seed(block.seed)

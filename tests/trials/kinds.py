@@ -3,29 +3,44 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from tests.trials.choices import Choices
 from tests.trials.outcome import Outcome, faults_of, outcome
+from tests.trials.processes import outcome_of_process
+from tests.trials.watching import digests, watched
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One command line, and the files from which it can be repeated elsewhere."""
+    """One command line, and the files from which it can be repeated elsewhere.
+
+    Those ``kept`` must be afterwards what they were before; those ``closed`` must not even be read.
+    """
 
     arguments: tuple[str, ...]
     files: tuple[Path, ...] = ()
+    kept: tuple[Path, ...] = ()
+    closed: tuple[Path, ...] = ()
+
+    @property
+    def devices(self) -> tuple[str, ...]:
+        """The devices that the command line names."""
+        return tuple(part for word in self.arguments for part in (word, word.partition("=")[2]) if part[:5] == "/dev/")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Home:
-    """A folder in which cases write what they like, and sound problem files that they may take and change."""
+    """A folder in which cases write what they like, and sound problem files that they may take and change.
+
+    With ``processes`` each command line is run as a process of its own.
+    """
 
     folder: Path
     examples: tuple[Path, ...] = ()
+    processes: bool = False
 
     def cleared(self, name: str) -> Path:
         """A folder inside that is empty."""
@@ -39,24 +54,15 @@ def _nothing(_home: Home, _case: Case, _found: Outcome) -> list[str]:
     return []
 
 
-@contextmanager
-def _unwatched(_home: Home, _case: Case, _faults: list[str]) -> Iterator[None]:
-    yield
-
-
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """Cases of one kind: its share of all, how many bytes decide one, how they do, and what else must hold after it.
-
-    ``watch`` surrounds the command, and adds what it sees going wrong.
-    """
+    """Cases of one kind: its share of all, how many bytes decide one, how they do, and what else must hold after it."""
 
     name: str
     share: float
     size: int
     make: Callable[[Home, Choices], Case]
     after: Callable[[Home, Case, Outcome], list[str]] = field(default=_nothing)
-    watch: Callable[[Home, Case, list[str]], object] = field(default=_unwatched)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +76,7 @@ class Trial:
     def __str__(self) -> str:
         texts = [f"{'; '.join(self.wrong)}", "mbm " + " ".join(map(repr, self.case.arguments))]
         for path in self.case.files:
-            content = path.read_bytes()[:4000]
+            content = path.read_bytes()[:4000] if path.is_file() else b""
             texts.append(f"--- {path.name}\n{content.decode('utf-8', errors='backslashreplace')}")
         return "\n".join([*texts, "---", self.found.err[-2000:]])
 
@@ -78,9 +84,14 @@ class Trial:
 def attempt(kind: Kind, home: Home, decisions: bytes) -> Trial:
     """Makes the case that the bytes decide, runs it, and judges the answer."""
     case = kind.make(home, Choices(decisions))
-    wrong: list[str] = []
-    with kind.watch(home, case, wrong):  # type: ignore[attr-defined]
-        found = outcome(*case.arguments)
+    before = digests(case.kept)
+    if home.processes:
+        inside = case.files[0].parent if case.files else home.folder
+        found, wrong = outcome_of_process(*case.arguments, folder=inside, devices=case.devices, closed=case.closed)
+    else:
+        with watched(home.folder, case.devices, case.closed) as wrong:
+            found = outcome(*case.arguments)
+    wrong += [f"{path.name} was changed" for path, digest in digests(case.kept).items() if digest != before[path]]
     wrong += faults_of(found, case.arguments, case.files[0].parent if case.files else home.folder)
     if not wrong:
         wrong += kind.after(home, case, found)

@@ -31,8 +31,14 @@ SLOWEST = 5.0
 """Seconds of processor time that no answer may take: a bound against hangs, since the usual case takes milliseconds.
 What makes as many values as the limits allow takes half a second by itself, and four times that in a process as full
 as that of these tests, whose garbage is collected meanwhile."""
+LARGEST = 2_000_000_000
+"""Bytes that the memory of a process may grow by for one answer."""
 PATIENCE, STANDSTILL = 20.0, 120.0
 """Seconds of processor time, and of waiting for something, after which an answer is given up."""
+PACKED = {".gz", ".bz2", ".xz", ".npz", ".parquet"}
+"""Endings of files whose lines are not those of a text."""
+LOOKED_INTO = 20_000_000
+"""Bytes of a file in which places of diagnostics are looked up."""
 KINDS_OF_BYTES = {"linux": 1024}
 """What `resource` counts the largest memory in, by platform; elsewhere in bytes."""
 
@@ -55,7 +61,8 @@ def known_codes() -> frozenset[str]:
 class Outcome:
     """What a command line answered: exit status (None: it was given up), outputs, seconds of processor time.
 
-    ``grown`` is by how many bytes the largest memory of the process has grown, ``aside`` how many bytes a library wrote
+    ``grown`` is by how many bytes the largest memory of the process has grown (from nothing, where it is one of its
+    own), ``aside`` how many bytes a library wrote
     to the outputs itself, past Python; they are counted where the outputs are files.
     """
 
@@ -141,6 +148,10 @@ def faults_of(found: Outcome, arguments: tuple[str, ...], folder: Path) -> list[
         wrong.append("an internal fault")
     if found.seconds > SLOWEST:
         wrong.append(f"{found.seconds:.1f} s")
+    if found.grown > LARGEST:
+        wrong.append(f"{found.grown / 1e9:.1f} GB")
+    if re.search(r"^\S+\.py:\d+: \w*Warning: ", found.err, re.MULTILINE):
+        wrong.append("a warning of Python")
     if found.aside:
         wrong.append("a library wrote to the outputs itself")
     wrong += [f"{character!r} on the terminal" for character in sorted(unprintable(found.err))]
@@ -192,7 +203,7 @@ def _faults_of_diagnostic(diagnostic: dict[str, Any], folder: Path) -> list[str]
         wrong.append("no message")
     name, line, column = diagnostic["file"], diagnostic["line"], diagnostic["column"]
     path = None if name is None else folder / Path(name).name
-    if path is None or not path.is_file():
+    if path is None or not path.is_file() or path.suffix in PACKED or path.stat().st_size > LOOKED_INTO:
         return wrong
     text = path.read_bytes().decode("utf-8", errors="replace")
     lines = re.split(r"\r\n|\r|\n", text)

@@ -11,10 +11,9 @@ from mbm.cli.failure import print_diagnostics, write_json
 from mbm.cli.inputs import named_paths
 from mbm.cli.options import reads_so_far, terminal, verbosity_options
 from mbm.cli.output import say
+from mbm.cli.statuses import OK, WRONG
 from mbm.text.shown import one_line
 from mbm.text.types import Severity
-
-OK, WRONG = 0, 2
 
 
 @click.command("check")

@@ -17,6 +17,7 @@ from mbm.cli.options import Terminal, problem_at, reads_so_far, terminal, verbos
 from mbm.cli.output import say, write_bytes
 from mbm.cli.outputs import check_outputs, document_bytes, outputs_of, write_outputs
 from mbm.cli.progress import ProgressBar
+from mbm.cli.statuses import ATTENTION, OK, WRONG
 from mbm.files.journal import note, option_role
 from mbm.text.types import MbmError
 
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
 NOT_YET = ("overlay", "scheduler", "allow_external")
 BACKENDS = ("auto", "native", "casadi", "numpy")
-OK, ATTENTION, WRONG = 0, 1, 2
 
 
 @click.command("solve")

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.data.columns import row_numbers
-from mbm.data.content import read_text
+from mbm.data.content import BLANKS, read_text
 from mbm.data.readers import faults as format_faults
 from mbm.data.readers.fields import number_columns, numbers_of
 from mbm.data.types import ManyReader, RawTable
@@ -35,7 +35,7 @@ def read(path: Path) -> Mapping[str, RawTable | MbmError]:
 
     Raises MbmError as ``read_text`` does, and malformed-record.
     """
-    text, digest = read_text(path)
+    text, digest = read_text(path, between=BLANKS)
     shown = path.as_posix()
     fields = text.split()
     numbers = numbers_of(fields)

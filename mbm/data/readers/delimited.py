@@ -6,101 +6,85 @@ at the end are passed over, comments are not. A row of several lines (a line bre
 
 from __future__ import annotations
 
+import codecs
 import csv
+import re
 from collections.abc import Iterator, Sequence
-from io import StringIO
 from itertools import islice
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mbm.data import faults
 from mbm.data.cells import column_from_texts
-from mbm.data.columns import check_names, column_length, row_numbers
-from mbm.data.content import read_text
+from mbm.data.columns import MOST_COLUMNS, check_names, column_length, row_numbers
+from mbm.data.content import PER_ROW, cells_in, check_table, check_text, read_bytes, text_of
 from mbm.data.readers import faults as format_faults
-from mbm.data.readers.decimals import decimals
+from mbm.data.readers.plain_rows import plain_columns
 from mbm.data.types import RawTable
 from mbm.problem.tables import Column, reads_as_number
 from mbm.text.types import DataPlace, Diagnostic, MbmError
 
 SEPARATOR_NAMES = {",": "commas", "\t": "tabulators", ";": "semicolons"}
-MOST_ROWS_REPORTED = 5
 ROWS_AT_ONCE = 500
 """Rows split before they are sorted into columns: with more, the garbage collector walks them again and again."""
+
+PER_PLAIN_CELL = 36
+"""Bytes for a cell of a plain file: its number, twice while the parts of a column are joined, and room to work."""
+
+_LINE = re.compile(r"[^\r\n]*(?:\r\n?|\n)|[^\r\n]+")
 
 
 def read_delimited(path: Path, separator: str) -> RawTable:
     """Read the file at ``path``, whose cells are separated by ``separator``.
 
     Raises MbmError as ``read_text`` does, and missing-header, wrong-separator, comment-line, bad-quotes, short-row,
-    long-row, bad-column-name, duplicate-column.
+    long-row, too-many-columns, bad-column-name, duplicate-column.
     """
-    text, digest = read_text(path)
-    shown = path.as_posix()
-    text = _without_blank_end(text.replace("\r\n", "\n"))
-    columns = _plain_columns(text, separator, shown)
+    content, digest = read_bytes(path)
+    content = content.removeprefix(codecs.BOM_UTF8)
+    columns = _plain(content, separator, path)
     if columns is None:
-        columns = _columns(text, separator, shown)
+        check_text(path, content, separator.encode())
+        text = text_of(content, path).replace("\r\n", "\n")
+        columns = _columns(text[: _last_line_end(text)], separator, path.as_posix())
     rows = row_numbers(2, column_length(columns[0]))
-    return RawTable(path=shown, sha256=digest, columns=columns, file_rows=rows)
+    return RawTable(path=path.as_posix(), sha256=digest, columns=columns, file_rows=rows)
 
 
-def _without_blank_end(text: str) -> str:
-    """The text up to its last line that is not blank; the tabulators at the end of that line are empty cells."""
+def _last_line_end(text: str) -> int:
+    """Where the last line ends that is not blank; the tabulators at the end of that line are empty cells."""
     end = len(text.rstrip(" \r\n"))
     breaks = [found for found in (text.find("\n", end), text.find("\r", end)) if found >= 0]
-    return text[: min(breaks, default=len(text))]
+    return min(breaks, default=len(text))
 
 
-def _plain_columns(text: str, separator: str, path: str) -> tuple[Column, ...] | None:
+def _plain(content: bytes, separator: str, path: Path) -> tuple[Column, ...] | None:
     """The columns of a file of ASCII without quotes that has one cell for every column in each row; None for others.
 
-    The result is that of ``_columns``, several times faster.
+    The result is that of ``_columns``, several times faster and in a third of the memory.
     """
-    header, line_break, body = text.partition("\n")
-    if not line_break or '"' in text or "\r" in text or not text.isascii():
+    if not content.isascii() or b'"' in content or b"\0" in content:
+        return None
+    cells = cells_in(content, separator.encode())
+    needed = 2 * len(content) + PER_PLAIN_CELL * cells + PER_ROW * content.count(b"\n")
+    check_table(path, cells, needed)
+    content = content.replace(b"\r\n", b"\n")
+    if b"\r" in content or content.isspace():
+        return None
+    last = content.find(b"\n", len(content.rstrip(b" \n")))
+    last = len(content) if last < 0 else last
+    first = content.find(b"\n", 0, last) + 1
+    if not first:
         return None
     try:
-        names = _names(next(_rows(header, separator), []), separator, path)
+        names = _names(next(_rows(content[: first - 1].decode("ascii"), separator), []), separator, path.as_posix())
     except csv.Error:
         return None
-    content = np.frombuffer(body.encode("ascii"), dtype=np.uint8)
-    stops = _ends_of_cells(content, len(names), separator)
-    if stops is None:
-        return None
-    starts = np.concatenate([np.zeros(1, dtype=np.int64), stops.ravel()[:-1] + 1]).reshape(stops.shape)
-    if int((stops - starts).max()) >= csv.field_size_limit():
-        return None
-    return tuple(_plain_column(name, body, content, starts[:, i], stops[:, i]) for i, name in enumerate(names))
-
-
-def _ends_of_cells(content: NDArray[np.uint8], width: int, separator: str) -> NDArray[np.int64] | None:
-    """Where each cell ends, shape (rows, width); None where a row has more or fewer cells, or is blank."""
-    is_break = content == ord("\n")
-    places = np.flatnonzero(is_break | (content == ord(separator)))
-    if (len(places) + 1) % width or (width == 1 and bool((np.diff(places, prepend=-1) == 1).any())):
-        return None
-    breaks = np.append(is_break[places], True).reshape(-1, width)
-    if not bool(breaks[:, -1].all()) or bool(breaks[:, :-1].any()):
-        return None
-    return np.append(places, len(content)).reshape(-1, width)
-
-
-def _plain_column(
-    name: str, body: str, content: NDArray[np.uint8], starts: NDArray[np.int64], stops: NDArray[np.int64]
-) -> Column:
-    """The column whose cells are ``body[start:stop]``."""
-    numbers = decimals(content, starts, stops)
-    if numbers is None:
-        return column_from_texts(name, [body[i:j] for i, j in zip(starts.tolist(), stops.tolist(), strict=True)])
-    numbers.setflags(write=False)
-    return Column(name=name, numbers=numbers)
+    return plain_columns(content, (first, last), separator, names, lambda cells: check_table(path, cells))
 
 
 def _rows(text: str, separator: str) -> Iterator[list[str]]:
-    return csv.reader(StringIO(text, newline=""), delimiter=separator, skipinitialspace=True, strict=True)
+    lines = (line[0] for line in _LINE.finditer(text))
+    return csv.reader(lines, delimiter=separator, skipinitialspace=True, strict=True)
 
 
 def _columns(text: str, separator: str, path: str) -> tuple[Column, ...]:
@@ -122,6 +106,8 @@ def _columns(text: str, separator: str, path: str) -> tuple[Column, ...]:
 def _names(header: Sequence[str], separator: str, path: str) -> tuple[str, ...]:
     """The names of the columns, blanks around them taken off."""
     place = DataPlace(file=path, row=1)
+    if len(header) > MOST_COLUMNS:
+        raise MbmError(faults.too_many_columns(place, len(header), MOST_COLUMNS))
     names = [name.strip() for name in header]
     if not any(names):
         raise MbmError(format_faults.missing_header(place, "is blank"))
@@ -147,7 +133,7 @@ def _row_faults(text: str, separator: str, path: str) -> list[Diagnostic]:
                 names = tuple(name.strip() for name in cells)
             elif len(cells) != len(names):
                 found.append(_width_fault(row, cells, names, path))
-            if len(found) == MOST_ROWS_REPORTED:
+            if len(found) == faults.MOST_ROWS_REPORTED:
                 break
     except csv.Error as error:
         found.append(format_faults.bad_quotes(DataPlace(file=path, row=row + 1), str(error)))

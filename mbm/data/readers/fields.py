@@ -13,7 +13,9 @@ from mbm.data.readers import faults as format_faults
 from mbm.problem.tables import Column, Numbers, reads_as_number
 from mbm.text.types import DataPlace, Diagnostic, MbmError
 
-MOST_LINES_REPORTED = 5
+LARGEST_DEVIATION = 1e-2
+"""How far RᵀR, or the length of a quaternion, may be from 1: files carry six digits or more, so what is beyond is no
+rotation."""
 
 Line = tuple[int, list[str]]
 """The number of a line, from 1, and its fields."""
@@ -40,7 +42,7 @@ def number_table(lines: Sequence[Line], names: tuple[str, ...], path: str) -> Nu
     width = len(names)
     wrong = [line for line in lines if len(line[1]) != width]
     if wrong:
-        raise MbmError(*(_width_fault(line, names, path) for line in wrong[:MOST_LINES_REPORTED]))
+        raise MbmError(*(_width_fault(line, names, path) for line in wrong[: faults.MOST_ROWS_REPORTED]))
     numbers = numbers_of([field for _, fields in lines for field in fields])
     if numbers is None:
         raise MbmError(*_not_numbers(lines, names, path))
@@ -88,6 +90,6 @@ def _not_numbers(lines: Sequence[Line], names: tuple[str, ...], path: str) -> li
                     format_faults.malformed_record(place, f"`{name}` is {format_faults.shown(cell)}, no number")
                 )
                 break
-        if len(found) == MOST_LINES_REPORTED:
+        if len(found) == faults.MOST_ROWS_REPORTED:
             break
     return found

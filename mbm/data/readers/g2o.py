@@ -20,12 +20,13 @@ from pathlib import Path
 import numpy as np
 
 from mbm.data.columns import row_numbers
-from mbm.data.content import read_text
+from mbm.data.content import BLANKS, read_text
 from mbm.data.readers import faults as format_faults
-from mbm.data.readers.fields import Line, line_numbers, lines_of, number_columns, number_table
-from mbm.data.readers.spanning import SPACE, euler_quaternions, placed, quaternion_matrices
+from mbm.data.readers.fields import LARGEST_DEVIATION, Line, line_numbers, lines_of, number_columns, number_table
+from mbm.data.readers.spanning import SPACE, euler_quaternions, placed
 from mbm.data.types import ManyReader, RawTable
 from mbm.problem.tables import ColumnGroup, Numbers
+from mbm.rotations import matrix_of_quaternion, unit
 from mbm.text.types import DataPlace, MbmError
 from mbm.values import dataclass
 
@@ -65,7 +66,6 @@ RECORDS: Mapping[str, Record] = {
     "EDGE_SE3:QUAT": Record(table=EDGES, dimension=3, pose=SPACE_POSE, information=_upper(6)),
     "EDGE3": Record(table=EDGES, dimension=3, pose=EULER_POSE, information=_upper(6)),
 }
-LARGEST_DEVIATION = 1e-2
 FIX = "FIX"
 PASSED_OVER = ("EQUIV", "PARAMS_")
 
@@ -81,7 +81,7 @@ def read(path: Path) -> Mapping[str, RawTable | MbmError]:
 
 
 def _read(path: Path) -> Mapping[str, RawTable | MbmError]:
-    text, digest = read_text(path)
+    text, digest = read_text(path, between=BLANKS)
     shown = path.as_posix()
     by_tag = _by_tag(lines_of(text), shown)
     fixed = {field for _, fields in by_tag.pop(FIX, []) for field in fields}
@@ -174,7 +174,7 @@ def _check_ids(ids: Numbers, lines: Sequence[Line], names: tuple[str, ...], path
 
 
 def _check_quaternions(quaternions: Numbers, lines: Sequence[Line], path: str) -> None:
-    """Files carry six digits or more: what is far from length 1 is no rotation."""
+    """What is far from length 1 is no rotation."""
     lengths = np.sqrt(np.square(quaternions).sum(axis=1))
     wrong = np.flatnonzero(~(np.abs(lengths - 1) < LARGEST_DEVIATION))
     if wrong.size:
@@ -228,7 +228,7 @@ def _along_the_measured(numbers: Numbers, dimension: int) -> Numbers:
     turn = np.zeros((len(numbers), size, size))
     turn[:, np.arange(size), np.arange(size)] = 1.0
     if dimension == SPACE:
-        turn[:, SPACE:, SPACE:] = quaternion_matrices(pose[:, 3:])
+        turn[:, SPACE:, SPACE:] = matrix_of_quaternion(unit(np.roll(pose[:, 3:], 1, axis=1)))
     else:
         c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
         turn[:, 1, 1], turn[:, 1, 2], turn[:, 2, 1], turn[:, 2, 2] = c, -s, s, c

@@ -16,6 +16,7 @@ from mbm.data.columns import check_names, columns_of_records, counted_table
 from mbm.data.content import read_text
 from mbm.data.readers import faults as format_faults
 from mbm.data.types import RawTable, Reader
+from mbm.files.json_text import MARKS, JsonError, parsed
 from mbm.problem.tables import Column
 from mbm.text.types import DataPlace, MbmError
 
@@ -29,7 +30,7 @@ def read(path: Path) -> RawTable:
     Raises MbmError as ``read_text`` does, and malformed-json, wrong-json-shape, no-columns, bad-column-name,
     duplicate-column, bad-cell, unequal-lengths, short-row, long-row.
     """
-    text, digest = read_text(path)
+    text, digest = read_text(path, between=MARKS)
     shown = path.as_posix()
     content = _parse(text, shown)
     if isinstance(content, list):
@@ -45,29 +46,16 @@ def read(path: Path) -> RawTable:
 
 def _parse(text: str, path: str) -> object:
     """The values in the text. JSON itself lets a name occur twice in an object; a table does not."""
-    twice: list[str] = []
-
-    def as_dict(pairs: list[tuple[str, object]]) -> dict[str, object]:
-        values = dict(pairs)
-        if len(values) != len(pairs) and not twice:
-            names = [name for name, _ in pairs]
-            twice.append(next(name for name in names if names.count(name) > 1))
-        return values
-
     try:
-        content: object = json.loads(text, object_pairs_hook=as_dict)
-    except json.JSONDecodeError as error:
-        place = DataPlace(file=path, row=error.lineno)
-        raise MbmError(format_faults.malformed_json(place, error.msg, error.colno)) from None
-    except RecursionError:
-        raise MbmError(format_faults.malformed_json(DataPlace(file=path), "it is nested too deeply")) from None
-    except ValueError as error:  # a whole number of more digits than Python converts
-        raise MbmError(format_faults.malformed_json(DataPlace(file=path), str(error))) from None
-    if twice:
-        raise MbmError(faults.duplicate_column(DataPlace(file=path), twice[0]))
+        found = parsed(text)
+    except JsonError as error:
+        place = DataPlace(file=path, row=error.line)
+        raise MbmError(format_faults.malformed_json(place, error.reason, error.column)) from None
+    if found.twice is not None:
+        raise MbmError(faults.duplicate_column(DataPlace(file=path), found.twice))
     if HALF_CHARACTER.search(text) is not None:
-        _check_characters(content, path)
-    return content
+        _check_characters(found.value, path)
+    return found.value
 
 
 def _check_characters(content: object, path: str) -> None:

@@ -17,24 +17,31 @@ from numpy.typing import NDArray
 from mbm.data import faults
 from mbm.data.cells import column_from_array
 from mbm.data.columns import check_names, counted_table
-from mbm.data.content import LARGEST_FILE, read_bytes
+from mbm.data.content import PER_ROW, check_table, most_unpacked, read_bytes
 from mbm.data.readers import faults as format_faults
 from mbm.data.types import RawTable, Reader
-from mbm.files.faults import file_too_large
+from mbm.files.memory import PER_VALUE
 from mbm.text.types import DataPlace, MbmError
 
 ARRAY_SUFFIX = ".npy"
+
+PER_NUMBER = 16
+"""Bytes for a number: in the column, and once more while it is made."""
 
 
 def read(path: Path) -> RawTable:
     """Read an npz file.
 
-    Raises MbmError as ``read_bytes`` does, and malformed-npz, no-columns, bad-column-name, duplicate-column, bad-array,
-    bad-cell, unequal-lengths.
+    Raises MbmError as ``read_bytes`` does, and malformed-npz, no-columns, too-many-columns, bad-column-name,
+    duplicate-column, too-much-memory, bad-array, bad-cell, unequal-lengths.
     """
     content, digest = read_bytes(path)
     shown = path.as_posix()
-    columns = [column_from_array(name, array, shown) for name, array in _arrays(content, shown, LARGEST_FILE)]
+    arrays = _arrays(content, shown, most_unpacked(len(content)))
+    cells = sum(array.size for _, array in arrays)
+    rows = max((array.size for _, array in arrays), default=0)
+    check_table(path, cells, sum(_needed(array) for _, array in arrays) + PER_ROW * rows)
+    columns = [column_from_array(name, array, shown) for name, array in arrays]
     return counted_table(shown, digest, columns)
 
 
@@ -52,9 +59,8 @@ def _arrays(content: bytes, path: str, largest: int) -> list[tuple[str, NDArray[
         raise MbmError(format_faults.malformed_npz(place, str(error))) from None
     with archive:
         members = archive.infolist()
-        size = sum(member.file_size for member in members)
-        if size > largest:
-            raise MbmError(file_too_large(Path(path), size, largest, place))
+        if sum(member.file_size for member in members) > largest:  # nothing beyond these sizes is unpacked
+            raise MbmError(faults.unpacks_too_large(place, len(content), largest))
         names = check_names([member.filename.removesuffix(ARRAY_SUFFIX) for member in members], place)
         arrays = []
         for name, member in zip(names, members, strict=True):
@@ -63,11 +69,17 @@ def _arrays(content: bytes, path: str, largest: int) -> list[tuple[str, NDArray[
             if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED) or member.flag_bits & 1:
                 raise MbmError(format_faults.malformed_npz(place, f"`{member.filename}` is packed in an unusual way"))
             try:
-                unpacked = archive.read(member)
+                with archive.open(member) as stream:  # not more than it says, whatever there is
+                    unpacked = stream.read(member.file_size)
             except damage as error:
                 raise MbmError(format_faults.malformed_npz(place, f"`{member.filename}`: {error}")) from None
             arrays.append((name, _array(unpacked, name, path)))
     return arrays
+
+
+def _needed(array: NDArray[Any]) -> int:
+    """Bytes for an array beside its column; texts become Python objects."""
+    return array.nbytes + (PER_VALUE if array.dtype.kind in "OSTUV" else PER_NUMBER) * array.size
 
 
 def _array(content: bytes, name: str, path: str) -> NDArray[Any]:

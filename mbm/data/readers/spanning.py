@@ -98,14 +98,3 @@ def euler_quaternions(angles: Numbers) -> Numbers:
             cr * cp * cy + sr * sp * sy,
         ]
     )
-
-
-def quaternion_matrices(quaternions: Numbers) -> Numbers:
-    """Rotation matrices (n, 3, 3) of quaternions ``qx qy qz qw`` (n, 4), not of length 1 to the last digit."""
-    x, y, z, w = (quaternions / np.sqrt(np.square(quaternions).sum(axis=1, keepdims=True))).T
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)

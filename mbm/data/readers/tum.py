@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mbm.data.content import read_text
+from mbm.data.content import BLANKS, read_text
 from mbm.data.readers.fields import line_numbers, lines_of, number_columns, number_table
 from mbm.data.types import RawTable, Reader
 
@@ -21,7 +21,7 @@ def read(path: Path) -> RawTable:
 
     Raises MbmError as ``read_text`` does, and short-row, long-row, malformed-record.
     """
-    text, digest = read_text(path)
+    text, digest = read_text(path, between=BLANKS)
     shown = path.as_posix()
     lines = lines_of(text)
     numbers = number_table(lines, POSE_COLUMNS, shown)

@@ -29,12 +29,12 @@ def _escaped(byte: int) -> str:
 
 def remark(*parts: Word) -> str:
     """A comment on one line."""
-    return f"/* {in_comment(told(*parts).unescaped)} */"
+    return f"/* {in_comment(told(*parts).unescaped_line())} */"
 
 
 def comment(lines: Iterable[Word]) -> str:
     """A comment of several lines, long ones over several."""
-    text = [in_comment(told(line).unescaped) for line in lines]
+    text = [in_comment(told(line).unescaped_line()) for line in lines]
     if len(text) == 1 and len(text[0]) < WIDTH - 6:
         return f"/* {text[0]} */"
     found = []

@@ -37,7 +37,8 @@ PROGRAM = '''def read_tables(paths: Sequence[str]) -> dict[str, dict[str, Any]]:
                 try:
                     values.append(row[place] if is_text else finite(row[place]) * factor)
                 except ValueError:
-                    raise DataError(f"{path}, row {number}, column `{source}`: `{row[place][:60]}` is no number") from None
+                    shown = row[place][:60]
+                    raise DataError(f"{path}, row {number}, column `{source}`: `{shown}` is no number") from None
             found[table][column] = np.array(values, dtype=str if is_text else float)
     return found
 

@@ -7,7 +7,6 @@ from textwrap import wrap
 
 from mbm.emit.foreign import Word, told
 from mbm.target.escaping import in_docstring
-from mbm.text.shown import one_line
 
 WIDTH = 116
 
@@ -24,13 +23,13 @@ def optional(text: Word | None) -> str:
 
 def remark(*parts: Word) -> str:
     """A comment to the end of the line."""
-    return f"# {one_line(told(*parts).unescaped)}"
+    return f"# {told(*parts).unescaped_line()}"
 
 
 def docstring(lines: Iterable[Word]) -> list[str]:
     """The documentation of a function, long lines over several."""
     found: list[str] = []
-    for text in (one_line(told(line).unescaped) for line in lines):
+    for text in (told(line).unescaped_line() for line in lines):
         indent = text[: len(text) - len(text.lstrip())]
         found += wrap(text, WIDTH - 4, subsequent_indent=indent + "    ", break_long_words=False) or [""]
     found = [in_docstring(line) for line in found]

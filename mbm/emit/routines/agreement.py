@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from math import sqrt
 
+from mbm.target.chi_square import consistency
+from mbm.target.decisions import STATED
 from mbm.target.solver.beginning import constraint_count
 from mbm.target.solver.consensus import agree
 from mbm.target.solver.consensus_description import (
@@ -19,17 +21,15 @@ from mbm.target.solver.consensus_description import (
     INSIDE,
     LIMITS,
     NOISE,
-    ROUNDINGS,
     RULED,
     RULED_GROUP,
     RULED_TYPE,
     STARTLESS,
+    UNIT_ROUNDINGS,
     place_vector_at,
     point_at,
     unit_vector_at,
 )
-from mbm.target.solver.consensus_laws import consistency
-from mbm.target.solver.consensus_order import STATED
 from mbm.target.solver.covariance import set_covariance
 from mbm.target.solver.description import (
     BLOCK,
@@ -141,7 +141,7 @@ def factor_of_loss(
             count += inside[u] * components[u]
             variance = bench[unit_vector_at(rules, NOISE) + u]
             if inside[u] == 1:
-                rounding = max(bench[unit_vector_at(rules, ROUNDINGS) + u], rounding)
+                rounding = max(bench[unit_vector_at(rules, UNIT_ROUNDINGS) + u], rounding)
     if count == 0 or total <= dimension or variance <= rounding:
         return 1.0
     return sqrt(variance)

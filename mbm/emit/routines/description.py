@@ -1,6 +1,6 @@
 """How unknowns are described to the routines: ``unknowns`` has `UNKNOWN` integers for each, then their pieces.
 
-Piece kinds are those of `mbm.target.solver.description`, and `NUMBER`.
+Piece kinds are those of `mbm.target.solver.description`.
 """
 
 from __future__ import annotations
@@ -21,4 +21,3 @@ PART_KIND = 0
 PART_NUMBER = 1
 PART_COORDINATE = 2
 PART = 3
-NUMBER = 0

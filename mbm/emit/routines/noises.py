@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import fabs, sqrt
 
 from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
+from mbm.target.decisions import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS
 from mbm.target.solver.batch import finish_solve, go_on, start_solve
 from mbm.target.solver.description import (
     BLOCK,
@@ -30,12 +31,6 @@ from mbm.target.solver.description import (
     UNIT_LAST,
 )
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
-
-ROUNDS_AT_MOST = 200
-SETTLED = 1e-9
-"""Relative change of every factor that ends the rounds."""
-LEAST_REDUNDANCY = 1e-9
-"""A group with less redundancy than this is not checked by anything."""
 
 SCATTER = 0
 """Sum of squares without the loss of tails that were cut off."""
@@ -191,7 +186,7 @@ def solve_noises(
         )
         going = 0
         if groups > 0 and states[REASON] != NOT_FINITE_AT_START:
-            if change > SETTLED and rounds < ROUNDS_AT_MOST:
+            if change > SETTLED_FACTORS and rounds < NOISE_ROUNDS:
                 going = 1  # also where the factors settle now: the last solve is one with the last of them
             rounds += 1
             change = factors_left(system, data, parameters, weights, index, columns, numbers, covariance, kappa, spare)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbm.target.decisions import MANY_CONNECTED
 from mbm.target.solver.consensus_description import BLOCKS_AT, MOST_ROWS, MOST_UNITS, RULED, RULED_TYPE
 from mbm.target.solver.description import (
     BLOCK,
@@ -26,9 +27,6 @@ from mbm.target.solver.description import (
 )
 from mbm.target.solver.description import BLOCKS_AT as SYSTEM_BLOCKS_AT
 from mbm.target.words import ConstantIntegers, Integer, Integers
-
-MANY = 60
-"""Connected unknowns from which on subsets are not tried (`mbm.solution.robust.many`)."""
 
 
 def side_by_side(system: ConstantIntegers, size: Integer, wide: Integers) -> None:
@@ -89,7 +87,7 @@ def lowest_label(count: Integer, line: ConstantIntegers, label: ConstantIntegers
 def connected(system: ConstantIntegers, data: ConstantIntegers, columns: ConstantIntegers, label: Integers) -> Integer:
     """1 if the equations connect all free coordinates, and these are few; ``label`` (n,) is scratch."""
     n = system[COORDINATES]
-    if n > MANY:
+    if n > MANY_CONNECTED:
         return 0
     for j in range(n):
         label[j] = j

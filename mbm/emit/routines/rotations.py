@@ -7,40 +7,6 @@ from math import atan2, floor, isfinite, pi, sqrt
 from mbm.target.words import ConstantReals, Real, Reals
 
 
-def quaternion_of_matrix(matrix: ConstantReals, quaternion: Reals) -> None:
-    """The unit quaternion (w, x, y, z) of a rotation matrix row by row (Shepperd 1978: the largest of four)."""
-    trace = matrix[0] + matrix[4] + matrix[8]
-    best = 0
-    largest = trace
-    for i in range(3):
-        if matrix[4 * i] > largest:
-            largest = matrix[4 * i]
-            best = i + 1
-    if best == 0:
-        quaternion[0] = 1.0 + trace
-        quaternion[1] = matrix[7] - matrix[5]
-        quaternion[2] = matrix[2] - matrix[6]
-        quaternion[3] = matrix[3] - matrix[1]
-    else:
-        i = best - 1
-        j = (i + 1) % 3
-        k = (i + 2) % 3
-        quaternion[0] = matrix[3 * k + j] - matrix[3 * j + k]
-        quaternion[1 + i] = 1.0 + matrix[4 * i] - matrix[4 * j] - matrix[4 * k]
-        quaternion[1 + j] = matrix[3 * j + i] + matrix[3 * i + j]
-        quaternion[1 + k] = matrix[3 * k + i] + matrix[3 * i + k]
-    length = sqrt(
-        quaternion[0] * quaternion[0]
-        + quaternion[1] * quaternion[1]
-        + quaternion[2] * quaternion[2]
-        + quaternion[3] * quaternion[3]
-    )
-    if quaternion[0] < 0.0:
-        length = -length
-    for i in range(4):
-        quaternion[i] = quaternion[i] / length
-
-
 def angle_of_matrix(matrix: ConstantReals) -> Real:
     """The angle of a rotation of the plane, row by row."""
     return atan2(matrix[2], matrix[0])
@@ -73,4 +39,4 @@ def begun(stated: Real, least: Real, greatest: Real, lower: Real, upper: Real) -
     return found
 
 
-ROUTINES = (quaternion_of_matrix, angle_of_matrix, unit_vector, within_turn, begun)
+ROUTINES = (angle_of_matrix, unit_vector, within_turn, begun)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from math import fabs, sqrt
 
 from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
+from mbm.target.decisions import EXHAUSTED, TOLD
 from mbm.target.solver.covariance import undetermined
 from mbm.target.solver.description import (
     BLOCK,
@@ -40,12 +41,6 @@ TRACES = 4
 SQUARED_TRACES = 5
 STATED = 6
 SUMS = 7
-
-FLAT = 1e-9
-"""A curvature below this share of the weights is rounding of none: no unit of the loss is inside its corner."""
-
-TOLD = 2.0
-"""Degrees of freedom from which on residuals alone tell their spread; below, the stated noise counts as well."""
 
 
 def same_loss(system: ConstantIntegers, constants: ConstantReals, unit: Integer, loss: Integer) -> Integer:
@@ -300,7 +295,7 @@ def sandwich(
 def curvature_left(sums: ConstantReals) -> Real:
     """The factor of A in H."""
     slope = sums[SLOPE] / max(sums[TOTAL], 1e-300)
-    return slope if fabs(slope) > FLAT else 0.0
+    return slope if fabs(slope) > EXHAUSTED else 0.0
 
 
 def put_between(

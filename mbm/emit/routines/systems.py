@@ -8,7 +8,6 @@ from __future__ import annotations
 from math import isfinite
 
 from mbm.emit.routines.description import (
-    NUMBER,
     PART,
     PART_COORDINATE,
     PART_KIND,
@@ -45,6 +44,7 @@ from mbm.target.solver.description import (
     INPUTS,
     MULTIPLIERS,
     NO_LOSS,
+    NUMBER,
     NUMBERS,
     OUTPUTS,
     PIECE,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mbm.kernels.types import Backend, Evaluation, Kernel, Stream, WithoutMachineCode
+from mbm.kernels.types import Backend, Evaluation, Kernel, KernelSet, Stream, WithoutMachineCode
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -15,9 +15,9 @@ MANY = 192
 instruction once per block of rows, CasADi once per row."""
 
 
-MOST_KERNELS = 64
-"""Kernels of one problem that machine code is made for: each takes some 20 ms to compile, which a solve of as many
-groups of rows does not give back."""
+MOST_KERNELS, MOST_INSTRUCTIONS = 64, 20_000
+"""Kernels of one problem that machine code is made for, and instructions in all of them: a kernel takes some 20 ms to
+compile, an instruction twice 20 µs, which solves of so many groups of rows do not give back."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,8 +47,12 @@ def backend(store: Store | None) -> Backend:
     return NativeBackend(store=store, name="auto") if reason is None else InterpretingBackend(reason)
 
 
-def suited(chosen: Backend, kernels: int) -> Backend:
-    """The ``chosen`` backend for a problem of so many kernels; the default one makes no machine code for very many."""
-    if chosen.name != "auto" or isinstance(chosen, WithoutMachineCode) or kernels <= MOST_KERNELS:
+def suited(chosen: Backend, kernels: KernelSet) -> Backend:
+    """The ``chosen`` backend for a problem; the default one makes no machine code where compiling does not pay."""
+    if chosen.name != "auto" or isinstance(chosen, WithoutMachineCode):
         return chosen
-    return InterpretingBackend(f"{kernels} kernels, more than the {MOST_KERNELS} for which compiling pays")
+    count = len(kernels.kernels)
+    length = sum(len(kernel.jacobian_program.instructions) for kernel in kernels.kernels)
+    if count <= MOST_KERNELS and length <= MOST_INSTRUCTIONS:
+        return chosen
+    return InterpretingBackend(f"{count} kernels with {length} instructions take longer to compile than to solve")

@@ -14,16 +14,16 @@ from mbm.kernels.functions import function_of
 from mbm.kernels.types import Floats, Kernel, Stream
 from mbm.values import dataclass
 
-BLOCK = 1024
+MAPPED_ROWS = 1024
 """Rows of one mapped function: CasADi's time to make it grows with its rows, so that many rows call it many times."""
 
 
 def _bind(function: casadi.Function, inputs: Floats, outputs: Floats) -> Callable[[], None]:
     """What evaluates ``function`` for all rows of ``inputs`` into ``outputs``: whole blocks, then the rest."""
     rows = len(inputs)
-    whole = rows - rows % BLOCK
+    whole = rows - rows % MAPPED_ROWS
     pieces = []
-    for size, starts in ((BLOCK, range(0, whole, BLOCK)), (rows - whole, range(whole, rows, BLOCK))):
+    for size, starts in ((MAPPED_ROWS, range(0, whole, MAPPED_ROWS)), (rows - whole, range(whole, rows, MAPPED_ROWS))):
         if len(starts):
             mapped = function.map(size) if size > 1 else function
             buffer: Any

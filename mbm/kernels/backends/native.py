@@ -13,7 +13,7 @@ from mbm.kernels.native.kernels import MANY, PLAIN, level_for
 from mbm.kernels.native.processor import vector_library
 from mbm.kernels.types import BackendUnavailableError, Evaluation, Floats, Kernel, MachineCode, Stream
 from mbm.target import plain_rows
-from mbm.target.vector_text import LANES
+from mbm.target.solver.description import LANES
 from mbm.target.vectors import NoPrinterError
 from mbm.values import dataclass
 

@@ -10,7 +10,8 @@ from mbm.kernels.native.engine import Library, compiled
 from mbm.kernels.native.kernels import level_for
 from mbm.kernels.native.processor import vector_library
 from mbm.kernels.types import Kernel
-from mbm.target.normal_rows import NO_LOSS, NormalRows, Unit, function
+from mbm.target.normal_rows import NormalRows, Unit, function
+from mbm.target.solver.description import NO_LOSS
 from mbm.target.vector_text import Text
 from mbm.values import dataclass
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from mbm.expression.algebra import add, apply, divide, multiply, subtract
+from mbm.expression.algebra import ONE, TWO, ZERO, add, apply, divide, multiply, subtract
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
@@ -18,9 +18,6 @@ from mbm.language.coerce import scalar
 from mbm.language.values import Array, Call, CameraValue, Value, describe
 from mbm.text.types import MbmError, Span
 
-_ONE = Number(1, NONE)
-_TWO = Number(2, NONE)
-_ZERO = Number(0, NONE)
 _NEAR = Number(1e-8, NONE)
 """Squared tangent of the angle from the axis below which two terms of its series do (the third is below 1e-16)."""
 
@@ -41,7 +38,7 @@ def _focal(call: Call, name: str) -> Expression:
     value = call.evaluator.world.lookup(name, call.span)
     if value is None:
         call.evaluator.warn(faults.default_focal_length(call.span, name))
-        return _ONE
+        return ONE
     return scalar(value, call.span)
 
 
@@ -64,20 +61,20 @@ def _fisheye(
     """The angle from the axis in place of its tangent; behind the camera's plane too. Near the axis by two terms."""
     squared = add(multiply(across, across, span), multiply(up, up, span), span)
     share = divide(squared, multiply(depth, depth, span), span)
-    ahead = Apply(Operation.LESS, (_ZERO, divide(depth, apply(Operation.ABS, depth, span=span), span)), span=span)
+    ahead = Apply(Operation.LESS, (ZERO, divide(depth, apply(Operation.ABS, depth, span=span), span)), span=span)
     near = Apply(Operation.AND, (Apply(Operation.LESS, (share, _NEAR), span=span), ahead), span=span)
     unit = divide(multiply(depth, depth, span), Number(Fraction(10**9), NONE), span)
     radius = apply(Operation.SQRT, apply(Operation.IF, near, unit, squared, span=span), span=span)
     far = divide(apply(Operation.ATAN2, radius, depth, span=span), radius, span)
-    series = subtract(_ONE, divide(share, Number(3, NONE), span), span)
+    series = subtract(ONE, divide(share, Number(3, NONE), span), span)
     ratio = apply(Operation.IF, near, divide(series, depth, span), far, span=span)
     theta2 = multiply(multiply(ratio, ratio, span), squared, span)
-    factor: Expression = _ONE
+    factor: Expression = ONE
     if camera.distortion:
-        radial: Expression = _ZERO
+        radial: Expression = ZERO
         for k in reversed(camera.distortion):
             radial = multiply(theta2, add(k, radial, span), span)
-        factor = add(_ONE, radial, span)
+        factor = add(ONE, radial, span)
     scale = multiply(ratio, factor, span)
     return multiply(across, scale, span), multiply(up, scale, span)
 
@@ -89,11 +86,11 @@ def _distort(camera: CameraValue, x: Expression, y: Expression, span: Span) -> t
     xx, yy, xy = multiply(x, x, span), multiply(y, y, span), multiply(x, y, span)
     r2 = add(xx, yy, span)
     radial: Expression = add(k2, multiply(r2, k3, span), span)
-    radial = add(_ONE, multiply(r2, add(k1, multiply(r2, radial, span), span), span), span)
+    radial = add(ONE, multiply(r2, add(k1, multiply(r2, radial, span), span), span), span)
 
     def tangential(own: Expression, cross: Expression, square: Expression) -> Expression:
-        mixed = multiply(_TWO, multiply(own, xy, span), span)
-        return add(mixed, multiply(cross, add(r2, multiply(_TWO, square, span), span), span), span)
+        mixed = multiply(TWO, multiply(own, xy, span), span)
+        return add(mixed, multiply(cross, add(r2, multiply(TWO, square, span), span), span), span)
 
     return (
         add(multiply(x, radial, span), tangential(p1, p2, xx), span),

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from mbm.expression.algebra import add, dot, multiply
-from mbm.expression.dimension import NONE
-from mbm.expression.nodes import Expression, Number
+from mbm.expression.algebra import ZERO, add, dot, multiply
+from mbm.expression.nodes import Expression
 from mbm.language import faults
 from mbm.language.coerce import vector
 from mbm.language.values import SCALARS, Array, Builtin, Call, Placeable, Transform, Value
 from mbm.language.vocabulary.rigid import pose
 from mbm.language.vocabulary.rotations import as_rotation
 from mbm.text.types import MbmError, Span
-
-_ZERO = Number(0, NONE)
 
 
 def translation_transform(value: Value, span: Span) -> Transform:
@@ -32,7 +29,7 @@ def scale_transform(value: Value, span: Span, dimension: int = 3) -> Transform:
     else:
         factors = vector(value, span).elements
     n = len(factors)
-    elements = tuple(factors[i] if i == j else _ZERO for i in range(n) for j in range(n))
+    elements = tuple(factors[i] if i == j else ZERO for i in range(n) for j in range(n))
     return Transform(Array((n, n), elements), None, "scale", value)
 
 

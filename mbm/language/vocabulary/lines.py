@@ -7,8 +7,7 @@ the side from which its points run counter-clockwise; those from a line of space
 
 from __future__ import annotations
 
-from mbm.expression.algebra import add, apply, divide, dot, multiply, negate, subtract, wrap
-from mbm.expression.dimension import NONE
+from mbm.expression.algebra import ONE, ZERO, add, apply, divide, dot, multiply, negate, subtract, wrap
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
 from mbm.language.coerce import scalar, vector
@@ -17,17 +16,14 @@ from mbm.language.vocabulary.cameras import project_point
 from mbm.language.vocabulary.vectors import norm_of
 from mbm.text.types import MbmError, Span
 
-_ZERO = Number(0, NONE)
-_ONE = Number(1, NONE)
-
 
 def line_through(p: tuple[Expression, ...], q: tuple[Expression, ...], span: Span) -> ImageLineValue:
     """The image line through two points, with its direction in [−π/2, π/2)."""
     dx, dy = (subtract(b, a, span) for a, b in zip(p, q, strict=True))
-    zero = multiply(_ZERO, dx, span) if isinstance(dx, Number) else subtract(dx, dx, span)
+    zero = multiply(ZERO, dx, span) if isinstance(dx, Number) else subtract(dx, dx, span)
     upright = Apply(Operation.AND, (_same(dx, zero, span), Apply(Operation.LESS, (zero, dy), span=span)), span=span)
     back = Apply(Operation.OR, (Apply(Operation.LESS, (dx, zero), span=span), upright), span=span)
-    sign = apply(Operation.IF, back, negate(_ONE, span), _ONE, span=span)
+    sign = apply(Operation.IF, back, negate(ONE, span), ONE, span=span)
     alpha = apply(Operation.ATAN2, multiply(sign, dy, span), multiply(sign, dx, span), span=span)
     length = apply(Operation.HYPOT, dx, dy, span=span)
     # ρ from the direction's sine and cosine themselves: no detour over the angle.
@@ -50,8 +46,8 @@ def line_difference(measured: Value, model: Value, span: Span) -> tuple[Expressi
     if known is None or found is None:
         raise MbmError(faults.length_clash(span, describe(measured), describe(model)))
     turn = subtract(found.alpha, known.alpha, span)
-    opposite = Apply(Operation.LESS, (apply(Operation.COS, turn, span=span), _ZERO), span=span)
-    half = apply(Operation.ATAN2, _ZERO, negate(_ONE, span), span=span)
+    opposite = Apply(Operation.LESS, (apply(Operation.COS, turn, span=span), ZERO), span=span)
+    half = apply(Operation.ATAN2, ZERO, negate(ONE, span), span=span)
     straight = wrap(turn, span)
     turned = apply(Operation.IF, opposite, wrap(subtract(turn, half, span), span), straight, span=span)
     rho = apply(Operation.IF, opposite, negate(found.rho, span), found.rho, span=span)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from mbm.expression.algebra import add, apply, divide, dot, multiply, negate, number, subtract, wrap
+from mbm.expression.algebra import ONE, TWO, ZERO, add, apply, divide, dot, multiply, negate, number, subtract, wrap
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Apply, Expression, Number, Operation
 from mbm.language import faults
@@ -15,10 +15,7 @@ from mbm.language.values import Array, PoseValue, RotationValue, Value, describe
 from mbm.language.vocabulary.vectors import norm_of, product, transposed
 from mbm.text.types import MbmError, Span
 
-_ZERO = Number(0, NONE)
-_ONE = Number(1, NONE)
-_TWO = Number(2, NONE)
-_SMALL = Number(2.5e-3, NONE)
+_SMALL_SINE = Number(2.5e-3, NONE)
 """Squared sine below which asin(x)/x is taken from its series (remainder below 1e-16)."""
 
 _ASIN = (1.0, 6.0, 40 / 3, 112 / 5, 1152 / 35, 2816 / 63)
@@ -34,13 +31,12 @@ def plane_rotation(angle: Expression, span: Span) -> RotationValue:
 def quaternion_rotation(unit: tuple[Expression, ...], span: Span) -> RotationValue:
     """The rotation of a quaternion (w, x, y, z) of length 1."""
     w, x, y, z = unit
-    two = Number(2, NONE)
 
     def double(a: Expression, b: Expression) -> Expression:
-        return multiply(two, multiply(a, b, span), span)
+        return multiply(TWO, multiply(a, b, span), span)
 
     def diagonal(a: Expression, b: Expression) -> Expression:
-        return subtract(_ONE, add(double(a, a), double(b, b), span), span)
+        return subtract(ONE, add(double(a, a), double(b, b), span), span)
 
     elements = (
         diagonal(y, z),
@@ -126,7 +122,7 @@ def inverse_pose(p: PoseValue, span: Span) -> PoseValue:
     moved = rotate_vector(rotation, tuple(negate(t, span) for t in p.translation), span)
     if p.scale is None:
         return PoseValue(rotation, moved)
-    scale = divide(_ONE, p.scale, span)
+    scale = divide(ONE, p.scale, span)
     return PoseValue(rotation, tuple(multiply(scale, e, span) for e in moved), scale)
 
 
@@ -160,8 +156,8 @@ def logarithm(r: RotationValue, span: Span) -> tuple[Expression, ...]:
         return (wrap(r.angle if r.angle is not None else apply(Operation.ATAN2, m[2], m[0], span=span), span),)
     w, *v = r.quaternion if r.quaternion is not None else _quaternion_of(r.matrix.elements, span)
     squared = dot(tuple(v), tuple(v), span)
-    small = Apply(Operation.LESS, (squared, _SMALL), span=span)
-    sine = apply(Operation.SQRT, apply(Operation.IF, small, _ONE, squared, span=span), span=span)
+    small = Apply(Operation.LESS, (squared, _SMALL_SINE), span=span)
+    sine = apply(Operation.SQRT, apply(Operation.IF, small, ONE, squared, span=span), span=span)
     positive = _positive(w, span)
     # q and −q are one rotation: the one with w ≥ 0 has the shorter angle.
     ahead = divide(apply(Operation.ATAN2, sine, w, span=span), sine, span)
@@ -174,7 +170,7 @@ def logarithm(r: RotationValue, span: Span) -> tuple[Expression, ...]:
         apply(Operation.IF, small, negate(series, span), behind, span=span),
         span=span,
     )
-    doubled = multiply(_TWO, factor, span)
+    doubled = multiply(TWO, factor, span)
     return tuple(multiply(doubled, e, span) for e in v)
 
 
@@ -188,15 +184,15 @@ def _quaternion_of(m: tuple[Expression, ...], span: Span) -> tuple[Expression, .
     for k in range(4):
         signed = trace
         if k:
-            signed = subtract(multiply(_TWO, diagonal[k - 1], span), trace, span)
+            signed = subtract(multiply(TWO, diagonal[k - 1], span), trace, span)
         # 1 at least where this candidate is the one chosen; elsewhere it only has to be a number.
-        fourfold = apply(Operation.MAXIMUM, add(_ONE, signed, span), Number(Fraction(1, 2), NONE), span=span)
+        fourfold = apply(Operation.MAXIMUM, add(ONE, signed, span), Number(Fraction(1, 2), NONE), span=span)
         root = apply(Operation.SQRT, fourfold, span=span)
-        divisor = multiply(_TWO, root, span)
+        divisor = multiply(TWO, root, span)
         found: list[Expression] = []
         for j in range(4):
             if j == k:
-                found.append(divide(root, _TWO, span))
+                found.append(divide(root, TWO, span))
             else:
                 low, high = sorted((j, k))
                 entry = pairs[high - 1] if low == 0 else sums[low, high]
@@ -210,7 +206,7 @@ def _quaternion_of(m: tuple[Expression, ...], span: Span) -> tuple[Expression, .
             test = Apply(Operation.AND, (test, other), span=span)
         pairs_ = zip(candidates[k], result, strict=True)
         result = tuple(apply(Operation.IF, test, a, b, span=span) for a, b in pairs_)
-    test = Apply(Operation.LESS, (_ZERO, trace), span=span)
+    test = Apply(Operation.LESS, (ZERO, trace), span=span)
     return tuple(apply(Operation.IF, test, a, b, span=span) for a, b in zip(candidates[0], result, strict=True))
 
 
@@ -257,9 +253,9 @@ def direction_difference(
     along = dot(m, d, span)
     squared = dot(across, across, span)
     small = Apply(
-        Operation.AND, (Apply(Operation.LESS, (squared, _SMALL), span=span), _positive(along, span)), span=span
+        Operation.AND, (Apply(Operation.LESS, (squared, _SMALL_SINE), span=span), _positive(along, span)), span=span
     )
-    sine = apply(Operation.SQRT, apply(Operation.IF, small, _ONE, squared, span=span), span=span)
+    sine = apply(Operation.SQRT, apply(Operation.IF, small, ONE, squared, span=span), span=span)
     exact = divide(apply(Operation.ATAN2, sine, along, span=span), sine, span)
     series = power_series(squared, _ASIN, span)
     factor = apply(Operation.IF, small, series, exact, span=span)
@@ -269,11 +265,11 @@ def direction_difference(
 def tangent_axes(unit: tuple[Expression, ...], span: Span) -> tuple[tuple[Expression, ...], tuple[Expression, ...]]:
     """Two unit vectors orthogonal to a unit vector and to one another (Duff et al. 2017, without branches)."""
     x, y, z = unit
-    sign = apply(Operation.IF, Apply(Operation.LESS, (z, _ZERO), span=span), negate(_ONE, span), _ONE, span=span)
-    a = divide(negate(_ONE, span), add(sign, z, span), span)
+    sign = apply(Operation.IF, Apply(Operation.LESS, (z, ZERO), span=span), negate(ONE, span), ONE, span=span)
+    a = divide(negate(ONE, span), add(sign, z, span), span)
     b = multiply(multiply(x, y, span), a, span)
     first = (
-        add(_ONE, multiply(sign, multiply(multiply(x, x, span), a, span), span), span),
+        add(ONE, multiply(sign, multiply(multiply(x, x, span), a, span), span), span),
         multiply(sign, b, span),
         negate(multiply(sign, x, span), span),
     )
@@ -282,7 +278,7 @@ def tangent_axes(unit: tuple[Expression, ...], span: Span) -> tuple[tuple[Expres
 
 
 def _positive(node: Expression, span: Span) -> Expression:
-    return Apply(Operation.LESS, (_ZERO, node), span=span)
+    return Apply(Operation.LESS, (ZERO, node), span=span)
 
 
 def _kind(value: Value) -> tuple[str, int]:

@@ -7,9 +7,9 @@ Convention: a rotation matrix R maps coordinates of the rotated frame to those o
 from __future__ import annotations
 
 from mbm.expression import algebra
-from mbm.expression.algebra import add, apply, constant_value, divide, dot, multiply, negate, subtract
+from mbm.expression.algebra import ONE, TWO, ZERO, add, apply, constant_value, divide, dot, multiply, negate, subtract
 from mbm.expression.dimension import NONE
-from mbm.expression.nodes import Apply, Expression, Number, Operation
+from mbm.expression.nodes import Apply, Expression, Number, Operation, nearest
 from mbm.language import faults
 from mbm.language.coerce import scalar, vector
 from mbm.language.values import Array, Builtin, Call, PoseValue, RotationValue, Value, describe
@@ -26,9 +26,7 @@ from mbm.language.vocabulary.rigid import (
 )
 from mbm.text.types import MbmError, Span
 
-_ZERO = Number(0, NONE)
-_ONE = Number(1, NONE)
-_SMALL = Number(2.5e-3, NONE)
+_SMALL_ANGLE = Number(2.5e-3, NONE)
 """Squared angle below which sin x / x and (1 − cos x)/x² are taken from their series (remainder below 1e-16)."""
 
 ORTHONORMAL_TO = 1e-9
@@ -82,7 +80,7 @@ def as_rotation(value: Value, span: Span) -> RotationValue:
 def _may_rotate(m: Array) -> bool:
     """Whether the columns of a constant matrix are orthonormal; one that holds data or unknowns is taken at its word."""
     known = [constant_value(e) for e in m.elements]
-    values = [float(v) for v in known if v is not None]
+    values = [nearest(v) for v in known if v is not None]
     if len(values) < len(known):
         return True
     n = m.shape[0]
@@ -95,7 +93,7 @@ def _may_rotate(m: Array) -> bool:
 
 def _axis_rotation(axis: int, call: Call) -> Value:
     angle = scalar(call.arguments[0], call.forms[0].span)
-    angles = tuple(angle if i == axis else _ZERO for i in range(3))
+    angles = tuple(angle if i == axis else ZERO for i in range(3))
     return euler(angles, call.span)
 
 
@@ -119,7 +117,7 @@ def _axis_angle(call: Call) -> Value:
         for j in range(3):
             outer = multiply(b, multiply(v[i], v[j], span), span)
             if i == j:
-                diagonal = subtract(_ONE, multiply(b, squared, span), span)
+                diagonal = subtract(ONE, multiply(b, squared, span), span)
                 rows.append(add(diagonal, outer, span))
             else:
                 k = 3 - i - j
@@ -130,12 +128,12 @@ def _axis_angle(call: Call) -> Value:
 
 
 def _sinc_pair(squared: Expression, span: Span) -> tuple[Expression, Expression]:
-    small = Apply(Operation.LESS, (squared, _SMALL), span=span)
-    safe = apply(Operation.IF, small, _ONE, squared, span=span)
+    small = Apply(Operation.LESS, (squared, _SMALL_ANGLE), span=span)
+    safe = apply(Operation.IF, small, ONE, squared, span=span)
     angle = apply(Operation.SQRT, safe, span=span)
-    half_sine = apply(Operation.SIN, divide(angle, Number(2, NONE), span), span=span)
+    half_sine = apply(Operation.SIN, divide(angle, TWO, span), span=span)
     exact_a = divide(apply(Operation.SIN, angle, span=span), angle, span)
-    exact_b = divide(multiply(Number(2, NONE), multiply(half_sine, half_sine, span), span), safe, span)
+    exact_b = divide(multiply(TWO, multiply(half_sine, half_sine, span), span), safe, span)
     series_a = power_series(squared, (1, -6, 120, -5040), span)
     series_b = power_series(squared, (2, -24, 720, -40320), span)
     return (
@@ -155,7 +153,7 @@ def _look_at(call: Call) -> Value:
     """The pose of a frame at ``eye`` whose x axis points to ``target``, with z as near to ``up`` as can be."""
     span = call.span
     eye, target = (vector(v, f.span, 3) for v, f in zip(call.arguments[:2], call.forms[:2], strict=True))
-    up: tuple[Expression, ...] = (_ZERO, _ZERO, _ONE)
+    up: tuple[Expression, ...] = (ZERO, ZERO, ONE)
     if len(call.arguments) == 3:
         up = vector(call.arguments[2], call.forms[2].span, 3).elements
     forward = unit_vector(tuple(subtract(t, e, span) for t, e in zip(target.elements, eye.elements, strict=True)), span)

@@ -40,6 +40,12 @@ TOO_MANY_STATIC_VALUES = Code(
     "A column decides what the equations are, and it has more distinct values than can be compiled.",
     "Use the column as a family's key or as a number, which costs nothing.",
 )
+TOO_MUCH_TO_COMPILE = Code(
+    "too-much-to-compile",
+    "The problem writes out more equations, or longer ones, than are derived and compiled for one problem.",
+    "Put what is repeated into a table: `(observe TABLE …)`, `:over TABLE` and `:per TABLE` hold for all of its rows"
+    " and are compiled once.",
+)
 DEPENDS_ON_UNKNOWN = Code(
     "depends-on-unknown",
     "A weight, start, bound or filter has to be known before the solve, but its form holds an unknown.",
@@ -199,6 +205,24 @@ def too_many_static_values(span: Span, table: str, limit: int) -> Diagnostic:
         code=TOO_MANY_STATIC_VALUES,
         message=f"the rows of `{table}` fall into more than {limit} groups that each need their own equations",
         place=span, hint="use the column as a family's key or as a number",
+    )  # fmt: skip
+
+
+def too_many_equations(span: Span, limit: int) -> Diagnostic:
+    """More equations that are compiled one by one than may be."""
+    return Diagnostic(
+        code=TOO_MUCH_TO_COMPILE,
+        message=f"up to here the problem has more than {limit:,} equations that are each compiled", place=span,
+        hint="put what is repeated into a table: its rows share one equation",
+    )  # fmt: skip
+
+
+def too_many_operations(span: Span, limit: int) -> Diagnostic:
+    """More operations in all equations than may be."""
+    return Diagnostic(
+        code=TOO_MUCH_TO_COMPILE,
+        message=f"up to here the equations of the problem hold more than {limit:,} operations", place=span,
+        hint="put what is repeated into a table: its rows share one equation",
     )  # fmt: skip
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from mbm.expression.algebra import ZERO
 from mbm.expression.dimension import NONE
 from mbm.expression.nodes import Column, ColumnMember, Expression, LiteralMember, Member, Number
 from mbm.language import faults as language_faults
 from mbm.language.coerce import scalar, vector
-from mbm.language.scope import Scope
-from mbm.language.values import SCALARS, CameraValue, FamilyValue, TextColumn, Value
+from mbm.language.values import SCALARS, CameraValue, FamilyValue, Scope, TextColumn, Value
 from mbm.problem.elaboration import Workspace
 from mbm.problem.options import Options, split_options
 from mbm.problem.reading.unknowns import family_of, keys_of
@@ -55,7 +55,7 @@ def read_camera(work: Workspace, clause: Sequence) -> None:
         return CameraValue(
             name.name,
             _pair(work, options, "focal", Number(1, NONE if model in _COEFFICIENTS else None), scope),
-            _pair(work, options, "center", Number(0, NONE), scope),
+            _pair(work, options, "center", ZERO, scope),
             _distortion(work, distortion, model, scope),
             axes,
             model,
@@ -120,4 +120,4 @@ def _distortion(work: Workspace, form: Form | None, model: str, scope: Scope) ->
     if len(elements) > most:
         message = f"{len(elements)} coefficients"
         raise MbmError(language_faults.length_clash(form.span, message, f"{names} (at most {most})"))
-    return elements + (Number(0, NONE),) * (most - len(elements))
+    return elements + (ZERO,) * (most - len(elements))

@@ -8,7 +8,7 @@ from dataclasses import replace
 from mbm.expression.algebra import UndefinedValueError, constant_value
 from mbm.expression.dimension import Dimension
 from mbm.expression.inference import Declared, Inference
-from mbm.expression.nodes import Constant, Expression, Number, leaves
+from mbm.expression.nodes import Constant, Expression, Number, leaves, nearest
 from mbm.language import faults as language_faults
 from mbm.language.coerce import vector
 from mbm.language.values import SCALARS, Array, ListValue, Value, describe
@@ -117,7 +117,7 @@ def _constant(node: Expression, name: str, span: Span) -> Constant:
     if found is None:
         raise MbmError(language_faults.not_static(span, f"the constant `{name}`"))
     dimension = node.dimension if isinstance(node, Number | Constant) else _dimension(node)
-    number = float(found)
+    number = nearest(found)
     if not math.isfinite(number):
         raise MbmError(language_faults.undefined_value(span, name))
     return Constant(name, number, dimension, span, node.angle)

@@ -6,8 +6,8 @@ from mbm.expression.algebra import number
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, RowChoice, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, integer
-from mbm.language.scope import LocalScope, Scope
-from mbm.language.values import Array, PoseValue, RotationValue
+from mbm.language.scope import LocalScope
+from mbm.language.values import Array, PoseValue, RotationValue, Scope
 from mbm.language.vocabulary.rigid import geometric_difference
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace, shaped
@@ -22,7 +22,7 @@ from mbm.problem.types import Block, BlockRole, Equation, EquationCase, NoiseKin
 from mbm.shapes.constraints import calls_with_constraints
 from mbm.shapes.model import ModelLog
 from mbm.shapes.types import ModelCall, ModelConstraint, Shape
-from mbm.text.printer import print_form
+from mbm.text.printer import print_beginning
 from mbm.text.suggest import closest
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
@@ -51,9 +51,16 @@ def read_constraints(work: Workspace, clause: Sequence, taken: TakenNames) -> li
                 continue
             refused.add(each.form.span)
             with work.collecting():
-                found.append(_read(work, each, taken))
+                found.append(_counted(work, _read(work, each, taken)))
                 refused.remove(each.form.span)
     return [block for block in found if block is not None]
+
+
+def _counted(work: Workspace, block: Block | None) -> Block | None:
+    """The block, of which account is taken."""
+    if block is not None:
+        work.extent.add(block)
+    return block
 
 
 def _unrolled(work: Workspace, form: Form, variables: tuple[tuple[str, int], ...]) -> list[_Bound]:
@@ -220,15 +227,9 @@ def _name(form: Form | None, bound: _Bound, taken: TakenNames) -> str:
     elif bound.form.head == "normal":
         base = f"normal {bound.form.items[1].span.text}" if len(bound.form.items) > 1 else "normal"
     else:
-        base = _short(bound.form)
+        base = print_beginning(bound.form, _LONGEST_NAME)
     base += "".join(f" {name}={value}" for name, value in bound.variables)
     return taken.free(base, bound.form.span)
-
-
-def _short(form: Form) -> str:
-    """The form on one line; only its beginning where it is long."""
-    text = print_form(form)
-    return text if len(text) <= _LONGEST_NAME else text[: _LONGEST_NAME - 1] + "…"
 
 
 def model_constraints(work: Workspace, log: ModelLog, taken: TakenNames) -> list[Block]:
@@ -240,7 +241,7 @@ def model_constraints(work: Workspace, log: ModelLog, taken: TakenNames) -> list
     for call in calls_with_constraints(Shape(content=c, span=c.span) for c in log.calls):
         for constraint in call.constraints:
             with work.collecting():
-                found.append(_of_model(work, call, constraint, taken))
+                found.append(_counted(work, _of_model(work, call, constraint, taken)))
     return [block for block in found if block is not None]
 
 

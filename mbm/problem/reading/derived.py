@@ -5,15 +5,7 @@ from __future__ import annotations
 from mbm.expression.nodes import Expression
 from mbm.language import faults as language_faults
 from mbm.language.coerce import scalar, vector
-from mbm.language.scope import Scope
-from mbm.language.values import (
-    Array,
-    ListValue,
-    Placeable,
-    PoseValue,
-    RotationValue,
-    Value,
-)
+from mbm.language.values import Array, ListValue, Placeable, PoseValue, RotationValue, Scope, Value
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace
 from mbm.problem.manifold import manifold_of
@@ -32,6 +24,7 @@ def read_derived(work: Workspace, clause: Sequence) -> list[Derived]:
     for item in clause.items[1:]:
         with work.collecting():
             found.append(_derived(work, item))
+            work.extent.add(found[-1])
     return found
 
 

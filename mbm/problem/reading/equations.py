@@ -6,19 +6,19 @@ from mbm.expression.algebra import apply, wrap
 from mbm.expression.nodes import Apply, Column, Component, Expression, Operation, RowChoice, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, difference, is_form, scalar, vector
-from mbm.language.evaluator import Evaluator
 from mbm.language.functions import UserMacro
-from mbm.language.scope import Scope
 from mbm.language.special import clauses_of_cond, cond_condition, let_scope
 from mbm.language.values import (
     SCALARS,
     Array,
     Call,
+    Evaluator,
     ImageLineValue,
     ListValue,
     Placeable,
     PoseValue,
     RotationValue,
+    Scope,
     TextColumn,
     Value,
     describe,

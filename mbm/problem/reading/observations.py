@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from mbm.expression.nodes import Expression, Number
 from mbm.language import faults as language_faults
-from mbm.language.scope import Scope
+from mbm.language.values import Scope
 from mbm.problem import faults
 from mbm.problem.elaboration import Workspace, shaped
 from mbm.problem.naming import TakenNames

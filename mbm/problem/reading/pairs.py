@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mbm.expression.nodes import Constant, Number
+from mbm.expression.nodes import Constant, Number, nearest
 from mbm.expression.units import parse_unit
 from mbm.language import faults as language_faults
 from mbm.language.values import describe
@@ -71,7 +71,7 @@ def stretch(work: Workspace, form: Form, tables: tuple[Table, ...], column: str,
             left = f"`{form.span.text}`, {value.dimension.describe()},"
             right = f"column `{column}` of `{table.name}`, {known.dimension.describe()}"
             raise MbmError(faults.unit_clash(form.span, left, right, ()))
-    number = float(value.value)
+    number = nearest(value.value)
     if not 0 < number < float("inf"):
         raise MbmError(language_faults.bad_form(form.span, f"`{what}` is a number above zero", f"{what} 1s"))
     return number

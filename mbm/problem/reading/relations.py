@@ -29,7 +29,7 @@ from mbm.values import dataclass
 
 SIGNS = {"<": "<", "<=": "≤", ">": "<", ">=": "≤", "uniform": "≤", "=": "="}
 
-ROUNDING = 1e-12
+EQUAL_NUMBERS = 1e-12
 """Known numbers that differ by less than this share of them are equal."""
 
 
@@ -160,7 +160,7 @@ def refuse_contradictions(
             continue
         numbers = evaluate((pair.left, pair.right, pair.component), lookup(table, positions, tables))
         left, right, value = np.broadcast_arrays(*(np.atleast_1d(np.asarray(each, dtype=float)) for each in numbers))
-        rounding = ROUNDING * (np.abs(left) + np.abs(right))
+        rounding = EQUAL_NUMBERS * (np.abs(left) + np.abs(right))
         if kind is ConstraintKind.EQUAL:
             holds = np.abs(value) <= rounding
         elif kind in (ConstraintKind.BELOW, ConstraintKind.ABOVE):

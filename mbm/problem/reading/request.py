@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence as Many
 from dataclasses import replace
 
+from mbm.expression.nodes import nearest
 from mbm.language import faults as language_faults
 from mbm.language.coerce import integer, static_number
 from mbm.problem import faults
@@ -173,7 +174,7 @@ def _integer(work: Workspace, form: Form | None, default: int, low: int, high: i
 def _tolerance(work: Workspace, form: Form | None) -> float:
     if form is None:
         return Request().tolerance
-    value = float(static_number(work.evaluator.wanted(form, work.scope), form.span))
+    value = nearest(static_number(work.evaluator.wanted(form, work.scope), form.span))
     if not 0 < value < 1:
         raise MbmError(language_faults.bad_form(form.span, "`:tolerance` should lie between 0 and 1", USAGE))
     return value

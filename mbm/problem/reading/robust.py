@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 
 from mbm.expression.dimension import NONE as DIMENSIONLESS
-from mbm.expression.nodes import Number
+from mbm.expression.nodes import Number, nearest
 from mbm.language import faults as language_faults
 from mbm.language.coerce import integer, static_number
 from mbm.problem import faults
@@ -100,7 +100,7 @@ def _named(form: Form | None, usage: str) -> tuple[str, tuple[Form, ...]]:
 def _number(work: Workspace, form: Form, low: float, high: float, wrong: str, usage: str = LOSS_USAGE) -> float:
     """A number without a unit above ``low`` and up to ``high``, both finite or not."""
     given = work.evaluator.wanted(form, work.scope)
-    value = float(static_number(given, form.span))
+    value = nearest(static_number(given, form.span))
     measured = isinstance(given, Number) and given.dimension not in (None, DIMENSIONLESS)
     if measured or not (low < value <= high and abs(value) < inf):
         raise MbmError(language_faults.bad_form(form.span, wrong, usage))

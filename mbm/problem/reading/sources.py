@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from mbm.expression.nodes import Constant, Number
+from mbm.expression.nodes import Constant, Number, nearest
 from mbm.expression.units import Unit
 from mbm.language import faults as language_faults
-from mbm.language.evaluator import Evaluator
-from mbm.language.scope import Scope
-from mbm.language.values import describe
+from mbm.language.values import Evaluator, Scope, describe
 from mbm.problem import faults
 from mbm.problem.options import split_options
 from mbm.problem.reading.unknowns import stated_unit
@@ -217,7 +215,7 @@ def _cell(evaluator: Evaluator, scope: Scope, form: Form) -> tuple[float | str, 
         return form.name, None
     value = evaluator.wanted(form, scope)
     if isinstance(value, Number | Constant):
-        return float(value.value), value.dimension.symbol() if value.dimension is not None else None
+        return nearest(value.value), value.dimension.symbol() if value.dimension is not None else None
     raise MbmError(language_faults.wrong_kind(form.span, "a number or a text", describe(value)))
 
 

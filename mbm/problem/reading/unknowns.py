@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
-from math import prod
+from math import isfinite, prod
 
-from mbm.expression.nodes import Column, ColumnMember, Component, Constant, Expression, LiteralMember, Member, Number
+from mbm.expression.nodes import (
+    Column,
+    ColumnMember,
+    Component,
+    Constant,
+    Expression,
+    LiteralMember,
+    Member,
+    Number,
+    nearest,
+)
 from mbm.expression.units import Unit, parse_unit, refused_unit
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, integer, static_number, vector
-from mbm.language.scope import Scope
-from mbm.language.values import Array, FamilyValue, PoseValue, RotationValue, TextColumn, Value, described_with_space
+from mbm.language.values import (
+    Array,
+    FamilyValue,
+    PoseValue,
+    RotationValue,
+    Scope,
+    TextColumn,
+    Value,
+    described_with_space,
+)
 from mbm.language.vocabulary.rigid import (
     direction_difference,
     geometric_difference,
@@ -367,5 +385,8 @@ def stated_numbers(declaration: Declaration, value: Value, span: Span) -> tuple[
     elements = _stated(declaration, value, span) if declaration.dimension else shaped(value, declaration.shape, span)
     for element in elements:
         dimension = element.dimension if isinstance(element, Number | Constant) else None
-        found.append(Number(float(static_number(element, span)), dimension, element.span))
+        number = nearest(static_number(element, span))
+        if not isfinite(number):
+            raise MbmError(language_faults.undefined_value(span, declaration.name.name))
+        found.append(Number(number, dimension, element.span))
     return tuple(found)

@@ -20,7 +20,7 @@ PLAUSIBLE = 1e3
 """Cost of another solution beside that of the best, above which it is not followed."""
 
 
-ALIKE = 1e-6
+SAME_COSTS = 1e-6
 """Difference of costs, relative and absolute, below which solutions stay in the order in which they were given."""
 
 
@@ -152,7 +152,7 @@ def _ranked(plan: Plan, found: Floats) -> Floats:
     any_inside = np.isfinite(best)
     dropped = ~usable | (any_inside & ~inside) | (costs > PLAUSIBLE * np.where(any_inside, best, np.inf) + PLAUSIBLE)
     with np.errstate(invalid="ignore"):
-        alike = np.where(costs <= best * (1 + ALIKE) + ALIKE, best, costs)
+        alike = np.where(costs <= best * (1 + SAME_COSTS) + SAME_COSTS, best, costs)
     order = np.argsort(np.where(dropped, np.inf, alike), axis=1, kind="stable")
     found = np.where(dropped[..., None], np.nan, found)
     return np.take_along_axis(found, order[..., None], axis=1)

@@ -9,10 +9,9 @@ from typing import Protocol
 import numpy as np
 
 from mbm.problem.types import UnknownKind
+from mbm.rotations import cross_matrix, euler_angles, from_euler, planar, quaternion_of_matrix, vector_of_quaternion
 from mbm.solution.closed_forms.numerics.finite import finite
-from mbm.solution.closed_forms.numerics.rotations import cross_matrix, euler_angles, from_euler, planar
 from mbm.solution.closed_forms.situation import Candidate
-from mbm.solution.manifolds import quaternion_of_matrix, vector_of_quaternion
 from mbm.solution.types import Floats
 from mbm.values import dataclass
 

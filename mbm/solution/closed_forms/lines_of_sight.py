@@ -12,7 +12,7 @@ ITERATIONS = 30
 SMALL = 1e-9
 """Length of the last step, in rad, with which a direction counts as found."""
 
-SOLVED = 1e-6
+LEFT_OVER = 1e-6
 """What may be left of the values, beside their size in other directions."""
 
 Function = Callable[[Floats], Floats]
@@ -29,7 +29,7 @@ def directions(values: Function, slopes: Function, count: int, starts: Iterable[
     found: Floats | None = None
     for start in starts:
         each = _from(values, slopes, count, start)
-        each[~(np.abs(values(each)).max(axis=1) <= SOLVED * _size(values, len(start)))] = np.nan
+        each[~(np.abs(values(each)).max(axis=1) <= LEFT_OVER * _size(values, len(start)))] = np.nan
         found = each if found is None else np.where(np.isfinite(found), found, each)
         if bool(np.isfinite(found).all()):
             break

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.problem.manifold import Piece
+from mbm.rotations import hamilton
 from mbm.solution.layout import Entry
-from mbm.solution.manifolds import hamilton, moved
+from mbm.solution.manifolds import moved
 from mbm.solution.types import Floats
 
 

@@ -8,14 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbm.rotations import cross_matrix
 from mbm.solution.closed_forms.frames import Frame, frames_of, some_rotation
-from mbm.solution.closed_forms.numerics.rotations import cross_matrix
-from mbm.solution.closed_forms.situation import Candidate, Rows
+from mbm.solution.closed_forms.situation import AGREEMENT, Candidate, Rows
 from mbm.solution.types import Floats, Mask
 from mbm.values import dataclass
-
-AGREEMENT = 1e-6
-"""How well equations at two motions that move the points to one place must agree, beside their size."""
 
 PROBES = 4
 

@@ -7,13 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.solution.closed_forms.numerics.spheres import positions, positions_and_offset
-from mbm.solution.closed_forms.situation import Candidate, Rows, Situation
+from mbm.solution.closed_forms.situation import AGREEMENT, Candidate, Rows, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.values import dataclass
-
-AGREEMENT = 1e-6
-"""How well an equation must agree with what it was recognised as, beside its size."""
 
 DROWNING = 1e8
 """Value of a row beside what it changes from probe to probe, from which on half of its digits and more say nothing."""

@@ -7,11 +7,11 @@ from dataclasses import field
 import numpy as np
 
 from mbm.problem.types import UnknownKind
+from mbm.rotations import nearest
 from mbm.solution.closed_forms.frames import WholeFrame
-from mbm.solution.closed_forms.moved_points import AGREEMENT, MovedPoints, moved_points
+from mbm.solution.closed_forms.moved_points import MovedPoints, moved_points
 from mbm.solution.closed_forms.numerics.planes import Knowledge, camera_from_planes, homography
-from mbm.solution.closed_forms.numerics.rotations import nearest
-from mbm.solution.closed_forms.situation import Candidate, Rows, Situation
+from mbm.solution.closed_forms.situation import AGREEMENT, Candidate, Rows, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.layout import Entry
 from mbm.solution.types import Floats, Indices
@@ -20,7 +20,7 @@ from mbm.values import dataclass
 AXES = ((0, 1, 2), (1, 2, 0))
 """Right, down, forward among x, y, z: OpenCV's cameras, and the paper's."""
 
-FLAT = 1e-9
+PLANAR = 1e-9
 """Extent of the points across their plane beside the largest."""
 
 
@@ -132,7 +132,7 @@ def _views(situation: Situation, candidate: Candidate, pose: Entry, intrinsic: t
     axes = next((a for a in AXES if _is_pinhole(moved, probe, a)), None)
     origin = moved.points.mean(axis=0)
     _, extent, basis = np.linalg.svd(moved.points - origin, full_matrices=True)
-    if axes is None or len(extent) < 3 or not extent[2] <= FLAT * extent[0] < extent[1]:
+    if axes is None or len(extent) < 3 or not extent[2] <= PLANAR * extent[0] < extent[1]:
         return None
     basis[2] = np.cross(basis[0], basis[1])
     sign = _sign(moved, probe, axes)

@@ -18,7 +18,7 @@ from mbm.solution.types import Floats, Indices
 from mbm.values import dataclass
 
 NEWTON = 20
-SOLVED = 1e-9
+FOUND_MOTION = 1e-9
 """Residual at which a measured motion counts as found, beside one for motions far off."""
 
 
@@ -156,7 +156,7 @@ def _edge(pairs: Pairs, entry: Entry) -> Edge | None:
             if not bool(usable.all()):
                 return None
             motion = stepped(entry, motion, np.asarray(-np.linalg.solve(safe, values[..., None])[..., 0]))
-            if float(np.abs(values).max()) <= SOLVED:
+            if float(np.abs(values).max()) <= FOUND_MOTION:
                 break
     generator = np.random.default_rng(0)
     other = stepped(entry, start, np.asarray(generator.uniform(-1.0, 1.0, size=(count, freedom)), dtype=np.float64))

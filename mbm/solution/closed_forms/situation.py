@@ -23,6 +23,9 @@ from mbm.values import dataclass
 
 Table = TypeVar("Table", Indices, Mask)
 
+AGREEMENT = 1e-6
+"""How well an equation must agree with what it was recognised as, beside its size."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rows:

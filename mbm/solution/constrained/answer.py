@@ -34,7 +34,6 @@ def minimum_of(equations: ConstrainedEquations, found: Constrained) -> Minimum:
         at_bound=_sides(equations, place, state.bounds),
         bad_row=bad_row,
         constraints=constraint_state(equations.equality, place, state.multipliers, found),
-        trace=state.trace,
     )
 
 

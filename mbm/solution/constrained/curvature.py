@@ -6,14 +6,9 @@ import numpy as np
 
 from mbm.solution.constrained.types import ConstrainedEquations, Linearised
 from mbm.solution.types import Floats
+from mbm.target.decisions import DIFFERENCE, LEAST_DIFFERENCE
 
-FRACTION = 1e-4
-"""Length of a difference in conditional standard deviations of the coordinate (for residuals of size 1)."""
-
-RELATIVE = 1e-7
-"""… and its least length beside the coordinate itself, so that rounding stays small."""
-
-MOST_COORDINATES = 300
+MOST_DIFFERENCED = 300
 """Each takes a Jacobian of its own: with more of them Gauss-Newton's slower end is cheaper."""
 
 STIFFNESS = (0.0, 1.0, 1e2, 1e4)
@@ -54,7 +49,7 @@ def lagrangian_model(
 def _curvature(equations: ConstrainedEquations, here: Linearised, multipliers: Floats) -> Floats | None:
     """``Σ r_i ∇²r_i + Σ λ_i ∇²c_i`` (n, n) by forward differences of the Jacobians; None where one is not finite."""
     n = here.scale.size
-    if n > MOST_COORDINATES:
+    if n > MOST_DIFFERENCED:
         return None
     gradient = here.residuals @ here.jacobian + multipliers @ here.slopes
     size = np.abs(equations.coordinates(here.point))
@@ -62,7 +57,7 @@ def _curvature(equations: ConstrainedEquations, here: Linearised, multipliers: F
     result = np.empty((n, n))
     for j in range(n):
         step = np.zeros(n)
-        step[j] = max(FRACTION * spread / here.scale[j], RELATIVE * float(size[j]))
+        step[j] = max(DIFFERENCE * spread / here.scale[j], LEAST_DIFFERENCE * float(size[j]))
         point = equations.retract(here.point, step)
         there = here.residuals @ equations.jacobian(point) + multipliers @ equations.constraint_jacobian(point)
         result[j] = (there - gradient) / step[j]

@@ -6,12 +6,9 @@ import numpy as np
 
 from mbm.solution.constrained.types import ConstrainedEquations, Linearised
 from mbm.solution.metric import metric
-from mbm.solution.solvers.scaled import EPSILON, column_norms, magnitudes
+from mbm.solution.solvers.scaled import column_norms, magnitudes
 from mbm.solution.types import Floats, Mask
-from mbm.target.decisions import MET
-
-NOISE = 4.0
-"""The rounding of a value in units of ``eps · ‖terms‖``: the model has a few operations behind it."""
+from mbm.target.decisions import EPSILON, MET, ROUNDING_ERRORS
 
 
 @np.errstate(all="ignore")
@@ -24,7 +21,7 @@ def linearise(equations: ConstrainedEquations, x: Floats, before: Linearised | N
         scale = np.maximum(scale, before.scale)
     size = magnitudes(equations, equations.coordinates(x))
     terms = column_norms(jacobian) * size
-    noise = NOISE * EPSILON * float(np.sqrt(terms @ terms) + np.sqrt(residuals @ residuals))
+    noise = ROUNDING_ERRORS * EPSILON * float(np.sqrt(terms @ terms) + np.sqrt(residuals @ residuals))
     lengths = np.sqrt(np.square(slopes / scale).sum(axis=1))
     return Linearised(
         point=x,
@@ -34,7 +31,7 @@ def linearise(equations: ConstrainedEquations, x: Floats, before: Linearised | N
         slopes=slopes,
         scale=scale,
         unit=np.where(lengths > 0.0, lengths, 1.0),
-        rounding=NOISE * EPSILON * (np.abs(slopes) @ size + np.abs(values)),
+        rounding=ROUNDING_ERRORS * EPSILON * (np.abs(slopes) @ size + np.abs(values)),
         noise=noise,
     )
 

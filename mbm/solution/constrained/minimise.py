@@ -13,22 +13,17 @@ from mbm.solution.constrained.penalised import Penalised, least_violation, marqu
 from mbm.solution.constrained.sequential import Iterate, begin, merit, run
 from mbm.solution.constrained.types import ConstrainedEquations, Stopped, never
 from mbm.solution.types import Conflict, Floats, Minimum, Reason
+from mbm.target.decisions import FIRST_WEIGHT, HEAVIER, LOOSE, SHRINKS
 from mbm.values import dataclass
 
 ROUNDS = 14
 """Rounds of the multiplied penalties."""
 
-FIRST_WEIGHT = 3.0
 FEASIBLE_WEIGHT = 100.0
-"""A violation by one standard deviation costs half the square of this: at first, and from a point without any."""
+"""In place of FIRST_WEIGHT from a point without violations."""
 
-HEAVIER = 10.0
-SHRINKS = 0.25
-"""The weight grows where a round does not bring the violations to this share."""
-
-LOOSE = 1e-2
 TIGHTER = 0.3
-"""Standard deviations to which the first round is solved, and each after it; sequential steps give the digits."""
+"""Standard deviations to which each round after the first is solved; sequential steps give the digits."""
 
 FINISH = 30
 """Sequential steps that may follow a round."""

@@ -17,14 +17,10 @@ from mbm.solution.constrained.linearise import finite, linearise, met, violation
 from mbm.solution.constrained.quadratic import Solved, Subproblem, solve
 from mbm.solution.constrained.types import ConstrainedEquations, Linearised, Stopped, never
 from mbm.solution.solvers.box import Box, box_of
-from mbm.solution.solvers.scaled import EPSILON
-from mbm.solution.solvers.state import relative_offset
-from mbm.solution.types import Floats, Reason, TraceEntry
-from mbm.target.decisions import EXACT, POLISH, SETTLED
+from mbm.solution.types import Floats, Reason
+from mbm.target.decisions import EPSILON, EXACT, LEAST_GAIN_RATIO, POLISH, SETTLED, SLOW_KKT
+from mbm.target.step_control import relative_offset
 from mbm.values import dataclass
-
-ACCEPT = 1e-4
-"""Least share of the promised decrease of the merit that a step must bring."""
 
 KEPT = 0.1
 HALVINGS = 40
@@ -35,9 +31,8 @@ MOST_DAMPING = 1e8
 HOPELESS = 3
 """Iterations in a row whose linearised constraints contradict one another: other methods do better."""
 
-SLOW = 0.2
-NEAR = 0.1
-"""The second-order term is computed where the offset is below NEAR and shrinks by less than SLOW."""
+NEAR_KKT = 0.1
+"""The second-order term is computed if the relative offset is below this, and does not fall below SLOW_KKT."""
 
 ON_BOUND = 1e-9
 """Standard deviations from a bound that holds a coordinate which are none."""
@@ -47,8 +42,9 @@ ON_BOUND = 1e-9
 class Iterate:
     """Where the iteration is: the place, the last multipliers, weights of the violations (k,), damping, counters.
 
-    ``bounds`` (n,) are the multipliers of the bounds: negative at a lower, positive at an upper one. ``infeasible``
-    counts the last iterations whose linearised constraints had no common point.
+    ``bounds`` (n,) are the multipliers of the bounds: negative at a lower, positive at an upper one. ``before`` is the
+    relative offset where the last accepted step began (inf: there was none). ``infeasible`` counts the last iterations
+    whose linearised constraints had no common point.
     """
 
     place: Linearised
@@ -57,12 +53,12 @@ class Iterate:
     weights: Floats
     damping: float
     offset: float
+    before: float
     second: bool
     infeasible: int
     iterations: int
     evaluations: int
     reason: Reason | None
-    trace: tuple[TraceEntry, ...]
 
 
 def begin(equations: ConstrainedEquations, start: Floats, multipliers: Floats | None = None) -> Iterate:
@@ -78,12 +74,12 @@ def begin(equations: ConstrainedEquations, start: Floats, multipliers: Floats | 
         weights=np.abs(known),
         damping=0.0,
         offset=inf,
+        before=inf,
         second=False,
         infeasible=0,
         iterations=0,
         evaluations=1,
         reason=None if finite(place) else Reason.NOT_FINITE_AT_START,
-        trace=(),
     )
 
 
@@ -213,14 +209,14 @@ def _searched(
         residuals, values = equations.residuals(point), equations.constraint_values(point)
         evaluations += 1
         reached = _merit_of(residuals, values, state.weights, equations)
-        wanted = before - ACCEPT * length * max(promised, 0.0) + rounding
+        wanted = before - LEAST_GAIN_RATIO * length * max(promised, 0.0) + rounding
         if reached > wanted and tries == 0 and isfinite(reached):
             point, reached = _corrected(equations, box, state, problem, values, solved)
             evaluations += 1
         if reached <= wanted and reached < before + rounding:
             place = linearise(equations, point, here)
             if finite(place):
-                return _arrived(replace(state, evaluations=evaluations), place, length, tries)
+                return _arrived(replace(state, evaluations=evaluations), place, length)
         length *= 0.5 if tries < 4 else 0.1
         if length < 1e-12:
             break
@@ -250,18 +246,14 @@ def _corrected(
     return point, _merit_of(residuals, there, state.weights, equations)
 
 
-def _arrived(state: Iterate, place: Linearised, length: float, tries: int) -> Iterate:
+def _arrived(state: Iterate, place: Linearised, length: float) -> Iterate:
     damping = state.damping
     if length >= 1.0:
         damping = damping / 10.0 if damping > 1e-6 else 0.0
     elif length < 0.2:
         damping = min(max(10.0 * damping, FIRST_DAMPING), MOST_DAMPING)
-    last = state.trace[-1].offset if state.trace else inf
-    second = state.second or (state.offset <= NEAR and state.offset > SLOW * last)
-    entry = TraceEntry(
-        iteration=state.iterations, cost=state.place.cost, offset=state.offset, radius=inf, trials=tries + 1
-    )
-    return replace(state, place=place, damping=damping, second=second, trace=(*state.trace, entry))
+    second = state.second or (state.offset <= NEAR_KKT and state.offset > SLOW_KKT * state.before)
+    return replace(state, place=place, damping=damping, before=state.offset, second=second)
 
 
 def _stuck(state: Iterate) -> Iterate:
@@ -298,4 +290,4 @@ def _judged_by_length(
         if not state.second:
             return replace(state, second=True)
         return replace(state, reason=ending)
-    return _arrived(state, place, 1.0, 0)
+    return _arrived(state, place, 1.0)

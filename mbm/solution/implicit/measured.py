@@ -16,7 +16,7 @@ from mbm.solution.types import Floats, Indices
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
-SAME = 1e-9
+SAME_SIGMAS = 1e-9
 """Relative difference up to which two statements of one standard deviation agree: far above rounding."""
 
 
@@ -150,7 +150,7 @@ def _state(sigma: Floats, places: Indices, use: _Use, rows: Indices, tables: Map
         return
     known = ~np.isnan(sigma[places])
     sigma[places[~known]] = use.sigma[~known]
-    differs = np.abs(sigma[places] - use.sigma) > SAME * np.maximum(sigma[places], use.sigma)
+    differs = np.abs(sigma[places] - use.sigma) > SAME_SIGMAS * np.maximum(sigma[places], use.sigma)
     if bool(differs.any()):
         i = int(np.argmax(differs))
         row = int(rows[places[i]])

@@ -16,8 +16,8 @@ from mbm.solution.many.doubts import doubtful, stationary
 from mbm.solution.many.factor import Factors, factors
 from mbm.solution.many.losses import counted, informed, outlying, rooted_slopes, sandwiches
 from mbm.solution.many.stack import Portion, Stack, stated
-from mbm.solution.many.tails import chi_square_tails
 from mbm.solution.many.types import REASONS, Columns, Descent, Ends, Limits, Rows
+from mbm.solution.native.tails import chi_square_tails, solver_code
 from mbm.solution.plausibility import IMPROBABLE
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.values import dataclass
@@ -63,7 +63,7 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
     solved &= _all_finite([one.sigma for one in derived], len(which))
     sigma0 = np.where(freedom > 0, np.sqrt(cost / np.maximum(freedom, 1)), np.nan)
     tested = known and not lossy
-    chi2_p = _tails(scattered, freedom, solved) if tested else np.full(len(which), np.nan)
+    chi2_p = _tails(stack, scattered, freedom, solved) if tested else np.full(len(which), np.nan)
     clean = solved & ~(chi2_p < IMPROBABLE)
     clean &= ~doubtful(
         problem, portion, ends, found, spread.deviation, derived, residuals, spread.looked_at, spread.basis
@@ -270,11 +270,11 @@ def _outliers(
     return tuple(found)
 
 
-def _tails(cost: Floats, freedom: Indices, solved: Mask) -> Floats:
+def _tails(stack: Stack, cost: Floats, freedom: Indices, solved: Mask) -> Floats:
     """P(χ² > cost) (K,); NaN without degrees of freedom, and where nothing is solved."""
     result = np.full(len(cost), np.nan)
     asked = solved & (freedom > 0)
-    result[asked] = chi_square_tails(cost[asked], freedom[asked])
+    result[asked] = chi_square_tails(solver_code(stack.equations), cost[asked], freedom[asked])
     return result
 
 

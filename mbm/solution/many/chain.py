@@ -22,10 +22,10 @@ from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.values import dataclass
 
-ROUNDS = 20
+CHAIN_ROUNDS = 20
 """Rounds until windows whose ends still change are left to the general path."""
 
-SAME = 1e-6
+SAME_ENDS = 1e-6
 """Relative difference of two ends, in numbers and cost, that roundings and the tolerance of the offset explain."""
 
 NOT_SOLVED = -2
@@ -67,7 +67,7 @@ class Chain:
         carried = np.zeros(self.stack.solves, dtype=bool)
         began = self.own.copy()
         todo = behind
-        for _ in range(ROUNDS):
+        for _ in range(CHAIN_ROUNDS):
             if not len(todo) or self.settings.stopped():
                 break
             carried[todo], lost, points = self._carried(todo, found, own_costs)
@@ -198,7 +198,7 @@ def _copied(ends: Ends) -> Ends:
 def _same(first: Ends, second: Ends) -> Mask:
     """Whether ends (K,) are the same but for roundings."""
     size = np.maximum(np.abs(first.points), np.abs(second.points))
-    size += SAME * size.max(axis=1, keepdims=True, initial=0.0)  # what is zero has no size of its own
-    near = (np.abs(first.points - second.points) <= SAME * size).all(axis=1)
-    near &= np.abs(first.cost - second.cost) <= SAME * (1.0 + first.cost)
+    size += SAME_ENDS * size.max(axis=1, keepdims=True, initial=0.0)  # what is zero has no size of its own
+    near = (np.abs(first.points - second.points) <= SAME_ENDS * size).all(axis=1)
+    near &= np.abs(first.cost - second.cost) <= SAME_ENDS * (1.0 + first.cost)
     return np.asarray(near & ((first.reason >= 0) == (second.reason >= 0)))

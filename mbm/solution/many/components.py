@@ -19,8 +19,9 @@ from mbm.solution.many.stack import Portion, Stack
 from mbm.solution.many.types import REASONS, Ends, Kept, Solver, Which
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices, Mask
-from mbm.solution.variance import LEAST_REDUNDANCY, ROUNDS, SETTLED, VANISHED
+from mbm.solution.variance import VANISHED
 from mbm.solution.weighing import REWEIGHTED_ITERATIONS
+from mbm.target.decisions import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS
 
 if TYPE_CHECKING:
     from mbm.solution.many.forms import Formed
@@ -111,7 +112,7 @@ class Rounds:
         """The minima with factors that are settled."""
         first: Floats | None = None
         active = np.flatnonzero(~self.lost & bool(len(self._unknown)))
-        for number in range(ROUNDS):
+        for number in range(NOISE_ROUNDS):
             if not len(active) or self._settings.stopped():
                 break
             if number:
@@ -123,7 +124,7 @@ class Rounds:
                 first = np.ones((len(self._places), len(self._unknown)))
                 first[active] = now
             self.lost[active] |= (~(now >= VANISHED * first[active])).any(axis=1) | ~np.isfinite(ratios).all(axis=1)
-            settled = (np.abs(ratios - 1.0) <= SETTLED).all(axis=1)
+            settled = (np.abs(ratios - 1.0) <= SETTLED_FACTORS).all(axis=1)
             self._minimise(active[settled & ~self.lost[active]])
             active = active[~settled & ~self.lost[active]]
         self.lost[active] = True

@@ -215,7 +215,7 @@ def _factors(
 
     ``units`` are the solve and the group of each unit.
     """
-    from mbm.solution.robust.binding import ROUNDING
+    from mbm.target.decisions import CONSENSUS_ROUNDING
 
     count, equations, (solve, group) = len(which), ruled.stack.equations, units
     portion = Portion(ruled.stack, which)
@@ -239,7 +239,7 @@ def _factors(
         where, slot = portion.block_slots(owner)
         largest = np.zeros(count)
         np.maximum.at(largest, where, terms[where, slot])
-        own = (inside > 0) & (variance > np.square(ROUNDING * largest))
+        own = (inside > 0) & (variance > np.square(CONSENSUS_ROUNDING * largest))
         factors[:, owner] = np.where(own, np.sqrt(variance), 1.0)
         told &= own
     return factors, told

@@ -17,7 +17,7 @@ from mbm.solution.many.stack import Portion, stated
 from mbm.solution.many.types import Ends
 from mbm.solution.nonlinearity import DETERMINED, LOOKED_AT, MOST_COORDINATES, MOST_RESIDUALS, NORMAL_95, TOLERATED
 from mbm.solution.plausibility import MOST_DERIVED, STRAINED
-from mbm.solution.stationary import FAINT, FAR, LEAST, ROUNDING, STEP
+from mbm.solution.stationary import FAINT, FAR, LEAST, STEP, VANISHING
 from mbm.solution.types import Floats, Mask
 
 MARGIN = 1e-6
@@ -161,6 +161,6 @@ def stationary(portion: Portion, ends: Ends, found: Factors, jacobian: Floats) -
         moved = rooted_slopes(portion, *there)[:, :, place] - jacobian[:, :, place]
         bend = np.sqrt(np.square(moved).sum(axis=1)) / step[:, place] * (1 + MARGIN)
         length = found.scale[:, place]
-        zero = ~(length > ROUNDING * size[:, place] * bend) | ~(length * length > FAINT * bend * spread)
+        zero = ~(length > VANISHING * size[:, place] * bend) | ~(length * length > FAINT * bend * spread)
         wrong |= near[:, place] & zero
     return wrong

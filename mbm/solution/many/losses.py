@@ -9,11 +9,12 @@ import numpy as np
 from mbm.solution.many.factor import filled, inverse_root
 from mbm.solution.many.stack import Portion
 from mbm.solution.nonlinearity import ORTHONORMAL
-from mbm.solution.robust.covariance import EXHAUSTED, curved, least_spread
+from mbm.solution.robust.covariance import curved, least_spread
 from mbm.solution.robust.losses.rooted import rooted, rooted_jacobian
 from mbm.solution.robust.scores import STATED_CUT
 from mbm.solution.robust.units import limits
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.target.decisions import EXHAUSTED
 from mbm.values import dataclass
 
 if TYPE_CHECKING:

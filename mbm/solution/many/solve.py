@@ -21,7 +21,7 @@ from mbm.solution.binding import EvaluationCache
 from mbm.solution.challenge import challenged
 from mbm.solution.estimate import Run, answered, assemble
 from mbm.solution.many.answers import answers
-from mbm.solution.many.chain import NOT_SOLVED, SAME
+from mbm.solution.many.chain import NOT_SOLVED, SAME_ENDS
 from mbm.solution.many.components import estimated_on_the_way
 from mbm.solution.many.sets import Sets
 from mbm.solution.many.stack import Stack
@@ -40,7 +40,7 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.solution.many.forms import Formed
 
-FEW = 8
+FEW_DOUBTED = 8
 """Solves whose challenge by a closed form is not worth recognising it in all of them."""
 
 Apart = Callable[[Selection, Solution | None], Solution | Failure | Skipped]
@@ -198,7 +198,7 @@ class Together:
         """The columns, those fits being expected too that no closed form's answer is better than."""
         doubted = np.flatnonzero(columns.solved & ~columns.expected)
         apart = self.settings.robust is not None or self.stack.errors is not None
-        if len(doubted) <= FEW or self.equations.linear or apart:
+        if len(doubted) <= FEW_DOUBTED or self.equations.linear or apart:
             return columns
         form = self.form()
         if form is None:
@@ -306,7 +306,7 @@ def _alike(found: Solution | Failure | Skipped, point: Floats) -> bool:
         return isinstance(found, Skipped)
     there = found.minimum.point
     size = np.maximum(np.abs(there), np.abs(point))
-    return bool((np.abs(there - point) <= SAME * (size + SAME * size.max(initial=0.0))).all())
+    return bool((np.abs(there - point) <= SAME_ENDS * (size + SAME_ENDS * size.max(initial=0.0))).all())
 
 
 def _behind(before: Indices, number: int) -> int:

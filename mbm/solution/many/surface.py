@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.solution.constrained.linearise import NOISE, violations
+from mbm.solution.constrained.linearise import violations
 from mbm.solution.many.stack import Portion
-from mbm.solution.solvers.scaled import EPSILON, HUGE
 from mbm.solution.types import Floats, Indices, Mask
-from mbm.target.decisions import CERTAIN, MET, PUSHED
+from mbm.target.decisions import CERTAIN, EPSILON, HUGE, MET, PUSHED, ROUNDING_ERRORS
 from mbm.values import dataclass
 
 CLEAR = 1e-7
@@ -70,7 +69,7 @@ def held(portion: Portion, points: Floats, jacobian: Floats, cost: Floats, multi
     size = np.where(places >= 0, np.abs(points[:, places]), 1.0)
     unit = np.sqrt(np.square(slopes / scale[:, None, :]).sum(axis=2))
     unit = np.where(unit > 0.0, unit, 1.0)
-    rounding = NOISE * EPSILON * (np.matmul(np.abs(slopes), size[:, :, None])[:, :, 0] + np.abs(values))
+    rounding = ROUNDING_ERRORS * EPSILON * (np.matmul(np.abs(slopes), size[:, :, None])[:, :, 0] + np.abs(values))
     allowed = MET * unit + rounding
     active = there & (equality | (values >= -allowed))
     gain = multipliers[:, : values.shape[1]] * unit

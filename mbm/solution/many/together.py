@@ -33,7 +33,7 @@ from mbm.text.types import MbmError
 if TYPE_CHECKING:
     from mbm.solution.many.forms import Formed
 
-FEW = 8
+FEW_SOLVES = 8
 """Solves up to which binding them together does not pay."""
 
 
@@ -58,10 +58,10 @@ def together(
     if not suits(problem, kernels, _divided(problem, tables, names)):
         return None
     sets = sets_of(problem, tables)
-    if sets is None or sets.count <= FEW:
+    if sets is None or sets.count <= FEW_SOLVES:
         return None
     try:
-        parts, left = bound_parts(problem, kernels, sets, cache, starts, FEW)
+        parts, left = bound_parts(problem, kernels, sets, cache, starts, FEW_SOLVES)
     except MbmError:
         return None  # which solve is at fault, the general path says
     odd = settings.robust is not None or estimated_on_the_way(problem)

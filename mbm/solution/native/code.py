@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mbm.kernels.native.sources import source_digest
 from mbm.kernels.types import Kernel, KernelSet
+from mbm.target.solver.description import LANES
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -23,10 +24,7 @@ if TYPE_CHECKING:
     from mbm.kernels.native.normal import NormalKernels
     from mbm.kernels.store import Store
 
-LANES = 4
-"""Rows that the kernels take at a time in this process."""
-
-PLAIN, FAST = 0, 2
+UNOPTIMISED, OPTIMISED = 0, 2
 """Levels of optimisation."""
 
 FROM_ARRAY = "solve_from_array"
@@ -86,15 +84,15 @@ class SolverCode:
             self._expected += products
             found = None
             if not self._libraries:
-                found = fetched(self._name, self._store, FAST, compact=True)
+                found = fetched(self._name, self._store, OPTIMISED, compact=True)
             if found is None and self._expected >= (WORTH if self._store is None else KEPT_WORTH):
-                found = kept(self._name, self._text, self._store, FAST, compact=True)
+                found = kept(self._name, self._text, self._store, OPTIMISED, compact=True)
             if found is not None:
                 self._libraries.append(found)
                 self._known = {}
                 self.fast = True
             elif not self._libraries:
-                self._libraries.append(kept(self._name, self._text, self._store, PLAIN))
+                self._libraries.append(kept(self._name, self._text, self._store, UNOPTIMISED))
 
     def routine(self, name: str, *kinds: type) -> Routine:
         """The public function ``name``; ``kinds`` says of each argument whether it is an array or an ``int``."""

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.solution.native.code import LANES, SolverCode
+from mbm.solution.native.code import SolverCode
 from mbm.solution.native.consensus_rules import Rules
 from mbm.solution.native.system import AT_A_TIME, NativeSystem, never
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.target.solver import consensus_description as c
 from mbm.target.solver import description as of
+from mbm.target.solver.description import LANES
 from mbm.target.solver.workspace import work_reals
 from mbm.values import dataclass
 
@@ -24,13 +25,10 @@ TRIALS = 10
 SHAPES = 100
 """Rooms that are remembered."""
 
-FLAT = 1e-7
-"""Extent of stations across their plane beside that along it, below which mirrored places fit them equally well."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ConsensusEnds:
-    """What D data sets agree on; units of data set k stand at ``units_at[k] : units_at[k + 1]``.
+    """What D data sets agree on; their units stand one after the other.
 
     ``points`` (D, N) is where the units agree, the first start where they do not; ``states`` (D, `ANSWERS`). For each
     unit ``inside`` says whether it agrees, with squared norms up to ``limits``; ``variances`` are those of the noise.
@@ -39,7 +37,6 @@ class ConsensusEnds:
 
     points: Floats
     states: Indices
-    units_at: Indices
     inside: Mask
     limits: Floats
     variances: Floats
@@ -198,7 +195,6 @@ def consensus_many(
     return ConsensusEnds(
         points=points,
         states=states,
-        units_at=units_at,
         inside=inside == 1,
         limits=limits,
         variances=variances,

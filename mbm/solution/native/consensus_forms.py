@@ -33,7 +33,7 @@ SPREAD = 0.3
 GROSS = 1e3
 """Deviation from the median beside the median deviation, from which data are no example of what data may be."""
 
-EXACT = 1e-6
+AFFINE_ERROR = 1e-6
 """What an affine dependence may leave, beside the size of what it gives: probes are no more exact than that."""
 
 SHORT = 2.0**10
@@ -127,7 +127,7 @@ def known_form(equations: Assembled, forms: Iterable[ClosedForm]) -> KnownForm |
 def _agrees(mine: Floats, expected: Floats) -> bool:
     known = np.isfinite(expected).all(axis=1)
     size = np.abs(expected[known]).max(axis=1, initial=1.0, keepdims=True)
-    return bool((np.abs(mine[known] - expected[known]) <= EXACT * size).all())
+    return bool((np.abs(mine[known] - expected[known]) <= AFFINE_ERROR * size).all())
 
 
 def _form(solver: MinimalSolver) -> Form:
@@ -238,7 +238,7 @@ def _affine(data: Floats, told: Floats) -> Floats | None:
     if len(design) <= design.shape[1] + 1 or np.linalg.matrix_rank(design) < design.shape[1]:
         return None
     found = np.linalg.lstsq(design, told, rcond=None)[0]
-    if not bool((np.abs(design @ found - told) <= EXACT * np.abs(told).max(axis=0, initial=1.0)).all()):
+    if not bool((np.abs(design @ found - told) <= AFFINE_ERROR * np.abs(told).max(axis=0, initial=1.0)).all()):
         return None
     reach = np.abs(told).max(axis=0, initial=0.0)
     slopes = _short(found[:-1] / size[:, None], reach / size[:, None])

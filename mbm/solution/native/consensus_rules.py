@@ -10,8 +10,8 @@ from mbm.solution.robust.scores import STATED_CUT
 from mbm.solution.robust.subsets import first_states, needed_trials
 from mbm.solution.robust.units import CUT, limits, medians
 from mbm.solution.types import Floats, Indices
+from mbm.target.decisions import FEW_STARTS, STATED
 from mbm.target.solver import consensus_description as c
-from mbm.target.solver.consensus_order import STATED
 from mbm.target.solver.consensus_scores import GNC, LMEDS, MSAC, RANSAC
 from mbm.values import dataclass
 
@@ -95,7 +95,7 @@ def rules_of(
     head[c.FIRST_STATE], head[c.SECOND_STATE] = first, second
     head[c.FORM], head[c.FORM_WIDTH] = form.kind, form.width
     head[c.STARTS] = starts
-    head[c.MOST_POINTS] = max(trials) * solutions + starts + 2 * c.FEW_STARTS + 4
+    head[c.MOST_POINTS] = max(trials) * solutions + starts + 2 * FEW_STARTS + 4
     head[c.TRIALS_AT] = c.HEADER
     head[c.BLOCKS_AT] = c.HEADER + len(trials)
     head[c.FORM_AT] = c.HEADER + len(trials) + len(table)

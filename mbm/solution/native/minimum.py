@@ -13,6 +13,7 @@ from mbm.solution.batch import batch
 from mbm.solution.native.system import NativeEnds, NativeSystem, system_of
 from mbm.solution.settings import Settings
 from mbm.solution.types import Equations, Floats, Minimum, Reason
+from mbm.target.decisions import MEMORY
 from mbm.target.solver import description as of
 
 ENDINGS = {
@@ -26,9 +27,6 @@ ENDINGS = {
 SAME, TINY = 1e-9, 1e-9
 """Relative difference of costs up to which corrections that were found in two ways are the same, and the cost below
 which only rounding is left."""
-
-MEMORY = 4_000_000
-"""Numbers in the Jacobians that are computed together."""
 
 
 def native_minimum(equations: Equations, start: Floats, settings: Settings) -> Minimum | None:

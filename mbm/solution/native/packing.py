@@ -10,26 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.problem.kinds import LossKind
-from mbm.problem.manifold import Piece
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import Group
-from mbm.solution.native.code import LANES
 from mbm.solution.robust.losses.barron import Barron
 from mbm.solution.types import Floats, Indices
 from mbm.solution.whitening import Whitener
 from mbm.target.solver import description as of
+from mbm.target.solver.description import LANES
 from mbm.values import dataclass
-
-LOSSES = {
-    LossKind.HUBER: of.HUBER,
-    LossKind.SOFT_L1: of.SOFT_L1,
-    LossKind.CAUCHY: of.CAUCHY,
-    LossKind.TUKEY: of.TUKEY,
-    LossKind.GEMAN_MCCLURE: of.GEMAN_MCCLURE,
-    LossKind.BARRON: of.BARRON,
-}
-PIECES = {Piece.SCALE: of.SCALE, Piece.QUATERNION: of.QUATERNION, Piece.SPHERE: of.DIRECTION}
 
 ROWS_AT_A_TIME = 128
 """Residuals that are triangularised at a time: with 25 unknowns they take 27 kB, which stay in the cache."""
@@ -280,7 +268,7 @@ def _pieces(equations: Assembled) -> Indices:
             columns = column[coordinates]
             if (columns >= 0).any():
                 line = np.full(of.PIECE, -1, dtype=np.int64)
-                line[of.PIECE_KIND] = PIECES[curved.piece]
+                line[of.PIECE_KIND] = of.PIECES[curved.piece.label]
                 line[of.PIECE_NUMBERS : of.PIECE_NUMBERS + len(numbers)] = numbers
                 line[of.PIECE_COLUMNS : of.PIECE_COLUMNS + len(columns)] = columns
                 found.append(line)
@@ -295,7 +283,7 @@ def _tables(group: Group, losses_at: int, equations: Assembled) -> tuple[tuple[I
     for k, each in enumerate(group.whiteners):
         kind = triangle_kind(each) or 0
         loss = group.losses[k] if group.losses else None
-        units.append((each.first, each.last, place, kind, 0 if loss is None else LOSSES[loss.loss.kind], losses_at))
+        units.append((each.first, each.last, place, kind, 0 if loss is None else of.LOSSES[loss.loss.kind], losses_at))
         size = each.last - each.first
         if kind == 0:
             factor[each.first : each.last] = place + np.arange(size)

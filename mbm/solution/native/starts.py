@@ -11,8 +11,9 @@ from mbm.solution.batch import batch
 from mbm.solution.excerpt import excerpt
 from mbm.solution.native.system import handled, system_of
 from mbm.solution.settings import Settings
-from mbm.solution.solvers.batched import MEMORY, Batched
+from mbm.solution.solvers.batched import Batched
 from mbm.solution.types import Floats, Indices
+from mbm.target.decisions import MEMORY
 from mbm.target.solver import description as of
 
 SETTLED = 1e-6

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from mbm.kernels.native.kernels import LONG
 from mbm.solution.binding import Group
 from mbm.solution.native.code import NativeCode
-from mbm.solution.native.packing import LOSSES
 
 if TYPE_CHECKING:
     from mbm.kernels.native.normal import NormalKernels
@@ -50,7 +49,8 @@ def sum_addresses(code: NativeCode, groups: Sequence[Group | None]) -> list[int]
 def _sums_of(group: Group, store: Store | None) -> NormalKernels | None:
     """The function of one group under the number 0; None where its kernel has an operation without code."""
     from mbm.kernels.native.normal import normal_kernels
-    from mbm.target.normal_rows import NO_LOSS, Unit
+    from mbm.target.normal_rows import Unit
+    from mbm.target.solver.description import LOSSES, NO_LOSS
     from mbm.target.vectors import NoPrinterError
 
     losses = [NO_LOSS if loss is None else LOSSES[loss.loss.kind] for loss in group.losses]

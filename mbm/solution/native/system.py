@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mbm.problem.types import Method
 from mbm.solution.assembly import Assembled
 from mbm.solution.native.code import Described, NativeCode, SolverCode
-from mbm.solution.native.packing import LOSSES, Rows, rows_of, structure_of, system_arrays, triangle_kind
+from mbm.solution.native.packing import Rows, rows_of, structure_of, system_arrays, triangle_kind
 from mbm.solution.native.summing import sum_addresses, summable
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices
@@ -213,7 +213,7 @@ def handled(equations: object) -> bool:
         return False
     if equations.rows is not None and not _whole_units(equations):
         return False
-    known = all(loss.loss.kind in LOSSES for group in groups for loss in group.losses)
+    known = all(loss.loss.kind in of.LOSSES for group in groups for loss in group.losses)
     return known and all(triangle_kind(w) is not None for group in groups for w in group.whiteners)
 
 

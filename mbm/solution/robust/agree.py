@@ -23,40 +23,25 @@ from mbm.solution.robust.refine import Refined, Trimmed, Truncated, refined
 from mbm.solution.robust.scores import cuts, variances_at
 from mbm.solution.robust.subsets import minimal_subsets
 from mbm.solution.robust.trials import Trials
-from mbm.solution.robust.units import STATED, Units, consistency, robust_variance
+from mbm.solution.robust.units import Units, consistency, robust_variance
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.target.decisions import (
+    APART,
+    AS_GOOD,
+    CANDIDATES,
+    CONTRADICTED,
+    FEW_STARTS,
+    LARGE_SUBSET,
+    MEMORY,
+    MOST_FITS,
+    REFINING_STEPS,
+    SETTLING_ROUNDS,
+    STATED,
+    WIDE,
+    WIDE_STEPS,
+)
 from mbm.target.solver.consensus_draw import FEWEST_TRIALS, trials_for_share
 from mbm.values import dataclass
-
-CANDIDATES = 10
-"""Trials that are improved."""
-
-WIDE = 16.0
-"""Squared, so four times the limits: a fit to as few units as there are unknowns is that far off for the others."""
-
-LARGE_SUBSET = 7
-"""From so many units in a subset on, trials free of outliers are rare: graduated non-convexity gives one more."""
-
-MOST_FITS = 4000
-"""Several starts are tried with each subset, up to so many fits; beyond, subsets and starts are paired off."""
-
-FEW_STARTS = 8
-"""Starts of graduated non-convexity."""
-
-TOGETHER = 4_000_000
-"""Numbers that the residuals of the trials which are scored together may take."""
-
-STEPS = 12
-ROUNDS = 20
-
-CONTRADICTED = 4.0
-"""Deviations by which the inliers' variance must exceed the stated one before the robust scale takes its place."""
-
-AS_GOOD = 4.0
-"""Another solution whose objective is larger by less than this explains the data as well (two standard deviations)."""
-
-APART = 25.0
-"""… and is another solution if it disagrees with the inliers by so much more in their sum of squares."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -149,7 +134,7 @@ def _until_sure(trials: Trials, units: Units, points: Floats, of: Indices, count
 
 def _chunks(count: int, units: Units) -> list[slice]:
     """Points whose residuals are looked at together."""
-    step = max(TOGETHER // max(len(units.of_row), 1), 1)
+    step = max(MEMORY // max(len(units.of_row), 1), 1)
     return [slice(first, first + step) for first in range(0, count, step)]
 
 
@@ -184,13 +169,13 @@ def _improved(
     ones = np.ones(units.count)
     unknown = bool((units.group != STATED).any())
     if unknown:
-        found = refined(trials, units, points, Trimmed(units, cut, size), iterations=STEPS)
+        found = refined(trials, units, points, Trimmed(units, cut, size), iterations=REFINING_STEPS)
     else:
         squares = units.squares(trials.residuals(points))
         own = [max(robust_variance(each, units, trials.dimension), 1.0) for each in squares]
-        wide = refined(trials, units, points, Truncated(cut * np.array(own)[:, None], ones), iterations=4)
+        wide = refined(trials, units, points, Truncated(cut * np.array(own)[:, None], ones), iterations=WIDE_STEPS)
         both = np.concatenate((points, wide.points))  # wide limits help a poor subset, and mislead one of two halves
-        found = refined(trials, units, both, Truncated(cut, ones), iterations=STEPS)
+        found = refined(trials, units, both, Truncated(cut, ones), iterations=REFINING_STEPS)
     best = found.best(_distances(trials, found.points, start))
     return found, best, variances_at(found.squares[best], units, trials.dimension) if unknown else ones
 
@@ -210,8 +195,8 @@ def _settled(
     stated = units.group == STATED
     before: Mask | None = None
     squares = np.empty(units.count)
-    for _ in range(ROUNDS):
-        found = refined(trials, units, point[None], Truncated(cut * variances, variances), iterations=STEPS)
+    for _ in range(SETTLING_ROUNDS):
+        found = refined(trials, units, point[None], Truncated(cut * variances, variances), iterations=REFINING_STEPS)
         point, squares = found.points[0], found.squares[0]
         inliers = squares <= cut * variances
         if before is not None and bool((inliers == before).all()):

@@ -13,19 +13,12 @@ from mbm.solution.batch import Batch, batch
 from mbm.solution.closed_forms.minimal import MinimalSolver, minimal_solver
 from mbm.solution.closed_forms.types import ClosedForm
 from mbm.solution.robust.trials import Trials
-from mbm.solution.robust.units import STATED, Units
+from mbm.solution.robust.units import Units
 from mbm.solution.solvers.batched import minimise_all
 from mbm.solution.sparsity import sparse_suits
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.target.decisions import CONSENSUS_ROUNDING, FIT_STEPS, STATED
 from mbm.values import dataclass
-
-FIT_STEPS = 12
-"""Steps of the fit to one subset: those that need more are nearly degenerate."""
-
-EPSILON = float(np.finfo(np.float64).eps)
-
-ROUNDING = 64.0 * EPSILON
-"""The rounding of a residual beside the terms that it is the difference of."""
 
 
 def units_of(equations: Assembled, problem: Problem, point: Floats, ruled: Callable[[Block], bool]) -> Units:
@@ -50,7 +43,7 @@ def units_of(equations: Assembled, problem: Problem, point: Floats, ruled: Calla
         components=np.asarray(sizes, dtype=np.int64),
         group=group[act][first],
         number=np.asarray(number, dtype=np.int64),
-        rounding=np.square(ROUNDING * np.maximum.reduceat(terms, first)) if first.size else np.empty(0),
+        rounding=np.square(CONSENSUS_ROUNDING * np.maximum.reduceat(terms, first)) if first.size else np.empty(0),
     )
 
 

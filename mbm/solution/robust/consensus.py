@@ -21,15 +21,16 @@ from mbm.solution.robust import faults
 from mbm.solution.robust.agree import Agreed, agree, agree_near
 from mbm.solution.robust.beginning import told_apart
 from mbm.solution.robust.binding import trials_of, trials_of_part, units_of, without_losses
-from mbm.solution.robust.many import MANY, agree_by_losses
+from mbm.solution.robust.many import agree_by_losses
 from mbm.solution.robust.parts import Part, agree_in_parts, parts_of, units_of_parts
 from mbm.solution.robust.scale import information_left
 from mbm.solution.robust.subsets import independent_columns
 from mbm.solution.robust.types import Prepared
-from mbm.solution.robust.units import STATED, Units
+from mbm.solution.robust.units import Units
 from mbm.solution.settings import Settings
 from mbm.solution.starting import Beginning
 from mbm.solution.types import Floats, Noise, NoiseState
+from mbm.target.decisions import MANY_CONNECTED, STATED
 from mbm.text.types import Diagnostic, MbmError
 
 Starts: TypeAlias = Callable[[], tuple[Beginning, ...]]
@@ -124,7 +125,7 @@ def _fitted_plainly(
     plain = without_losses(equations)
     if equations.count >= equations.dimension:
         known = not _without_start(equations)
-        if known or equations.dimension > MANY or equations.count > SAMPLE or equations.implicit is not None:
+        if known or equations.dimension > MANY_CONNECTED or equations.count > SAMPLE or equations.implicit is not None:
             return starts
         if independent_columns(plain.jacobian(starts[0].point)) >= equations.dimension:
             return starts
@@ -158,7 +159,7 @@ def _agreed(
     points = np.stack([start.point for start in starts])
     if equations.implicit is None and equations.dimension > 1:
         parts = parts_of(equations)
-        if max(len(part.columns) for part in parts) > MANY:
+        if max(len(part.columns) for part in parts) > MANY_CONNECTED:
             return agree_by_losses(problem, equations, units, points[0], consensus, settings)
         if len(parts) > 1:
             return agree_in_parts(equations, units, parts, points[0], consensus, settings.seed)
@@ -284,7 +285,7 @@ def _loss_noise(
         state = NoiseState.NO_REDUNDANCY if redundancy <= 0.0 else NoiseState.EXACT if exact else NoiseState.ESTIMATED
         if state is not NoiseState.ESTIMATED:
             factor = 1.0
-        noise[number] = Noise(factor=factor, redundancy=max(redundancy, 0.0), state=state)
+        noise[number] = Noise(factor=factor, state=state)
         factors[equations.block_rows(number)] = factor
     return (factors, noise) if noise else (None, noise)
 

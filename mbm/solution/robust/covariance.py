@@ -24,14 +24,8 @@ from mbm.solution.covariance import in_datum
 from mbm.solution.freedom import free_combinations, touched_by
 from mbm.solution.robust.losses.function import LossFunction
 from mbm.solution.types import Covariance, Floats, Indices, Mask, Observability
+from mbm.target.decisions import EXHAUSTED, TOLD
 from mbm.values import dataclass
-
-EXHAUSTED = 1e-9
-"""A freedom below this share of the residuals is rounding of none; a curvature below this share of the weights too."""
-
-
-TOLD = 2.0
-"""Degrees of freedom ν from which on residuals alone tell their variance: below, its deviation √(2/ν) exceeds it."""
 
 
 def least_spread(slope: float | Floats, total: float | Floats, stated: float | Floats, share: float | Floats) -> Floats:

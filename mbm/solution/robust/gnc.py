@@ -12,17 +12,7 @@ from mbm.solution.robust.refine import weighted_step
 from mbm.solution.robust.trials import Trials
 from mbm.solution.robust.units import Units, robust_variance
 from mbm.solution.types import Floats, Mask
-
-GROWTH = 1.4
-"""Factor of the control parameter from one round to the next (§IV of the paper)."""
-
-FITS = 50
-"""Steps of the first fit, to all units with equal weight."""
-
-ROUNDS = 100
-
-ABSOLUTE_ROUNDS = 12
-"""Reweighted fits towards the least absolute deviations."""
+from mbm.target.decisions import ABSOLUTE_ROUNDS, CONTROL_GROWTH, GRADUATED_FITS, GRADUATED_ROUNDS
 
 
 @np.errstate(all="ignore")
@@ -32,7 +22,7 @@ def graduated(trials: Trials, units: Units, start: Floats, limits: Floats, unkno
     ``limits`` (U,) are those of the truncated loss. The noise of the ``unknown`` units (U,) is taken from the median of
     their residuals, anew in each round.
     """
-    squared = _fit(trials, start[None], np.ones((1, units.count)), units, FITS)
+    squared = _fit(trials, start[None], np.ones((1, units.count)), units, GRADUATED_FITS)
     absolute = squared
     for _ in range(ABSOLUTE_ROUNDS):
         norms = np.sqrt(units.squares(trials.residuals(absolute)))
@@ -47,14 +37,14 @@ def _narrowed(trials: Trials, units: Units, point: Floats, limits: Floats, unkno
     control = float(np.min(wide / np.maximum(2.0 * squares - wide, 1e-300), where=np.isfinite(squares), initial=np.inf))
     if not 0.0 < control < np.inf:
         return point
-    for _ in range(ROUNDS):
+    for _ in range(GRADUATED_ROUNDS):
         weights = _weights(squares, wide, control)
         point = _fit(trials, point, weights[None], units, 1)
         squares = units.squares(trials.residuals(point))[0]
         wide = np.minimum(wide, limits * _variances(squares, units, trials.dimension, unknown))
         if bool(((weights < 1e-6) | (weights > 1.0 - 1e-6)).all()):
             break
-        control *= GROWTH
+        control *= CONTROL_GROWTH
     return point
 
 

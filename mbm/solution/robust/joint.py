@@ -13,10 +13,10 @@ from mbm.solution.robust.refine import rest_of, weighted_step
 from mbm.solution.robust.scale import noise_and_limits
 from mbm.solution.robust.scores import STATED_CUT, variances_at
 from mbm.solution.robust.trials import Trials
-from mbm.solution.robust.units import STATED, Units
+from mbm.solution.robust.units import Units
 from mbm.solution.robust.units import limits as deviation_limits
 from mbm.solution.types import Floats, Mask
-from mbm.target.decisions import ARRIVED, JOINT_STEPS
+from mbm.target.decisions import ARRIVED, JOINT_STEPS, STATED
 from mbm.values import dataclass
 
 

@@ -18,12 +18,10 @@ from mbm.solution.robust.losses.function import LossFunction
 from mbm.solution.robust.losses.geman_mcclure import GEMAN_MCCLURE
 from mbm.solution.robust.scale import noise_and_limits
 from mbm.solution.robust.scores import cuts, variances_at
-from mbm.solution.robust.units import STATED, Units
+from mbm.solution.robust.units import Units
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Mask
-
-MANY = 60
-"""Connected unknowns from which on subsets are not tried."""
+from mbm.target.decisions import STATED
 
 WIDTHS = (64.0, 16.0, 8.0, 4.0, 2.0, 1.0)
 """Parameters of the loss one after the other, in multiples of the limit."""

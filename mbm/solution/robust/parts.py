@@ -14,8 +14,9 @@ from mbm.problem.types import Consensus
 from mbm.solution.assembly import Assembled
 from mbm.solution.robust.agree import Agreed, agree
 from mbm.solution.robust.binding import trials_of_part
-from mbm.solution.robust.units import STATED, Units
+from mbm.solution.robust.units import Units
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.target.decisions import STATED
 from mbm.values import dataclass
 
 

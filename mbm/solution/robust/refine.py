@@ -12,18 +12,10 @@ from typing import Protocol
 import numpy as np
 
 from mbm.solution.robust.trials import Trials
-from mbm.solution.robust.units import STATED, Units, medians
+from mbm.solution.robust.units import Units, medians
 from mbm.solution.types import Floats, Indices
+from mbm.target.decisions import CANDIDATE_DAMPING, CANDIDATE_REGULARISATION, SAME_OBJECTIVE, STATED, STILL
 from mbm.values import dataclass
-
-DAMPING = 1e-6
-"""First damping, relative to the diagonal of the normal equations: candidates are near their fit."""
-
-SAME = 1e-4
-"""Objectives that differ by less, absolutely or as a share, belong to solutions that the data cannot tell apart."""
-
-STILL = 1e-6
-"""A step that promises to lower the objective by less than the square of this has arrived."""
 
 
 class Rule(Protocol):
@@ -108,7 +100,7 @@ class Refined:
     def best(self, distance: Floats) -> int:
         """The point with the lowest objective; of equals (mirrored ones, say) that at the least ``distance`` (K,)."""
         lowest = float(self.objective.min())
-        equal = self.objective <= lowest + SAME * max(abs(lowest), 1.0)
+        equal = self.objective <= lowest + SAME_OBJECTIVE * max(abs(lowest), 1.0)
         return int(np.argmin(np.where(equal, distance, np.inf))) if equal.any() else 0
 
 
@@ -132,7 +124,7 @@ def weighted_step(
     diagonal = np.einsum("knn->kn", normal)
     scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     unit = normal / scale[:, :, None] / scale[:, None, :]
-    unit[:, np.arange(trials.dimension), np.arange(trials.dimension)] += damping[:, None] + 1e-13
+    unit[:, np.arange(trials.dimension), np.arange(trials.dimension)] += damping[:, None] + CANDIDATE_REGULARISATION
     good = np.isfinite(unit).all(axis=(1, 2)) & np.isfinite(gradient).all(axis=1)
     unit[~good] = np.eye(trials.dimension)
     scaled = np.linalg.solve(unit, (gradient / scale)[:, :, None])[:, :, 0]
@@ -149,7 +141,7 @@ def refined(trials: Trials, units: Units, points: Floats, rule: Rule, *, iterati
     squares = units.squares(residuals)
     objective = rule.objective(squares, rest_of(residuals, units))
     weights = rule.weights(squares)
-    damping = np.full(len(points), DAMPING)
+    damping = np.full(len(points), CANDIDATE_DAMPING)
     moving = np.isfinite(objective)
     for _ in range(iterations):
         if not moving.any():
@@ -164,5 +156,5 @@ def refined(trials: Trials, units: Units, points: Floats, rule: Rule, *, iterati
         squares[taken], objective[taken] = trial_squares[taken], lower[taken]
         weights = rule.weights(squares)
         damping = np.where(taken, np.maximum(damping * 0.1, 1e-12), np.maximum(damping * 30.0, 1e-4))
-        moving &= (promise > STILL * STILL) & (damping < 1e6)
+        moving &= (promise > STILL) & (damping < 1e6)
     return Refined(points=points, squares=squares, objective=objective)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.solution.robust.units import STATED, Units, consistency
+from mbm.solution.robust.units import Units, consistency
 from mbm.solution.types import Floats, Indices, Mask
-from mbm.target.decisions import LEAST_KEPT, ROUNDED, SECANTS
+from mbm.target.decisions import LEAST_KEPT, ROUNDED, SECANTS, STATED
 
 
 def noise_and_limits(

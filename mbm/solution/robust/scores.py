@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.solution.robust.units import CUT, STATED, Units, limits, robust_variance
+from mbm.solution.robust.units import CUT, Units, limits, robust_variance
 from mbm.solution.types import Floats
+from mbm.target.decisions import STATED
 
 STATED_CUT = 3.0
 """Stated standard deviations beyond which a unit is an outlier: 0.3 % of good units, at 1.5 % of the precision."""

@@ -15,6 +15,7 @@ import numpy as np
 
 from mbm.solution.robust.units import Units
 from mbm.solution.types import Floats, Indices
+from mbm.target.decisions import MEMORY
 from mbm.target.solver.consensus_draw import (
     FIRST_FACTOR,
     FIRST_JUMP,
@@ -33,9 +34,6 @@ MISSED = 1e-6
 """Probability that, with so many outliers, no trial is free of them."""
 
 LEAST_TRIALS, MOST_TRIALS = 100, 3000
-
-MEMORY = 4_000_000
-"""Numbers in the orders, and in the bases, of the trials that are drawn together."""
 
 
 def needed_trials(size: int, asked: int | None) -> int:

@@ -10,8 +10,8 @@ from math import erfc, sqrt
 
 import numpy as np
 
-from mbm.solution.gamma import chi_square_tail
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.target import chi_square
 from mbm.values import dataclass
 
 CUT = 2.5
@@ -19,9 +19,6 @@ CUT = 2.5
 
 MEDIANS = (0.454936423119572, 1.386294361119891, 2.3659738843753377, 3.3566939800333224, 4.351460191095526)
 """Medians of χ²_d for d = 1 … 5; others are computed."""
-
-STATED = -1
-"""The noise group of units whose noise is stated."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,13 +89,13 @@ def limits(components: Indices, deviations: float) -> Floats:
 def quantile(tail: float, dof: int) -> float:
     """The value that χ² with ``dof`` degrees of freedom exceeds with probability ``tail``, by bisection."""
     low, high = 0.0, float(dof)
-    while chi_square_tail(high, dof) > tail:
+    while chi_square.chi_square_tail(high, dof) > tail:
         high *= 2.0
     while high - low > 1e-13 * high:
         middle = 0.5 * (low + high)
         if middle in (low, high):
             break
-        if chi_square_tail(middle, dof) > tail:
+        if chi_square.chi_square_tail(middle, dof) > tail:
             low = middle
         else:
             high = middle
@@ -123,11 +120,6 @@ def robust_variance(squares: Floats, units: Units, dimension: int, picked: Mask 
     return float(np.median(normed)) * small_sample(units.scalars, dimension) ** 2
 
 
-def truncation(components: int, limit: float) -> tuple[float, float]:
-    """Of χ²_d cut at ``limit``: the share that stays, and the part of the second moment, ``E[s; s ≤ limit]/d``."""
-    return 1.0 - chi_square_tail(limit, components), 1.0 - chi_square_tail(limit, components + 2)
-
-
 def consistency(components: Indices, limit: Floats) -> Floats:
     """Variance that normal residuals have left inside ``limit`` (U,): below 1 since the tails are cut off.
 
@@ -138,7 +130,5 @@ def consistency(components: Indices, limit: Floats) -> Floats:
     for size in np.unique(components).tolist():
         of_size = components == size
         for value in np.unique(limit[of_size]).tolist():
-            share, moment = truncation(int(size), value)
-            if share > 0.0:
-                result[of_size & (limit == value)] = moment / share
+            result[of_size & (limit == value)] = chi_square.consistency(value, int(size))
     return result

@@ -18,8 +18,9 @@ NOT_SIMULATED = Code(
 )
 MEASURED_ELSEWHERE = Code(
     "measured-elsewhere",
-    "A simulated column is also used in another role, where its old values would stay: joined by `:with`, in `first` "
-    "or `last`, or measured a second time in the same row.",
+    "A simulated column is also used in another role. Where it is joined by `:with`, stands in `first` or `last`, or "
+    "is measured a second time in the same row, its old values would stay; where it is a key, in `for-each`, or "
+    "decides which equation a row has, its new values would mean other things.",
     "Give the other use a column of its own.",
 )
 NO_TRUE_VALUE = Code(

@@ -11,8 +11,8 @@ from mbm.solution.types import Floats, Mask
 Function = Callable[[Floats], Floats]
 """The components of an equation, shape (rows, k), for columns of shape (rows, p)."""
 
-ITERATIONS = 60
-HALVINGS = 12
+NEWTON_STEPS = 60
+STEP_HALVINGS = 12
 STEP = 6e-6
 """Relative step of a central difference: the cube root of the rounding, where both of its errors are smallest."""
 
@@ -40,7 +40,7 @@ def solved_rows(
     x = start.copy()
     typical = np.maximum(np.abs(start).max(axis=0, initial=0.0), metric)
     gap = function(x) - wanted
-    for _ in range(ITERATIONS):
+    for _ in range(NEWTON_STEPS):
         open_rows = ~(_distance(gap, scale) <= ENOUGH)
         if not bool(open_rows.any()):
             break
@@ -121,7 +121,7 @@ def _searched(
     share = np.ones(len(x))
     better = np.zeros(len(x), dtype=bool)
     moving = np.abs(step).max(axis=1, initial=0.0) > 0.0
-    for _ in range(HALVINGS):
+    for _ in range(STEP_HALVINGS):
         waiting = moving & ~better
         if not bool(waiting.any()):
             break

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.expression.evaluate import Values, evaluate
-from mbm.expression.nodes import Column, RowChoice, leaves
 from mbm.problem.checks import used_rows
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.rows import row_values, rows_of
@@ -23,6 +22,7 @@ from mbm.solution.simulation.measured import Measured, measured_equations
 from mbm.solution.simulation.noise import outliers, root, stream
 from mbm.solution.simulation.places import Rows
 from mbm.solution.simulation.priors import drawn_from_priors
+from mbm.solution.simulation.roles import refuse_other_uses
 from mbm.solution.simulation.rows import solved_rows, spread_of
 from mbm.solution.simulation.types import Cells, FactorsFinder, Simulating, Simulation, Truth, ValuesFinder
 from mbm.solution.types import Floats, Indices, Mask
@@ -39,12 +39,12 @@ def simulate(found: Elaborated, values: ValuesFinder, factors: FactorsFinder, as
 
     Raises:
         MbmError: an unknown without a value, an equation that cannot be solved for what it measures, a column that is
-            measured twice.
+            measured twice or in a second role.
 
     """
     problem = found.problem
     equations, kept = measured_equations(problem, asked.measured)
-    _refuse_other_uses(problem, equations)
+    refuse_other_uses(problem, equations)
     given = {name: np.asarray(numbers, dtype=np.float64) for name, numbers in found.starts.items()}
     _, picked = selections(replace(problem, request=replace(problem.request, window=None)), found.tables)
     runs = []
@@ -57,26 +57,6 @@ def simulate(found: Elaborated, values: ValuesFinder, factors: FactorsFinder, as
         truths=tuple(truth for run in runs for truth in run.truths),
         notes=(*kept, *notes.values()),
     )
-
-
-def _refuse_other_uses(problem: Problem, equations: tuple[Measured, ...]) -> None:
-    """A measured column may not be read from the first or last row, nor through a join: that would be its old value."""
-    measured = {
-        (problem.blocks[m.block].table, column): problem.blocks[m.block] for m in equations for column in m.columns
-    }
-    aliases = {(p.name, f"{j.alias}."): j.table for p in problem.plans for j in p.joins}
-    for block in problem.blocks:
-        for case in block.cases:
-            for leaf in leaves(tuple(c for e in case.equations for c in e.components)):
-                if not isinstance(leaf, Column):
-                    continue
-                if leaf.row is not RowChoice.EACH and (leaf.table, leaf.name) in measured:
-                    raise MbmError(faults.measured_elsewhere(block.span, leaf.name, "read from one row of its table"))
-                for (table, prefix), other in aliases.items():
-                    if leaf.table == table and leaf.name.startswith(prefix):
-                        name = leaf.name.removeprefix(prefix)
-                        if (other, name) in measured:
-                            raise MbmError(faults.measured_elsewhere(block.span, name, "joined to another table"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

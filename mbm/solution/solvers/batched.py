@@ -12,27 +12,17 @@ from typing import Protocol
 
 import numpy as np
 
-from mbm.solution.solvers.box import KEEP
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.target.decisions import (
+    FIRST_DAMPING,
+    HOPELESS_DAMPING,
+    LEAST_GAIN_RATIO,
+    MEMORY,
+    POSITIVE_KEPT,
+    REGULARISATION,
+    REVISIONS,
+)
 from mbm.values import dataclass
-
-DAMPING = 1e-3
-"""Damping at the start, relative to the diagonal of the normal equations (Nielsen 1999)."""
-
-HOPELESS = 1e10
-"""A damping above this moves nothing any more."""
-
-ROUNDING = 1e-14
-"""Added to the unit diagonal of the normal equations: they stay regular where an unknown is not determined."""
-
-ACCEPT = 1e-4
-"""Least share of the promised decrease that a step must bring (MINPACK)."""
-
-MEMORY = 4_000_000
-"""Numbers in the Jacobians of the trials that are worked on together: 32 MB, and a few times that on the way."""
-
-REVISIONS = 3
-"""How often a step is computed anew for the coordinates that are left when others have met their bounds."""
 
 
 class Stack(Protocol):
@@ -171,7 +161,7 @@ class _State:
             cost=cost[finite],
             residuals=residuals[finite],
             jacobian=jacobian[finite],
-            damping=np.full(len(self.moving), DAMPING),
+            damping=np.full(len(self.moving), FIRST_DAMPING),
             growth=np.full(len(self.moving), 2.0),
             scale=np.zeros((len(self.moving), stack.dimension)),
         )
@@ -200,18 +190,18 @@ class _State:
         step, slope = _bounded_step(normal, gradient / scale, now.damping, scale, _gaps(stack, now.points))
         promise = _promise(now.jacobian, now.residuals, step)
         small = self._tolerance * self._tolerance
-        done = (now.damping <= DAMPING) & (promise >= 0.0) & (promise <= small * now.cost)
+        done = (now.damping <= FIRST_DAMPING) & (promise >= 0.0) & (promise <= small * now.cost)
         done |= (slope * slope <= small * now.cost) | (now.cost <= small * now.residuals.shape[1])
         trial = stack.moved(now.points, step)
         residuals, jacobian = stack.linearised(trial, self._first + self.moving)
         lower = np.square(residuals).sum(axis=1)
         share = np.where(promise > 0.0, (now.cost - lower) / promise, -1.0)
-        good = (share > ACCEPT) & np.isfinite(lower) & np.isfinite(jacobian.sum(axis=(1, 2)))
+        good = (share > LEAST_GAIN_RATIO) & np.isfinite(lower) & np.isfinite(jacobian.sum(axis=(1, 2)))
         now.take(good, trial, lower, residuals, jacobian)
         now.adapt(good, share)
         self._iterations[self.moving] += 1
         self._settled[self.moving] = done
-        self._leave(done | (now.damping > HOPELESS))
+        self._leave(done | (now.damping > HOPELESS_DAMPING))
 
     def _leave(self, ended: Mask) -> None:
         """Put those that ended back in their places; the others go on."""
@@ -261,7 +251,7 @@ def _gaps(stack: Stack, points: Floats) -> tuple[Floats, Floats] | None:
         return None
     here = stack.coordinates(points)
     down = lower - here
-    return np.where(positive, np.maximum(down, (KEEP - 1.0) * here), down), upper - here
+    return np.where(positive, np.maximum(down, (POSITIVE_KEPT - 1.0) * here), down), upper - here
 
 
 def _bounded_step(
@@ -301,7 +291,7 @@ def _solved(normal: Floats, gradient: Floats, damping: Floats, held: Mask | None
     else:
         damping = damping[:, None]
     places = np.arange(n)
-    matrix[:, places, places] += damping + ROUNDING
+    matrix[:, places, places] += damping + REGULARISATION
     # A column that has been exactly zero so far has a zero on the diagonal too: only the damping keeps it regular.
     return np.asarray(np.linalg.solve(matrix, -gradient[:, :, None])[:, :, 0], dtype=np.float64)
 

@@ -16,16 +16,11 @@ from numpy.typing import NDArray
 
 from mbm.solution.solvers.scaled import Scaled, decompose
 from mbm.solution.types import Equations, Floats, Mask
+from mbm.target.decisions import POSITIVE_KEPT, ROUNDING_OF_BOUNDS
 from mbm.values import dataclass
 
 StepRule: TypeAlias = Callable[[Scaled, float], Floats]
 """From the decomposition and the trust radius to a step in scaled coordinates."""
-
-ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
-"""Relative error of a bound minus a number plus that number."""
-
-KEEP = 0.1
-"""A coordinate of type `positive` keeps at least this part of its value in one step (fraction to the boundary)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,7 +59,7 @@ class Box:
         if step.stopped is None or not step.stopped.any():
             return inside
         bound = np.where(step.vector < 0.0, self.lower, self.upper)
-        there = np.abs(inside - bound) <= ROUNDING * (np.abs(bound) + np.abs(step.vector))
+        there = np.abs(inside - bound) <= ROUNDING_OF_BOUNDS * (np.abs(bound) + np.abs(step.vector))
         near = step.stopped & np.isfinite(bound) & there
         return np.where(near, bound, inside)
 
@@ -75,7 +70,7 @@ class Box:
 
     def gaps(self, x: Floats) -> tuple[Floats, Floats]:
         """Largest movement down (≤ 0) and up (≥ 0) of each coordinate in one step."""
-        down = np.where(self.positive, np.maximum(self.lower - x, (KEEP - 1.0) * x), self.lower - x)
+        down = np.where(self.positive, np.maximum(self.lower - x, (POSITIVE_KEPT - 1.0) * x), self.lower - x)
         return down, self.upper - x
 
     def allows(self, x: Floats, vector: Floats) -> bool:

@@ -12,12 +12,7 @@ import numpy as np
 
 from mbm.solution.solvers.scaled import Scaled
 from mbm.solution.types import Equations, Floats, Profiled
-
-FRACTION = 1e-4
-"""Length of a difference in conditional standard deviations of the coordinate."""
-
-RELATIVE = 1e-7
-"""… and its least length beside the coordinate itself, so that rounding stays small."""
+from mbm.target.decisions import DIFFERENCE, LEAST_DIFFERENCE
 
 
 def residual_curvature(
@@ -36,7 +31,7 @@ def residual_curvature(
     result = np.empty((n, n))
     for j in range(n):
         step = np.zeros(n)
-        step[j] = max(FRACTION * spread / scale[j], RELATIVE * float(size[j]))
+        step[j] = max(DIFFERENCE * spread / scale[j], LEAST_DIFFERENCE * float(size[j]))
         gradient_there = residuals @ equations.jacobian(equations.retract(x, step))
         result[j] = (gradient_there - gradient) / step[j]
     if not np.isfinite(result).all():
@@ -55,7 +50,7 @@ def _profiled_curvature(
     hessian = np.empty((n, n))
     for j in range(n):
         step = np.zeros(n)
-        step[j] = max(FRACTION * spread / scale[j], RELATIVE * float(size[j]))
+        step[j] = max(DIFFERENCE * spread / scale[j], LEAST_DIFFERENCE * float(size[j]))
         ends = (equations.retract(x, step), equations.retract(x, -step))
         sides = [equations.residuals(there) @ equations.jacobian(there) for there in ends]
         hessian[j] = (sides[0] - sides[1]) / (2.0 * step[j])
@@ -78,14 +73,6 @@ def newton_step(parts: Scaled, curvature: Floats) -> tuple[Floats, float] | None
     half = np.linalg.solve(lower, parts.projected[:k])
     step: Floats = -(np.linalg.solve(lower.T, half) @ basis)
     return (step, float(half @ half)) if np.isfinite(step).all() else None
-
-
-def remaining(offset: float, before: float, tolerance: float) -> float:
-    """Iterations still needed at the present linear rate (inf where the offset does not shrink)."""
-    if offset <= tolerance:
-        return 0.0
-    rate = offset / before if before > 0.0 else 1.0
-    return np.inf if rate >= 1.0 else float(np.log(tolerance / offset) / np.log(rate))
 
 
 def spread_of(cost: float, freedom: int) -> float:

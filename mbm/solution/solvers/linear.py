@@ -6,13 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.solution.solvers.box import one_step_suits
 from mbm.solution.solvers.state import State, answer, begin, place_at
-from mbm.solution.types import Equations, Floats, Minimum, Reason, TraceEntry
+from mbm.solution.types import Equations, Floats, Minimum, Reason
+from mbm.target.decisions import REFINEMENTS
 from mbm.values import dataclass
-
-REFINEMENTS = 2
-"""Corrections from the residuals at the new point: they restore the digits that a bad start or conditioning costs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,10 +17,6 @@ class Linear:
     """Residuals affine in the unknowns and no bounds."""
 
     name: str = "linear"
-
-    def supports(self, equations: Equations) -> bool:
-        """Affine residuals, no bound and no `positive` unknown."""
-        return one_step_suits(equations)
 
     @np.errstate(all="ignore")
     def init(self, equations: Equations, start: Floats, tolerance: float) -> State:
@@ -47,10 +40,8 @@ class Linear:
             if best is not state.place and not new.full.length < best.full.length:
                 break
             best = new
-        here = state.place
-        entry = TraceEntry(iteration=1, cost=here.cost, offset=here.offset, radius=np.inf, trials=1)
-        reason = Reason.NO_FINITE_STEP if best is here and not finite else Reason.ONE_STEP
-        return replace(state, place=best, iterations=1, evaluations=evaluations, reason=reason, trace=(entry,))
+        reason = Reason.NO_FINITE_STEP if best is state.place and not finite else Reason.ONE_STEP
+        return replace(state, place=best, iterations=1, evaluations=evaluations, reason=reason)
 
     def finished(self, state: State) -> Reason | None:
         """Over after the step."""

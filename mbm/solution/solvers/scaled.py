@@ -11,20 +11,12 @@ import numpy as np
 
 from mbm.solution.triangle import triangle
 from mbm.solution.types import Equations, Floats, Mask
+from mbm.target.decisions import EPSILON, HUGE, TINY
 from mbm.values import dataclass
 
 TALL = 4
 LARGE = 3000
 """From this ratio of rows to columns and this size on the QR reduction is cheaper than the whole SVD (measured)."""
-
-EPSILON = float(np.finfo(np.float64).eps)
-
-ROUNDED = 1e-13
-"""A column of a rotation below this share of the largest one is rounding: derivatives carry a few 1e-16."""
-
-TINY = 1e-140
-HUGE = 1e150
-"""Column norms below and above are taken with care: their squares leave the range of the numbers."""
 
 
 def magnitudes(equations: Equations, coordinates: Floats) -> Floats:

@@ -15,10 +15,6 @@ class Standing:
 
     name: str = "closed-form"
 
-    def supports(self, equations: Equations) -> bool:
-        """Anything that has equations."""
-        return equations.count > 0 and equations.dimension > 0
-
     @np.errstate(all="ignore")
     def init(self, equations: Equations, start: Floats, tolerance: float) -> State:
         """The state at the start (projected into the bounds)."""

@@ -8,24 +8,11 @@ import numpy as np
 
 from mbm.solution.solvers.box import Box, Step, box_of, boxed_step
 from mbm.solution.solvers.curvature import newton_step
-from mbm.solution.solvers.scaled import EPSILON, ROUNDED, Scaled, column_norms, decompose, magnitudes, turning
-from mbm.solution.types import Equations, Floats, Mask, Minimum, Reason, TraceEntry
+from mbm.solution.solvers.scaled import Scaled, column_norms, decompose, magnitudes, turning
+from mbm.solution.types import Equations, Floats, Mask, Minimum, Reason
+from mbm.target.decisions import CAP, EPSILON, FLOOR, ROUNDED_ROTATION, ROUNDING_ERRORS, UNSCALED, ZERO_COST
+from mbm.target.step_control import relative_offset
 from mbm.values import dataclass
-
-UNSCALED = 1e-3
-"""A start so much shorter (as ‖scale · x‖) than the residuals says nothing about how far to go."""
-
-NOISE = 4.0
-"""The rounding of a residual in units of ``eps · ‖terms‖``: the model has a few operations behind it."""
-
-NOTHING = 1e-60
-"""A cost that is zero in any unit."""
-
-FLOOR = 0.1
-CAP = 1e7
-"""A column so flat that its coordinate could move far beyond its own size is held as if ``scale · x`` were at least
-this share of the largest, but with at most so many times its own scale. Without it the first step of MGH17 goes to
-where every derivative vanishes; the shares from 0.03 to 0.15 do equally well."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,7 +64,6 @@ class State:
     evaluations: int
     reason: Reason | None
     bad_row: int | None
-    trace: tuple[TraceEntry, ...]
 
 
 def begin(equations: Equations, point: Floats, tolerance: float) -> State:
@@ -110,7 +96,6 @@ def begin(equations: Equations, point: Floats, tolerance: float) -> State:
         evaluations=1,
         reason=place.ending if row is None else reason,
         bad_row=row,
-        trace=(),
     )
 
 
@@ -132,7 +117,7 @@ def place_at(
     cost = float(residuals @ residuals)
     terms = norms * magnitudes(equations, x)
     size = sqrt(float(terms @ terms))
-    noise = NOISE * EPSILON * (size + sqrt(cost))
+    noise = ROUNDING_ERRORS * EPSILON * (size + sqrt(cost))
     if not isfinite(cost):
         free, finite = None, np.zeros(residuals.size)
         parts, full = _undamped_step(x, finite, jacobian, scale, box, free, None)
@@ -144,11 +129,11 @@ def place_at(
     offset = relative_offset(full.predicted, max(cost - full.predicted, 0.0), moving, freedom)
     movement = norms * full.vector
     ending = None
-    if cost <= max(noise * noise, NOTHING):
+    if cost <= max(noise * noise, ZERO_COST):
         ending = Reason.EXACT_FIT
     elif offset <= tolerance:
         ending = Reason.SMALL_OFFSET
-    elif sqrt(float(movement @ movement)) <= NOISE * EPSILON * size:
+    elif sqrt(float(movement @ movement)) <= ROUNDING_ERRORS * EPSILON * size:
         ending = Reason.ROUNDING
     return Place(
         point=point,
@@ -176,7 +161,7 @@ def _held(scale: Floats, curved: Mask | None) -> Floats:
     if curved is None:
         return scale
     largest = float(scale[curved].max(initial=0.0))
-    return np.where(curved & (scale < ROUNDED * largest), largest, scale)
+    return np.where(curved & (scale < ROUNDED_ROTATION * largest), largest, scale)
 
 
 def _metric(peak: Floats, x: Floats) -> Floats:
@@ -234,18 +219,6 @@ def undamped(parts: Scaled, radius: float) -> Floats:
     return parts.gauss_newton()
 
 
-def relative_offset(inside: float, outside: float, moving: int, freedom: int) -> float:
-    """Bates and Watts (1981): residuals in the tangent plane against those outside it, root mean square per dimension.
-
-    About the length of the next step in standard deviations of the estimates.
-    """
-    if inside <= 0.0:
-        return 0.0
-    if outside <= 0.0:
-        return inf
-    return sqrt((inside / max(moving, 1)) / (outside / max(freedom, 1)))
-
-
 def first_bad(values: Floats) -> int | None:
     """Row (from 0) of the first value that is not finite."""
     good = np.isfinite(values)
@@ -268,5 +241,4 @@ def answer(state: State, reason: Reason) -> Minimum:
         offset=place.offset,
         at_bound=state.box.sides(place.coordinates, place.free, place.full),
         bad_row=state.bad_row,
-        trace=state.trace,
     )

@@ -14,44 +14,25 @@ from math import isfinite, sqrt
 import numpy as np
 
 from mbm.solution.solvers.box import Step, StepRule, boxed_step
-from mbm.solution.solvers.curvature import remaining, residual_curvature, spread_of
+from mbm.solution.solvers.curvature import residual_curvature, spread_of
 from mbm.solution.solvers.state import Place, State, answer, begin, place_at
-from mbm.solution.types import Equations, Floats, Minimum, Reason, TraceEntry
+from mbm.solution.types import Equations, Floats, Minimum, Reason
+from mbm.target.decisions import (
+    BEND,
+    CREEP,
+    CURVED_SHARE,
+    LEAST_GAIN_RATIO,
+    NEAR_OFFSET,
+    NEVER,
+    OFFSET_DECREASE,
+    PATIENCE,
+    REACH,
+    SLOW_OFFSET,
+    TRIAL_POINTS,
+    UNDECIDED,
+)
+from mbm.target.step_control import radius_after, remaining, shortened
 from mbm.values import dataclass
-
-ACCEPT = 1e-4
-"""Least share of the promised decrease that a step must bring (MINPACK)."""
-
-CURVED = 0.75
-"""A step that brings less of its promise than this is tried again with the curvature answered."""
-
-BEND = 0.75
-"""The answer to curvature may be this long beside the step (Transtrum and Sethna 2012)."""
-
-UNDECIDED = 10.0
-"""A promise below so many roundings of the cost is judged by the offset."""
-
-POLISH = 0.95
-"""A step judged by the offset must bring it below this share."""
-
-SLOW = 0.1
-"""The offset should fall below this share in one iteration near the minimum."""
-
-NEAR = 0.3
-"""… which is where the offset is below this: a third of a standard deviation."""
-
-CREEP = 1e-2
-"""Farther off, an iteration that lowers the cost by less than this share creeps: the second-order term may help."""
-
-PATIENCE = 4
-NEVER = 1_000_000
-"""Iterations from one computation of the second-order term to the next."""
-
-REACH = 30.0
-"""Newton's first step may be this many radii long."""
-
-TRIALS = 100
-"""Trial points in one iteration; the radius has shrunk by 10⁻³⁰ at least by then."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,10 +53,6 @@ class TrustRegion:
     name: str
     rule: StepRule
 
-    def supports(self, equations: Equations) -> bool:
-        """Any system of at least one equation and one unknown."""
-        return equations.dimension > 0 and equations.count > 0
-
     @np.errstate(all="ignore")
     def init(self, equations: Equations, start: Floats, tolerance: float) -> State:
         """The state at the start (projected into the bounds)."""
@@ -85,7 +62,7 @@ class TrustRegion:
     def step(self, equations: Equations, state: State) -> State:
         """Trial steps until one is accepted, or none can be; the cost never grows by more than its rounding."""
         here, radius, evaluations, finite = state.place, state.radius, state.evaluations, True
-        for trials in range(1, TRIALS + 1):
+        for _ in range(TRIAL_POINTS):
             trial = _try(equations, state, _step_within(state, self.rule, radius))
             evaluations += trial.evaluations
             if np.array_equal(trial.point, here.point):
@@ -98,7 +75,7 @@ class TrustRegion:
             decided = trial.step.predicted > UNDECIDED * here.slack
             if decided:
                 share = actual / trial.step.predicted
-                acceptable = share > ACCEPT
+                acceptable = share > LEAST_GAIN_RATIO
             else:
                 share = 1.0
                 acceptable = trial.step is here.full and actual >= -here.slack
@@ -108,15 +85,15 @@ class TrustRegion:
                 if not finite:
                     radius = 0.25 * min(radius, trial.step.length)
                     continue
-                done = _counted(state, evaluations, trials)
+                done = _counted(state, evaluations)
                 new = _moved(equations, done, trial, jacobian, radius, share if decided else None)
-                if not decided and not new.place.offset <= POLISH * here.offset:
+                if not decided and not new.place.offset <= OFFSET_DECREASE * here.offset:
                     return _no_better(equations, done)
                 return new
             if not decided:
                 break
             radius = _shorter(here, trial.step, actual) * min(radius, trial.step.length)
-        return _stuck(equations, _counted(replace(state, radius=radius), evaluations, trials), finite)
+        return _stuck(equations, _counted(replace(state, radius=radius), evaluations), finite)
 
     def finished(self, state: State) -> Reason | None:
         """Why the iteration is over, or None while it is not."""
@@ -149,7 +126,7 @@ def _try(equations: Equations, state: State, step: Step) -> Trial:
     cost = float(residuals @ residuals)
     plain = Trial(step=step, point=point, residuals=residuals, cost=cost, evaluations=1)
     promising = isfinite(cost) and here.free is None and step.predicted > UNDECIDED * here.slack
-    if not promising or here.cost - cost >= CURVED * step.predicted:
+    if not promising or here.cost - cost >= CURVED_SHARE * step.predicted:
         return plain
     scaled = step.vector * here.scale
     missed = residuals - here.residuals - here.jacobian @ step.vector
@@ -173,11 +150,11 @@ def _moved(
         equations, trial.point, trial.residuals, jacobian, state.box, state.tolerance, here, state.curvature
     )
     if share is not None:
-        radius = _radius_after(share, radius, trial.step.length, trial.step is here.full)
+        radius = radius_after(share, radius, trial.step.length, int(trial.step is here.full))
     new = replace(state, place=there, radius=radius, reason=there.ending, patience=max(state.patience - 1, 0))
-    if there.ending is not None or there.offset <= SLOW * here.offset or new.patience > 0:
+    if there.ending is not None or there.offset <= SLOW_OFFSET * here.offset or new.patience > 0:
         return new
-    if there.offset < NEAR:
+    if there.offset < NEAR_OFFSET:
         if remaining(there.offset, here.offset, state.tolerance) <= there.coordinates.size + 2:
             return new
     elif here.cost - trial.cost > CREEP * here.cost:
@@ -192,7 +169,7 @@ def _with_curvature(equations: Equations, state: State) -> State:
     spread = spread_of(here.cost, here.freedom)
     curvature = residual_curvature(equations, here.point, here.residuals, here.jacobian, here.scale, spread)
     again = place_at(equations, here.point, here.residuals, here.jacobian, state.box, state.tolerance, here, curvature)
-    patience = PATIENCE if again.offset >= NEAR else 0
+    patience = PATIENCE if again.offset >= NEAR_OFFSET else 0
     return replace(state, place=again, curvature=curvature, patience=patience, reason=again.ending)
 
 
@@ -219,29 +196,10 @@ def _no_better(equations: Equations, state: State) -> State:
     return replace(state, place=plain, curvature=None, patience=NEVER, radius=radius, reason=plain.ending)
 
 
-def _radius_after(share: float, radius: float, length: float, whole: bool) -> float:
-    if share <= 0.25:
-        return 0.5 * min(radius, 10.0 * length)
-    if whole or share >= 0.75:
-        return 2.0 * length
-    return radius
-
-
 def _shorter(here: Place, step: Step, actual: float) -> float:
-    """MINPACK's shortening after a growing cost: half of where the parabola through slope and value is least."""
-    if actual >= 0.0:
-        return 0.5
-    slope = float((here.jacobian @ step.vector) @ here.residuals)
-    share = 0.5 * slope / (slope + 0.5 * actual) if slope < 0.0 else 0.0
-    return min(max(share, 0.1), 0.5)
+    """The factor for the radius after a step that was refused."""
+    return shortened(float((here.jacobian @ step.vector) @ here.residuals) if actual < 0.0 else 0.0, actual)
 
 
-def _counted(state: State, evaluations: int, trials: int) -> State:
-    entry = TraceEntry(
-        iteration=state.iterations + 1,
-        cost=state.place.cost,
-        offset=state.place.offset,
-        radius=state.radius,
-        trials=trials,
-    )
-    return replace(state, iterations=state.iterations + 1, evaluations=evaluations, trace=(*state.trace, entry))
+def _counted(state: State, evaluations: int) -> State:
+    return replace(state, iterations=state.iterations + 1, evaluations=evaluations)

@@ -13,11 +13,9 @@ import numpy as np
 
 from mbm.solution.sparse.structure import Values
 from mbm.solution.sparse.system import Factorised
-from mbm.solution.types import Floats, Indices, Mask
+from mbm.solution.types import CovarianceFactor, Floats, Indices, Mask
+from mbm.target.decisions import SHARE
 from mbm.values import dataclass
-
-LEAST = 1e-6
-"""A coordinate whose share in a free direction of unit length is below this is not touched by it."""
 
 PART = 2_000_000
 """Numbers in the parts of the inverse that are put together for the rows of a piece at once."""
@@ -96,7 +94,7 @@ class SparseInverse:
     def single(self) -> Mask:
         """Coordinates (n,) that free directions of single members touch."""
         layout = self.factors.plan.structure
-        return np.asarray(self.local.squares(layout.columns)[layout.free] > LEAST**2)
+        return np.asarray(self.local.squares(layout.columns)[layout.free] > SHARE**2)
 
     def variances(self) -> Floats:
         """The diagonal of the covariance (n,)."""
@@ -172,3 +170,16 @@ class SparseInverse:
         if self.null.shape[1]:
             x = x - self.null @ (self.null.T @ x)
         return self.local.removed(x)
+
+
+def inverse_of(factor: CovarianceFactor | None) -> SparseInverse:
+    """The covariance factor of a sparse problem.
+
+    Raises:
+        TypeError: the problem is not sparse.
+
+    """
+    if not isinstance(factor, SparseInverse):
+        message = "the problem is not sparse"
+        raise TypeError(message)
+    return factor

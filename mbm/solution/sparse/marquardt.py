@@ -16,14 +16,16 @@ import numpy as np
 from mbm.kernels.types import MachineCode
 from mbm.solution.assembly import Assembled
 from mbm.solution.pushing import pushed
-from mbm.solution.solvers.state import first_bad, relative_offset
+from mbm.solution.solvers.state import first_bad
 from mbm.solution.sparse.deferred import DeferredMatrix
 from mbm.solution.sparse.equations import blocked
 from mbm.solution.sparse.normal import Normal
 from mbm.solution.sparse.place import BlockEquations, Place, inside, moved, normal_at, place_at
-from mbm.solution.sparse.structure import BlockJacobian, Structure, Values
-from mbm.solution.sparse.system import Factorised, Plan, factorised, plan
-from mbm.solution.types import Equations, Floats, Minimum, Reason, TraceEntry
+from mbm.solution.sparse.structure import Structure, Values
+from mbm.solution.sparse.system import BlockJacobian, Factorised, Plan, factorised, plan
+from mbm.solution.types import Equations, Floats, Minimum, Reason
+from mbm.target.decisions import LEAST_GAIN_RATIO, OFFSET_DECREASE, UNDECIDED
+from mbm.target.step_control import damping_factor, relative_offset
 from mbm.values import dataclass
 
 COMPILED = 20_000
@@ -41,25 +43,16 @@ MOST = 1e16
 DIAGONAL = (1e-6, 1e32)
 """Range of the metric's squares."""
 
-ACCEPT = 1e-4
-"""Least share of the promised decrease that a step must bring."""
-
 CLOSE = 1e-2
 """At an offset below this the Jacobian hardly changes any more: the factors of the place before are tried again …"""
 
 QUICK = 0.25
 """… and kept as long as each step brings the offset below this share."""
 
-UNDECIDED = 10.0
-"""A promise below so many roundings of the cost is judged by the offset …"""
-
-POLISH = 0.95
-"""… which must fall below this share."""
-
 TRIALS = 60
 """Trial points in one iteration."""
 
-ROUNDS = 20
+BOX_ROUNDS = 20
 """Times that a step is solved for again because it would leave the box."""
 
 
@@ -92,7 +85,6 @@ class State:
     evaluations: int
     reason: Reason | None
     bad_row: int | None
-    trace: tuple[TraceEntry, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,10 +96,6 @@ class SparseMarquardt:
 
     name: str = "lm-sparse"
     workers: int | None = None
-
-    def supports(self, equations: Equations) -> bool:
-        """Any system of at least one equation and one unknown whose blocks can be told."""
-        return equations.dimension > 0 and equations.count > 0 and _blocks(equations) is not None
 
     @np.errstate(all="ignore")
     def init(self, equations: Equations, start: Floats, tolerance: float) -> State:
@@ -170,7 +158,6 @@ def _begun(equations: BlockEquations, start: Floats, tolerance: float, workers: 
         evaluations=1,
         reason=None if place is not None else reason,
         bad_row=row,
-        trace=(),
     )
 
 
@@ -183,7 +170,7 @@ def _planned(layout: Structure, backend: MachineCode | None, workers: int | None
 
 
 def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
-    for trials in range(1, TRIALS + 1):
+    for _ in range(TRIALS):
         state, found = _next(state, here)
         if found is None:
             state = _shortened(state)
@@ -201,29 +188,29 @@ def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
         if offset > CLOSE:  # these factors are of no use elsewhere, and make room for the next Jacobian
             state = replace(state, known=replace(state.known, factors=None))
         if offset <= state.tolerance:
-            return _ended(state, here, trials, Reason.SMALL_OFFSET)
+            return _ended(state, Reason.SMALL_OFFSET)
         undecided = promise <= UNDECIDED * here.rounding
         residuals = equations.residuals(point)
         cost = float(residuals @ residuals)
         state = replace(state, evaluations=state.evaluations + 1)
         share = (here.cost - cost) / promise if isfinite(cost) else -inf
-        good = here.cost - cost >= -here.rounding if undecided else share > ACCEPT
+        good = here.cost - cost >= -here.rounding if undecided else share > LEAST_GAIN_RATIO
         there = None
         if good:
             values = equations.block_jacobian(point, state.plan.arithmetic)
             there = place_at(equations, state.plan, point, residuals, values)
         if there is not None:
-            moved_on = _accepted(state, here, there, trials, 1.0 if undecided else share)
+            moved_on = _accepted(state, there, 1.0 if undecided else share)
             if not undecided:
                 return moved_on
             better = _better(equations, moved_on, there)
-            return _ended(state, here, trials, Reason.ROUNDING) if better is None else better
+            return _ended(state, Reason.ROUNDING) if better is None else better
         if undecided and isfinite(cost):
-            return _ended(state, here, trials, Reason.ROUNDING)
+            return _ended(state, Reason.ROUNDING)
         if state.damping >= MOST:
-            return _ended(state, here, trials, Reason.FLAT if isfinite(cost) else Reason.NO_FINITE_STEP)
+            return _ended(state, Reason.FLAT if isfinite(cost) else Reason.NO_FINITE_STEP)
         state = _shortened(state)
-    return _ended(state, here, TRIALS, Reason.FLAT)
+    return _ended(state, Reason.FLAT)
 
 
 def _answer(state: State, reason: Reason) -> Minimum:
@@ -251,7 +238,6 @@ def _answer(state: State, reason: Reason) -> Minimum:
         offset=state.offset,
         at_bound=sides,
         bad_row=state.bad_row,
-        trace=state.trace,
     )
 
 
@@ -290,7 +276,7 @@ def _solved(state: State, here: Place, normal: Normal) -> tuple[Floats | None, F
     layout = state.plan.structure
     gradient, still = here.gradient, layout.dead | here.held
     step = np.zeros(layout.columns)
-    for _ in range(ROUNDS):
+    for _ in range(BOX_ROUNDS):
         added = state.damping * np.clip(here.squares, *DIAGONAL)
         added[still] = 1.0
         factors = factorised(state.plan, normal, added)
@@ -327,7 +313,7 @@ def _offset(equations: Equations, here: Place, promise: float) -> float:
 def _better(equations: BlockEquations, state: State, there: Place) -> State | None:
     """The state at a point that the cost cannot judge, with the step from it, if the offset is clearly smaller."""
     found, onward = _next(state, there)
-    if onward is None or not _offset(equations, there, onward[1]) <= POLISH * state.offset:
+    if onward is None or not _offset(equations, there, onward[1]) <= OFFSET_DECREASE * state.offset:
         return None
     return replace(found, known=replace(found.known, step=onward))
 
@@ -344,8 +330,8 @@ def _shortened(state: State) -> State:
     )
 
 
-def _accepted(state: State, here: Place, there: Place, trials: int, share: float) -> State:
-    damping = max(state.damping * max(1.0 / 3.0, 1.0 - (2.0 * share - 1.0) ** 3), LEAST)
+def _accepted(state: State, there: Place, share: float) -> State:
+    damping = max(state.damping * damping_factor(share), LEAST)
     return replace(
         state,
         place=there,
@@ -355,24 +341,11 @@ def _accepted(state: State, here: Place, there: Place, trials: int, share: float
         damping=damping,
         growth=2.0,
         iterations=state.iterations + 1,
-        trace=(*state.trace, _entry(state, here, trials)),
     )
 
 
-def _ended(state: State, here: Place, trials: int, reason: Reason) -> State:
-    return replace(
-        state, reason=reason, iterations=state.iterations + 1, trace=(*state.trace, _entry(state, here, trials))
-    )
-
-
-def _entry(state: State, here: Place, trials: int) -> TraceEntry:
-    return TraceEntry(
-        iteration=state.iterations + 1,
-        cost=here.cost,
-        offset=state.offset,
-        radius=1.0 / state.damping,
-        trials=trials,
-    )
+def _ended(state: State, reason: Reason) -> State:
+    return replace(state, reason=reason, iterations=state.iterations + 1)
 
 
 def _bad_derivative(found: Structure, values: Values) -> int:

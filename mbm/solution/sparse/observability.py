@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.solution.freedom import free_combination, touched_by
+from mbm.solution.sparse.inverse import inverse_of
 from mbm.solution.sparse.rank import Decision, decided
-from mbm.solution.sparse.structure import BlockJacobian
+from mbm.solution.sparse.system import blocks_of
 from mbm.solution.types import Covariance, Floats, FreeCombination, Mask, Minimum, Observability, Propagated
 from mbm.target.decisions import SHARE
 
@@ -23,8 +24,9 @@ PART = 4_000_000
 
 
 @np.errstate(all="ignore")
-def sparse_observability(minimum: Minimum, blocks: BlockJacobian, point: Floats) -> Observability:
-    """The rank decision at a minimum whose Jacobian comes in ``blocks``, with the coordinates ``point`` (n,)."""
+def sparse_observability(minimum: Minimum, point: Floats) -> Observability:
+    """The rank decision at a minimum of a sparse problem, with the coordinates ``point`` (n,)."""
+    blocks = blocks_of(minimum)
     fixed = minimum.at_bound != 0
     held = np.zeros(blocks.plan.structure.columns, dtype=bool)
     held[blocks.plan.structure.free] = fixed
@@ -71,11 +73,7 @@ def _single(found: Decision, scale: Floats, point: Floats) -> tuple[FreeCombinat
 
 def sparse_covariance(observed: Observability, variance: float) -> Covariance:
     """Standard deviations of all coordinates; the matrix is left empty, as the factor is."""
-    inverse = observed.inverse
-    if inverse is None:
-        message = "the problem is not sparse"
-        raise TypeError(message)
-    inverse = replace(inverse, datum=observed.datum_space)
+    inverse = replace(inverse_of(observed.inverse), datum=observed.datum_space)
     undetermined = ~observed.estimable & ~observed.fixed
     variances = inverse.variances() * variance
     sigma = np.where(undetermined, np.nan, np.where(observed.fixed, 0.0, np.sqrt(variances)))
@@ -86,12 +84,12 @@ def sparse_covariance(observed: Observability, variance: float) -> Covariance:
 @np.errstate(all="ignore")
 def whole_covariance(observed: Observability, estimated: Covariance) -> Floats | None:
     """The covariance matrix (n, n), with NaN as in ``Covariance``; None where it would be too large."""
-    inverse, count = estimated.inverse, len(observed.scale)
-    if inverse is None:
+    count = len(observed.scale)
+    if estimated.inverse is None:
         return estimated.matrix
     if count > HELD:
         return None
-    matrix = inverse.solve(np.eye(count)) * estimated.variance
+    matrix = inverse_of(estimated.inverse).solve(np.eye(count)) * estimated.variance
     matrix = (matrix + matrix.T) / 2.0
     undetermined = ~observed.estimable & ~observed.fixed
     matrix[undetermined, :] = np.nan
@@ -102,10 +100,7 @@ def whole_covariance(observed: Observability, estimated: Covariance) -> Floats |
 @np.errstate(all="ignore")
 def sparse_propagate(gradient: Floats, observed: Observability, estimated: Covariance) -> Propagated:
     """Covariance of k derived quantities with the gradient (k, n)."""
-    inverse = estimated.inverse
-    if inverse is None:
-        message = "the problem is not sparse"
-        raise TypeError(message)
+    inverse = inverse_of(estimated.inverse)
     count = len(gradient)
     image = np.empty((count, len(observed.scale)))
     along = np.empty(count)

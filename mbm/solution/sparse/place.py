@@ -14,16 +14,8 @@ from mbm.solution.sparse.normal import Normal
 from mbm.solution.sparse.structure import Structure, Values
 from mbm.solution.sparse.system import Plan
 from mbm.solution.types import Equations, Floats, Mask
+from mbm.target.decisions import EPSILON, POSITIVE_KEPT, ROUNDING_ERRORS, ROUNDING_OF_BOUNDS
 from mbm.values import dataclass
-
-NOISE = 4.0 * float(np.finfo(np.float64).eps)
-"""Rounding of a residual, relative to the terms that it is made of."""
-
-ROUNDING = 1e-15
-"""Relative error of a bound minus a number plus that number."""
-
-KEEP = 0.1
-"""A coordinate that must stay positive keeps at least this part of its value in one step."""
 
 
 @runtime_checkable
@@ -81,7 +73,7 @@ def place_at(equations: BlockEquations, found: Plan, point: Floats, residuals: F
     terms = np.sqrt(squares[layout.free]) * magnitudes(equations, coordinates)
     cost = float(residuals @ residuals)
     size = sqrt(float(terms @ terms))
-    noise = NOISE * (size + sqrt(cost))
+    noise = ROUNDING_ERRORS * EPSILON * (size + sqrt(cost))
     return Place(
         point=point,
         residuals=residuals,
@@ -110,7 +102,7 @@ def _gaps(equations: Equations, found: Plan, point: Floats) -> tuple[Floats, Flo
     here = equations.coordinates(point)
     layout = found.structure
     down, up = np.full(layout.columns, -inf), np.full(layout.columns, inf)
-    down[layout.free] = np.where(positive, np.maximum(lower - here, (KEEP - 1.0) * here), lower - here)
+    down[layout.free] = np.where(positive, np.maximum(lower - here, (POSITIVE_KEPT - 1.0) * here), lower - here)
     up[layout.free] = upper - here
     return down, up
 
@@ -132,7 +124,7 @@ def moved(equations: Equations, here: Place, found: Plan, step: Floats) -> Float
     lower, upper = equations.lower, equations.upper
     reached = equations.coordinates(point)
     kept = np.clip(reached, lower, upper)
-    near = ROUNDING * (np.abs(own) + np.abs(kept))
+    near = ROUNDING_OF_BOUNDS * (np.abs(own) + np.abs(kept))
     kept = np.where((own <= down) & (kept <= lower + near), lower, kept)
     kept = np.where((own >= up) & (kept >= upper - near), upper, kept)
     return point if np.array_equal(reached, kept) else equations.placed(point, kept)

@@ -7,34 +7,36 @@ one loss acts on all rows, and the covariance of the best combination of the par
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
+from mbm.solution.assembly import Assembled, loss_lines
 from mbm.solution.freedom import free_combination, free_combinations
-from mbm.solution.robust.covariance import EXHAUSTED, curved, least_spread
+from mbm.solution.robust.covariance import curved, least_spread
 from mbm.solution.robust.losses.function import LossFunction
+from mbm.solution.sparse.equations import blocked
 from mbm.solution.sparse.observability import NAMED, described, sparse_covariance
 from mbm.solution.sparse.rank import Decision, decided
-from mbm.solution.sparse.structure import BlockJacobian
-from mbm.solution.types import Covariance, Floats, Indices, Mask, Observability
-
-Losses = Iterable[tuple[LossFunction, Indices]]
+from mbm.solution.sparse.system import BlockJacobian, blocks_of
+from mbm.solution.types import Covariance, Floats, Indices, Mask, Minimum, Observability
+from mbm.target.decisions import EXHAUSTED
 
 
 @np.errstate(all="ignore")
 def sparse_sandwich(
-    losses: Losses, residuals: Floats, blocks: BlockJacobian, observed: Observability, stated: Mask, point: Floats
+    equations: Assembled, minimum: Minimum, residuals: Floats, observed: Observability, stated: Mask
 ) -> tuple[Covariance, Observability]:
-    """The covariance at the coordinates ``point`` (n,), and ``observed`` with what losses leave free as well, and with
-    the inverse that derived quantities are propagated with.
+    """The covariance at the minimum, and ``observed`` with what losses leave free as well, and with the inverse that
+    derived quantities are propagated with.
 
-    ``losses`` have the places (units, k) of the residuals that they act on; ``residuals`` (m,) and the Jacobian in
-    ``blocks`` are plain, whitened with the noise that the estimates hold with, which is ``stated`` (m,) or estimated.
+    ``residuals`` (m,) are plain, whitened with the noise that the estimates hold with: ``stated`` (m,) or estimated.
     """
+    blocks = blocks_of(minimum)
+    plain = blocked(equations).plain_block_jacobian(minimum.point, blocks.plan.arithmetic)
+    blocks = replace(blocks, values=plain)
     layout = blocks.plan.structure
-    found = list(losses)
+    found = list(loss_lines(equations))
     weight, slope = np.ones(len(residuals)), np.ones(len(residuals))
     every = np.arange(len(residuals)) if layout.rows is None else layout.rows
     for loss, lines in found:
@@ -62,7 +64,7 @@ def sparse_sandwich(
             spread = max(spread, float(least_spread(mean, total, known, share)))
         factors[places] = weight[places] * mean * mean / max(spread, 1e-300)
     final = decided(blocks.plan, _weighted(blocks, np.sqrt(factors), every), held)
-    settled = _settled(observed, final, point)
+    settled = _settled(observed, final, equations.coordinates(minimum.point))
     return sparse_covariance(settled, 1.0), settled
 
 

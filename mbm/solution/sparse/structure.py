@@ -8,15 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import field
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.values import dataclass
-
-if TYPE_CHECKING:
-    from mbm.solution.sparse.system import Plan
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,14 +124,6 @@ class Structure:
     def weighted(self, values: Values, factors: Floats) -> list[Floats]:
         """The Jacobian with each column multiplied by its factor (columns,)."""
         return [v * factors[i].reshape(v.shape) for v, i in zip(values, self._indices, strict=True)]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BlockJacobian:
-    """The whitened Jacobian at a point: ``values`` for each piece of the structure that ``plan`` was made for."""
-
-    plan: Plan
-    values: Values
 
 
 def structure(

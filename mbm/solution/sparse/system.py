@@ -15,7 +15,7 @@ from mbm.solution.sparse.fronts import Fronts, fronts
 from mbm.solution.sparse.interpreted import interpreted
 from mbm.solution.sparse.normal import Normal, NormalPattern, normal_pattern
 from mbm.solution.sparse.structure import Structure, Values
-from mbm.solution.types import Floats, Indices
+from mbm.solution.types import Floats, Indices, Minimum
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -72,6 +72,27 @@ class Plan:
     def image(self, values: Values, step: Floats) -> Floats:
         """``J step`` (m,)."""
         return self.arithmetic.image(self.structure, values, step)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BlockJacobian:
+    """The whitened Jacobian at a point: ``values`` for each piece of the structure that ``plan`` was made for."""
+
+    plan: Plan
+    values: Values
+
+
+def blocks_of(minimum: Minimum) -> BlockJacobian:
+    """The Jacobian of a sparse problem at its minimum.
+
+    Raises:
+        TypeError: the problem is not sparse.
+
+    """
+    if not isinstance(minimum.blocks, BlockJacobian):
+        message = "the problem is not sparse"
+        raise TypeError(message)
+    return minimum.blocks
 
 
 def plan(found: Structure, *, compiling: bool = False, store: Store | None = None, workers: int | None = None) -> Plan:

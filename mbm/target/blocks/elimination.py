@@ -11,10 +11,8 @@ from __future__ import annotations
 
 from math import isfinite, sqrt
 
+from mbm.target.blocks.names import SIZE
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, distinct_arrays
-
-SIZE = 3
-"""Columns of a member of the family that goes. Each problem has its own."""
 
 WIDE = 8
 """Columns of a product that are worked on side by side."""

@@ -5,10 +5,8 @@ Links, panels and the other names are those of `mbm.target.blocks.elimination`.
 
 from __future__ import annotations
 
+from mbm.target.blocks.names import SIZE
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, distinct_arrays
-
-SIZE = 3
-"""Columns of a member of the family that went."""
 
 WIDE = 4
 """Columns of a link that are worked on side by side."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import fabs, inf, isfinite, sqrt
 
+from mbm.target.decisions import REFINEMENTS, UNSCALED
 from mbm.target.solver.description import (
     BLOCK,
     BLOCK_OUTPUTS,
@@ -66,12 +67,6 @@ from mbm.target.solver.workspace import (
     vector_at,
 )
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
-
-UNSCALED = 1e-3
-"""A start so much shorter (as ‖scale · x‖) than the residuals says nothing about how far to go."""
-
-REFINEMENTS = 2
-"""Corrections from the residuals at the new point: they restore the digits that a bad start or conditioning costs."""
 
 
 def constraint_count(system: ConstantIntegers, data: ConstantIntegers) -> Integer:

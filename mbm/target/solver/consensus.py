@@ -6,12 +6,12 @@ best of those brought to the fixed point of fit, noise and inliers.
 
 from __future__ import annotations
 
+from mbm.target.decisions import FEW_STARTS, LARGE_SUBSET
 from mbm.target.solver.consensus_begin import begin_agreement
 from mbm.target.solver.consensus_description import (
     AGREED,
     AMBIGUOUS,
     ANSWERS,
-    FEW_STARTS,
     FIRST,
     FORM_WIDTH,
     GROUP_OF,
@@ -24,12 +24,12 @@ from mbm.target.solver.consensus_description import (
     NOISE,
     OBJECTIVE,
     POINTS_MADE,
-    ROUNDINGS,
     SORTED,
     STARTS,
     SUBSET_SIZE,
     TRIALS,
     TRIALS_WANTED,
+    UNIT_ROUNDINGS,
     UNITS_LISTED,
     VARIANCES,
     begun_at,
@@ -50,9 +50,6 @@ from mbm.target.solver.consensus_trials import fit_trials
 from mbm.target.solver.description import COORDINATES, NUMBERS
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
-
-LARGE_SUBSET = 7
-"""From so many units in a subset on, trials free of outliers are rare: graduated non-convexity gives one more."""
 
 
 def put_trial(
@@ -141,7 +138,7 @@ def settle_candidate(
             own[system[NUMBERS] :],
             bench[unit_vector_at(rules, MEDIANS) :],
             places[place_vector_at(rules, GROUP_OF) :],
-            bench[unit_vector_at(rules, ROUNDINGS) :],
+            bench[unit_vector_at(rules, UNIT_ROUNDINGS) :],
             bench[unit_vector_at(rules, SORTED) :],
             bench[unit_vector_at(rules, VARIANCES) :],
         )

@@ -15,6 +15,7 @@ whose first weight is 0 must not be among them.
 
 from __future__ import annotations
 
+from mbm.target.decisions import CANDIDATES
 from mbm.target.solver.description import BLOCKS, CHUNK, CONSTRAINTS, COORDINATES, NUMBERS
 from mbm.target.words import ConstantIntegers, Integer
 
@@ -80,8 +81,6 @@ INLIERS = 3
 ANSWERS = 4
 
 # --- bench ------------------------------------------------------------------------------------------------------
-CANDIDATES = 10
-"""Trials that are improved."""
 BY_RULE = 0
 BY_WIDE_LIMITS = 1
 BY_MEDIAN = 2
@@ -90,13 +89,10 @@ LISTS = 3
 MOST_CANDIDATES = 40
 """Those that are improved, in two ways."""
 
-FEW_STARTS = 8
-"""Starts of graduated non-convexity, twice each."""
-
 MEDIANS = 0
 CUTS = 1
 REACHES = 2
-ROUNDINGS = 3
+UNIT_ROUNDINGS = 3
 VARIANCES = 4
 LIMITS = 5
 SQUARES = 6

@@ -22,7 +22,8 @@ from mbm.target.solver.consensus_description import (
 )
 from mbm.target.solver.description import NUMBERS
 from mbm.target.solver.linear_algebra import copied
-from mbm.target.solver.minimal_pose import poses_from_three, quaternion_of
+from mbm.target.solver.manifolds import quaternion_of_matrix
+from mbm.target.solver.minimal_pose import poses_from_three
 from mbm.target.solver.minimal_spheres import places_from_spheres
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 
@@ -42,7 +43,7 @@ def put_rotation(kind: Integer, R: ConstantReals, table: ConstantIntegers, quate
             point[table[0]] = atan2(R[7], R[8])
             point[table[2]] = atan2(R[3], R[0])
     else:
-        quaternion_of(R, quaternion)
+        quaternion_of_matrix(R, quaternion)
         if kind == AS_QUATERNION:
             for i in range(4):
                 point[table[i]] = quaternion[i]

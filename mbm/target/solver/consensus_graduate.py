@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from math import inf, isfinite, sqrt
 
+from mbm.target.decisions import ABSOLUTE_ROUNDS, CONTROL_GROWTH, GRADUATED_FITS, GRADUATED_ROUNDS, STILL
 from mbm.target.solver.consensus_description import (
     CUTS,
     GROUP_OF,
@@ -20,21 +21,10 @@ from mbm.target.solver.consensus_description import (
     unit_vector_at,
 )
 from mbm.target.solver.consensus_order import median, robust_variance
-from mbm.target.solver.consensus_refine import STILL, refined
+from mbm.target.solver.consensus_refine import refined
 from mbm.target.solver.consensus_rules import GIVEN
 from mbm.target.solver.description import COORDINATES
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
-
-GROWTH = 1.4
-"""Factor of the control parameter from one round to the next (§IV of the paper)."""
-
-FITS = 50
-"""Steps of the first fit, to all units with equal weight."""
-
-ROUNDS = 100
-
-ABSOLUTE_ROUNDS = 12
-"""Reweighted fits towards the least absolute deviations."""
 
 
 def widen_limits(
@@ -95,8 +85,9 @@ def graduated(
     for u in range(units):
         weights[u] = 1.0
     refined(
-        GIVEN, FITS, STILL, 0, units, 0, 0, system, constants, data, index, columns, rules, work, bench, places, answer
-    )
+        GIVEN, GRADUATED_FITS, STILL, 0, units, 0, 0, system, constants, data, index, columns, rules, work, bench,
+        places, answer,
+    )  # fmt: skip
     for _ in range(absolute * ABSOLUTE_ROUNDS):
         for u in range(units):
             sorted_[u] = sqrt(squares[u])
@@ -113,7 +104,7 @@ def graduated(
             control = min(limits[u] / max(2.0 * squares[u] - limits[u], 1e-300), control)
     if not (control > 0.0 and isfinite(control)):
         return
-    for _ in range(ROUNDS):
+    for _ in range(GRADUATED_ROUNDS):
         decided = 1
         for u in range(units):
             weights[u] = graduated_weight(squares[u], limits[u], control)
@@ -125,7 +116,7 @@ def graduated(
         widen_limits(system, rules, units, scalars, 0, bench, places)
         if decided == 1:
             break
-        control = control * GROWTH
+        control = control * CONTROL_GROWTH
 
 
 ROUTINES = (widen_limits, graduated_weight, graduated)

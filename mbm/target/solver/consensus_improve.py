@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
+from mbm.target.decisions import CANDIDATES, REFINING_STEPS, SAME_OBJECTIVE, STATED, STILL, WIDE_STEPS
 from mbm.target.solver.consensus_description import (
     BY_MEDIAN,
     BY_RULE,
     BY_WIDE_LIMITS,
-    CANDIDATES,
     CUTS,
     GROUP_OF,
     GROUPS,
@@ -31,23 +31,16 @@ from mbm.target.solver.consensus_description import (
     unit_vector_at,
 )
 from mbm.target.solver.consensus_judge import judge_trials, limit_by_noise, listed
-from mbm.target.solver.consensus_order import STATED, robust_variance
-from mbm.target.solver.consensus_refine import NEARLY_STILL, STILL, refined
+from mbm.target.solver.consensus_order import robust_variance
+from mbm.target.solver.consensus_refine import NEARLY_STILL, refined
 from mbm.target.solver.consensus_rows import linearised, unit_squares
 from mbm.target.solver.consensus_rules import TRIMMED, TRUNCATED
 from mbm.target.solver.consensus_scores import LMEDS
-from mbm.target.solver.consensus_settle import STEPS
 from mbm.target.solver.description import CHUNK, COORDINATES, NUMBERS, PLACES_AT
 from mbm.target.solver.equations import residuals_at_point
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.solver.workspace import residuals_at
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
-
-SAME = 1e-4
-"""Objectives that differ by less, absolutely or as a share, belong to solutions that the data cannot tell apart."""
-
-WIDE_STEPS = 4
-"""Fits with wide limits, which help a poor subset and mislead one of two halves: so both ways are gone."""
 
 
 def put_candidate(
@@ -196,7 +189,7 @@ def improve_one(
     copied(units, bench[unit_vector_at(rules, CUTS) :], bench[unit_vector_at(rules, LIMITS) :])
     # fmt: off
     alike = refined(
-        rule, STEPS, STILL, size, units, 0, found, system, constants, data, index, columns, rules, work, bench,
+        rule, REFINING_STEPS, STILL, size, units, 0, found, system, constants, data, index, columns, rules, work, bench,
         places, answer,
     )
     # fmt: on
@@ -282,7 +275,7 @@ def best_candidate(
     lowest = bench[candidate_at(system, rules, 0)]
     for k in range(1, count):
         lowest = min(bench[candidate_at(system, rules, k)], lowest)
-    reach = lowest + SAME * max(fabs(lowest), 1.0)
+    reach = lowest + SAME_OBJECTIVE * max(fabs(lowest), 1.0)
     best = 0
     nearest = -1.0
     for k in range(count):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import inf, isfinite
 
-from mbm.target.decisions import ARRIVED, JOINT_STEPS
+from mbm.target.decisions import ARRIVED, JOINT_STEPS, STATED
 from mbm.target.solver.consensus_description import (
     COMPONENTS,
     CUTS,
@@ -16,11 +16,11 @@ from mbm.target.solver.consensus_description import (
     MEDIANS,
     NOISE,
     REACHES,
-    ROUNDINGS,
     SORTED,
     SQUARES,
     STEP,
     THRESHOLDED,
+    UNIT_ROUNDINGS,
     VARIANCES,
     WEIGHTS_OF,
     by_row_at,
@@ -31,7 +31,7 @@ from mbm.target.solver.consensus_description import (
     unit_vector_at,
 )
 from mbm.target.solver.consensus_laws import untruncated
-from mbm.target.solver.consensus_order import STATED, variances_at
+from mbm.target.solver.consensus_order import variances_at
 from mbm.target.solver.consensus_refine import measure, weighted_step
 from mbm.target.solver.consensus_rows import linearised, moved, spread_weights
 from mbm.target.solver.description import COORDINATES, NUMBERS
@@ -57,7 +57,7 @@ def group_noise(
     inside = places[place_vector_at(rules, INSIDE) :]
     limits = bench[unit_vector_at(rules, LIMITS) :]
     reaches = bench[unit_vector_at(rules, REACHES) :]
-    rounding = bench[unit_vector_at(rules, ROUNDINGS) :]
+    rounding = bench[unit_vector_at(rules, UNIT_ROUNDINGS) :]
     noise = bench[unit_vector_at(rules, NOISE) :]
     count = 0
     wide = 0
@@ -101,7 +101,7 @@ def noise_and_limits(
     components = places[place_vector_at(rules, COMPONENTS) :]
     inside = places[place_vector_at(rules, INSIDE) :]
     medians = bench[unit_vector_at(rules, MEDIANS) :]
-    rounding = bench[unit_vector_at(rules, ROUNDINGS) :]
+    rounding = bench[unit_vector_at(rules, UNIT_ROUNDINGS) :]
     scratch = bench[unit_vector_at(rules, SORTED) :]
     fresh = bench[unit_vector_at(rules, FRESH) :]
     limits = bench[unit_vector_at(rules, LIMITS) :]

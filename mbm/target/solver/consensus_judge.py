@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from math import inf, isfinite
 
+from mbm.target.decisions import CANDIDATES, WIDE
 from mbm.target.solver.consensus_description import (
     BY_MEDIAN,
     BY_RULE,
     BY_WIDE_LIMITS,
-    CANDIDATES,
     CUTS,
     GROUP_OF,
     GROUPS,
     LIMITS,
     LISTS,
     MEDIANS,
-    ROUNDINGS,
     SORTED,
     SQUARES,
+    UNIT_ROUNDINGS,
     VARIANCES,
     best_at,
     best_scores_at,
@@ -32,9 +32,6 @@ from mbm.target.solver.description import NUMBERS
 from mbm.target.solver.equations import residuals_at_point
 from mbm.target.solver.workspace import residuals_at
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
-
-WIDE = 16.0
-"""Squared, so four times the limits: a fit to as few units as there are unknowns is that far off for the others."""
 
 
 def empty_lists(system: ConstantIntegers, rules: ConstantIntegers, places: Integers) -> None:
@@ -186,7 +183,7 @@ def limit_by_noise(
         squares,
         bench[unit_vector_at(rules, MEDIANS) :],
         places[place_vector_at(rules, GROUP_OF) :],
-        bench[unit_vector_at(rules, ROUNDINGS) :],
+        bench[unit_vector_at(rules, UNIT_ROUNDINGS) :],
         bench[unit_vector_at(rules, SORTED) :],
         variances,
     )

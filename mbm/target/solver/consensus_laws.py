@@ -1,74 +1,12 @@
-"""The χ² law of squared norms: tails, and the noise that is left of what was cut off."""
+"""The variance of noise whose tails were cut off."""
 
 from __future__ import annotations
 
-from math import exp, fabs, log
+from math import fabs
 
+from mbm.target.chi_square import consistency
 from mbm.target.decisions import LEAST_KEPT, ROUNDED, SECANTS
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real
-
-LOG_ROOT_PI = 0.5723649429247001
-TERMS = 100000
-SMALL = 1e-300
-
-
-def log_gamma_of_half(dof: Integer) -> Real:
-    """log Γ(dof/2), dof ≥ 1."""
-    total = 0.0
-    start = 2
-    if dof % 2 == 1:
-        total = LOG_ROOT_PI
-        start = 1
-    while start < dof:
-        total += log(0.5 * float(start))
-        start += 2
-    return total
-
-
-def chi_square_tail(value: Real, dof: Integer) -> Real:
-    """P(χ² > value): the incomplete gamma function, by series or by Lentz's fraction (`mbm.solution.gamma`)."""
-    a = 0.5 * float(dof)
-    x = 0.5 * value
-    if x <= 0.0:
-        return 1.0
-    if x > 1e300:
-        return 0.0
-    front = exp(a * log(x) - x - log_gamma_of_half(dof))
-    if x < a + 1.0:
-        term = 1.0 / a
-        total = term
-        for n in range(1, TERMS):
-            term = term * (x / (a + float(n)))
-            total += term
-            if term < total * 1e-17:
-                break
-        return min(max(1.0 - front * total, 0.0), 1.0)
-    b = x + 1.0 - a
-    c = 1.0 / SMALL
-    d = 1.0 / b
-    product = d
-    for n in range(1, TERMS):
-        numerator = -float(n) * (float(n) - a)
-        b += 2.0
-        d = numerator * d + b
-        if not fabs(d) > SMALL:
-            d = SMALL
-        d = 1.0 / d
-        c = b + numerator / c
-        if not fabs(c) > SMALL:
-            c = SMALL
-        product = product * (d * c)
-        if fabs(d * c - 1.0) < 1e-16:
-            break
-    return front * product
-
-
-def consistency(limit: Real, components: Integer) -> Real:
-    """Variance that normal residuals have left inside ``limit``: below 1 since the tails are cut off."""
-    share = 1.0 - chi_square_tail(limit, components)
-    if share > 0.0:
-        return (1.0 - chi_square_tail(limit, components + 2)) / share
-    return 1.0
 
 
 def share_left(
@@ -158,9 +96,6 @@ def mark_inliers(units: Integer, squares: ConstantReals, limits: ConstantReals, 
 
 
 ROUTINES = (
-    log_gamma_of_half,
-    chi_square_tail,
-    consistency,
     share_left,
     untruncated,
     mark_inliers,

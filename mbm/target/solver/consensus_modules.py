@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbm.target import chi_square, step_control
 from mbm.target.from_python import module_of
 from mbm.target.solver import (
     consensus,
@@ -38,6 +39,7 @@ from mbm.target.solver import (
 from mbm.target.tree import Module
 
 PARTS = (
+    step_control,
     linear_algebra,
     losses,
     manifolds,
@@ -49,6 +51,7 @@ PARTS = (
     consensus_draw,
     consensus_order,
     consensus_scores,
+    chi_square,
     consensus_laws,
     minimal_spheres,
     minimal_quartic,

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 
-STATED = -1
-"""The noise group of units whose noise is stated."""
-
 
 def below_first(first: Integer, last: Integer, pivot: Real, values: Reals) -> Integer:
     """Bring the values from ``first`` to ``last`` that are below the pivot to the front: where these end.

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
+from mbm.target.decisions import MIRRORED
 from mbm.target.solver.consensus_description import FORM, FORM_AT, FORM_WIDTH, SPHERES
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
-
-FLAT = 1e-7
-"""Extent of stations across their plane beside that along it, below which mirrored places fit them equally well."""
 
 SWEEPS = 12
 """Sweeps of Jacobi's method: for matrices of three rows a few are enough."""
@@ -83,7 +81,7 @@ def one_sided(rules: ConstantIntegers, units: Integer, forms: ConstantReals, mom
         if again == 0:
             for i in range(d):
                 moments[i] = moments[i] / float(known)
-    return smallest_share(d, matrix) <= FLAT * FLAT
+    return smallest_share(d, matrix) <= MIRRORED * MIRRORED
 
 
 ROUTINES = (smallest_share, one_sided)

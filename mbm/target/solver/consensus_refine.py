@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
+from mbm.target.decisions import CANDIDATE_DAMPING, CANDIDATE_REGULARISATION
 from mbm.target.solver.consensus_description import (
     GRADIENT,
     LIMITS,
@@ -33,17 +34,8 @@ from mbm.target.solver.description import CHUNK, COORDINATES, NUMBERS, PLACES_AT
 from mbm.target.solver.linear_algebra import cholesky, copied, dot
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
-DAMPING = 1e-6
-"""First damping, relative to the diagonal of the normal equations: candidates are near their fit."""
-
-STILL = 1e-12
-"""A step that promises to lower the objective by less than this has arrived; with given weights, by this share."""
-
 NEARLY_STILL = 1e-4
-"""The same where a fit is only on the way."""
-
-ROUNDED = 1e-13
-"""Added to the unit diagonal: the normal equations stay regular where an unknown is not determined."""
+"""A step that promises to lower the objective by less than this has arrived, where a fit is only on the way."""
 
 ALIKE = 1e-6
 """Squared distance of two points, in standard deviations of the residuals, below which they lead to one end."""
@@ -85,7 +77,7 @@ def weighted_step(
     for i in range(n):
         for j in range(i + 1):
             normal[i * n + j] = normal[i * n + j] / scale[i] / scale[j]
-        normal[i * n + i] += damping + ROUNDED
+        normal[i * n + i] += damping + CANDIDATE_REGULARISATION
         gradient[i] = gradient[i] / scale[i]
     if cholesky(n, normal) == 0:
         return 0.0
@@ -205,7 +197,7 @@ def refined(
     count = linearised(system, data, index, columns, point, work, chunk)
     rest = measure(system, rules, places, units, count, chunk, squares, bench)
     objective = judged(rule, units, size, system, rules, squares, rest, bench, places)
-    damping = DAMPING
+    damping = CANDIDATE_DAMPING
     alike = NO_CANDIDATE
     if isfinite(objective):
         alike = candidate_alike(rule, system, rules, units, first, last, objective, point, squares, bench)

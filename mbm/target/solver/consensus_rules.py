@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from math import inf, isfinite, log
 
+from mbm.target.decisions import STATED
 from mbm.target.solver.consensus_description import (
     GROUP_OF,
     GROUPS,
@@ -21,7 +22,7 @@ from mbm.target.solver.consensus_description import (
     small_at,
     unit_vector_at,
 )
-from mbm.target.solver.consensus_order import STATED, selected
+from mbm.target.solver.consensus_order import selected
 from mbm.target.solver.consensus_scores import rank_of_half
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, distinct_arrays
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from math import exp, inf, isfinite, log
 
-from mbm.target.solver.consensus_order import STATED, selected
+from mbm.target.decisions import STATED
+from mbm.target.solver.consensus_order import selected
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, distinct_arrays
 
 LMEDS = 0

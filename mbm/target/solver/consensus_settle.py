@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from math import sqrt
 
+from mbm.target.chi_square import consistency
+from mbm.target.decisions import APART, AS_GOOD, CONTRADICTED, REFINING_STEPS, SETTLING_ROUNDS, STATED, STILL
 from mbm.target.solver.consensus_description import (
     COMPONENTS,
     CUTS,
@@ -14,34 +16,22 @@ from mbm.target.solver.consensus_description import (
     LIMITS,
     MEDIANS,
     NOISE,
-    ROUNDINGS,
     SORTED,
     SQUARES,
+    UNIT_ROUNDINGS,
     VARIANCES,
     candidate_at,
     place_vector_at,
     unit_vector_at,
 )
 from mbm.target.solver.consensus_joint import joined
-from mbm.target.solver.consensus_laws import consistency, mark_inliers
-from mbm.target.solver.consensus_order import STATED, robust_variance, variances_at
-from mbm.target.solver.consensus_refine import STILL, refined
+from mbm.target.solver.consensus_laws import mark_inliers
+from mbm.target.solver.consensus_order import robust_variance, variances_at
+from mbm.target.solver.consensus_refine import refined
 from mbm.target.solver.consensus_rules import TRUNCATED
 from mbm.target.solver.description import COORDINATES, NUMBERS
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
-
-STEPS = 12
-ROUNDS = 20
-
-CONTRADICTED = 4.0
-"""Deviations by which the inliers' variance must exceed the stated one before the robust scale takes its place."""
-
-AS_GOOD = 4.0
-"""Another solution whose objective is larger by less than this explains the data as well (two standard deviations)."""
-
-APART = 25.0
-"""… and is another solution if it disagrees with the inliers by so much more in their sum of squares."""
 
 
 def contradicted(
@@ -88,7 +78,7 @@ def renew_variances(
     groups = places[place_vector_at(rules, GROUP_OF) :]
     squares = bench[unit_vector_at(rules, SQUARES) :]
     medians = bench[unit_vector_at(rules, MEDIANS) :]
-    rounding = bench[unit_vector_at(rules, ROUNDINGS) :]
+    rounding = bench[unit_vector_at(rules, UNIT_ROUNDINGS) :]
     scratch = bench[unit_vector_at(rules, SORTED) :]
     fresh = bench[unit_vector_at(rules, FRESH) :]
     variances = bench[unit_vector_at(rules, VARIANCES) :]
@@ -130,11 +120,11 @@ def settled(
     limits = bench[unit_vector_at(rules, LIMITS) :]
     for u in range(units):
         inside[u] = -1
-    for _ in range(ROUNDS):
+    for _ in range(SETTLING_ROUNDS):
         set_limits(rules, units, bench)
         refined(
             TRUNCATED,
-            STEPS,
+            REFINING_STEPS,
             STILL,
             0,
             units,

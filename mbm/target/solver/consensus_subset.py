@@ -7,6 +7,15 @@ from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
+from mbm.target.decisions import (
+    FIRST_DAMPING,
+    FIT_STEPS,
+    HOPELESS_DAMPING,
+    LEAST_GAIN_RATIO,
+    POSITIVE_KEPT,
+    REGULARISATION,
+    REVISIONS,
+)
 from mbm.target.solver.consensus_description import (
     AWAY,
     BLOCK_OF,
@@ -65,22 +74,11 @@ from mbm.target.solver.description import BLOCKS_AT as SYSTEM_BLOCKS_AT
 from mbm.target.solver.equations import load_rows
 from mbm.target.solver.linear_algebra import cholesky, copied, dot
 from mbm.target.solver.manifolds import coordinates_of
+from mbm.target.step_control import damping_factor
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
-FIT_STEPS = 12
-"""Steps of the fit to one subset: those that need more are nearly degenerate."""
-
-DAMPING = 1e-3
-HOPELESS = 1e10
-ROUNDED = 1e-14
-ACCEPT = 1e-4
 SMALL = 1e-14
 """Square of the tolerance: the fit is over where a step promises no more of the cost."""
-
-KEEP = 0.1
-"""Share of a positive number that one step leaves at least."""
-
-REVISIONS = 3
 
 
 def copied_integers(n: Integer, a: ConstantIntegers, target: Integers) -> None:
@@ -232,7 +230,7 @@ def solve_free(
             factor[i * n + j] = normal[i * n + j]
             if hold[i] + hold[j] > 0.0:
                 factor[i * n + j] = 0.0
-        factor[i * n + i] = 1.0 if hold[i] > 0.0 else normal[i * n + i] + damping + ROUNDED
+        factor[i * n + i] = 1.0 if hold[i] > 0.0 else normal[i * n + i] + damping + REGULARISATION
     good = cholesky(n, factor)
     for i in range(n):
         if hold[i] == 0.0:
@@ -292,7 +290,7 @@ def bounded_step(
                 down = (constants[BOUNDS_AT + i] - here[i]) * by
                 up = (constants[BOUNDS_AT + n + i] - here[i]) * by
                 if system[system[POSITIVE_AT] + i] == 1:
-                    down = max(down, (KEEP - 1.0) * here[i] * by)
+                    down = max(down, (POSITIVE_KEPT - 1.0) * here[i] * by)
                 if step[i] < down:
                     step[i] = down
                     hold[i] = 1.0
@@ -333,10 +331,10 @@ def fitted_to_subset(
     count = linearised(system, data, index, columns, start, desk, bench[slot_at(system, rules, 0) :])
     residuals = bench[slot_at(system, rules, 0) + right :]
     cost = dot(count, residuals, residuals)
-    damping = DAMPING
+    damping = FIRST_DAMPING
     growth = 2.0
     for _ in range(FIT_STEPS):
-        if not isfinite(cost) or not damping <= HOPELESS:
+        if not isfinite(cost) or not damping <= HOPELESS_DAMPING:
             break
         if normal_equations(system, rules, count, here, bench) == 0:
             break
@@ -350,7 +348,7 @@ def fitted_to_subset(
             promise -= step[i] * (image + 2.0 * gradient[i])
         if slope * slope <= SMALL * cost or cost <= SMALL * float(count):
             break
-        last = damping <= DAMPING and promise >= 0.0 and promise <= SMALL * cost
+        last = damping <= FIRST_DAMPING and promise >= 0.0 and promise <= SMALL * cost
         for i in range(n):
             if scale[i] > 0.0:
                 step[i] = step[i] / scale[i]
@@ -360,11 +358,10 @@ def fitted_to_subset(
         residuals = bench[slot_at(system, rules, 1 - here) + right :]
         lower = dot(count, residuals, residuals)
         share = (cost - lower) / promise if promise > 0.0 else -1.0
-        if share > ACCEPT and isfinite(lower):
+        if share > LEAST_GAIN_RATIO and isfinite(lower):
             here = 1 - here
             cost = lower
-            turn = 2.0 * min(share, 1.0) - 1.0
-            damping *= max(1.0 / 3.0, 1.0 - turn * turn * turn)
+            damping *= damping_factor(share)
             growth = 2.0
         else:
             damping *= growth

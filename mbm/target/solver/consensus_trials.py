@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbm.target.decisions import MOST_FITS
 from mbm.target.solver.consensus_description import (
     COMPONENTS,
     CUTS,
@@ -50,9 +51,6 @@ from mbm.target.solver.consensus_subset import fitted_to_subset, gather_subset
 from mbm.target.solver.description import COORDINATES, NUMBERS
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
-
-MOST_FITS = 4000
-"""Several starts are tried with each subset, up to so many fits; beyond, subsets and starts are paired off."""
 
 DRAWS = 40
 """Subsets that are looked at: so many cost what a few trials do, and most often show what befalls a tenth of them."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
+from mbm.target.decisions import CONSENSUS_ROUNDING
 from mbm.target.solver.consensus_description import (
     AWAY,
     BLOCK_OF,
@@ -19,12 +20,12 @@ from mbm.target.solver.consensus_description import (
     MEDIANS,
     PLACE,
     REACHES,
-    ROUNDINGS,
     ROW_OF,
     RULED,
     RULED_GROUP,
     RULED_TYPE,
     UNIT_OF,
+    UNIT_ROUNDINGS,
     by_row_at,
     directions_at,
     place_vector_at,
@@ -54,9 +55,6 @@ from mbm.target.solver.equations import groups_of
 from mbm.target.solver.linear_algebra import filled
 from mbm.target.solver.manifolds import coordinates_of
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
-
-ROUNDING = 64.0 * 2.220446049250313e-16
-"""The rounding of a residual beside the terms that it is the difference of."""
 
 
 def list_units(
@@ -133,7 +131,7 @@ def judge_rounding(
                 terms += fabs(chunk[j * stride + place + i * LANES] * size[j])
             if isfinite(terms):
                 largest = max(largest, terms)
-        bench[unit_vector_at(rules, ROUNDINGS) + u] = ROUNDING * largest * (ROUNDING * largest)
+        bench[unit_vector_at(rules, UNIT_ROUNDINGS) + u] = CONSENSUS_ROUNDING * largest * (CONSENSUS_ROUNDING * largest)
 
 
 def norm_directions(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import fabs, sqrt
 
+from mbm.target.decisions import EPSILON, ROUNDING_ERRORS
 from mbm.target.solver.beginning import constraint_count
 from mbm.target.solver.description import (
     BLOCK,
@@ -31,7 +32,6 @@ from mbm.target.solver.description import (
 )
 from mbm.target.solver.equations import gather, groups_of, portion
 from mbm.target.solver.linear_algebra import filled
-from mbm.target.solver.places import EPSILON, NOISE
 from mbm.target.solver.united import rows_apart
 from mbm.target.solver.workspace import (
     NORMS,
@@ -146,7 +146,7 @@ def set_units(
             units[c] = sqrt(square) if square > 0.0 else longest
             if not units[c] > 0.0:
                 units[c] = 1.0
-        roundings[c] = NOISE * EPSILON * terms
+        roundings[c] = ROUNDING_ERRORS * EPSILON * terms
 
 
 ROUTINES = (add_slopes, linearise, set_units)

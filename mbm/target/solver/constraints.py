@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from math import fabs, sqrt
 
-from mbm.target.decisions import EXACT, MET, PUSHED
+from mbm.target.decisions import EXACT, FIRST_WEIGHT, HEAVIER, LOOSE, MET, PUSHED, SHRINKS
 from mbm.target.solver.beginning import begin, constraint_count
 from mbm.target.solver.constraint_values import linearise, set_units
 from mbm.target.solver.description import (
@@ -56,20 +56,16 @@ from mbm.target.solver.workspace import (
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 ROUNDS = 30
-FIRST_WEIGHT = 3.0
-"""A violation by one standard deviation costs half the square of this at first."""
+"""Rounds of the multiplied penalties."""
 
-HEAVIER = 10.0
 ENOUGH = 1e2
 """The weight grows up to this, …"""
 
-SHRINKS = 0.25
 MOST = 1e6
-"""… and up to this where a round does not bring the violations to a quarter."""
+"""… and up to this where a round does not bring the violations to the share SHRINKS."""
 
-LOOSE = 1e-2
 TIGHTER = 0.03
-"""Standard deviations to which the first round is solved, and each after it."""
+"""Standard deviations to which each round after the first is solved."""
 
 
 def set_penalties(system: ConstantIntegers, data: ConstantIntegers, work: Reals) -> None:

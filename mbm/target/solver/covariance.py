@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from mbm.target.solver.deficient import decided_rank, set_determined, singular_values
+from mbm.target.decisions import decided_rank
+from mbm.target.solver.deficient import set_determined, singular_values
 from mbm.target.solver.description import COORDINATES
 from mbm.target.solver.linear_algebra import append_rows, copied, dot, filled, inverted_upper
 from mbm.target.solver.tangent import along_surface, from_surface, turn_constraints

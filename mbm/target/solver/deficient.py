@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from math import fabs, inf, sqrt
 
-from mbm.target.decisions import CERTAIN, GAP, SHARE, SUSPECT
+from mbm.target.decisions import EPSILON, SHARE
 from mbm.target.solver.description import COORDINATES
 from mbm.target.solver.linear_algebra import copied, dot, filled
 from mbm.target.solver.tangent import from_surface
@@ -19,7 +19,6 @@ SIZES = 10
 """Vector of scratch: one over the scales of the coordinates (n,)."""
 
 SWEEPS = 40
-EPSILON = 2.220446049250313e-16
 NEGLIGIBLE = 1e-28
 """A product of two columns below this share of the largest square turns nothing that could be seen."""
 
@@ -76,18 +75,6 @@ def singular_values(width: Integer, small: ConstantReals, lines: Reals, right: R
             singular[k] = singular[best]
             singular[best] = value
             rotate(width, 0.0, 1.0, right[k * width :], right[best * width :])
-
-
-def decided_rank(width: Integer, singular: ConstantReals) -> Integer:
-    """How many of the singular values (descending) count."""
-    if width == 0 or not singular[0] > 0.0:
-        return 0
-    for rank in range(1, width):
-        value = singular[rank] / singular[0]
-        before = singular[rank - 1] / singular[0]
-        if value <= CERTAIN or (value <= SUSPECT and value * GAP <= before):
-            return rank
-    return width
 
 
 def set_determined(
@@ -168,4 +155,4 @@ def mask_undetermined(system: ConstantIntegers, work: ConstantReals, covariance:
                 covariance[i * n + k] = inf - inf
 
 
-ROUTINES = (rotate, singular_values, decided_rank, set_determined, determines, mask_undetermined)
+ROUTINES = (rotate, singular_values, set_determined, determines, mask_undetermined)

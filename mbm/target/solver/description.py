@@ -17,7 +17,7 @@ The rows of all **data sets** stand in four arrays, row by row as they are in ta
 
 ``data`` (integers) has for each data set ``DATA_HEAD + DATA_BLOCK · blocks`` numbers: how many residuals count, then
 for each block (observations and priors first, then constraints) where its first row stands in the four arrays and how
-many rows there are (see ``data_stride``).
+many rows there are.
 
 A **solve** k of a batch takes the data set ``which[k]`` and starts at ``starts[k]`` (N,), all finite.
 
@@ -51,6 +51,8 @@ Everything is in SI, angles in radians; quaternions (w, x, y, z). Scratch sizes 
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 LANES = 4
 """Rows of a kernel's block; `modules.solver_module` reads the text with another number where that is asked for."""
@@ -116,9 +118,12 @@ PIECE_NUMBERS = 1
 PIECE_COLUMNS = 5
 """Columns of up to three free coordinates, -1: not free."""
 PIECE = 8
+NUMBER = 0
 SCALE = 1
 QUATERNION = 2
 DIRECTION = 3
+PIECES: Mapping[str, int] = {"number": NUMBER, "scale": SCALE, "quaternion": QUATERNION, "sphere": DIRECTION}
+"""By the labels of `mbm.problem.manifold.Piece`."""
 
 # --- blocks -----------------------------------------------------------------------------------------------------
 BLOCK_VALUES = 0
@@ -175,6 +180,15 @@ CAUCHY = 3
 TUKEY = 4
 GEMAN_MCCLURE = 5
 BARRON = 6
+LOSSES: Mapping[str, int] = {
+    "huber": HUBER,
+    "soft-l1": SOFT_L1,
+    "cauchy": CAUCHY,
+    "tukey": TUKEY,
+    "geman-mcclure": GEMAN_MCCLURE,
+    "barron": BARRON,
+}
+"""By the names that ``:loss`` knows."""
 
 # --- united blocks: one function for all their rows, of data sets that have just these rows and none of weight 0 ------
 UNITED_VALUES = 0
@@ -242,8 +256,3 @@ NO_FINITE_STEP = 8
 INFEASIBLE = 9
 UNSURE = 10
 """Rank deficient, or out of range: the point is the best so far, another method should start anew."""
-
-
-def data_stride(blocks: int) -> int:
-    """Integers of a data set in ``data``; ``blocks`` counts those of constraints too."""
-    return DATA_HEAD + DATA_BLOCK * blocks

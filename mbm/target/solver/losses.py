@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from math import exp, expm1, fabs, log1p, sqrt
 
+from mbm.target.decisions import NEARLY_ZERO
 from mbm.target.solver.description import CAUCHY, GEMAN_MCCLURE, HUBER, SOFT_L1, TUKEY
 from mbm.target.words import Integer, Real
-
-NEARLY_ZERO = 1e-3
-"""Below this share of c² the difference ρ's − ρ is taken from its series, as in `robust.losses.rooted`."""
 
 
 def loss_value(kind: Integer, square: Real, scale: Real, shape: Real) -> Real:

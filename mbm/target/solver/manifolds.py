@@ -129,4 +129,36 @@ def place_coordinates(system: ConstantIntegers, coordinates: ConstantReals, poin
             point[place] = coordinates[j]
 
 
-ROUTINES = (part_of_step, turned, swung, retract, coordinates_of, place_coordinates)
+def quaternion_of_matrix(R: ConstantReals, quaternion: Reals) -> None:
+    """The unit quaternion (w, x, y, z), w ≥ 0, of a rotation matrix (9,), row by row (Shepperd 1978)."""
+    trace = R[0] + R[4] + R[8]
+    if trace >= R[0] and trace >= R[4] and trace >= R[8]:
+        w = 1.0 + trace
+        x = R[7] - R[5]
+        y = R[2] - R[6]
+        z = R[3] - R[1]
+    elif R[0] >= R[4] and R[0] >= R[8]:
+        w = R[7] - R[5]
+        x = 1.0 + R[0] - R[4] - R[8]
+        y = R[1] + R[3]
+        z = R[2] + R[6]
+    elif R[4] >= R[8]:
+        w = R[2] - R[6]
+        x = R[1] + R[3]
+        y = 1.0 - R[0] + R[4] - R[8]
+        z = R[5] + R[7]
+    else:
+        w = R[3] - R[1]
+        x = R[2] + R[6]
+        y = R[5] + R[7]
+        z = 1.0 - R[0] - R[4] + R[8]
+    length = sqrt(w * w + x * x + y * y + z * z)
+    if w < 0.0:
+        length = -length
+    quaternion[0] = w / length
+    quaternion[1] = x / length
+    quaternion[2] = y / length
+    quaternion[3] = z / length
+
+
+ROUTINES = (part_of_step, turned, swung, retract, coordinates_of, place_coordinates, quaternion_of_matrix)

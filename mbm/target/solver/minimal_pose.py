@@ -8,14 +8,9 @@ from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
+from mbm.target.decisions import SOLVED, SYMMETRIC
 from mbm.target.solver.minimal_quartic import real_roots
 from mbm.target.words import ConstantReals, Integer, Real, Reals
-
-SYMMETRIC = 1e-6
-"""Difference of the cosines between sights below which Grunert's fraction is nothing by nothing."""
-
-SOLVED = 1e-6
-"""What may be left of the laws of cosines, beside the largest squared side."""
 
 
 def dot3(a: ConstantReals, b: ConstantReals) -> Real:
@@ -164,38 +159,6 @@ def poses_from_three(points: ConstantReals, bearings: ConstantReals, found: Real
     return count
 
 
-def quaternion_of(R: ConstantReals, target: Reals) -> None:
-    """The unit quaternion (w, x, y, z), w ≥ 0, of a rotation matrix (9,), row by row (Shepperd 1978)."""
-    trace = R[0] + R[4] + R[8]
-    if trace >= R[0] and trace >= R[4] and trace >= R[8]:
-        w = 1.0 + trace
-        x = R[7] - R[5]
-        y = R[2] - R[6]
-        z = R[3] - R[1]
-    elif R[0] >= R[4] and R[0] >= R[8]:
-        w = R[7] - R[5]
-        x = 1.0 + R[0] - R[4] - R[8]
-        y = R[1] + R[3]
-        z = R[2] + R[6]
-    elif R[4] >= R[8]:
-        w = R[2] - R[6]
-        x = R[1] + R[3]
-        y = 1.0 - R[0] + R[4] - R[8]
-        z = R[5] + R[7]
-    else:
-        w = R[3] - R[1]
-        x = R[2] + R[6]
-        y = R[5] + R[7]
-        z = 1.0 - R[0] - R[4] + R[8]
-    length = sqrt(w * w + x * x + y * y + z * z)
-    if w < 0.0:
-        length = -length
-    target[0] = w / length
-    target[1] = x / length
-    target[2] = y / length
-    target[3] = z / length
-
-
 ROUTINES = (
     dot3,
     cross3,
@@ -204,5 +167,4 @@ ROUTINES = (
     lengths_polished,
     grunert,
     poses_from_three,
-    quaternion_of,
 )

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from math import atan2, cos, exp, fabs, isfinite, log, sqrt
 
+from mbm.target.decisions import NEARLY_REAL
 from mbm.target.words import ConstantReals, Integer, Real, Reals
-
-NEARLY_REAL = 1e-6
-"""A pair of roots whose imaginary parts are below this share of 1 + |x| counts as real: two roots nearly equal."""
 
 
 def cube_root(x: Real) -> Real:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbm.target import chi_square, decisions, step_control
 from mbm.target.from_python import module_of
 from mbm.target.solver import (
     batch,
@@ -33,6 +34,7 @@ from mbm.target.solver import (
 from mbm.target.tree import Module
 
 PARTS = (
+    step_control,
     linear_algebra,
     losses,
     manifolds,
@@ -49,6 +51,7 @@ PARTS = (
     trust_region,
     beginning,
     tangent,
+    decisions,
     deficient,
     covariance,
     constraint_values,
@@ -57,6 +60,7 @@ PARTS = (
     polishing,
     constraints,
     pushing,
+    chi_square,
     batch,
 )
 """The files of the solver, those that are called before those that call them."""
@@ -65,4 +69,4 @@ PARTS = (
 def solver_module(lanes: int) -> Module:
     """The solver for kernels that take ``lanes`` rows at a time."""
     functions = [function for part in PARTS for function in part.ROUTINES]
-    return module_of("solver", functions, public=batch.PUBLIC, constants={"LANES": lanes})
+    return module_of("solver", functions, public=(*batch.PUBLIC, "chi_square_tails"), constants={"LANES": lanes})

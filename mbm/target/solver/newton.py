@@ -7,8 +7,9 @@ once from differences of the gradient, and kept. The Hessian is never formed: wi
 
 from __future__ import annotations
 
-from math import fabs, isfinite, log, sqrt
+from math import fabs, isfinite, sqrt
 
+from mbm.target.decisions import DIFFERENCE, LEAST_DIFFERENCE
 from mbm.target.solver.description import BOXED, COORDINATES
 from mbm.target.solver.linear_algebra import cholesky, dot, filled, solve_transposed, solve_upper
 from mbm.target.solver.manifolds import retract
@@ -43,12 +44,6 @@ from mbm.target.solver.workspace import (
     vector_at,
 )
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
-
-FRACTION = 1e-4
-"""Length of a difference in conditional standard deviations of the coordinate."""
-
-RELATIVE = 1e-7
-"""… and its least length beside the coordinate itself, so that rounding stays small."""
 
 
 def newton_step(
@@ -159,9 +154,9 @@ def set_curvature(
     total = 0.0
     for j in range(n):
         filled(n, 0.0, step)
-        step[j] = FRACTION * spread / scale[j]
-        if RELATIVE * fabs(x[j]) > step[j]:
-            step[j] = RELATIVE * fabs(x[j])
+        step[j] = DIFFERENCE * spread / scale[j]
+        if LEAST_DIFFERENCE * fabs(x[j]) > step[j]:
+            step[j] = LEAST_DIFFERENCE * fabs(x[j])
         retract(system, place[AT_POINT:], step, point)
         sweep(system, constants, data, index, columns, point, 1, flags[PENALISED], work, residuals, there)
         for k in range(n):
@@ -181,13 +176,4 @@ def set_curvature(
     return 1
 
 
-def remaining(offset: Real, before: Real, tolerance: Real) -> Real:
-    """Iterations still needed at the present linear rate, 1e300 where the offset does not shrink."""
-    if offset <= tolerance:
-        return 0.0
-    if not before > 0.0 or offset >= before:
-        return 1e300
-    return log(tolerance / offset) / log(offset / before)
-
-
-ROUTINES = (set_inner, newton_step, set_curvature, remaining)
+ROUTINES = (set_inner, newton_step, set_curvature)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from math import fabs, inf, sqrt
 
+from mbm.target.decisions import CAP, EPSILON, FLOOR, HUGE, ROUNDED_ROTATION, ROUNDING_ERRORS, TINY, ZERO_COST
 from mbm.target.solver.description import (
     BOUNDS_AT,
     BOXED,
@@ -54,40 +55,8 @@ from mbm.target.solver.workspace import (
     triangle_at,
     vector_at,
 )
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals, distinct_arrays
-
-UNLIMITED = inf
-
-EPSILON = 2.220446049250313e-16
-
-NOISE = 4.0
-"""The rounding of a residual in units of ``eps · ‖terms‖``: the model has a few operations behind it."""
-
-NOTHING = 1e-60
-"""A cost that is zero in any unit."""
-
-FLOOR = 0.1
-CAP = 1e7
-"""A column so flat that its coordinate could move far beyond its own size is held as if ``scale · x`` were at least
-this share of the largest, but with at most so many times its own scale."""
-
-ROUNDED = 1e-13
-"""A column of a rotation below this share of the largest one is rounding: derivatives carry a few 1e-16."""
-
-TINY = 1e-140
-HUGE = 1e150
-"""Norms beyond have squares that leave the range of the numbers."""
-
-
-def relative_offset(inside: Real, outside: Real, moving: Integer, freedom: Integer) -> Real:
-    """Bates and Watts (1981): about the length of the next step in standard deviations of the estimates."""
-    if inside <= 0.0:
-        return 0.0
-    if outside <= 0.0:
-        return UNLIMITED
-    dimensions = float(moving) if moving > 1 else 1.0
-    spare = float(freedom) if freedom > 1 else 1.0
-    return sqrt((inside / dimensions) / (outside / spare))
+from mbm.target.step_control import relative_offset
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals, distinct_arrays
 
 
 @distinct_arrays
@@ -119,7 +88,7 @@ def set_metric(system: ConstantIntegers, x: ConstantReals, peak: ConstantReals, 
         if system[system[PLACES_AT] + j] < 0 and scale[j] > curved:
             curved = scale[j]
     for j in range(n):
-        if system[system[PLACES_AT] + j] < 0 and scale[j] < ROUNDED * curved:
+        if system[system[PLACES_AT] + j] < 0 and scale[j] < ROUNDED_ROTATION * curved:
             scale[j] = curved
 
 
@@ -130,7 +99,7 @@ def set_factor(n: Integer, triangle: ConstantReals, scale: ConstantReals, factor
         for i in range(n):
             factor[i * n + j] = triangle[i * (n + 1) + j] / scale[j] if i <= j else 0.0
         image[j] = triangle[j * (n + 1) + n]
-    return without_dependent(n, factor)
+    return without_dependent(n, factor, image)
 
 
 @distinct_arrays
@@ -182,7 +151,7 @@ def arrive(
     for j in range(n):
         size = fabs(x[j]) if system[system[PLACES_AT] + j] >= 0 else 1.0
         terms += norms[j] * size * norms[j] * size
-    noise = NOISE * EPSILON * (sqrt(terms) + sqrt(place[AT_COST]))
+    noise = ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(place[AT_COST]))
     place[AT_NOISE] = noise
     place[AT_SLACK] = 2.0 * noise * sqrt(place[AT_COST]) + noise * noise
     deficient += set_factor(n, triangle, scale, place[factor_at(system) :], place[vector_at(system, IMAGE) :])
@@ -228,11 +197,11 @@ def judge(
     offset = relative_offset(place[AT_PREDICTED], outside, moving, freedom)
     place[AT_OFFSET] = offset
     ending = RUNNING
-    if place[AT_COST] <= noise * noise or place[AT_COST] <= NOTHING:
+    if place[AT_COST] <= noise * noise or place[AT_COST] <= ZERO_COST:
         ending = EXACT_FIT
     elif offset <= work[scalars_at(system) + TOLERANCE_NOW]:
         ending = SMALL_OFFSET
-    elif sqrt(movement) <= NOISE * EPSILON * sqrt(terms):
+    elif sqrt(movement) <= ROUNDING_ERRORS * EPSILON * sqrt(terms):
         ending = ROUNDING
     flags[SLOT * number + ENDING_OF] = ending
 
@@ -254,7 +223,7 @@ def set_full_step(
         scalars = work[scalars_at(system) :]
         promised = scalars[STEP_PREDICTED]
         length = scalars[STEP_LENGTH]
-        boxed_step(system, constants, place, UNLIMITED, 0, work, flags, full, stopped, scalars)
+        boxed_step(system, constants, place, inf, 0, work, flags, full, stopped, scalars)
         place[AT_PREDICTED] = scalars[STEP_PREDICTED]
         place[AT_LENGTH] = scalars[STEP_LENGTH]
         scalars[STEP_PREDICTED] = promised
@@ -271,4 +240,4 @@ def set_full_step(
         full[j] /= scale[j]
 
 
-ROUTINES = (relative_offset, set_metric, set_factor, set_free, set_full_step, judge, arrive)
+ROUTINES = (set_metric, set_factor, set_free, set_full_step, judge, arrive)

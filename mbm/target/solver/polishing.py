@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from math import fabs, inf, isfinite, sqrt
 
-from mbm.target.decisions import EXACT, MET, POLISH, SETTLED
+from mbm.target.decisions import DIFFERENCE, EXACT, LEAST_DIFFERENCE, MET, POLISH, SETTLED, SLOW_KKT
 from mbm.target.solver.beginning import constraint_count
 from mbm.target.solver.constraint_values import linearise, set_units
 from mbm.target.solver.description import (
@@ -27,7 +27,6 @@ from mbm.target.solver.description import (
 from mbm.target.solver.equations import residuals_at_point
 from mbm.target.solver.linear_algebra import copied, dot, filled
 from mbm.target.solver.manifolds import coordinates_of, retract
-from mbm.target.solver.newton import FRACTION, RELATIVE
 from mbm.target.solver.surface import SCALE, choose_free, surface_step, turn_place
 from mbm.target.solver.sweeps import sweep
 from mbm.target.solver.working import change_working, largest_violation, pushes_on_bounds, set_working
@@ -69,9 +68,6 @@ STEPS_AT_MOST = 20
 
 CLOSE = 0.3
 """A first step longer than this, in standard deviations, is left to the penalties."""
-
-SLOW = 0.2
-"""Where the offset does not fall below this share, the second-order term is taken."""
 
 
 def set_place(
@@ -147,9 +143,9 @@ def set_surface_curvature(
     for k in range(count):
         j = chosen[k]
         filled(n, 0.0, step)
-        step[j] = FRACTION * spread / scale[k]
-        if RELATIVE * fabs(x[j]) > step[j]:
-            step[j] = RELATIVE * fabs(x[j])
+        step[j] = DIFFERENCE * spread / scale[k]
+        if LEAST_DIFFERENCE * fabs(x[j]) > step[j]:
+            step[j] = LEAST_DIFFERENCE * fabs(x[j])
         retract(system, place[AT_POINT:], step, point)
         linearise(system, data, index, columns, point, work)
         set_gradient(system, constants, data, index, columns, point, residuals, work, there)
@@ -279,7 +275,7 @@ def polish(
         if steps == 0 and not (place[AT_OFFSET] <= CLOSE or place[AT_LENGTH] <= CLOSE):
             return 0
         fresh = 0
-        if steps > 0 and not place[AT_OFFSET] <= SLOW * before:
+        if steps > 0 and not place[AT_OFFSET] <= SLOW_KKT * before:
             if set_surface_curvature(system, constants, data, index, columns, count, place, work, flags) == 0:
                 return 0
             curved = 1

@@ -8,13 +8,8 @@ from __future__ import annotations
 
 from math import fabs, sqrt
 
+from mbm.target.decisions import IDLE, ROUNDED_PUSH
 from mbm.target.words import ConstantReals, Integer, Integers, Real
-
-IDLE = 1e-8
-"""Cosine between the residuals and a column of the Jacobian below which nothing pushes along its coordinate."""
-
-ROUNDED = 1e-13
-"""The same for what rounding leaves of the residuals, beside what they are computed from."""
 
 
 def release_idle(n: Integer, triangle: ConstantReals, x: ConstantReals, cost: Real, sides: Integers) -> None:
@@ -42,7 +37,7 @@ def release_idle(n: Integer, triangle: ConstantReals, x: ConstantReals, cost: Re
             for i in range(j + 1):
                 length += triangle[i * width + j] * triangle[i * width + j]
                 slope += triangle[i * width + j] * triangle[i * width + n]
-            if fabs(slope) <= sqrt(length) * (IDLE * sqrt(cost) + ROUNDED * sqrt(made_of)):
+            if fabs(slope) <= sqrt(length) * (IDLE * sqrt(cost) + ROUNDED_PUSH * sqrt(made_of)):
                 sides[j] = 0
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
+from mbm.target.decisions import POSITIVE_KEPT, ROUNDING_OF_BOUNDS
 from mbm.target.solver.description import BOUNDS_AT, COORDINATES, POSITIVE_AT
 from mbm.target.solver.linear_algebra import (
     append_rows,
@@ -37,14 +38,8 @@ from mbm.target.solver.workspace import (
 )
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals, distinct_arrays
 
-ROUNDING_OF_BOUNDS = 8.881784197001252e-16
-"""Relative error of a bound minus a number plus that number: four roundings."""
-
 INDEPENDENT = 1e-11
 """A column whose part across those before it is below this share of the largest column is as good as dependent."""
-
-KEEP = 0.1
-"""A coordinate of type `positive` keeps at least this part of its value in one step (fraction to the boundary)."""
 
 
 @distinct_arrays
@@ -109,8 +104,8 @@ def marquardt_step(
 def down_of(system: ConstantIntegers, constants: ConstantReals, x: ConstantReals, j: Integer) -> Real:
     """Largest movement down (≤ 0) of a coordinate in one step."""
     found = constants[BOUNDS_AT + j] - x[j]
-    if system[system[POSITIVE_AT] + j] != 0 and found < (KEEP - 1.0) * x[j]:
-        found = (KEEP - 1.0) * x[j]
+    if system[system[POSITIVE_AT] + j] != 0 and found < (POSITIVE_KEPT - 1.0) * x[j]:
+        found = (POSITIVE_KEPT - 1.0) * x[j]
     return found
 
 
@@ -175,8 +170,30 @@ def chosen_columns(
         part_image[i] = triangle[i * width + count]
 
 
-def without_dependent(n: Integer, factor: Reals) -> Integer:
-    """The diagonal of a scaled triangle becomes 0 where it is none: `INDEPENDENT`; how often."""
+@distinct_arrays
+def turn_into(n: Integer, k: Integer, row: Reals, other: Reals, end: Reals, other_end: Reals) -> None:
+    """Turn two rows of a triangle, from column ``k`` on, and their first ends, so that ``row[k]`` becomes 0."""
+    if row[k] == 0.0:
+        return
+    length = sqrt(row[k] * row[k] + other[k] * other[k])
+    cosine = other[k] / length
+    sine = row[k] / length
+    for i in range(k, n):
+        above = row[i]
+        row[i] = cosine * above - sine * other[i]
+        other[i] = cosine * other[i] + sine * above
+    above = end[0]
+    end[0] = cosine * above - sine * other_end[0]
+    other_end[0] = cosine * other_end[0] + sine * above
+
+
+@distinct_arrays
+def without_dependent(n: Integer, factor: Reals, image: Reals) -> Integer:
+    """Columns of a scaled triangle that are as good as dependent (`INDEPENDENT`) get the diagonal 0; how many.
+
+    Such a column takes no part in a step. What its row says of the columns behind it is turned into their own rows
+    (Givens), and with it what the row says of the ``image`` (n,): else it would be lost with the column.
+    """
     longest = 0.0
     for j in range(n):
         square = 0.0
@@ -189,6 +206,8 @@ def without_dependent(n: Integer, factor: Reals) -> Integer:
         if not fabs(factor[j * n + j]) > INDEPENDENT * sqrt(longest):
             factor[j * n + j] = 0.0
             found += 1
+            for k in range(j + 1, n):
+                turn_into(n, k, factor[j * n :], factor[k * n :], image[j:], image[k:])
     return found
 
 
@@ -254,7 +273,7 @@ def boxed_step(
         else:
             triangle = work[small_triangle_at(system) :]
             chosen_columns(n, factor, rest, count, chosen, work[small_rows_at(system) :], triangle, part, part_image)
-            without_dependent(count, part)
+            without_dependent(count, part, part_image)
         step_of_part(system, count, remaining, limited, part_image, work)
         first = first_to_leave(system, constants, x, scale, count, chosen, trial)
         if first < 0:
@@ -327,6 +346,7 @@ ROUTINES = (
     project,
     land,
     chosen_columns,
+    turn_into,
     without_dependent,
     step_of_part,
     first_to_leave,

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from math import fabs, sqrt
 
+from mbm.target.decisions import EPSILON, ROUNDING_ERRORS
 from mbm.target.solver.beginning import constraint_count
 from mbm.target.solver.covariance import set_reduced, set_scales
 from mbm.target.solver.description import COORDINATES, DATA_COUNT, PLACES_AT
 from mbm.target.solver.linear_algebra import cholesky, dot, filled, solve_transposed, solve_upper
-from mbm.target.solver.places import EPSILON, NOISE, relative_offset
 from mbm.target.solver.steps import without_dependent
 from mbm.target.solver.tangent import REPEATED, along_surface, from_surface, turn_constraints
 from mbm.target.solver.workspace import (
@@ -39,6 +39,7 @@ from mbm.target.solver.workspace import (
     triangle_at,
     vector_at,
 )
+from mbm.target.step_control import relative_offset
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
 
 SCALE = 11
@@ -156,7 +157,7 @@ def surface_step(
         for k in range(width):
             factor[i * width + k] = small[i * (width + 1) + k]
         line[i] = -small[i * (width + 1) + width]
-    if without_dependent(width, factor) > 0:
+    if without_dependent(width, factor, line) > 0:
         return 0
     if curved == 1 and bent_right(system, count, turned, work, flags) == 0:
         return 0
@@ -256,7 +257,7 @@ def set_step(
     place[AT_LENGTH] = sqrt(dot(count, along, along))
     place[AT_PREDICTED] = inside
     place[AT_OFFSET] = relative_offset(inside, outside if outside > 0.0 else 0.0, width, data[DATA_COUNT] - width)
-    place[AT_NOISE] = NOISE * EPSILON * (sqrt(terms) + sqrt(place[AT_COST]))
+    place[AT_NOISE] = ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(place[AT_COST]))
 
 
 ROUTINES = (choose_free, turn_place, transposed, bent_right, set_step, surface_step)

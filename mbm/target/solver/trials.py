@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from math import isfinite
 
+from mbm.target.decisions import BEND, CURVED_SHARE, UNDECIDED
 from mbm.target.solver.description import (
     BOXED,
     COORDINATES,
@@ -55,16 +56,8 @@ from mbm.target.solver.workspace import (
     trial_at,
     vector_at,
 )
+from mbm.target.step_control import shortened
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
-
-CURVED_SHARE = 0.75
-"""A step that brings less of its promise than this is tried again with the curvature answered."""
-
-BEND = 0.75
-"""The answer to curvature may be this long beside the step (Transtrum and Sethna 2012)."""
-
-UNDECIDED = 10.0
-"""A promise below so many roundings of the cost is judged by the offset."""
 
 
 def step_within(system: ConstantIntegers, constants: ConstantReals, radius: Real, work: Reals, flags: Integers) -> None:
@@ -208,7 +201,7 @@ def shortening(
 ) -> Real:
     """MINPACK's shortening after a growing cost: half of where the parabola through slope and value is least."""
     if actual >= 0.0:
-        return 0.5
+        return shortened(0.0, actual)
     n = system[COORDINATES]
     scale = place[vector_at(system, METRIC) :]
     scaled = work[step_at(system, 9) :]
@@ -216,13 +209,7 @@ def shortening(
     for j in range(n):
         scaled[j] = scale[j] * vector[j]
     times_upper(n, place[factor_at(system) :], scaled, moved)
-    slope = dot(n, moved, place[vector_at(system, IMAGE) :])
-    share = 0.0
-    if slope < 0.0:
-        share = 0.5 * slope / (slope + 0.5 * actual)
-    if share < 0.1:
-        return 0.1
-    return 0.5 if share > 0.5 else share
+    return shortened(dot(n, moved, place[vector_at(system, IMAGE) :]), actual)
 
 
 ROUTINES = (step_within, bend_step, try_step, same_point, shortening)

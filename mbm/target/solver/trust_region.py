@@ -8,6 +8,18 @@ from __future__ import annotations
 
 from math import isfinite
 
+from mbm.target.decisions import (
+    CREEP,
+    LEAST_GAIN_RATIO,
+    NEAR_OFFSET,
+    NEVER,
+    OFFSET_DECREASE,
+    PATIENCE,
+    REACH,
+    SLOW_OFFSET,
+    TRIAL_POINTS,
+    UNDECIDED,
+)
 from mbm.target.solver.description import (
     COORDINATES,
     FLAT,
@@ -22,10 +34,10 @@ from mbm.target.solver.description import (
 from mbm.target.solver.linear_algebra import (
     copied,
 )
-from mbm.target.solver.newton import remaining, set_curvature
+from mbm.target.solver.newton import set_curvature
 from mbm.target.solver.places import arrive, judge
 from mbm.target.solver.sweeps import set_triangle, sweep
-from mbm.target.solver.trials import UNDECIDED, same_point, shortening, step_within, try_step
+from mbm.target.solver.trials import same_point, shortening, step_within, try_step
 from mbm.target.solver.workspace import (
     AT_COST,
     AT_LENGTH,
@@ -58,32 +70,8 @@ from mbm.target.solver.workspace import (
     trial_at,
     triangle_at,
 )
+from mbm.target.step_control import radius_after, remaining
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
-
-ACCEPT = 1e-4
-"""Least share of the promised decrease that a step must bring (MINPACK)."""
-
-POLISH = 0.95
-"""A step judged by the offset must bring it below this share."""
-
-SLOW = 0.1
-"""The offset should fall below this share in one iteration near the minimum."""
-
-NEAR = 0.3
-"""… which is where the offset is below this: a third of a standard deviation."""
-
-CREEP = 1e-2
-"""Farther off, an iteration that lowers the cost by less than this share creeps: the second-order term may help."""
-
-PATIENCE = 4
-NEVER = 1000000
-"""Iterations from one computation of the second-order term to the next."""
-
-REACH = 30.0
-"""Newton's first step may be this many radii long."""
-
-TRIALS = 100
-"""Trial points in one iteration; the radius has shrunk by 10⁻³⁰ at least by then."""
 
 
 def factor_there(
@@ -132,15 +120,11 @@ def arrive_there(
     arrive(system, constants, number, before, flags[CURVATURE_KNOWN], work, flags)
     here = work[place_at(system, before) :]
     there = work[place_at(system, number) :]
-    if share < 0.0 and not there[AT_OFFSET] <= POLISH * here[AT_OFFSET]:
+    if share < 0.0 and not there[AT_OFFSET] <= OFFSET_DECREASE * here[AT_OFFSET]:
         no_better(system, constants, work, flags)
         return
     if share >= 0.0:
-        if share <= 0.25:
-            longest = 10.0 * scalars[STEP_LENGTH]
-            scalars[RADIUS] = 0.5 * (longest if longest < scalars[RADIUS] else scalars[RADIUS])
-        elif flags[WHOLE] == 1 or share >= 0.75:
-            scalars[RADIUS] = 2.0 * scalars[STEP_LENGTH]
+        scalars[RADIUS] = radius_after(share, scalars[RADIUS], scalars[STEP_LENGTH], flags[WHOLE])
     flags[HERE] = number
     flags[RESIDUALS_HERE] = flags[RESIDUALS_TRIED]
     flags[STOP] = flags[SLOT * number + ENDING_OF]
@@ -148,9 +132,9 @@ def arrive_there(
         flags[PATIENCE_LEFT] -= 1
     if system[STRICT] == 1 and flags[SLOT * number + DEFICIENT_OF] > 0:
         flags[STOP] = UNSURE
-    if flags[STOP] != RUNNING or there[AT_OFFSET] <= SLOW * here[AT_OFFSET] or flags[PATIENCE_LEFT] > 0:
+    if flags[STOP] != RUNNING or there[AT_OFFSET] <= SLOW_OFFSET * here[AT_OFFSET] or flags[PATIENCE_LEFT] > 0:
         return
-    if there[AT_OFFSET] < NEAR:
+    if there[AT_OFFSET] < NEAR_OFFSET:
         few = float(system[COORDINATES] + 2)
         if remaining(there[AT_OFFSET], here[AT_OFFSET], scalars[TOLERANCE_NOW]) <= few:
             return
@@ -178,7 +162,7 @@ def take_curvature(
     flags[CURVATURE_KNOWN] = set_curvature(system, constants, data, index, columns, work, flags)
     judge(system, constants, number, flags[CURVATURE_KNOWN], work, flags)
     place = work[place_at(system, number) :]
-    flags[PATIENCE_LEFT] = PATIENCE if place[AT_OFFSET] >= NEAR else 0
+    flags[PATIENCE_LEFT] = PATIENCE if place[AT_OFFSET] >= NEAR_OFFSET else 0
     flags[STOP] = flags[SLOT * number + ENDING_OF]
 
 
@@ -239,7 +223,7 @@ def iterate(
     radius = start
     flags[FINITE] = 1
     flags[ITERATIONS_DONE] += 1
-    for _ in range(TRIALS):
+    for _ in range(TRIAL_POINTS):
         step_within(system, constants, radius, work, flags)
         try_step(system, constants, data, index, columns, work, flags)
         if same_point(system, work[trial_at(system, flags[POINT_TRIED]) :], here[AT_POINT:]) == 1:
@@ -255,7 +239,7 @@ def iterate(
         decided = scalars[STEP_PREDICTED] > UNDECIDED * here[AT_SLACK]
         if decided:
             share = actual / scalars[STEP_PREDICTED]
-            if share > ACCEPT:
+            if share > LEAST_GAIN_RATIO:
                 acceptable = 1
         elif flags[WHOLE] == 1 and actual >= -here[AT_SLACK]:
             acceptable = 1

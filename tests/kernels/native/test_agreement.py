@@ -14,7 +14,7 @@ import mbm
 from mbm.kernels.backends import casadi_map, native, numpy_stream
 from mbm.kernels.native.kernels import LONG, MANY, level_for, native_kernels
 from mbm.kernels.types import KernelSet
-from mbm.target.vector_text import LANES
+from mbm.target.solver.description import LANES
 from mbm.target.vectors import NoPrinterError
 
 PROBLEMS = sorted((Path(__file__).parents[3] / "problems").glob("*/*.mbm"))

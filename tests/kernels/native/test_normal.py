@@ -14,7 +14,7 @@ from mbm.kernels.backends import numpy_stream
 from mbm.kernels.native.normal import normal_kernels, normal_rows
 from mbm.target.normal_rows import Unit
 from mbm.target.solver import description
-from mbm.target.vector_text import LANES
+from mbm.target.solver.description import LANES
 
 TEXT = """
 (problem p

@@ -16,7 +16,8 @@ from mbm.kernels.native.engine import compiled, kept
 from mbm.kernels.native.processor import vector_library
 from mbm.target import blocks_of_rows, straight_line
 from mbm.target.program import Instruction, Operator, Program
-from mbm.target.vector_text import LANES, Text
+from mbm.target.solver.description import LANES
+from mbm.target.vector_text import Text
 from mbm.target.vectors import NoPrinterError
 
 ULPS = 4

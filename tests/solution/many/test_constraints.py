@@ -40,7 +40,7 @@ def test_documents_agree_with_those_of_solves_one_by_one(name):
     problem = mbm.loads(text)
     made = problem.solve(data=data)
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("mbm.solution.many.together.FEW", 1_000)
+        patched.setattr("mbm.solution.many.together.FEW_SOLVES", 1_000)
         plain = problem.solve(data=data, backend="auto" if name in DRAWN else "numpy")
     assert not isinstance(plain.result.solves, ManyReports)
     assert isinstance(made.result.solves, ManyReports) == (name in {*MADE_TOGETHER, *LEFT_APART})

@@ -28,7 +28,7 @@ TOGETHER = [name for name in PROBLEMS if name not in ONE_BY_ONE]
 
 def one_by_one(problem, data, **options):
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("mbm.solution.many.together.FEW", 1_000)
+        patched.setattr("mbm.solution.many.together.FEW_SOLVES", 1_000)
         solved = problem.solve(data=data, **options)
     assert not isinstance(solved.result.solves, ManyReports)
     return solved

@@ -27,7 +27,7 @@ LEFT_ALONE = {"levelling without a datum", "windows that do not fit"}
 def one_by_one(problem, data, **options):
     """The solves of a problem as they are made when there are too few to make them together."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("mbm.solution.many.together.FEW", 10_000)
+        patched.setattr("mbm.solution.many.together.FEW_SOLVES", 10_000)
         solved = problem.solve(data=data, **options)
     assert not isinstance(solved.result.solves, ManyReports)
     return solved

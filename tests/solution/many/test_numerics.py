@@ -1,4 +1,4 @@
-"""Factors and tails of many solves at once, against those of one."""
+"""Factors of many solves at once, against those of one."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from mbm.solution.many.factor import factors
-from mbm.solution.many.tails import chi_square_tails
 
 
 @pytest.mark.parametrize("width", [1, 2, 3, 7])
@@ -50,17 +49,3 @@ def test_what_is_not_of_full_rank_beyond_doubt_is_not_good(spoil):
     else:
         jacobian[1, :, 2] = jacobian[1, :, 0] + (1e-9 if spoil == "nearly" else 0.0) * jacobian[1, :, 1]
     assert factors(jacobian).good.tolist() == [True, False, True]
-
-
-def test_tails_are_those_of_scipy():
-    from scipy.stats import chi2
-
-    generator = np.random.default_rng(3)
-    dof = generator.integers(1, 400, 500)
-    values = dof * generator.uniform(0.0, 4.0, 500)
-    # the stated accuracy of some hundred degrees of freedom; probabilities near 0 relative to themselves
-    np.testing.assert_allclose(chi_square_tails(values, dof), chi2.sf(values, dof), rtol=1e-11, atol=1e-300)
-
-
-def test_a_tail_is_all_at_zero_and_nothing_far_out():
-    assert chi_square_tails(np.array([0.0, 1e6]), np.array([3, 3])).tolist() == [1.0, 0.0]

@@ -73,7 +73,7 @@ def test_documents_agree_with_those_of_solves_one_by_one(name):
     problem = mbm.loads(text)
     made = problem.solve(data=data)
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("mbm.solution.many.together.FEW", 1_000)
+        patched.setattr("mbm.solution.many.together.FEW_SOLVES", 1_000)
         # the subsets of consensus are drawn alike in native code only
         plain = problem.solve(data=data, backend="auto" if DRAWN & set(text.split()) else "numpy")
     assert not isinstance(plain.result.solves, ManyReports)

@@ -7,7 +7,7 @@ import pytest
 
 import mbm.solution.native.system as native
 from mbm.kernels.native import engine
-from mbm.solution.native.code import FAST, PLAIN, WORTH, SolverCode, _text
+from mbm.solution.native.code import OPTIMISED, UNOPTIMISED, WORTH, SolverCode, _text
 from mbm.solution.native.system import MANY_ROWS, MANY_ROWS_OFTEN, system_of
 from mbm.target.solver import description as of
 
@@ -144,7 +144,7 @@ def test_plain_code_until_fast_code_pays(monkeypatch):
     for _ in range(4):
         code.expect(0.3 * WORTH)
         assert code.routine("answer")() == 42
-    assert made == [PLAIN, FAST]
+    assert made == [UNOPTIMISED, OPTIMISED]
     assert code.fast
 
 

@@ -72,7 +72,7 @@ def solved(**clauses):
 def blockwise(monkeypatch):
     def solve(**clauses):
         with monkeypatch.context() as patched:
-            patched.setattr(sparsity, "LARGE", 0)
+            patched.setattr(sparsity, "MOST_DENSE", 0)
             patched.setattr(sparsity, "SPARSE", 1.0)
             return solved(**clauses)
 
@@ -147,7 +147,7 @@ def logarithms(monkeypatch):
     """A family of one number each in ``1 = log a``, from given starts."""
 
     def solve(starts):
-        monkeypatch.setattr(sparsity, "LARGE", 0)
+        monkeypatch.setattr(sparsity, "MOST_DENSE", 0)
         monkeypatch.setattr(sparsity, "SPARSE", 1.0)
         text = (
             "(problem p (data d external :key k) (unknowns (a :per d :init x))"
@@ -182,7 +182,7 @@ def test_the_elements_of_a_long_array_are_blocks_of_their_own(monkeypatch):
     data = {"d": {"k": k, "y": 1.0 + np.sin(k / 9.0) / 2}}
     start = {"a": np.ones(30)}
     dense = mbm.loads(text).solve(data=data, init=start)
-    monkeypatch.setattr(sparsity, "LARGE", 0)
+    monkeypatch.setattr(sparsity, "MOST_DENSE", 0)
     monkeypatch.setattr(sparsity, "SPARSE", 1.0)
     sparse = mbm.loads(text).solve(data=data, init=start)
     assert (sparse.first.method, dense.first.method) == ("lm-sparse", "lm")

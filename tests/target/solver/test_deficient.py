@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from mbm.target.decisions import SHARE
 from mbm.target.solver.description import COORDINATES, HEADER
 from mbm.target.solver.workspace import FLAGS, LOOSE, RANK, TOUCHED, step_at, work_integers, work_reals
 from tests.target.solver.test_linear_algebra import matrix
@@ -114,3 +115,15 @@ def test_what_is_well_determined_is_not_decomposed(solver):
     np.testing.assert_allclose(covariance @ (jacobian.T @ jacobian), np.eye(3), rtol=0, atol=1e-12)
     assert not work[step_at(system, TOUCHED) :][:3].any()
     assert flags[FLAGS : FLAGS + 3].tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize(("share", "felt"), [(0.0, False), (0.9, False), (1.1, True), (1e3, True)])
+@pytest.mark.parametrize("scale", [1.0, 1e-3])
+def test_a_gradient_feels_free_directions_from_a_millionth_on(solver, share, felt, scale):
+    """Of three coordinates the third is free; the second counts in units of ``scale``."""
+    jacobian = np.array([[1.0, 0.0, 0.0], [0.0, 1.0 / scale, 0.0], [0.0, 0.0, 0.0]])
+    system, work, flags, _, _ = covariance_of(solver, jacobian, np.zeros(3, dtype=np.int64))
+    assert (flags[RANK], flags[LOOSE]) == (2, 1)
+    # A column of zeros counts as one of length 1; its share is that of the whole gradient in such units.
+    gradient = np.array([0.0, 1.0 / scale, share * SHARE])
+    assert solver("determines", system, gradient, work, flags) == int(not felt)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from mbm.problem.kinds import LossKind
-from mbm.solution.native.packing import LOSSES
 from mbm.solution.robust.losses.function import LossFunction
 from mbm.solution.robust.losses.rooted import root_factors
 from mbm.solution.robust.losses.standard import BY_KIND
+from mbm.target.solver.description import LOSSES
 
 SQUARES = np.array([0.0, 1e-30, 1e-9, 1e-4, 0.3, 1.7, 1.9999, 2.3, 40.0, 1e6])
-CASES = [(kind, 0.0) for kind in LOSSES if kind is not LossKind.BARRON]
+CASES = [(kind, 0.0) for kind in LossKind if kind is not LossKind.BARRON]
 CASES += [(LossKind.BARRON, shape) for shape in (2.0, 1.0, 0.5, 0.0, -2.0)]
 
 

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from mbm.target.solver.minimal_pose import poses_from_three, quaternion_of
+from mbm.target.solver.manifolds import quaternion_of_matrix
+from mbm.target.solver.minimal_pose import poses_from_three
 from mbm.target.solver.minimal_quartic import real_roots
 from mbm.target.solver.minimal_spheres import places_from_spheres
 
@@ -109,7 +110,7 @@ def test_points_on_a_line_give_no_pose():
 def test_quaternions_are_those_of_the_rotation(seed):
     rotation = Rotation.random(random_state=seed % 2**32)
     found = np.zeros(4)
-    quaternion_of(rotation.as_matrix().ravel(), found)
+    quaternion_of_matrix(rotation.as_matrix().ravel(), found)
     expected = rotation.as_quat(scalar_first=True)
     np.testing.assert_allclose(found, expected * np.sign(expected[0] or 1.0), atol=1e-12)
 

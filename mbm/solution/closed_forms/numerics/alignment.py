@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.solution.closed_forms.numerics.rotations import nearest
+from mbm.rotations import nearest
 from mbm.solution.types import Floats
 
 RANK_TOLERANCE = 1e-10

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.solution.closed_forms.numerics.rotations import cross_matrix, exponential, nearest
+from mbm.rotations import cross_matrix, exponential, nearest
 from mbm.solution.types import Floats
 
 ITERATIONS = 12

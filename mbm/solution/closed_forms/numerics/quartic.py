@@ -6,6 +6,7 @@ import numpy as np
 
 from mbm.solution.closed_forms.numerics.finite import finite
 from mbm.solution.types import Floats
+from mbm.target.decisions import NEARLY_REAL
 
 
 def real_roots(coefficients: Floats) -> Floats:
@@ -22,7 +23,7 @@ def real_roots(coefficients: Floats) -> Floats:
     companion[..., 1, 0] = companion[..., 2, 1] = companion[..., 3, 2] = 1.0
     roots = np.linalg.eigvals(companion)
     x = np.real(roots)
-    is_real = (np.abs(np.imag(roots)) <= 1e-6 * (1 + np.abs(x))) & usable[..., None]
+    is_real = (np.abs(np.imag(roots)) <= NEARLY_REAL * (1 + np.abs(x))) & usable[..., None]
     a, b, c, d = (monic[..., i, None] for i in range(4))
     with np.errstate(all="ignore"):
         for _ in range(2):

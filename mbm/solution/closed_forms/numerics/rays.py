@@ -6,7 +6,7 @@ import numpy as np
 
 from mbm.solution.types import Floats
 
-PARALLEL = 1e-12
+PARALLEL_RAYS = 1e-12
 """Reciprocal condition of the normal equations below which all rays have one direction."""
 
 
@@ -22,6 +22,6 @@ def meeting_points(origins: Floats, directions: Floats, weights: Floats | None =
     right = np.einsum("...nij,...nj->...i", Q, origins)
     finite = np.isfinite(normal).all(axis=(-2, -1)) & np.isfinite(right).all(axis=-1)
     values = np.linalg.eigvalsh(np.where(finite[..., None, None], normal, 0.0))
-    usable = finite & (values[..., 0] > PARALLEL * values[..., -1])
+    usable = finite & (values[..., 0] > PARALLEL_RAYS * values[..., -1])
     safe = np.where(usable[..., None, None], normal, np.eye(d))
     return np.where(usable[..., None], np.linalg.solve(safe, np.nan_to_num(right)[..., None])[..., 0], np.nan)

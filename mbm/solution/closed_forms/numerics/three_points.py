@@ -7,9 +7,7 @@ import numpy as np
 from mbm.solution.closed_forms.numerics.finite import finite
 from mbm.solution.closed_forms.numerics.quartic import real_roots
 from mbm.solution.types import Floats
-
-SYMMETRIC = 1e-6
-"""Difference of the cosines between sights below which Grunert's fraction is nothing by nothing."""
+from mbm.target.decisions import SOLVED, SYMMETRIC
 
 
 def poses_from_three(points: Floats, bearings: Floats) -> tuple[Floats, Floats]:
@@ -98,5 +96,5 @@ def _polished(s: Floats, squares: tuple[Floats, ...], cosines: tuple[Floats, ...
         step = np.einsum("...ij,...j->...i", adjugate, laws()) / determinant[..., None]
         short = finite(step, -1) & (np.abs(step) < 0.1 * np.abs(s)).all(axis=-1)
         s = np.where(short[..., None], s - step, s)
-    solved = known & (np.abs(laws()).max(axis=-1) <= 1e-6 * scale)
+    solved = known & (np.abs(laws()).max(axis=-1) <= SOLVED * scale)
     return np.where(solved[..., None], s, np.nan)

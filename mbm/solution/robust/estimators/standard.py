@@ -12,6 +12,6 @@ from mbm.solution.robust.estimators.msac import MSAC
 from mbm.solution.robust.estimators.ransac import RANSAC
 from mbm.solution.robust.estimators.types import ConsensusEstimator
 
-STANDARD: tuple[ConsensusEstimator, ...] = (LMEDS, RANSAC, MSAC, GNC)
-
-BY_KIND: Mapping[ConsensusKind, ConsensusEstimator] = MappingProxyType({each.kind: each for each in STANDARD})
+BY_KIND: Mapping[ConsensusKind, ConsensusEstimator] = MappingProxyType(
+    {each.kind: each for each in (LMEDS, RANSAC, MSAC, GNC)}
+)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mbm.solution.types import Floats
@@ -23,10 +22,6 @@ class LossFunction:
     def convex(self) -> bool:
         """Whether ρ(r²) is convex in r."""
         return self.loss.convex
-
-    def wider(self, factor: float) -> LossFunction:
-        """The same loss with ``factor`` times the parameter: closer to least squares."""
-        return replace(self, scale=self.scale * factor)
 
     def rho(self, squares: Floats) -> Floats:
         """ρ(s), elementwise."""

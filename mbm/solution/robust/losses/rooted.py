@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbm.solution.types import Floats
+from mbm.target.decisions import NEARLY_ZERO
 
 if TYPE_CHECKING:
     from mbm.solution.robust.losses.function import LossFunction
-
-NEARLY_ZERO = 1e-3
-"""Below this share of c² the difference ρ's − ρ is taken from its series: above it the subtraction keeps 13 digits."""
 
 
 def root_factors(loss: LossFunction, squares: Floats) -> tuple[Floats, Floats]:

@@ -14,6 +14,6 @@ from mbm.solution.robust.losses.soft_l1 import SOFT_L1
 from mbm.solution.robust.losses.tukey import TUKEY
 from mbm.solution.robust.losses.types import RobustLoss
 
-STANDARD: tuple[RobustLoss, ...] = (HUBER, SOFT_L1, CAUCHY, TUKEY, GEMAN_MCCLURE, BARRON)
-
-BY_KIND: Mapping[LossKind, RobustLoss] = MappingProxyType({loss.kind: loss for loss in STANDARD})
+BY_KIND: Mapping[LossKind, RobustLoss] = MappingProxyType(
+    {loss.kind: loss for loss in (HUBER, SOFT_L1, CAUCHY, TUKEY, GEMAN_MCCLURE, BARRON)}
+)

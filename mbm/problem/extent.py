@@ -1,0 +1,53 @@
+"""How much of a problem is compiled: equations one by one, and the operations in them, are bounded.
+
+The rows of a table share one equation, however many they are: what is counted here is written out in the problem, by
+hand, by ``for`` and ``sum``, or by rows that need equations of their own.
+"""
+
+from __future__ import annotations
+
+from mbm.expression.nodes import Apply, Expression, postorder
+from mbm.language.limits import Limits
+from mbm.problem import faults
+from mbm.problem.types import Block, Derived
+from mbm.text.types import MbmError, Span
+
+
+class Extent:
+    """Equations and operations so far. Local to one elaboration."""
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self._equations = 0
+        self._operations = 0
+
+    def add(self, made: Block | Derived) -> None:
+        """Count what an observation, prior, constraint or derived quantity holds.
+
+        Raises:
+            MbmError: too-much-to-compile.
+
+        """
+        if isinstance(made, Block):
+            cases = [tuple(n for e in case.equations for n in (*e.components, *e.noise)) for case in made.cases]
+        else:
+            cases = [case.values for case in made.cases]
+        self.more(len(cases), made.span)
+        for nodes in cases:
+            self._operate(nodes, made.span)
+
+    def more(self, equations: int, span: Span) -> None:
+        """Count groups of rows that each have equations of their own.
+
+        Raises:
+            MbmError: too-much-to-compile.
+
+        """
+        self._equations += equations
+        if self._equations > self._limits.equations:
+            raise MbmError(faults.too_many_equations(span, self._limits.equations))
+
+    def _operate(self, nodes: tuple[Expression, ...], span: Span) -> None:
+        self._operations += sum(isinstance(node, Apply) for node in postorder(nodes))
+        if self._operations > self._limits.operations:
+            raise MbmError(faults.too_many_operations(span, self._limits.operations))

@@ -1,0 +1,99 @@
+"""Runs a command line as a process of its own, and measures the whole of it: its start, its work, its end."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from tests.trials.outcome import KINDS_OF_BYTES, PATIENCE, STANDSTILL, Outcome
+from tests.trials.seeds import ROOT
+
+SPACE = 4 << 30
+"""Bytes of address space that a process may take, so that the machine outlives it. What is judged is the largest memory
+that it ever had resident: address space says little, for a reader of Parquet files reserves 1.5 GB before it reads the
+first, of which it uses 0.1."""
+MOST_SAID = 50_000_000
+"""Bytes that are looked at of each output."""
+
+
+def outcome_of_process(
+    *arguments: str, folder: Path, devices: Iterable[str], closed: Iterable[Path]
+) -> tuple[Outcome, list[str]]:
+    """Runs ``python -m mbm`` in ``folder``: what it answered, and what it touched that it should not have.
+
+    Time is that of the processor, which other work on the machine does not lengthen, of the process and all that it
+    waited for; one that waits itself is ended after `STANDSTILL`. Its standard input never ends.
+    """
+    with TemporaryDirectory(prefix="mbm-said-") as place:
+        out, err, heard = (Path(place) / name for name in ("out", "err", "heard"))
+        heard.touch()
+        asked = {
+            "folder": str(folder.parent),
+            "devices": list(devices),
+            "closed": [str(path) for path in closed],
+            "heard": str(heard),
+            "space": SPACE,
+            "seconds": math.ceil(PATIENCE),
+        }
+        environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+        command = [sys.executable, "-m", "tests.trials.child", json.dumps(asked), *arguments]
+        with Path("/dev/zero").open("rb") as endless, out.open("wb") as first, err.open("wb") as second:
+            process = subprocess.Popen(
+                command,
+                cwd=folder,
+                env={**environment, "PYTHONPATH": str(ROOT)},
+                stdin=endless,
+                stdout=first,
+                stderr=second,
+                start_new_session=True,
+            )
+        status, used = _ended(process)
+        found = Outcome(
+            status=status,
+            out=_said(out),
+            err=_said(err),
+            seconds=used.ru_utime + used.ru_stime,
+            grown=used.ru_maxrss * KINDS_OF_BYTES.get(sys.platform, 1),
+            aside=0,
+        )
+        return found, heard.read_text(encoding="utf-8").splitlines()
+
+
+def _ended(process: subprocess.Popen[bytes]) -> tuple[int | None, os.struct_rusage]:
+    """Waits for a process: its exit status (None: it was given up) and what it used."""
+    given_up = threading.Event()
+
+    def give_up() -> None:
+        given_up.set()
+        _kill(process.pid)
+
+    clock = threading.Timer(STANDSTILL, give_up)
+    clock.start()
+    try:
+        _, status, used = os.wait4(process.pid, 0)
+    finally:
+        clock.cancel()
+    process.returncode = os.waitstatus_to_exitcode(status)
+    _kill(process.pid)  # whatever it left behind in its session
+    over = given_up.is_set() or process.returncode in (-signal.SIGKILL, -signal.SIGXCPU)
+    return None if over else process.returncode, used
+
+
+def _kill(session: int) -> None:
+    with suppress(ProcessLookupError):
+        os.killpg(session, signal.SIGKILL)
+
+
+def _said(path: Path) -> str:
+    """What stands in an output; bytes that are no UTF-8 become characters that nobody can print."""
+    with path.open("rb") as stream:
+        return stream.read(MOST_SAID).decode("utf-8", "surrogateescape")
