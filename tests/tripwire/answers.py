@@ -33,13 +33,12 @@ class Answer:
     dof: int
 
 
-def refused(error: mbm.MbmError) -> Answer:
-    """No answer, but diagnostics."""
-    codes = sorted({diagnostic.code.name for diagnostic in error.diagnostics})
-    return Answer(status=f"refused: {' '.join(codes)}", values=NOTHING, sigmas=NOTHING, cost=np.nan, dof=-1)
-
-
 NOTHING = np.zeros(0)
+
+
+def refused(why: str) -> Answer:
+    """No answer, but a reason."""
+    return Answer(status=f"refused: {why}", values=NOTHING, sigmas=NOTHING, cost=np.nan, dof=-1)
 
 
 def answers(case: Case, path: str) -> list[Answer]:
@@ -48,7 +47,9 @@ def answers(case: Case, path: str) -> list[Answer]:
         problem, data = case.load()
         solved = problem.solve(data=data or None, backend=path)
     except mbm.MbmError as error:
-        return [refused(error)]
+        return [refused(" ".join(sorted({diagnostic.code.name for diagnostic in error.diagnostics})))]
+    except Exception as error:  # noqa: BLE001 - a fault of mbm in one case is recorded as any answer
+        return [refused(f"by a fault, {type(error).__name__}")]
     return [_of(report) for report in solved.solves[:SOLVES]]
 
 

@@ -49,13 +49,20 @@ class Case:
         return int.from_bytes(hashlib.sha256(self.text).digest()[:8], "big") >> 1
 
 
-def cases(random: int = RANDOM) -> Iterator[Case]:
-    """All cases: those of the repository first."""
-    yield from _files(sorted((ROOT / "problems").glob("*/*.mbm")), "problems", EVERY)
-    yield from _files(sorted((ROOT / "tests" / "bad").glob("*.mbm")), "bad", ("numpy",))
-    yield from _texts()
-    yield from _tables()
-    yield from (_random(number) for number in range(random))
+def cases(random: int = RANDOM, only: str = "") -> Iterator[Case]:
+    """All cases whose names begin with ``only``, and so many random ones at most: those of the repository first."""
+    groups: dict[str, Callable[[], Iterator[Case]]] = {
+        "problems/": lambda: _files(sorted((ROOT / "problems").glob("*/*.mbm")), "problems", EVERY),
+        "bad/": lambda: _files(sorted((ROOT / "tests" / "bad").glob("*.mbm")), "bad", ("numpy",)),
+        "shapes/": _shapes,
+        "undetermined/": _undetermined,
+        "many/": _many,
+        "kinds/": _kinds,
+        "random/": lambda: map(_random, range(random)),
+    }
+    for group, made in groups.items():
+        if group.startswith(only) or only.startswith(group):
+            yield from (case for case in made() if case.name.startswith(only))
 
 
 def _files(paths: list[Path], group: str, backends: tuple[str, ...]) -> Iterator[Case]:
@@ -75,33 +82,47 @@ def _files(paths: list[Path], group: str, backends: tuple[str, ...]) -> Iterator
             )
 
 
-def _texts() -> Iterator[Case]:
-    """Shapes that generated solvers have to take, and what the data leave undetermined."""
+def _text(name: str, text: str) -> Case:
+    return Case(name=name, text=text.encode(), load=lambda: (mbm.loads(text), {}))
+
+
+def _with_tables(name: str, text: str, data: dict) -> Case:
+    return Case(name=name, text=text.encode() + _bytes_of(data), load=lambda: (mbm.loads(text), data))
+
+
+def _shapes() -> Iterator[Case]:
+    """Shapes that generated solvers have to take."""
     from tests.emit.agreeing import TEXTS, with_rows
     from tests.emit.shapes import SHAPES
-    from tests.emit.test_undetermined import TEXTS as UNDETERMINED
 
-    found = {f"shapes/{name}": text for name, text in SHAPES.items()}
-    found |= {f"shapes/{name}/other": with_rows(name, 1) for name in TEXTS}
-    found |= {f"undetermined/{name}": f"(problem {name} {text})" for name, text in UNDETERMINED.items()}
-    for name, text in found.items():
-        yield Case(name=name, text=text.encode(), load=lambda text=text: (mbm.loads(text), {}))
+    yield from (_text(f"shapes/{name}", text) for name, text in SHAPES.items())
+    yield from (_text(f"shapes/{name}/other", with_rows(name, 1)) for name in TEXTS)
 
 
-def _tables() -> Iterator[Case]:
-    """Problems with data of their own: those of `for-each` and `window`, and the kinds of the oracles."""
+def _undetermined() -> Iterator[Case]:
+    """What the data leave undetermined."""
+    from tests.emit.test_undetermined import TEXTS
+
+    yield from (_text(f"undetermined/{name}", f"(problem {name} {text})") for name, text in TEXTS.items())
+
+
+def _many() -> Iterator[Case]:
+    """Problems of `for-each` and `window`, with data of their own."""
+    from tests.solution.many.problems import PROBLEMS
+
+    yield from (_with_tables(f"many/{name}", *each) for name, each in PROBLEMS.items())
+
+
+def _kinds() -> Iterator[Case]:
+    """The kinds of the oracles: one data set, and ten together."""
     from tests.oracles.catalogue import KINDS
     from tests.oracles.kinds import drawn
     from tests.oracles.paths import joined
-    from tests.solution.many.problems import PROBLEMS
 
-    found = {f"many/{name}": each for name, each in PROBLEMS.items()}
     for name, kind in KINDS.items():
         sets = drawn(name, kind)
-        found[f"kinds/{name}"] = (kind.text(), sets[0])
-        found[f"kinds/{name}/for-each"] = (kind.text("(for-each set)"), joined(kind, sets))
-    for name, (text, data) in found.items():
-        yield Case(name=name, text=text.encode() + _bytes_of(data), load=lambda t=text, d=data: (mbm.loads(t), d))
+        yield _with_tables(f"kinds/{name}", kind.text(), sets[0])
+        yield _with_tables(f"kinds/{name}/for-each", kind.text("(for-each set)"), joined(kind, sets))
 
 
 def _bytes_of(data) -> bytes:

@@ -1,4 +1,4 @@
-"""The record as a file: a compressed archive of columns, about a megabyte."""
+"""The record as a file in a folder: a compressed archive of columns."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from tests.tripwire.answers import Answer
 
-FILE = Path(__file__).parent / "record.npz"
+FILE = "record.npz"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,15 +30,16 @@ def _text(lines: Iterable[str]) -> np.ndarray:
 
 
 def _lines(array: np.ndarray) -> list[str]:
-    return array.tobytes().decode().split("\n")
+    return array.tobytes().decode().split("\n") if len(array) else []
 
 
-def write(record: Record, file: Path = FILE) -> None:
-    """The record, to be read by `read`."""
+def write(record: Record, folder: Path) -> None:
+    """The record, to be read by `read`; makes the folder."""
+    folder.mkdir(parents=True, exist_ok=True)
     solves = [answer for entry in record.values() for answer in entry.answers]
     statuses = sorted({answer.status for answer in solves})
     np.savez_compressed(
-        file,
+        folder / FILE,
         keys=_text(f"{case}|{path}" for case, path in record),
         digests=np.array([entry.digest for entry in record.values()], dtype=np.int64),
         solves=np.array([len(entry.answers) for entry in record.values()], dtype=np.int16),
@@ -52,9 +53,9 @@ def write(record: Record, file: Path = FILE) -> None:
     )
 
 
-def read(file: Path = FILE) -> Record:
+def read(folder: Path) -> Record:
     """What was recorded."""
-    with np.load(file) as archive:
+    with np.load(folder / FILE) as archive:
         columns = {name: archive[name] for name in archive.files}
     statuses, ends = _lines(columns["statuses"]), np.cumsum(columns["counts"])
     answers = [
