@@ -10,7 +10,7 @@ import functools
 import hashlib
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,10 @@ from tests.fuzz.problems import problem_file
 
 ROOT = Path(__file__).parents[2]
 RANDOM = 5000
-"""Random problems, of the generator of `tests/fuzz`."""
+"""Random problems."""
+
+METHODS = ("", "", "(solve :method gauss-newton)", "(solve :method dogleg)")
+"""What may be said of the solution of those that are of the oracles' kinds."""
 
 BYTES = 320
 """That decide a random problem."""
@@ -132,12 +135,23 @@ def _bytes_of(data) -> bytes:
 
 
 def _random(number: int) -> Case:
-    text = problem_file(np.random.default_rng([77, number]).bytes(BYTES))
+    """By turns new data of a kind of the oracles, by one method or another, and a text of the generator of tests/fuzz.
+
+    The first mostly converge. The second mostly do not: they say what is said of problems that are ill-posed.
+    """
+    name, generator = f"random/{number}", np.random.default_rng([77, number])
+    paths = ("numpy", "native") if number // 2 % MADE == 0 else ("numpy",)
+    if number % 2 == 0:
+        from tests.oracles.catalogue import KINDS
+
+        kind = list(KINDS.values())[number // 2 % len(KINDS)]
+        return replace(_with_tables(name, kind.text(generator.choice(METHODS)), kind.draw(generator)), paths=paths)
+    text = problem_file(generator.bytes(BYTES))
     return Case(
-        name=f"random/{number}",
+        name=name,
         text=(text + NODES + READINGS).encode(),
         load=lambda: (mbm.loads(text, base=Path(_folder().name)).named("first"), {}),
-        paths=("numpy", "native") if number % MADE == 0 else ("numpy",),
+        paths=paths,
     )
 
 
