@@ -12,7 +12,7 @@ import pytest
 
 import mbm
 from mbm.text.types import MbmError
-from tests.emit.making import emitted, of_text, run, written
+from tests.emit.making import emitted, make, of_text, run, written
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) is here")
 
@@ -40,7 +40,7 @@ def test_what_data_do_not_determine_has_no_standard_deviation(name, target, tmp_
     assert mbm.loads(FREE[name]).solve().solves[0].status.value[0] == "unobservable"
     folder = written(of_text(FREE[name], target), tmp_path)
     if target == "c":
-        assert run("make", "all", "test", "CFLAGS=-O0", folder=folder).returncode == 0
+        assert make(folder, "all", "test").returncode == 0
         found = run(f"./{name}", "data/d.csv", folder=folder)
     else:
         assert run(sys.executable, f"test_{name}.py", folder=folder).returncode == 0
@@ -61,7 +61,7 @@ EACH = """(problem each
 @needs_compiler
 def test_both_languages_print_keys_alike(tmp_path):
     c, python = (written(of_text(EACH, target), tmp_path / target) for target in ("c", "python"))
-    assert run("make", "all", "CFLAGS=-O0", folder=c).returncode == 0
+    assert make(c, "all").returncode == 0
     commands = ((c, "./each"), (python, sys.executable, "each.py"))
     printed = [run(*command, "data/d.csv", folder=folder).stdout for folder, *command in commands]
     rows = [[(row["epoch"], row["name"]) for row in csv.DictReader(text.splitlines())] for text in printed]
