@@ -111,6 +111,30 @@ def test_the_program_ends_quietly_where_nobody_reads_on(tmp_path):
     assert "BrokenPipe" not in found.stderr
 
 
+CPP = """(problem class "Names that C++ has for itself."
+  (data new (table (this template) (1 2) (2 3)))
+  (unknowns (namespace :init 0) (operator (vector 2) :init [1 1]))
+  (observe new (= template (+ namespace (* this (operator 1)))) :sigma 0.1)
+  (observe (= [1 1] operator) :sigma 1) (derive (delete (+ namespace 1))))"""
+MAIN_CPP = """#include <cstdio>
+#include "{name}.h"
+
+int main() {{ std::puts({name}_status_text(0)); return sizeof({name}_result) > 0 ? 0 : 1; }}
+"""
+
+
+@pytest.mark.skipif(shutil.which("c++") is None, reason="no C++ compiler (c++) is here")
+def test_the_header_is_one_of_cpp_too(tmp_path):
+    folder = written(of_text(CPP, "c"), tmp_path)
+    name = "class_"
+    (folder / "other.cpp").write_text(MAIN_CPP.format(name=name), encoding="utf-8")
+    assert run("make", f"{name}.o", "CFLAGS=-O0", folder=folder).returncode == 0
+    strict = ("-std=c++11", "-pedantic", "-Wall", "-Wextra", "-Werror")
+    made = run("c++", *strict, "-o", "other", "other.cpp", f"{name}.o", "-lm", folder=folder)
+    assert made.returncode == 0, made.stderr
+    assert run("./other", folder=folder).stdout == "converged\n"
+
+
 def test_columns_with_errors_become_casadi_functions(tmp_path):
     text = """(problem line (data d (table (u v) (0 1.0) (1 3.1) (2 4.9) (3 7.2)))
       (unknowns (a :init 0) (b :init 1))
