@@ -38,7 +38,7 @@ TEXTS = {
     "derived": f"{POINTS} {THREE} {LINE} (derive (s (* 2 a)) (t (+ b c)) (u b))",
 }
 QUICK = ("noises", "losses", "derived")
-"""Whose solvers in Python, which are slow, are tried in every test run."""
+"""Whose solvers are tried in every test run: two groups of noise, two of losses, and what is derived."""
 CHOSEN = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in TEXTS]
 
 CLOSE = 1e-9
@@ -78,7 +78,7 @@ def test_python(name, tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) is here")
-@pytest.mark.parametrize("name", TEXTS)
+@pytest.mark.parametrize("name", CHOSEN)
 def test_c(name, tmp_path):
     folder = written(of_text(f"(problem {name} {TEXTS[name]})", "c"), tmp_path)
     made = make(folder, "all", "test")
