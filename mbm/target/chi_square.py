@@ -90,6 +90,3 @@ def consistency(limit: Real, components: Integer) -> Real:
     if share > 0.0:
         return (1.0 - chi_square_tail(limit, components + 2)) / share
     return 1.0
-
-
-ROUTINES = (log_gamma_of_half, chi_square_tail, chi_square_tails, consistency)

@@ -297,6 +297,3 @@ def decided_rank(width: Integer, singular: ConstantReals) -> Integer:
         if value <= CERTAIN or (value <= SUSPECT and value * GAP <= before):
             return rank
     return width
-
-
-ROUTINES = (decided_rank,)

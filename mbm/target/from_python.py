@@ -3,8 +3,9 @@
 What may be used: ``for i in range(…)``, ``while``, ``if``, ``break``, ``continue``, ``return``, assignments to names
 and to elements (also ``+= -= *= /=``), ``a[k:]`` for the array from an element on, arithmetic, comparisons, the
 intrinsic functions, ``a if c else b``, ``float(i)``, ``max(x, y)`` and ``min(x, y)`` of reals, `call_kernel`,
-`call_united`, `call_normal`, and functions read before. Parameters and results are annotated with `Real`, `Integer`,
-`Reals`, `Integers`, `ConstantReals`, `ConstantIntegers`. A variable has the type of what is first assigned to it.
+`call_united`, `call_normal`, and other functions of this kind: they are found by their names and read too. Parameters
+and results are annotated with `Real`, `Integer`, `Reals`, `Integers`, `ConstantReals`, `ConstantIntegers`. A variable
+has the type of what is first assigned to it.
 
 Names of numbers at module level are constants, and may be given other values when the text is read. What they decide
 is decided then: arithmetic and comparisons of constant integers, branches on them, and loops that run once.
@@ -14,8 +15,9 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from operator import add, eq, floordiv, ge, gt, le, lt, mod, mul, ne, sub
-from types import MappingProxyType
+from types import FunctionType, MappingProxyType
 
 from mbm.target.definitions import Definitions
 from mbm.target.tree import (
@@ -97,48 +99,57 @@ class NotInTargetLanguageError(Exception):
 
 def module_of(
     name: str,
-    functions: Iterable[Callable[..., object]],
-    public: Iterable[str] = (),
-    external: Iterable[Function] = (),
+    roots: Iterable[Callable[..., object]],
+    *,
+    public: bool = True,
     constants: Mapping[str, int | float] = MappingProxyType({}),
 ) -> Module:
-    """The module of some Python functions, those that are called first before those that call them.
+    """The module of some Python functions and of all that they call, those that are called first.
 
-    ``external`` are functions that are already trees; they come first. ``constants`` are values of names at module
-    level that replace those in the text.
+    ``public``: the functions asked for can be called from outside. ``constants`` are values of names at module level
+    that replace those in the text.
     """
-    known: dict[str, Function] = {f.name: f for f in (*EXTERNAL, *external)}
-    exported = set(public)
-    called: set[str] = set()
-    definitions = Definitions()
-    for each in functions:
-        reader = _Reader(known, constants, definitions)
-        found = reader.function(each, public=each.__name__ in exported)
-        known[found.name] = found
-        called |= reader.called
-    for unused in {each.name for each in EXTERNAL} - called:
-        del known[unused]
-    return Module(name=name, functions=tuple(known.values()))
+    reading = _Reading(constants)
+    asked = {reading.function(each).name for each in roots}
+    functions = (replace(f, public=public and f.name in asked) for f in reading.found.values())
+    return Module(name=name, functions=tuple(functions))
+
+
+class _Reading:
+    """Functions as they are found; local to one call."""
+
+    def __init__(self, given: Mapping[str, int | float]) -> None:
+        self.given = given
+        self.definitions = Definitions()
+        self.found: dict[str, Function] = {}
+        self._texts: dict[str, Callable[..., object]] = {}
+
+    def function(self, source: Callable[..., object]) -> Function:
+        """The tree of a function, behind those of the functions that it calls."""
+        name = source.__name__
+        if self._texts.setdefault(name, source) is not source:
+            raise NotInTargetLanguageError(f"two functions are called {name}")
+        if name not in self.found:
+            external = next((each for each in EXTERNAL if each.name == name), None)
+            found = _Reader(self, source).function() if external is None else external
+            self.found[name] = found
+        return self.found[name]
 
 
 class _Reader:
     """Reads one function; local to one call."""
 
-    def __init__(
-        self, known: Mapping[str, Function], given: Mapping[str, int | float], definitions: Definitions
-    ) -> None:
-        self._known = known
-        self._definitions = definitions
-        self._given = given
+    def __init__(self, reading: _Reading, source: Callable[..., object]) -> None:
+        self._reading = reading
+        self._tree = reading.definitions.of(source)
+        self._globals: Mapping[str, object] = getattr(source, "__globals__", {})
+        self._constants: Mapping[str, object] = {**self._globals, **reading.given}
         self._names: dict[str, Name] = {}
         self._fixed: dict[str, Literal] = {}
-        self.called: set[str] = set()
         self._locals: list[Name] = []
-        self._constants: Mapping[str, object] = {}
 
-    def function(self, source: Callable[..., object], *, public: bool) -> Function:
-        tree = self._definitions.of(source)
-        self._constants = {**getattr(source, "__globals__", {}), **self._given}
+    def function(self) -> Function:
+        tree = self._tree
         parameters = tuple(Name(a.arg, self._annotation(a.annotation, a)) for a in tree.args.args)
         self._names = {p.name: p for p in parameters}
         returns = None
@@ -152,7 +163,6 @@ class _Reader:
             body=self._block(body),
             locals=tuple(self._locals),
             doc=ast.get_docstring(tree) or "",
-            public=public,
             distinct=any(isinstance(d, ast.Name) and d.id == distinct_arrays.__name__ for d in tree.decorator_list),
         )
 
@@ -301,11 +311,12 @@ class _Reader:
         return _folded(operator, left, right)
 
     def _choose(self, node: ast.IfExp) -> Expression:
-        test, then, otherwise = self._condition(node.test), self._expression(node.body), self._expression(node.orelse)
+        test = self._condition(node.test)
+        if isinstance(test, Literal):
+            return self._expression(node.body if test.value else node.orelse)
+        then, otherwise = self._expression(node.body), self._expression(node.orelse)
         if then.type is not otherwise.type or then.type is None:
             raise self._refuse(node)
-        if isinstance(test, Literal):
-            return then if test.value else otherwise
         return Choose(test, then, otherwise)
 
     def _compare(self, operator: str, left: ast.expr, right: ast.expr) -> Expression:
@@ -322,13 +333,15 @@ class _Reader:
         intrinsic = next((i for i in Intrinsic if i.value == name), None)
         if intrinsic is not None:
             return Primitive(intrinsic, arguments)
-        known = self._known.get(name)
-        if known is None or [p.type for p in known.parameters] != [
+        source = self._globals.get(name)
+        if not isinstance(source, FunctionType):
+            raise self._refuse(node)
+        known = self._reading.function(source)
+        if [p.type for p in known.parameters] != [
             _as_wanted(a.type, p.type) for a, p in zip(arguments, known.parameters, strict=False)
         ]:
             raise self._refuse(node)
-        self.called.add(name)
-        return Call(name, arguments, known.returns)
+        return Call(known.name, arguments, known.returns)
 
     def _refuse(self, node: ast.AST) -> NotInTargetLanguageError:
         line = getattr(node, "lineno", 0)

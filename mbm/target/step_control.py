@@ -63,6 +63,3 @@ def damping_factor(gain: Real) -> Real:
     """The factor for the damping after an accepted step with that gain ratio (Nielsen 1999)."""
     turn = 2.0 * min(gain, 1.0) - 1.0
     return max(1.0 / 3.0, 1.0 - turn * turn * turn)
-
-
-ROUTINES = (relative_offset, remaining, radius_after, shortened, damping_factor)

@@ -16,9 +16,13 @@ if ROOT not in sys.path:
 
 @pytest.fixture(scope="session", autouse=True)
 def _solver_is_read_once() -> Iterator[None]:
-    """The functions of the solver are the same for all problems, and reading them takes most of an emission's time."""
+    """Many problems ask for the same functions of the solver, and reading them takes most of an emission's time."""
+    from mbm.emit.c import source
+    from mbm.emit.python import module
     from mbm.emit.routines import modules
 
+    known = functools.cache(modules.emitted_module)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(modules, "library", functools.cache(modules.library))
+        for text in (source, module):
+            patch.setattr(text, "emitted_module", lambda called: known(tuple(called)))
         yield

@@ -106,7 +106,7 @@ def functions(n: Integer, x: ConstantReals, out: Reals) -> None:
         out[2 * n + i] = 1.0 / (v - 1.0) if v != -3.0 else -1.0
 
 
-MODULE = module_of("sample", [cholesky, put, walk, functions], public=["cholesky", "walk", "functions"])
+MODULE = module_of("sample", [cholesky, walk, functions])
 X = np.array([1.0, -2.0, 0.1, 0.1, -3.0, 7.0, -1.0, -4.0, -4.0, 2.5, 99.0, 3.0])
 
 
@@ -244,7 +244,7 @@ def with_kernel(address: Integer, x: ConstantReals, out: Reals) -> None:
 
 
 def test_kernels_are_called_by_address():
-    module = module_of("kernels", [with_kernel], public=["with_kernel"])
+    module = module_of("kernels", [with_kernel])
     signature = ctypes.CFUNCTYPE(None, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_double), ctypes.c_int64)
 
     @signature

@@ -247,14 +247,3 @@ def inform(
     if flags[PENALISED] == 1:
         count = constraint_count(system, data)
     return set_covariance(system, triangle, sides, count, held, work, flags, covariance) < 1e300
-
-
-ROUTINES = (
-    weigh_unit,
-    weigh_units,
-    leave_out,
-    factor_of_loss,
-    scale_losses,
-    come_to_agreement,
-    inform,
-)

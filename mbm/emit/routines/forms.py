@@ -71,6 +71,3 @@ def known_units(
                         for i in range(3, 6):
                             own[i] *= sign / length
                     units += 1
-
-
-ROUTINES = (known_unit, known_units)

@@ -79,6 +79,3 @@ def renumber(count: Integer, column: ConstantIntegers, columns: Integers) -> Non
     """Coordinates → their places among the free ones, in place."""
     for i in range(count):
         columns[i] = column[columns[i]]
-
-
-ROUTINES = (place_unknowns, mark_used, free_coordinates, renumber)

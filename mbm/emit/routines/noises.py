@@ -217,6 +217,3 @@ def spread_of_group(
         system, data, parameters, weights, index, columns, numbers, covariance, kappa, group, scratch, line, spare
     )
     return fabs(spare[what])  # it is not negative
-
-
-ROUTINES = (rescale, quadratic_form, share_of_group, factors_left, solve_noises, spread_of_group)

@@ -111,6 +111,3 @@ def connected(system: ConstantIntegers, data: ConstantIntegers, columns: Constan
         if label[j] != 0:
             return 0
     return 1
-
-
-ROUTINES = (side_by_side, widest_row, set_room, lowest_label, connected)

@@ -37,6 +37,3 @@ def begun(stated: Real, least: Real, greatest: Real, lower: Real, upper: Real) -
     if not isfinite(found) and isfinite(lower) and isfinite(upper):
         found = (lower + upper) / 2.0
     return found
-
-
-ROUTINES = (angle_of_matrix, unit_vector, within_turn, begun)

@@ -155,6 +155,3 @@ def all_rows(
                     for j in range(n):
                         target[(first + i) * n + j] = line[lines + i * n + j]
             first += lines
-
-
-ROUTINES = (whiten_row, takes_part, row_scratch, evaluate_row, all_rows)

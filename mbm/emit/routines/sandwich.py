@@ -356,18 +356,3 @@ def corrected(
         told = min(max((sums[TOTAL] - share) / TOLD, 0.0), 1.0)
         found = max(found, (1.0 - told) * slope * slope * sums[STATED] / max(sums[TOTAL], 1e-300))
     return fabs(found)  # it is not negative
-
-
-ROUTINES = (
-    same_loss,
-    first_with_loss,
-    add_to_pool,
-    pool,
-    inverted,
-    inverted_along,
-    freed_of,
-    curvature_left,
-    corrected,
-    put_between,
-    sandwich,
-)

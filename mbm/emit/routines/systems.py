@@ -188,6 +188,3 @@ def set_constants(
                 constants[BOUNDS_AT + 2 * free + 2 * number] = losses[2 * number]
                 constants[BOUNDS_AT + 2 * free + 2 * number + 1] = losses[2 * number + 1]
                 number += 1
-
-
-ROUTINES = (set_capacities, set_piece, set_coordinates, set_constants)

@@ -67,6 +67,3 @@ def weights_of_information(matrix: ConstantReals, size: Integer, lower: Reals, w
             for j in range(size):
                 weights[i * size + j] = lower[j * size + i]
     return good
-
-
-ROUTINES = (weight_of_sigma, lower_factor, weights_of_covariance, weights_of_information)

@@ -77,10 +77,10 @@ def _add_losses(text: Text) -> None:
 
     from mbm.target.from_python import module_of
     from mbm.target.llvm import lower_into
-    from mbm.target.solver.losses import ROUTINES
+    from mbm.target.solver.losses import root_factor, root_slope
 
     module = ir.Module("losses")
-    lower_into(module, module_of("losses", ROUTINES))
+    lower_into(module, module_of("losses", (root_factor, root_slope), public=False))
     written = str(module)
     for found in _DECLARATION.finditer(written):
         text.declared.setdefault(found[1], found[0])

@@ -144,7 +144,7 @@ def _consensus_text() -> str:
     from llvmlite import ir
 
     from mbm.target.llvm import lower_into
-    from mbm.target.solver.consensus_modules import consensus_module
+    from mbm.target.solver.modules import consensus_module
 
     target = ir.Module("consensus")
     lower_into(target, consensus_module(LANES))

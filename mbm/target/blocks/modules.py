@@ -8,7 +8,7 @@ from dataclasses import replace
 from mbm.target.blocks import elimination, frontal, ordering, products, substitution
 from mbm.target.blocks.names import product_name
 from mbm.target.from_python import module_of
-from mbm.target.tree import Function, Module
+from mbm.target.tree import Module
 
 PLAIN: tuple[Callable[..., object], ...] = (
     products.put_inputs,
@@ -18,19 +18,6 @@ PLAIN: tuple[Callable[..., object], ...] = (
     products.put_image,
 )
 """Routines for blocks of any size."""
-
-INNER: tuple[Callable[..., object], ...] = (
-    elimination.subtract_three,
-    elimination.subtract_one,
-    elimination.subtract_product,
-    elimination.subtract_links,
-    elimination.subtract_line,
-    substitution.carry,
-    substitution.bring_back,
-    substitution.put_images,
-    substitution.put_between,
-)
-"""What other routines call."""
 
 ELIMINATION: tuple[Callable[..., object], ...] = (
     elimination.inverse_roots,
@@ -57,38 +44,18 @@ FRONTS: tuple[Callable[..., object], ...] = (
 )
 """The elimination order, and routines for fronts of any size."""
 
-INSIDE_FRONTS: tuple[Callable[..., object], ...] = (
-    ordering.unlisted,
-    ordering.listed,
-    ordering.put_clique,
-    ordering.measure_elements,
-    ordering.updated_degree,
-    ordering.list_nodes,
-    ordering.bounded_degree,
-    frontal.subtract_pair,
-    frontal.subtract_multiple,
-    frontal.product,
-    frontal.factorise_front,
-    frontal.add_update,
-    frontal.inverse_front,
-)
-"""What they call."""
-
 
 def fronts_module() -> Module:
     """The routines for fronts."""
-    return module_of("fronts", (*INSIDE_FRONTS, *FRONTS), [f.__name__ for f in FRONTS])
+    return module_of("fronts", FRONTS)
 
 
 def blocks_module(sizes: Iterable[tuple[int, int]], size: int | None) -> Module:
     """All routines: products for the ``sizes`` (outputs, right), elimination of members of ``size`` columns."""
-    found: list[Function] = list(module_of("blocks", PLAIN, [f.__name__ for f in PLAIN]).functions)
+    found = list(module_of("blocks", PLAIN).functions)
     for outputs, right in sizes:
-        constants = {"OUTPUTS": outputs, "RIGHT": right}
-        routine = products.add_products
-        (one,) = module_of("product", [routine], [routine.__name__], constants=constants).functions
+        (one,) = module_of("product", [products.add_products], constants={"OUTPUTS": outputs, "RIGHT": right}).functions
         found.append(replace(one, name=product_name(outputs, right)))
     if size is not None:
-        names = [f.__name__ for f in ELIMINATION]
-        found.extend(module_of("elimination", (*INNER, *ELIMINATION), names, constants={"SIZE": size}).functions)
+        found.extend(module_of("elimination", ELIMINATION, constants={"SIZE": size}).functions)
     return Module(name="blocks", functions=tuple(found))

@@ -296,7 +296,3 @@ def solve_many(
             covariances[k * n * n :],
             multipliers[k * system[MULTIPLIERS] :],
         )
-
-
-ROUTINES = (start_solve, go_on, set_sides, lossy, finish_solve, solve_many)
-PUBLIC = ("start_solve", "go_on", "finish_solve", "solve_many")

@@ -180,6 +180,3 @@ def solve_directly(
         flags[STOP] = NO_FINITE_STEP
     if system[STRICT] == 1 and flags[SLOT * flags[HERE] + DEFICIENT_OF] > 0:
         flags[STOP] = UNSURE
-
-
-ROUTINES = (constraint_count, begin, solve_directly)

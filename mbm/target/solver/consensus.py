@@ -364,16 +364,3 @@ def agree_many(
             inside[at:], limits[at:], variances[at:],
         )
         # fmt: on
-
-
-ROUTINES = (
-    put_trial,
-    put_trials,
-    graduate_trials,
-    settle_candidate,
-    end_agreement,
-    agree,
-    put_answers,
-    agree_by_and_by,
-    agree_many,
-)

@@ -232,14 +232,3 @@ def begin_agreement(
         empty_lists(system, rules, places)
         if rules[KIND] != GNC:
             begin_trials(system, rules, units, size, bench, places)
-
-
-ROUTINES = (
-    units_of_form,
-    begin_anywhere,
-    size_where_told,
-    median_misfit,
-    begun_where_most_fit,
-    begun_where_units_tell,
-    begin_agreement,
-)

@@ -279,33 +279,3 @@ def progress_at(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
 def places_integers(system: ConstantIntegers, rules: ConstantIntegers) -> Integer:
     """Integers of the places."""
     return progress_at(system, rules) + PROGRESS
-
-
-ROUTINES = (
-    unit_vector_at,
-    slot_at,
-    by_row_at,
-    bench_matrix_at,
-    basis_at,
-    small_at,
-    point_at,
-    form_scratch_at,
-    directions_at,
-    trials_at,
-    begun_at,
-    candidate_size,
-    candidate_at,
-    subset_rows_at,
-    bench_reals,
-    place_vector_at,
-    chosen_at,
-    small_places_at,
-    best_at,
-    best_scores_at,
-    simple_at,
-    one_side_at,
-    subset_data_at,
-    subset_index_at,
-    progress_at,
-    places_integers,
-)

@@ -205,17 +205,3 @@ def rank_of_all(units: Integer, n: Integer, first: ConstantIntegers, rows: Const
             break
         rank = unit_added(unit, rank, n, first, rows, basis)
     return rank
-
-
-ROUTINES = (
-    drawn_below,
-    jump_to_next_trial,
-    extended,
-    unit_added,
-    subset_drawn,
-    subset_taken,
-    next_combination,
-    combinations_of,
-    trials_for_share,
-    rank_of_all,
-)

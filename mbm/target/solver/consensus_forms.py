@@ -138,6 +138,3 @@ def points_in_closed_form(
         copied(numbers, base, target[k * numbers :])
         put_motion(about[0], about[1], scratch[12 * k :], about[2:], scratch[66:], target[k * numbers :])
     return found
-
-
-ROUTINES = (put_rotation, put_motion, points_in_closed_form)

@@ -117,6 +117,3 @@ def graduated(
         if decided == 1:
             break
         control = control * CONTROL_GROWTH
-
-
-ROUTINES = (widen_limits, graduated_weight, graduated)

@@ -291,6 +291,3 @@ def best_candidate(
                 nearest = away
                 best = k
     return best
-
-
-ROUTINES = (put_candidate, merged_lists, scored_candidates, widen_for_point, improve_one, improve, best_candidate)

@@ -229,6 +229,3 @@ def joined(
             if inside[u] == 0 and squares[u] <= wider:
                 inside[u] = 1
                 more = 1
-
-
-ROUTINES = (group_noise, noise_and_limits, promised, fitted_jointly, joined)

@@ -189,14 +189,3 @@ def limit_by_noise(
     )
     for u in range(units):
         bench[unit_vector_at(rules, LIMITS) + u] = bench[unit_vector_at(rules, CUTS) + u] * variances[u]
-
-
-ROUTINES = (
-    empty_lists,
-    listed,
-    points_equal,
-    put_in_list,
-    bound_of,
-    judge_trials,
-    limit_by_noise,
-)

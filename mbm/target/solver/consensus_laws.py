@@ -93,10 +93,3 @@ def mark_inliers(units: Integer, squares: ConstantReals, limits: ConstantReals, 
             same = 0
         inliers[u] = inside
     return same
-
-
-ROUTINES = (
-    share_left,
-    untruncated,
-    mark_inliers,
-)

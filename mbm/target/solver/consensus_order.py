@@ -117,13 +117,3 @@ def variances_at(
         for u in range(units):
             if groups[u] == group:
                 variances[u] = found
-
-
-ROUTINES = (
-    below_first,
-    equal_first,
-    selected,
-    median,
-    robust_variance,
-    variances_at,
-)

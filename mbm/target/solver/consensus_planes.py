@@ -82,6 +82,3 @@ def one_sided(rules: ConstantIntegers, units: Integer, forms: ConstantReals, mom
             for i in range(d):
                 moments[i] = moments[i] / float(known)
     return smallest_share(d, matrix) <= MIRRORED * MIRRORED
-
-
-ROUTINES = (smallest_share, one_sided)

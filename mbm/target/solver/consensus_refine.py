@@ -234,6 +234,3 @@ def refined(
         copied(units, squares, bench[unit_vector_at(rules, SQUARES) :])
     answer[0] = objective
     return alike
-
-
-ROUTINES = (weighted_step, same_inside, candidate_alike, measure, refined)

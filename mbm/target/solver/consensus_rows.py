@@ -164,6 +164,3 @@ def moved(
                 target[place] = constants[BOUNDS_AT + j]
             if target[place] > constants[BOUNDS_AT + n + j]:
                 target[place] = constants[BOUNDS_AT + n + j]
-
-
-ROUTINES = (linearised, square_each, unit_squares, unruled_square, spread_weights, weigh_columns, moved)

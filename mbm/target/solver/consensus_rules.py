@@ -140,6 +140,3 @@ def judged(
                     ties -= 1.0
         total += threshold[2] * log(mean)
     return total if isfinite(total) else inf
-
-
-ROUTINES = (trimmed_mean, truncated_weights, judged)

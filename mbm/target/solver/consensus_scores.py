@@ -107,14 +107,3 @@ def inside_count(units: Integer, squares: ConstantReals, limits: ConstantReals) 
 def outlier_count(units: Integer, squares: ConstantReals, limits: ConstantReals, sum_of_squares: Real) -> Real:
     """The number of outliers, and a share below 1 for how far the others are off: their truncated sum of squares."""
     return float(units - inside_count(units, squares, limits)) + sum_of_squares / (float(units) + 1.0)
-
-
-ROUTINES = (
-    rank_of_half,
-    divided,
-    within,
-    least_median,
-    truncated,
-    inside_count,
-    outlier_count,
-)

@@ -209,6 +209,3 @@ def rival(
             if there > here + APART:
                 return 1
     return 0
-
-
-ROUTINES = (contradicted, renew_variances, set_limits, settled, finished, rival)

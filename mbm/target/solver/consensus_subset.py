@@ -369,14 +369,3 @@ def fitted_to_subset(
         if last:
             break
     copied(system[NUMBERS], bench[point_at(system, rules, here) :], target)
-
-
-ROUTINES = (
-    copied_integers,
-    add_row,
-    gather_subset,
-    normal_equations,
-    solve_free,
-    bounded_step,
-    fitted_to_subset,
-)

@@ -273,15 +273,3 @@ def enough_made(system: ConstantIntegers, rules: ConstantIntegers, places: Const
     if progress[UNTIL_ENOUGH] == 0 or made < FEWEST_TRIALS or progress[MOST_INSIDE] == 0:
         return 0
     return float(made) >= trials_for_share(progress[MOST_INSIDE], progress[UNITS_LISTED], progress[SUBSET_SIZE])
-
-
-ROUTINES = (
-    size_of_subsets,
-    seldom_in_vain,
-    next_subset,
-    all_alike,
-    fit_subset,
-    begin_trials,
-    enough_made,
-    fit_trials,
-)

@@ -167,6 +167,3 @@ def norm_directions(
             length = sqrt(square)
             for j in range(n):
                 row[j] = row[j] / length
-
-
-ROUTINES = (list_units, judge_rounding, norm_directions)

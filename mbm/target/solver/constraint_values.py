@@ -147,6 +147,3 @@ def set_units(
             if not units[c] > 0.0:
                 units[c] = 1.0
         roundings[c] = ROUNDING_ERRORS * EPSILON * terms
-
-
-ROUTINES = (add_slopes, linearise, set_units)

@@ -220,12 +220,3 @@ def set_held(system: ConstantIntegers, data: ConstantIntegers, cost: Real, work:
                 held[c] = 0.0
                 multipliers[c] = 0.0
         done += count
-
-
-ROUTINES = (
-    set_penalties,
-    update_multipliers,
-    begin_rounds,
-    next_round,
-    set_held,
-)

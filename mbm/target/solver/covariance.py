@@ -192,6 +192,3 @@ def undetermined(n: Integer, sides: ConstantIntegers, covariance: Reals) -> Real
             if sides[i] == 0 and sides[k] == 0:
                 covariance[i * n + k] = inf - inf
     return inf
-
-
-ROUTINES = (set_scales, set_reduced, condition_of, undetermined, turn_back, set_covariance)

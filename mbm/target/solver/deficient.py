@@ -153,6 +153,3 @@ def mask_undetermined(system: ConstantIntegers, work: ConstantReals, covariance:
         for k in range(n):
             if touched[i] != 0.0 or touched[k] != 0.0:
                 covariance[i * n + k] = inf - inf
-
-
-ROUTINES = (rotate, singular_values, set_determined, determines, mask_undetermined)

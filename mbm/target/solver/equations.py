@@ -273,18 +273,3 @@ def residuals_at_point(
         target[done] = 0.0
         done += 1
     return done
-
-
-ROUTINES = (
-    portion,
-    groups_of,
-    weights_width,
-    load_block,
-    load_rows,
-    gather,
-    whiten_values,
-    penalise_values,
-    square_of,
-    root_values,
-    residuals_at_point,
-)

@@ -177,20 +177,3 @@ def largest(n: Integer, a: ConstantReals) -> Real:
         if fabs(a[i]) > found:
             found = fabs(a[i])
     return found
-
-
-ROUTINES = (
-    dot,
-    add_multiple,
-    copied,
-    filled,
-    append_rows,
-    solve_upper,
-    solve_transposed,
-    times_upper,
-    times_transposed,
-    damped_triangle,
-    cholesky,
-    inverted_upper,
-    largest,
-)

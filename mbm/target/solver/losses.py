@@ -100,12 +100,3 @@ def root_slope(kind: Integer, square: Real, scale: Real, shape: Real, factor: Re
         weight = loss_weight(kind, square, scale, shape)
         difference = (weight - loss_value(kind, square, scale, shape) / square) / square
     return 0.5 * difference / factor
-
-
-ROUTINES = (
-    loss_value,
-    loss_weight,
-    loss_slope,
-    root_factor,
-    root_slope,
-)

@@ -159,6 +159,3 @@ def quaternion_of_matrix(R: ConstantReals, quaternion: Reals) -> None:
     quaternion[1] = x / length
     quaternion[2] = y / length
     quaternion[3] = z / length
-
-
-ROUTINES = (part_of_step, turned, swung, retract, coordinates_of, place_coordinates, quaternion_of_matrix)

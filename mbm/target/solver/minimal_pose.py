@@ -157,14 +157,3 @@ def poses_from_three(points: ConstantReals, bearings: ConstantReals, found: Real
                     pose[9 + i] = placed[i] - dot3(pose[3 * i :], points)
                 count += 1
     return count
-
-
-ROUTINES = (
-    dot3,
-    cross3,
-    square_between,
-    triangle_frame,
-    lengths_polished,
-    grunert,
-    poses_from_three,
-)

@@ -87,6 +87,3 @@ def real_roots(coefficients: ConstantReals, roots: Reals) -> Integer:
                 x -= step
         roots[k] = x
     return count
-
-
-ROUTINES = (cube_root, largest_cubic_root, pair_added, real_roots)

@@ -163,6 +163,3 @@ def places_from_spheres(
             found[d] = fabs(found[d])
             found[m + d] = fabs(found[m + d])
     return count
-
-
-ROUTINES = (null_line, difference_equations, places_from_spheres)

@@ -174,6 +174,3 @@ def set_curvature(
             curvature[j * n + k] = value
             curvature[k * n + j] = value
     return 1
-
-
-ROUTINES = (set_inner, newton_step, set_curvature)

@@ -86,6 +86,3 @@ def rooted(n: Integer, cost: Real, triangle: Reals, scale: Reals, lower: Reals, 
         rest -= scale[i] * scale[i]
     triangle[n * width + n] = sqrt(rest) if rest > 0.0 else 0.0
     return float(n) * dot(n * n, inverse, inverse)
-
-
-ROUTINES = (add_sums, add_products, rooted)

@@ -238,6 +238,3 @@ def set_full_step(
     place[AT_LENGTH] = norm_of(n, full)
     for j in range(n):
         full[j] /= scale[j]
-
-
-ROUTINES = (set_metric, set_factor, set_free, set_full_step, judge, arrive)

@@ -306,15 +306,3 @@ def arrive_on_surface(
     work[scalars_at(system) + WORST] = worst
     forces = work[multipliers_at(system, FORCES) :]
     copied(constraint_count(system, data), forces, work[multipliers_at(system, LAMBDA) :])
-
-
-ROUTINES = (
-    set_place,
-    set_gradient,
-    set_surface_curvature,
-    move,
-    ending_of,
-    begin_on_surface,
-    arrive_on_surface,
-    polish,
-)

@@ -39,6 +39,3 @@ def release_idle(n: Integer, triangle: ConstantReals, x: ConstantReals, cost: Re
                 slope += triangle[i * width + j] * triangle[i * width + n]
             if fabs(slope) <= sqrt(length) * (IDLE * sqrt(cost) + ROUNDED_PUSH * sqrt(made_of)):
                 sides[j] = 0
-
-
-ROUTINES = (release_idle,)

@@ -203,14 +203,3 @@ def root_slopes(
                             along += own[i * LANES] * rows[i * LANES]
                         for i in range(size):
                             rows[i * LANES] = factor * rows[i * LANES] + change * along * own[i * LANES]
-
-
-ROUTINES = (
-    add_to_column,
-    add_plain_to_column,
-    scatter,
-    whiten_unit,
-    whiten_matrices,
-    penalise_slopes,
-    root_slopes,
-)

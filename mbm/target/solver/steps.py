@@ -335,21 +335,3 @@ def judge_step(
     times_upper(n, place[factor_at(system) :], scaled, moved)
     scalars[STEP_PREDICTED] = -(dot(n, moved, moved) + 2.0 * dot(n, moved, image))
     scalars[STEP_LENGTH] = norm_of(n, scaled)
-
-
-ROUTINES = (
-    norm_of,
-    undamped_step,
-    marquardt_step,
-    down_of,
-    up_of,
-    project,
-    land,
-    chosen_columns,
-    turn_into,
-    without_dependent,
-    step_of_part,
-    first_to_leave,
-    judge_step,
-    boxed_step,
-)

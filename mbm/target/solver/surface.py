@@ -258,6 +258,3 @@ def set_step(
     place[AT_PREDICTED] = inside
     place[AT_OFFSET] = relative_offset(inside, outside if outside > 0.0 else 0.0, width, data[DATA_COUNT] - width)
     place[AT_NOISE] = ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(place[AT_COST]))
-
-
-ROUTINES = (choose_free, turn_place, transposed, bent_right, set_step, surface_step)

@@ -204,6 +204,3 @@ def set_triangle(
         flags[SUMMED] = 0
     place[AT_SQUARE] = 0.0
     sweep(system, constants, data, index, columns, point, 0, flags[PENALISED], work, scalars, triangle)
-
-
-ROUTINES = (settle_chunk, whiten_portion, sweep, summed, set_triangle)

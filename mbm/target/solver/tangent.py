@@ -63,6 +63,3 @@ def from_surface(count: Integer, turned: Integer, reflections: ConstantReals, ve
     for back in range(turned):
         reflection = reflections[(turned - 1 - back) * count :]
         add_multiple(count, -dot(count, reflection, vector), reflection, vector)
-
-
-ROUTINES = (turn_constraints, along_surface, from_surface)

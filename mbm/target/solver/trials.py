@@ -210,6 +210,3 @@ def shortening(
         scaled[j] = scale[j] * vector[j]
     times_upper(n, place[factor_at(system) :], scaled, moved)
     return shortened(dot(n, moved, place[vector_at(system, IMAGE) :]), actual)
-
-
-ROUTINES = (step_within, bend_step, try_step, same_point, shortening)

@@ -256,13 +256,3 @@ def iterate(
         radius = shortening(system, here, work[step_at(system, 0) :], actual, work) * shorter
     scalars[RADIUS] = radius
     stuck(system, constants, data, index, columns, work, flags)
-
-
-ROUTINES = (
-    factor_there,
-    take_curvature,
-    no_better,
-    arrive_there,
-    stuck,
-    iterate,
-)

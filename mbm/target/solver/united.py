@@ -89,6 +89,3 @@ def united_rows(
     address = table[UNITED_JACOBIAN] if slopes == 1 else table[UNITED_VALUES]
     call_united(address, point, work[united_at(system) :], target, stride)
     return table[UNITED_RESIDUALS]
-
-
-ROUTINES = (united_now, first_apart, rows_apart, unite, united_rows)

@@ -147,6 +147,3 @@ def pushes_on_bounds(
             if not (low or high):
                 return 0
     return 1
-
-
-ROUTINES = (set_working, largest_violation, change_working, pushes_on_bounds)

@@ -231,28 +231,3 @@ def work_reals(system: ConstantIntegers) -> Integer:
 def work_integers(system: ConstantIntegers) -> Integer:
     """Integers of scratch that a thread needs."""
     return FLAGS + system[COORDINATES]
-
-
-ROUTINES = (
-    vector_at,
-    factor_at,
-    triangle_at,
-    place_at,
-    trial_at,
-    scalars_at,
-    step_at,
-    matrix_at,
-    curvature_at,
-    small_triangle_at,
-    small_rows_at,
-    multipliers_at,
-    slopes_at,
-    residuals_at,
-    chunk_at,
-    outputs_at,
-    inputs_at,
-    weights_at,
-    united_at,
-    work_reals,
-    work_integers,
-)

@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 import ctypes
+import pkgutil
 import shutil
 import subprocess
+from importlib import import_module
+from types import FunctionType
 
 import numpy as np
 import pytest
 
-from mbm.target import c
+from mbm.target import c, chi_square, decisions, step_control
+from mbm.target import solver as solver_package
 from mbm.target.from_python import module_of
-from mbm.target.solver import modules
 from mbm.target.tree import Type
 
-FUNCTIONS = {f.__name__: f for part in modules.PARTS for f in part.ROUTINES}
+PARTS = [import_module(f"mbm.target.solver.{each.name}") for each in pkgutil.iter_modules(solver_package.__path__)]
+PARTS += [chi_square, decisions, step_control]
+FUNCTIONS = {
+    name: f
+    for part in PARTS
+    for name, f in vars(part).items()
+    if isinstance(f, FunctionType) and f.__module__ == part.__name__ and f.__annotations__["return"] != "Module"
+}
+"""All functions of the solver and of consensus."""
+
 KERNELS = "static void call_kernel(long address, const double *inputs, double *outputs, long blocks)\n"
 KERNELS += "{ ((void (*)(const double *, double *, long))address)(inputs, outputs, blocks); }\n"
 KERNELS += "static void call_united(long address, const double *point, const double *data, double *target,\n"
@@ -49,7 +61,7 @@ class Compiled:
 
 def everything():
     """The solver with all functions to be called from outside, for four rows at a time."""
-    return module_of("solver", FUNCTIONS.values(), public=FUNCTIONS, constants={"LANES": 4})
+    return module_of("solver", FUNCTIONS.values(), constants={"LANES": 4})
 
 
 @pytest.fixture(scope="session")
