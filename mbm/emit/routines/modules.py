@@ -7,7 +7,7 @@ from types import FunctionType
 
 from mbm.emit.routines import agreement, forms, freedom, noises, rooms, rotations, rows, sandwich, systems, whitening
 from mbm.target.from_python import module_of
-from mbm.target.solver import batch, consensus_description, covariance, deficient, workspace
+from mbm.target.solver import batch, consensus_description, covariance, deficient, manifolds, workspace
 from mbm.target.tree import CALL_KERNEL, Module
 
 PARTS = (
@@ -15,6 +15,7 @@ PARTS = (
     consensus_description,
     covariance,
     deficient,
+    manifolds,
     workspace,
     freedom,
     systems,
