@@ -8,8 +8,10 @@ CASES ?= 1000000
 HOSTILE ?= 100000
 PROCESSES ?= 1000
 PARTS ?=
+BASE ?= HEAD
+PROBLEMS ?= 5000
 
-.PHONY: help problems test lint types imports slow fuzz hostile processes bench wheel clean
+.PHONY: help problems test lint types imports slow fuzz hostile processes tripwire bench wheel clean
 
 help:  ## what can be made
 	@sed -n 's/^\([a-z]*\):.*## */make \1\t/p' Makefile | expand -t 16
@@ -18,7 +20,7 @@ problems: $(READY)  ## solve the examples in problems/
 	@$(VENV)/bin/python problems/solve_all.py
 
 test: lint types imports  ## lint, types, import order, tests
-	$(RUN) pytest --numprocesses auto --dist worksteal
+	$(RUN) pytest --numprocesses auto --dist worksteal --durations 25
 
 lint: $(READY)  ## style and layout of the source
 	$(RUN) ruff check
@@ -43,6 +45,14 @@ processes: $(READY)  ## 1,000 of those as whole processes, with attacks by size 
 	$(RUN) tests.trials.campaign --kinds tests.hostile.processes --cases $(PROCESSES) --of 10 --parts "$(PARTS)" \
 	    --processes 1 --record .fuzz/processes
 
+tripwire: $(READY)  ## what is answered otherwise than by another commit (make tripwire BASE=main PROBLEMS=200 for fewer)
+	rm -rf .tripwire
+	git worktree prune
+	git worktree add --quiet --detach .tripwire/base $(BASE)
+	cd .tripwire/base && ../../$(RUN) tests.tripwire record .. --random $(PROBLEMS)
+	git worktree remove --force .tripwire/base
+	$(RUN) tests.tripwire compare .tripwire --random $(PROBLEMS)
+
 bench: $(READY)  ## the comparisons with other programs, and their page in docs/
 	$(RUN) benchmarks.table --long
 
@@ -50,7 +60,7 @@ wheel: $(READY)  ## sdist and wheel in dist/
 	$(RUN) build
 
 clean:  ## remove what was made, the environment too
-	rm -rf $(VENV) dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) dist .tripwire .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 
 # The environment, made once and again whenever pyproject.toml changes. Dependency groups need pip 25.1.
 $(READY): pyproject.toml

@@ -18,7 +18,7 @@ settings.load_profile("untimed")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """``--update-golden``: generated solvers as they are become the ones that are expected."""
+    """``--update-golden``: the generated solver as it is becomes the one that is expected."""
     parser.addoption("--update-golden", action="store_true", help="write the golden files of tests/emit anew")
 
 

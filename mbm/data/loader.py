@@ -11,6 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
+import numpy as np
+
 from mbm.data import faults
 from mbm.data.content import COMPRESSED, PER_ROW
 from mbm.data.given import table_from_given
@@ -124,7 +126,8 @@ def load(
     """
     try:
         known = {} if parts is None else parts
-        return shape(_raw(declaration, base, given, paths, sandbox, readers, known), declaration)
+        with np.errstate(all="ignore"):  # numbers that are none are found in the table, not on standard error
+            return shape(_raw(declaration, base, given, paths, sandbox, readers, known), declaration)
     except MbmError as error:
         raise MbmError(*(_with_clause(fault, declaration) for fault in error.diagnostics)) from None
 

@@ -7,8 +7,13 @@ register restrict return short signed sizeof static struct switch typedef union 
 result workspace inputs outputs rows row status cost dof sigma0 covariance iterations evaluations coordinates acos asin
 atan atan2 ceil cos cosh erf exp expm1 fabs floor fmax fmin fmod gamma hypot j0 j1 jn log log1p pow remainder sin sinh
 sqrt tan tanh y0 y1 yn tables constants numbers solve point sigmas free freedom robust_cost np math sys os"""
-RESERVED = frozenset(_WORDS.split())
-"""Words that C, Python or the printed text itself use."""
+_WORDS_OF_CPP = """alignas alignof and and_eq asm bitand bitor bool catch char8_t char16_t char32_t class co_await
+co_return co_yield compl concept const_cast consteval constexpr constinit decltype delete dynamic_cast explicit
+export false friend mutable namespace new noexcept not not_eq nullptr operator or or_eq private protected public
+reinterpret_cast requires static_assert static_cast template this thread_local throw true try typeid typename using
+virtual wchar_t xor xor_eq"""
+RESERVED = frozenset((*_WORDS.split(), *_WORDS_OF_CPP.split()))
+"""Words that C, C++ (which may include the header), Python or the printed text itself use."""
 
 _MACROS = """BUFSIZ CHAR_BIT CHAR_MAX CHAR_MIN EOF EXIT_FAILURE EXIT_SUCCESS FILENAME_MAX FOPEN_MAX FP_FAST_FMA
 FP_FAST_FMAF FP_FAST_FMAL FP_ILOGB0 FP_ILOGBNAN FP_INFINITE FP_NAN FP_NORMAL FP_SUBNORMAL FP_ZERO HUGE_VAL HUGE_VALF

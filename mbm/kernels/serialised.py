@@ -53,8 +53,10 @@ def _in_order(nonzeros: casadi.SX, kernel: Kernel) -> casadi.SX:
 def serialised_whole(name: str, numbers: int, coordinates: int, bound: Sequence[BoundRows]) -> str:
     """``name(point) → residuals, jacobian``: all whitened residuals (m,), and their derivatives by the coordinates."""
     point = casadi.MX.sym("point", numbers)
-    residuals, slopes = [], []
+    residuals, slopes = [casadi.MX(0, 1)], [casadi.MX(0, coordinates)]
     for rows in bound:
+        if not len(rows.parameters):
+            continue  # CasADi maps nothing to no rows
         values, jacobian = _group(point, coordinates, rows)
         residuals.append(values)
         slopes.append(jacobian)

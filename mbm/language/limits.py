@@ -17,8 +17,8 @@ class Limits:
     """Bounds of one compilation. The defaults let any sensible problem through and end a runaway within a second.
 
     ``steps`` bounds one evaluation (of a clause, for one group of rows), ``total_steps`` all of them together,
-    ``equations`` and ``operations`` bound what is derived and compiled: an equation takes about a millisecond, an
-    operation a fifth of one.
+    ``equations`` and ``operations`` bound what is derived, compiled and reported: an operation takes about a tenth of
+    a millisecond, an equation as much as ten of them, a condition as three, so that all of them take some five seconds.
     """
 
     depth: int = 3000
@@ -26,8 +26,8 @@ class Limits:
     total_steps: int = 10 * steps
     list_length: int = 100_000
     files: int = 200
-    equations: int = 20_000
-    operations: int = 100_000
+    equations: int = 4_000
+    operations: int = steps
 
 
 STEPS_PER_EVALUATION = 16

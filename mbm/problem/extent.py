@@ -6,11 +6,16 @@ hand, by ``for`` and ``sum``, or by rows that need equations of their own.
 
 from __future__ import annotations
 
-from mbm.expression.nodes import Apply, Expression, postorder
+from mbm.expression.nodes import CONDITIONS, Apply, Expression, Operation, postorder
 from mbm.language.limits import Limits
 from mbm.problem import faults
 from mbm.problem.types import Block, Derived
 from mbm.text.types import MbmError, Span
+
+EQUATION, CHOICE = 10, 3
+"""Operations that an equation counts for by itself, and a condition or a choice by one: so much longer they take."""
+
+_CHOICES = CONDITIONS | {Operation.IF}
 
 
 class Extent:
@@ -33,6 +38,7 @@ class Extent:
         else:
             cases = [case.values for case in made.cases]
         self.more(len(cases), made.span)
+        self._operations += EQUATION * len(cases)
         for nodes in cases:
             self._operate(nodes, made.span)
 
@@ -48,6 +54,7 @@ class Extent:
             raise MbmError(faults.too_many_equations(span, self._limits.equations))
 
     def _operate(self, nodes: tuple[Expression, ...], span: Span) -> None:
-        self._operations += sum(isinstance(node, Apply) for node in postorder(nodes))
+        made = [node.operation for node in postorder(nodes) if isinstance(node, Apply)]
+        self._operations += len(made) + (CHOICE - 1) * sum(operation in _CHOICES for operation in made)
         if self._operations > self._limits.operations:
             raise MbmError(faults.too_many_operations(span, self._limits.operations))

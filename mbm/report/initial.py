@@ -100,7 +100,7 @@ def _initial_value(name: str, entry: object, file: str | None) -> InitialValue:
 def _array(name: str, value: object, file: str | None) -> Floats:
     """Numbers and nested lists of them as an array; null becomes NaN. Rotations and the like become their numbers."""
     if isinstance(value, Sequence) and not isinstance(value, str) and any(isinstance(v, Mapping) for v in value):
-        rows = [None if v is None else _array(name, v, file) for v in value]
+        rows = [None if v is None else np.atleast_1d(_array(name, v, file)) for v in value]
         width = max(len(row) for row in rows if row is not None)
         value = [np.full(width, np.nan) if row is None else row for row in rows]
     if isinstance(value, Mapping):

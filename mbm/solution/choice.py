@@ -35,6 +35,7 @@ class Choice:
     start: str
 
 
+@np.errstate(all="ignore")  # what is no value shows in the numbers
 def chosen_solver(
     found: Elaborated, kernels: KernelSet, cache: EvaluationCache, closed_forms: tuple[ClosedForm, ...] = STANDARD
 ) -> Choice | None:

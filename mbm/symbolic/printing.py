@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import sympy
 from sympy.functions.elementary.piecewise import ExprCondPair
+from sympy.printing.latex import LatexPrinter
 
 from mbm.symbolic.types import ResidualBlock
 from mbm.text.shown import one_line
@@ -44,7 +45,15 @@ def _plain(node: sympy.Basic) -> str:
 
 def _latex(node: sympy.Basic) -> str:
     named = {symbol: latex_name(symbol.name) for symbol in node.free_symbols}
-    return str(sympy.latex(node, order="none", symbol_names=named))
+    return str(_Printer({"order": "none", "symbol_names": named}).doprint(node))
+
+
+class _Printer(LatexPrinter):  # type: ignore[misc]  # SymPy has no types
+    """SymPy's printer asks each kind of function to print itself with an exponent, but cases cannot."""
+
+    def _print_Piecewise(self, expr: sympy.Piecewise, exp: str | None = None) -> str:  # noqa: N802 - SymPy's name
+        cases = str(super()._print_Piecewise(expr))
+        return cases if exp is None else f"\\left({cases}\\right)^{{{exp}}}"
 
 
 def latex_name(name: str) -> str:

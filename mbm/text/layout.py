@@ -96,7 +96,7 @@ def _plans(group: Group, column: int, base: int) -> Iterator[_Plan]:
         kept = 2 if rule.align else first
         yield _Plan(rows=(items[:kept], *_single_rows(items[kept:])), indent=indent, opens=False)
     opens = rule.loose and rule.items is not Context.CLAUSE and column <= _DEEPEST_CHAIN
-    if opens and all(item.flat is not None for item in items[:-1]):
+    if opens and all(item.flat is not None and indent + len(item.flat) <= WIDEST for item in items[:-1]):
         yield _Plan(rows=(items,), indent=indent, opens=True)
     if rule.align and group.headed and len(items) > 1:
         yield _Plan(rows=(items[:1], *_single_rows(items[1:])), indent=column + _INDENT, opens=False)

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from mbm.cli.commands.new import TEMPLATES
+from mbm.cli.main import run
 from mbm.text.reader import read
 from mbm.text.types import Diagnostic, MbmError, Severity, Source
 
@@ -220,3 +221,41 @@ def test_track_belongs_to_the_transformation() -> None:
     assert c == pytest.approx(1.06, abs=0.03)
     assert (a, b) == pytest.approx((12.5, -4.2), abs=0.6)
     assert 0.3 < variance < 2
+
+
+@pytest.mark.parametrize(
+    ("command", "clauses"),
+    [
+        ("explain", "(unknowns (a :init 1) (b :init 2)) (camera c :focal (800 600)) "
+         "(observe (= [b a] (project c [1 2 a])) :sigma 0.5)"),
+        ("explain", "(unknowns (b :init 2) (v (vector 3) :init [1 2 3]) (u :init 1)) (camera c :focal (800 600)) "
+         "(observe (= [2 b] (project c (+ v [u 2 u]))) :sigma [1 2])"),
+        ("check", "(unknowns (b :init 2)) (observe (= b 1) :sigma 1) (constraints (<= 1e308 (+ 1e308 1e308) b))"),
+    ],
+)  # fmt: skip
+def test_libraries_say_nothing_of_numbers_that_are_none(
+    command: str, clauses: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Warnings of Python are errors in tests, and would be internal faults here."""
+    (tmp_path / "p.mbm").write_text(f"(problem p {clauses})")
+    assert run([command, str(tmp_path / "p.mbm")]) in (0, 2)
+    assert "internal-fault" not in capfd.readouterr().err
+
+
+def test_noise_as_large_as_numbers_are_is_no_fault_of_ours(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    text = "(problem p (data d (table (y) (1) (2))) (unknowns (a :init 1)) (observe d (= y a) :sigma unknown))"
+    (tmp_path / "p.mbm").write_text(text)
+    made = ("-o", str(tmp_path / "made"))
+    assert run(["simulate", str(tmp_path / "p.mbm"), "--noise", "d=1e308", *made]) in (0, 2)
+    assert "internal-fault" not in capfd.readouterr().err
+
+
+def test_errors_of_columns_in_a_solve_without_rows_are_simulated_nowhere(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    text = """(problem p (data d (table (id x y) (1 0 1) (2 1 2))) (data e (table (id) (3))) (unknowns (a :init 1))
+      (observe d (= y a) :sigma 1 :errors ((x 0.1))) (for-each id))"""
+    (tmp_path / "p.mbm").write_text(text)
+    assert run(["simulate", str(tmp_path / "p.mbm"), "-o", str(tmp_path / "made")]) == 0
+    assert run(["solve", str(tmp_path / "made" / "p.mbm"), "--backend", "numpy"]) in (0, 1)
+    assert "internal-fault" not in capfd.readouterr().err

@@ -119,15 +119,27 @@ def test_the_memory_bound_can_be_set(checked, tmp_path, monkeypatch):
     assert "MBM_MEMORY=4GB" in said
 
 
-def test_operations_that_are_written_out(tmp_path, capfd):
-    """Sums of 20,000 terms have 40,000 operations each: two are compiled, three are not."""
-    sums = ["(observe (= 1 (sum (i 1 20000) (* a i))) :sigma 1)"] * 3
-    for count, status in ((2, 0), (3, 2)):
-        text = f"(problem p (unknowns (a :init 1)) {' '.join(sums[:count])})"
-        (tmp_path / "p.mbm").write_text(text)
-        assert run(["check", str(tmp_path / "p.mbm")]) == status
-        said = capfd.readouterr().err
-        assert ("error[too-much-to-compile]" in said) == (status == 2), said[:500]
+SUM, CHOICES = "(sum (i 1 20000) (* a i))", "(sum (i 1 {}) (if (< a i) (* a i) 1))"
+
+
+@pytest.mark.parametrize(
+    ("terms", "refused"),
+    [
+        ([SUM], False),  # 40,000 operations, and ten for the equation
+        ([SUM, SUM], True),
+        ([CHOICES.format(5000)], False),  # as many: a condition and a choice count for three each
+        ([CHOICES.format(9000)], True),  # 36,000 operations, of which 18,000 count for three
+        (["a"] * 3900, False),
+        (["a"] * 4001, True),
+        (["(* a a a a a a a a)"] * 3900, True),  # 31,200 operations in 3,900 equations
+    ],
+    ids=["a-sum", "two-sums", "5000-choices", "9000-choices", "3900-equations", "4001-equations", "both"],
+)
+def test_what_is_written_out_is_bounded(terms, refused, tmp_path, capfd):
+    equations = " ".join(f"(observe (= 1 {term}) :sigma 1)" for term in terms)
+    (tmp_path / "p.mbm").write_text(f"(problem p (unknowns (a :init 1)) {equations})")
+    assert run(["check", str(tmp_path / "p.mbm")]) == (2 if refused else 0)
+    assert ("error[too-much-to-compile]" in capfd.readouterr().err) == refused
 
 
 def test_a_column_of_nothing_is_looked_at_once(checked, tmp_path, monkeypatch):

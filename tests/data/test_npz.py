@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import zipfile
 
 import numpy as np
 import pytest
 
+from mbm.cli.main import run
 from mbm.data.readers import READERS
 
 
@@ -38,3 +40,16 @@ def test_compressed_archives(tmp_path):
 
 def test_no_rows(tmp_path):
     assert len(read(tmp_path, x=np.zeros(0)).file_rows) == 0
+
+
+def test_a_shape_beyond_all_numbers_is_told_by_a_diagnostic_alone(tmp_path, capfd):
+    """NumPy warns of it as well: an error in tests, and words aside for users."""
+    header = "{'descr': '<f8', 'fortran_order': False, 'shape': (4294967296, 9223372036854775808), }".ljust(117) + "\n"
+    with zipfile.ZipFile(tmp_path / "d.npz", "w") as archive:
+        archive.writestr(
+            "y.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode() + bytes(24)
+        )
+    text = '(problem p (data d (npz "d.npz")) (unknowns (a :init 1)) (observe d (= y a) :sigma 1))'
+    (tmp_path / "p.mbm").write_text(text)
+    assert run(["check", str(tmp_path / "p.mbm")]) == 2
+    assert capfd.readouterr().err.startswith("error[malformed-npz]")

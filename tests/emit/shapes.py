@@ -1,4 +1,4 @@
-"""One small problem for each shape that generated solvers have to take: each with a golden file."""
+"""One small problem for each shape that generated solvers have to take."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ SHAPES = {
       (observe ranges (= r (distance p [masts.x masts.y])) :sigma 5cm :errors ((masts.x masts.s))))""",
     **AGREEING,
 }
-"""By name; inline tables, so that a golden file depends on nothing but the text."""
+"""By name; inline tables, so that what is generated depends on nothing but the text."""
 
 CORRECTED = ("errors", "rim", "moved-masts")
 """Shapes whose solvers have more unknowns than the problem: the true values of measured columns, behind the others."""

@@ -14,12 +14,9 @@ import pytest
 
 import mbm
 from tests.emit.agreeing import TEXTS, with_rows
-from tests.emit.making import of_text, run, written
+from tests.emit.making import make, of_text, written
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) is here")
-
-QUICK = ("bounded", "offset")
-"""Problems whose solver in C is compiled in every test run."""
 
 REFERENCES = 7
 """Numbers that are compared at least: status, freedom, cost, and of two unknowns estimates, two variances."""
@@ -51,11 +48,11 @@ def test_python_answers_other_data_as_mbm_does(name, tmp_path, monkeypatch):
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in TEXTS])
+@pytest.mark.parametrize("name", TEXTS)
 def test_c_answers_other_data_as_mbm_does(name, tmp_path):
     folder = made_with_others(name, "c", tmp_path)
     assert len(references(folder)) >= REFERENCES
-    found = run("make", "test", "CFLAGS=-O0", folder=folder)
+    found = make(folder, "test")
     assert found.returncode == 0, found.stdout + found.stderr
 
 

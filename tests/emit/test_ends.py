@@ -12,7 +12,7 @@ import pytest
 
 import mbm
 from mbm.text.types import MbmError
-from tests.emit.making import emitted, of_text, run, written
+from tests.emit.making import emitted, make, of_text, run, written
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) is here")
 
@@ -40,7 +40,7 @@ def test_what_data_do_not_determine_has_no_standard_deviation(name, target, tmp_
     assert mbm.loads(FREE[name]).solve().solves[0].status.value[0] == "unobservable"
     folder = written(of_text(FREE[name], target), tmp_path)
     if target == "c":
-        assert run("make", "all", "test", "CFLAGS=-O0", folder=folder).returncode == 0
+        assert make(folder, "all", "test").returncode == 0
         found = run(f"./{name}", "data/d.csv", folder=folder)
     else:
         assert run(sys.executable, f"test_{name}.py", folder=folder).returncode == 0
@@ -61,7 +61,7 @@ EACH = """(problem each
 @needs_compiler
 def test_both_languages_print_keys_alike(tmp_path):
     c, python = (written(of_text(EACH, target), tmp_path / target) for target in ("c", "python"))
-    assert run("make", "all", "CFLAGS=-O0", folder=c).returncode == 0
+    assert make(c, "all").returncode == 0
     commands = ((c, "./each"), (python, sys.executable, "each.py"))
     printed = [run(*command, "data/d.csv", folder=folder).stdout for folder, *command in commands]
     rows = [[(row["epoch"], row["name"]) for row in csv.DictReader(text.splitlines())] for text in printed]
@@ -111,10 +111,41 @@ def test_the_program_ends_quietly_where_nobody_reads_on(tmp_path):
     assert "BrokenPipe" not in found.stderr
 
 
+CPP = """(problem class "Names that C++ has for itself."
+  (data new (table (this template) (1 2) (2 3)))
+  (unknowns (namespace :init 0) (operator (vector 2) :init [1 1]))
+  (observe new (= template (+ namespace (* this (operator 1)))) :sigma 0.1)
+  (observe (= [1 1] operator) :sigma 1) (derive (delete (+ namespace 1))))"""
+MAIN_CPP = """#include <cstdio>
+#include "{name}.h"
+
+int main() {{ std::puts({name}_status_text(0)); return sizeof({name}_result) > 0 ? 0 : 1; }}
+"""
+
+
+@pytest.mark.skipif(shutil.which("c++") is None, reason="no C++ compiler (c++) is here")
+def test_the_header_is_one_of_cpp_too(tmp_path):
+    folder = written(of_text(CPP, "c"), tmp_path)
+    name = "class_"
+    (folder / "other.cpp").write_text(MAIN_CPP.format(name=name), encoding="utf-8")
+    assert run("make", f"{name}.o", "CFLAGS=-O0", folder=folder).returncode == 0
+    strict = ("-std=c++11", "-pedantic", "-Wall", "-Wextra", "-Werror")
+    made = run("c++", *strict, "-o", "other", "other.cpp", f"{name}.o", "-lm", folder=folder)
+    assert made.returncode == 0, made.stderr
+    assert run("./other", folder=folder).stdout == "converged\n"
+
+
 def test_columns_with_errors_become_casadi_functions(tmp_path):
     text = """(problem line (data d (table (u v) (0 1.0) (1 3.1) (2 4.9) (3 7.2)))
       (unknowns (a :init 0) (b :init 1))
       (observe d (= v (+ a (* b u))) :errors ((u 0.05)) :sigma 0.05))"""
+    found = run(sys.executable, "test_functions.py", folder=written(of_text(text, "casadi"), tmp_path))
+    assert found.returncode == 0, found.stderr
+
+
+def test_equations_without_rows_in_the_first_solve_are_no_rows_of_casadi_functions(tmp_path):
+    text = """(problem slid (data n (table (x y) (0 0) (4 0))) (data d (table (x y) (1.5 2.5) (2.2 3.7) (6.5 8.2)))
+      (unknowns (a :init 1)) (observe d (= y a) :sigma 1) (observe n (= y a) :sigma 1) (window x :length 1 :step 1))"""
     found = run(sys.executable, "test_functions.py", folder=written(of_text(text, "casadi"), tmp_path))
     assert found.returncode == 0, found.stderr
 

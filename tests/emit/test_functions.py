@@ -13,15 +13,12 @@ import pytest
 
 import mbm
 from tests.emit.agreeing import AGREEING
-from tests.emit.making import emitted, of_text, run, written
+from tests.emit.making import emitted, flags, make, of_text, run, written
 from tests.emit.shapes import CORRECTED, SHAPES
 
 UNCOMPARED = ("loss", "losses", "loss-and-noise", "similarity", "for-each", "keys", "bounds", *AGREEING, *CORRECTED)
 STATED = [n for n in SHAPES if n not in UNCOMPARED]
 """Shapes with a start, without losses, consensus, solves, bounds, errors: there a point means the same to both."""
-
-QUICK = ("weights", "pose", "family")
-"""Shapes of every test run: matrices of noise, tangent spaces, members."""
 
 CLOSE = 1e-10
 """Relative to the largest number: the same operations in another order, over at most ten rows."""
@@ -94,7 +91,7 @@ def module_of(name: str, tmp_path) -> tuple[ModuleType, dict]:
     return module, module.read_tables([str(folder / "data" / f"{table}.csv") for table in module.COLUMNS])
 
 
-@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in STATED])
+@pytest.mark.parametrize("name", STATED)
 def test_python_has_the_residuals_and_the_jacobian_of_the_compiled_problem(name, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     module, tables = module_of(name, tmp_path)
@@ -106,15 +103,16 @@ def test_python_has_the_residuals_and_the_jacobian_of_the_compiled_problem(name,
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) is here")
-@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in STATED])
+@pytest.mark.parametrize("name", STATED)
 def test_c_has_the_residuals_the_jacobian_and_the_covariance_of_the_compiled_problem(name, tmp_path):
     folder = written(of_text(SHAPES[name], "c"), tmp_path)
     identifier = name.replace("-", "_")
+    assert make(folder, f"{identifier}.o").returncode == 0
     test = (folder / "test.c").read_text()
     paths = test.split("char *const paths[] = {")[1].split("}")[0]
     (folder / "calls.c").write_text(CALLS.format(name=identifier, paths=paths), encoding="utf-8")
     strict = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wno-unused-function")
-    made = run("cc", *strict, "-o", "calls", "calls.c", f"{identifier}.c", "-lm", folder=folder)
+    made = run("cc", *flags().split(), *strict, "-o", "calls", "calls.c", f"{identifier}.o", "-lm", folder=folder)
     assert made.returncode == 0, made.stderr
     found = run("./calls", folder=folder)
     assert found.returncode == 0, found.stderr

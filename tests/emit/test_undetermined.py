@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mbm
-from tests.emit.making import of_text, run, written
+from tests.emit.making import make, of_text, run, written
 
 POINTS = "(data d (table (x y) (0 1.1) (1 2.9) (2 5.2) (3 6.8) (4 9.1) (5 12)))"
 OTHERS = "(data e (table (u) (2.1) (1.9) (2.3)))"
@@ -38,6 +38,7 @@ TEXTS = {
     "derived": f"{POINTS} {THREE} {LINE} (derive (s (* 2 a)) (t (+ b c)) (u b))",
 }
 QUICK = ("noises", "losses", "derived")
+"""Whose solvers are tried in every test run: two groups of noise, two of losses, and what is derived."""
 CHOSEN = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in TEXTS]
 
 CLOSE = 1e-9
@@ -80,7 +81,7 @@ def test_python(name, tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", CHOSEN)
 def test_c(name, tmp_path):
     folder = written(of_text(f"(problem {name} {TEXTS[name]})", "c"), tmp_path)
-    made = run("make", "all", "test", "CFLAGS=-O0", folder=folder)
+    made = make(folder, "all", "test")
     assert made.returncode == 0, made.stdout + made.stderr
     tables = [f"data/{table}.csv" for table in ("d", "e") if (folder / "data" / f"{table}.csv").exists()]
     found = run(f"./{name}", *tables, folder=folder)

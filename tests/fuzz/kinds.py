@@ -169,8 +169,8 @@ def _simulated(here: Home, choices: Choices) -> Case:
     return Case(arguments=("simulate", str(file), "-o", str(made / "folder"), *chosen), files=(file, at))
 
 
-def _simulation_is_sound(here: Home, _case: Case, found: Outcome) -> list[str]:
-    """What was simulated can be read again."""
+def _simulation_is_sound(here: Home, case: Case, found: Outcome) -> list[str]:
+    """What was simulated can be read again, if the problem itself can be solved."""
     made = here.folder / "simulated" / "folder"
     if found.status != 0:
         return []
@@ -179,7 +179,7 @@ def _simulation_is_sound(here: Home, _case: Case, found: Outcome) -> list[str]:
         return [f"{len(problems)} problems in the folder"]
     again = outcome("check", str(problems[0]))
     wrong = faults_of(again, (), made)
-    if again.status != 0:
+    if again.status != 0 and outcome("check", str(case.files[0])).status == 0:
         wrong.append(f"the folder cannot be read:\n{again.err[:500]}")
     if not isinstance(json.loads((made / "truth.json").read_text(encoding="utf-8")), dict):
         wrong.append("truth.json holds no object")

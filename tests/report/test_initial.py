@@ -42,6 +42,15 @@ def test_null_becomes_nan() -> None:
     assert math.isnan(initial_values({"x": {"value": None}}, {})["x"].value)
 
 
+def test_a_number_among_rotations_is_a_row_of_one() -> None:
+    """Whether the unknown has rows like that is for the problem to say."""
+    found = initial_values({"x": [{"angle": 1, "translation": [1, 2]}, None]}, {})["x"].value
+    assert found.shape[0] == 2
+    assert all(math.isnan(number) for number in found[1])
+    with pytest.raises(MbmError, match="bad-initial-values"):
+        initial_values({"x": [{"angle": 1, "translation": [1, 2]}, 0]}, {})
+
+
 @pytest.mark.parametrize(
     "given",
     [

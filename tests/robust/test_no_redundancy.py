@@ -102,3 +102,12 @@ def test_rows_that_alone_keep_weight_have_the_noise_that_is_stated(loss, options
     expected = 0.1 * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
     # the third keeps a weight of (2.385 · 0.1/5.8)² = 0.0017 under Cauchy's loss, the least among those of its pairs
     np.testing.assert_allclose([float(e.sigma) for e in solve.estimates], expected, rtol=0.02)
+
+
+def test_a_loss_on_equations_that_hold_no_unknown() -> None:
+    """Half of one equation, for no unknown, is that equation: not the mean of nothing, of which NumPy warns."""
+    problem = mbm.loads("""(problem p (data d (table (y) (1) (2) (4))) (unknowns (a :init 1))
+      (observe d (= y a) :sigma 1)
+      (observe (if (> a 9) (= 1 7) (= 3 7)) :sigma (unknown 2) :loss cauchy))""")
+    for backend in ("numpy", "native"):
+        assert problem.solve(backend=backend)["a"].value == pytest.approx(7 / 3, rel=1e-6)

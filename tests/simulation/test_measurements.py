@@ -215,6 +215,15 @@ def test_what_cannot_be_simulated_says_why(problem: mbm.Problem, code: str) -> N
         problem.simulate(data=table(y=np.ones(ROWS)), seed=1)
 
 
+def test_a_prior_without_a_value_there_says_so() -> None:
+    problem = mbm.loads("""(problem p (data d external) (unknowns (a :init 3)) (observe d (= y a) :sigma 1)
+      (constraints (normal (asin a) 1 1)))""")
+    with pytest.raises(mbm.MbmError, match="not-simulated") as caught:
+        problem.simulate(data={"d": {"y": [1.0]}}, seed=1, draw_priors=True)
+    assert "no finite value or derivative" in str(caught.value)
+    assert problem.simulate(data={"d": {"y": [1.0]}}, at={"a": 0.5}, seed=1, draw_priors=True)
+
+
 def test_a_column_measured_twice_in_a_row_is_refused() -> None:
     twice = mbm.loads("""(problem twice
       (data d external)

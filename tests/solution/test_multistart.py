@@ -59,3 +59,32 @@ def test_a_range_is_drawn_from_where_others_are_drawn_at_random():
     found = mbm.loads(text).solve(data={"d": {"x": x, "y": 1 + 5 * np.sin(2.1 * x + 0.4)}})
     assert float(found["w"].value) == pytest.approx(2.1, rel=1e-9)
     assert float(abs(found["a"].value)) == pytest.approx(5, rel=1e-9)
+
+
+def _graph(seed: int, poses: int) -> str:
+    """A walk with loops, measured with the stated noise; the stated starts are far from everything."""
+    rng = np.random.default_rng(seed)
+    turns = np.cumsum(rng.normal(0.0, 0.8, poses))
+    walk = np.cumsum(np.column_stack([np.cos(turns), np.sin(turns)]), axis=0)
+    pairs = [(i, i + 1) for i in range(poses - 1)] + [(i, i + 5) for i in range(0, poses - 5, 3)] + [(0, poses - 1)]
+    edges = []
+    for i, j in pairs:
+        c, s = np.cos(turns[i]), np.sin(turns[i])
+        x, y = np.array([[c, s], [-s, c]]) @ (walk[j] - walk[i]) + rng.normal(0.0, 0.05, 2)
+        edges.append(f"({i} {j} {x:.5f} {y:.5f} {turns[j] - turns[i] + rng.normal(0.0, 0.02):.5f})")
+    nodes = [f"({i} {x:.1f} {y:.1f} {a:.2f})" for i, (x, y, a) in enumerate(rng.uniform(-1000, 1000, (poses, 3)))]
+    return f"""(problem walk
+      (data n (table (id x y a) {" ".join(nodes)}) :key id) (data e (table (from to dx dy da) {" ".join(edges)}))
+      (unknowns (T (pose 2) :per n :init (pose2 x y a) :fixed (= id 0)))
+      (observe e (= (pose2 dx dy da) (between (T from) (T to))) :sigma [0.05 0.05 0.02])"""
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_more_starts_are_never_worse_than_none(seed: int) -> None:
+    """The closed form along the edges leads to the minimum: χ² is within five standard deviations of its mean."""
+    for asked in ("", f"(solve :starts (random 4 :seed {seed}))"):
+        solve = mbm.loads(f"{_graph(seed, 150)} {asked})").solve().solves[0]
+        assert solve.status.value[0] == "converged"
+        assert abs(solve.cost - solve.dof) < 5.0 * np.sqrt(2.0 * solve.dof)
+    assert solve.starts.tried in (4, 5)  # and the closed form, where none led there
+    assert all(other.cost > solve.cost for other in solve.alternatives)

@@ -85,7 +85,12 @@ def test_names_of_parts_avoid_the_names_of_inputs():
 
 
 @pytest.mark.parametrize(
-    "text", ["[(* (exp (* a b x)) a) (/ (exp (* a b x)) b)]", "(if (< a b) (/ a b) (sqrt (+ a x)))"]
+    "text",
+    [
+        "[(* (exp (* a b x)) a) (/ (exp (* a b x)) b)]",
+        "(if (< a b) (/ a b) (sqrt (+ a x)))",
+        "(^ (if (< a b) a b) (+ a x))",
+    ],
 )
 def test_latex_has_the_same_lines_and_closes_its_braces(text):
     block, _ = single(text)

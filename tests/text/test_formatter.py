@@ -180,3 +180,10 @@ def test_lines_stand_below_an_argument_only_beside_the_head():
     line = next(line for line in text.splitlines() if "((and" in line)
     head = next(line for line in text.splitlines() if "(cond" in line)
     assert line.index("((and") == head.index("(cond") + 2
+
+
+def test_a_last_argument_opens_beside_others_only_if_these_are_on_one_line():
+    clause = "(det [(transform (pose2 (first-name 1) a a) [b b]) (rotate (rot2 (second-name 1)) [b -1])])"
+    for rest in ("1 1", "1 (sin (+ a b))"):
+        text = formatted(f"(problem p (observe d (= y a)) (constraints (normal {clause} {rest})))")
+        assert formatted(text) == text

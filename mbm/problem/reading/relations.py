@@ -141,6 +141,7 @@ def _near(angle: Expression, middle: Expression | None, span: Span) -> Expressio
     return add(middle, wrap(subtract(angle, middle, span), span), span)
 
 
+@np.errstate(all="ignore")  # what is no value shows in the numbers
 def refuse_contradictions(
     kind: ConstraintKind,
     found: Sequence[Pair],

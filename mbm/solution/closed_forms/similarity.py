@@ -68,6 +68,8 @@ def _moved_pairs(candidate: Candidate, rows: Rows) -> Pairs | None:
     d = found.frame.dimension
     size = 1.0 + float(np.abs(found.points).max())
     slopes = found.slopes(np.zeros(d))
+    if not np.isfinite(slopes).all():
+        return None
     for place in (np.full(d, size), size * np.arange(1.0, d + 1)):
         if not np.allclose(found.slopes(place), slopes, rtol=AGREEMENT, atol=AGREEMENT * float(np.abs(slopes).max())):
             return None

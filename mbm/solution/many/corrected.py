@@ -38,7 +38,7 @@ from mbm.values import dataclass
 def straightened(problem: Problem, stack: Stack) -> Stack | None:
     """The equations, which take measured values as exact so far, with their corrections eliminated by the kernels.
 
-    None where it cannot be done so, as rows of a solve share values.
+    None where it cannot be done so, as rows of a solve share values, or there are none.
 
     Raises:
         MbmError: a standard deviation that is none, or two different ones of one value.
@@ -47,6 +47,8 @@ def straightened(problem: Problem, stack: Stack) -> Stack | None:
     equations = stack.equations
     rows = rows_of_groups(equations.groups)
     found = measured(problem, stack.tables, rows)
+    if not found.ids:
+        return None  # no solve has a row of them
     joined = {error.table for block in problem.blocks for error in block.errors if error.key is not None}
     if joined & stack.arranged.spans.keys() or any(bool((column.rows < 0).any()) for column in found.columns):
         return None  # which row of another table is meant is a matter of each solve

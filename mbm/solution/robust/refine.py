@@ -82,7 +82,7 @@ class Trimmed:
         found = []
         for group in np.unique(self.units.group[self.units.group != STATED]).tolist():
             mine = np.flatnonzero(self.units.group == group)
-            half = min(mine.size // 2 + (self.size + 1) // 2, mine.size)
+            half = max(min(mine.size // 2 + (self.size + 1) // 2, mine.size), 1)
             best = np.argpartition(normed[:, mine], half - 1, axis=1)[:, :half]
             mean = np.take_along_axis(normed[:, mine], best, axis=1).mean(axis=1)
             found.append((mine, best, np.maximum(mean, 1e-300)))

@@ -79,6 +79,16 @@ def not_simulated(span: Span, name: str, columns: Iterable[str], place: Place | 
     )
 
 
+def not_drawn(span: Span, name: str) -> Diagnostic:
+    """The prior ``name`` says nothing at the values that are to be drawn from it."""
+    return Diagnostic(
+        code=NOT_SIMULATED,
+        message=f"nothing can be drawn from `{name}`, which has no finite value or derivative at the true values",
+        place=span,
+        hint="give values with `--at` at which it has one",
+    )
+
+
 def _place(place: Place) -> str:
     if isinstance(place, Span):
         return f"line {place.line}"

@@ -14,8 +14,10 @@ from mbm.solution.assembling import blank
 from mbm.solution.binder import Binder
 from mbm.solution.binding import EvaluationCache
 from mbm.solution.layout import Layout
+from mbm.solution.simulation import faults
 from mbm.solution.simulation.noise import stream
 from mbm.solution.types import Floats
+from mbm.text.types import MbmError
 
 ITERATIONS = 50
 SETTLED = 1e-12
@@ -34,9 +36,14 @@ def drawn_from_priors(
 
     Where several priors speak of one unknown the draw is theirs together: least squares of normal numbers have the
     covariance of the combined prior. What no prior speaks of stays (Gauss-Newton with steps of minimum norm).
+
+    Raises:
+        MbmError: not-simulated, a prior without a finite value or derivative there.
+
     """
     equations = blank(Binder(problem=problem, layout=places, tables=tables, cache=kernels[1]), kernels[0])
     rows = [equations.block_rows(i) for i, block in enumerate(problem.blocks) if block.role is BlockRole.PRIOR]
+    priors = [block for block in problem.blocks if block.role is BlockRole.PRIOR]
     x = places.start
     if not sum(map(len, rows)):
         return x
@@ -48,6 +55,10 @@ def drawn_from_priors(
         scale = np.linalg.norm(jacobian, axis=0)
         scale[scale == 0.0] = 1.0
         gap = wanted - equations.plain_residuals(x)
+        finite = np.isfinite(gap) & np.isfinite(jacobian).all(axis=1)
+        if not finite.all():
+            owner = np.repeat(np.arange(len(rows)), [len(own) for own in rows])[int(np.argmin(finite))]
+            raise MbmError(faults.not_drawn(priors[owner].span, priors[owner].name))
         step = np.linalg.lstsq(jacobian / scale, gap, rcond=1e-12)[0]
         x = equations.retract(x, step / scale)
         if not float(np.linalg.norm(step)) > SETTLED:

@@ -30,6 +30,7 @@ from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 
 
+@np.errstate(all="ignore")  # what is no value shows in the numbers
 def simulate(found: Elaborated, values: ValuesFinder, factors: FactorsFinder, asked: Simulating) -> Simulation:
     """The measurements that the model predicts at ``values``, with noise.
 
@@ -228,7 +229,7 @@ class _Run:
         mask = masks[number]
         used = np.arange(len(table)) if mask is None else np.flatnonzero(mask)
         sigmas = row_values(sigma, self.selection.tables)[:, 0]
-        each = sigmas[used] if len(sigmas) > 1 else np.full(len(used), sigmas[0])
+        each = sigmas[used] if len(sigmas) == len(table) else np.full(len(used), sigmas[0])
         if error.key is None:
             return used, each
         index = {key: i for i, key in enumerate(self.selection.tables[error.table].keys())}

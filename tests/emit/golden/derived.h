@@ -8,6 +8,10 @@
  * arguments, so that threads may solve at the same time, each with a workspace of its own.
  */
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* What a call answers; `_status_text` has the sentence. */
 enum derived_status {
     DERIVED_CONVERGED = 0,
@@ -102,5 +106,9 @@ int derived_covariance(const derived_data *data, const double *point, double *co
 
 /* What a status means. */
 const char *derived_status_text(int status);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -129,3 +129,11 @@ def test_lines_are_those_of_york():
         # Lagrange: v = Σ Bᵀ (B Σ Bᵀ)⁻¹ times what is left, of a plane condition at once
         np.testing.assert_allclose(corrections["x"]["value"], 0.1**2 * m * weight * gap, atol=1e-13)
         np.testing.assert_allclose(corrections["y"]["value"], -(0.2**2) * weight * gap, atol=1e-13)
+
+
+def test_errors_of_a_column_that_no_equation_has_are_no_hindrance() -> None:
+    problem = mbm.loads("""(problem p (data d (table (id x y) (1 0 1) (1 1 3) (2 0 4) (2 1 8)))
+      (unknowns (a :init 1)) (observe d (= y a) :sigma 1 :errors ((x 0.1))) (for-each id))""")
+    for backend in ("numpy", "native"):
+        found = [float(solve.estimates[0].value) for solve in problem.solve(backend=backend).solves]
+        assert found == pytest.approx([2.0, 6.0])
