@@ -35,8 +35,8 @@ LARGEST = 2_000_000_000
 """Bytes that the memory of a process may grow by for one answer."""
 PATIENCE, STANDSTILL = 20.0, 120.0
 """Seconds of processor time, and of waiting for something, after which an answer is given up."""
-PACKED = {".gz", ".bz2", ".xz", ".npz", ".parquet"}
-"""Endings of files whose lines are not those of a text."""
+PACKED = {".gz", ".bz2", ".xz", ".npz", ".parquet", ".json"}
+"""Endings of files whose rows are not lines of a text."""
 LOOKED_INTO = 20_000_000
 """Bytes of a file in which places of diagnostics are looked up."""
 KINDS_OF_BYTES = {"linux": 1024}
