@@ -72,7 +72,7 @@ _PLAIN_NAME = re.compile(r"""[^\W_]+([_.][^\W_]+)*('\d*)?(\[("?[^\W_]*"?|\d+(,\d
 """Words, dots and indices; underscores, after which SymPy writes an index, between words only."""
 
 _CHANGED = re.compile(r"\\left|\\[A-Za-z]+\{")
-"""What SymPy makes of names that end in ``hat``, ``bm``, ``abs``, ``prime`` …: accents and signs in place of the end."""
+"""What SymPy makes of names that end in ``hat``, ``bm``, ``abs`` …: accents and signs in place of the end."""
 
 _IN_TEXT = {
     "\\": "\\textbackslash{}",
