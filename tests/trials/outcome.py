@@ -195,6 +195,14 @@ def _refuse(constant: str) -> float:
     raise ValueError(message)
 
 
+def _is_there(path: Path) -> bool:
+    """Whether there is such a file; there is none whose name is too long."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
 def _faults_of_diagnostic(diagnostic: dict[str, Any], folder: Path) -> list[str]:
     wrong = []
     if diagnostic["code"] not in known_codes():
@@ -203,7 +211,7 @@ def _faults_of_diagnostic(diagnostic: dict[str, Any], folder: Path) -> list[str]
         wrong.append("no message")
     name, line, column = diagnostic["file"], diagnostic["line"], diagnostic["column"]
     path = None if name is None else folder / Path(name).name
-    if path is None or not path.is_file() or path.suffix in PACKED or path.stat().st_size > LOOKED_INTO:
+    if path is None or not _is_there(path) or path.suffix in PACKED or path.stat().st_size > LOOKED_INTO:
         return wrong
     text = path.read_bytes().decode("utf-8", errors="replace")
     lines = re.split(r"\r\n|\r|\n", text)
