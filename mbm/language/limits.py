@@ -27,7 +27,7 @@ class Limits:
     list_length: int = 100_000
     files: int = 200
     equations: int = 4_000
-    operations: int = steps
+    operations: int = 64_000
 
 
 STEPS_PER_EVALUATION = 16

@@ -14,25 +14,34 @@ TIED = 1e-6
 def free_combinations(null_space: Floats, scale: Floats, point: Floats) -> tuple[FreeCombination, ...]:
     """A readable basis of the free directions: few coordinates in each, separate groups apart.
 
-    ``null_space`` (n, k) in scaled coordinates. Gauss-Jordan elimination with complete pivoting: each direction has a
-    coordinate of its own that no other moves, and what falls apart into groups comes out in groups. Rows above a pivot
-    wait for the end, where all of them are reduced at once.
+    ``null_space`` (n, k) in scaled coordinates. Each direction has a coordinate of its own that no other moves, and
+    what falls apart into groups comes out in groups.
     """
-    rows = np.array(null_space.T)
-    pivots: list[int] = []
-    for done in range(rows.shape[0]):
-        sizes = np.abs(rows[done:])
-        best, column = divmod(int(np.argmax(sizes >= (1.0 - TIED) * sizes.max())), rows.shape[1])
-        rows[[done, done + best]] = rows[[done + best, done]]
-        rows[done] /= rows[done, column]
-        below = rows[done + 1 :]
-        below -= below[:, column, None] * rows[done]
-        below[:, column] = 0.0
-        pivots.append(column)
-    rows[:] = np.linalg.solve(rows[:, pivots], rows)
+    pivots = _pivots(null_space)
+    rows = np.linalg.solve(null_space[pivots].T, null_space.T)
     rows[:, pivots] = np.eye(len(pivots))
     order = np.argsort(np.array(pivots, dtype=np.int64), kind="stable")
     return tuple(free_combination(rows[i], scale, point) for i in order)
+
+
+def _pivots(null_space: Floats) -> list[int]:
+    """A coordinate for each of the directions (n, k): that which they move most, beside those before it.
+
+    The pivots of a QR decomposition with column pivoting (Businger and Golub 1965), by way of the Cholesky factor of
+    the products of the coordinates: a matrix is multiplied by a vector for each, and none is updated.
+    """
+    n, k = null_space.shape
+    factor = np.zeros((k, n))
+    products = null_space @ null_space.T
+    left = products.diagonal()
+    pivots: list[int] = []
+    for done in range(k):
+        pivot = int(np.argmax(left >= (1.0 - TIED) * left.max()))
+        factor[done] = (products[pivot] - factor[:done, pivot] @ factor[:done]) / np.sqrt(left[pivot])
+        left = left - np.square(factor[done])
+        pivots.append(pivot)
+        left[pivots] = 0.0
+    return pivots
 
 
 def free_combination(direction: Floats, scale: Floats, point: Floats) -> FreeCombination:

@@ -30,8 +30,11 @@ ITERATIVE = (Method.AUTO, Method.MARQUARDT, Method.DOGLEG, Method.GAUSS_NEWTON)
 POLISHED = 200
 """Distinct ends of a batch that are minimised to the last digits, the lowest first."""
 
-LARGE = 4_000_000
-"""Numbers in the Jacobian from which the starts are minimised one after the other."""
+LARGE, WIDE = 4_000_000, 200
+"""Numbers in the Jacobian, and unknowns, above which the starts are minimised one after the other.
+
+A batch solves the normal equations of all unknowns, which for many of them takes longer than what it saves.
+"""
 
 
 class Seeker:
@@ -45,7 +48,7 @@ class Seeker:
         self.tried = 0
         self.iterations = 0
         self.evaluations = 0
-        small = equations.count * equations.dimension <= LARGE
+        small = equations.count * equations.dimension <= LARGE and equations.dimension <= WIDE
         moving = settings.method in ITERATIVE
         # Errors in measured columns leave the residuals comparable at the measured values, though not their descent.
         self._comparable = (

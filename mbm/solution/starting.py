@@ -33,7 +33,10 @@ KEPT = 24
 """How many of them, those that fit best, are started from."""
 
 LARGE, FEW_KEPT = 20_000, 3
-"""Numbers in the Jacobian from which so few are kept, as where measured values are corrected: each start takes long."""
+"""Numbers in the Jacobian, or in the normal equations, from which so few are kept: each start takes long.
+
+So it does where measured values are corrected.
+"""
 
 DIRECT_SEARCH = 30_000
 """Random points of `:method direct-search`: in Nishida's room 99 % of searches then see a point within 10 cm."""
@@ -181,7 +184,7 @@ def _random(
             points = np.stack([solved_linearly(equations, point, linear) for point in points])
     found = costs(equations, points)
     corrected = any(group.kernel.corrections is not None for group in equations.groups)
-    slow = equations.count * equations.dimension > LARGE or corrected
+    slow = max(equations.count, equations.dimension) * equations.dimension > LARGE or corrected
     kept = FEW_KEPT if slow else KEPT
     order = [i for i in np.argsort(found, kind="stable")[:kept] if np.isfinite(found[i])]
     if not order:

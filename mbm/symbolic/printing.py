@@ -62,12 +62,17 @@ def latex_name(name: str) -> str:
     The names of a problem, and the keys of a table, may hold what TeX would carry out, e.g. ``$`` or ``%``.
     """
     if _PLAIN_NAME.fullmatch(name):
-        return str(sympy.latex(sympy.Symbol(name)))
+        shown = str(sympy.latex(sympy.Symbol(name)))
+        if not _CHANGED.search(shown) and shown.count("'") == name.count("'"):
+            return shown
     return "\\mathrm{" + "".join(map(_in_formula, one_line(name))) + "}"
 
 
 _PLAIN_NAME = re.compile(r"""[^\W_]+([_.][^\W_]+)*('\d*)?(\[("?[^\W_]*"?|\d+(,\d+)*)\](\.[a-z]+)?)*""")
 """Words, dots and indices; underscores, after which SymPy writes an index, between words only."""
+
+_CHANGED = re.compile(r"\\left|\\[A-Za-z]+\{")
+"""What SymPy makes of names that end in ``hat``, ``bm``, ``abs`` …: accents and signs in place of the end."""
 
 _IN_TEXT = {
     "\\": "\\textbackslash{}",

@@ -238,7 +238,7 @@ def test_libraries_say_nothing_of_numbers_that_are_none(
 ) -> None:
     """Warnings of Python are errors in tests, and would be internal faults here."""
     (tmp_path / "p.mbm").write_text(f"(problem p {clauses})")
-    assert run([command, str(tmp_path / "p.mbm")]) in (0, 2)
+    assert run([command, str(tmp_path / "p.mbm")]) == (2 if "1e308" in clauses else 0)  # infinity is no bound
     assert "internal-fault" not in capfd.readouterr().err
 
 
@@ -246,7 +246,7 @@ def test_noise_as_large_as_numbers_are_is_no_fault_of_ours(tmp_path: Path, capfd
     text = "(problem p (data d (table (y) (1) (2))) (unknowns (a :init 1)) (observe d (= y a) :sigma unknown))"
     (tmp_path / "p.mbm").write_text(text)
     made = ("-o", str(tmp_path / "made"))
-    assert run(["simulate", str(tmp_path / "p.mbm"), "--noise", "d=1e308", *made]) in (0, 2)
+    assert run(["simulate", str(tmp_path / "p.mbm"), "--noise", "d=1e308", *made]) == 0
     assert "internal-fault" not in capfd.readouterr().err
 
 
@@ -257,5 +257,5 @@ def test_errors_of_columns_in_a_solve_without_rows_are_simulated_nowhere(
       (observe d (= y a) :sigma 1 :errors ((x 0.1))) (for-each id))"""
     (tmp_path / "p.mbm").write_text(text)
     assert run(["simulate", str(tmp_path / "p.mbm"), "-o", str(tmp_path / "made")]) == 0
-    assert run(["solve", str(tmp_path / "made" / "p.mbm"), "--backend", "numpy"]) in (0, 1)
+    assert run(["solve", str(tmp_path / "made" / "p.mbm"), "--backend", "numpy"]) == 1  # no equation has the id 3
     assert "internal-fault" not in capfd.readouterr().err

@@ -300,14 +300,17 @@ def test_a_pipe_whose_reader_goes_away_has_taken_what_was_wanted(tmp_path: Path)
     path = tmp_path / "pipe"
     os.mkfifo(path)
 
+    taken = []
+
     def read_a_little() -> None:
         with path.open("rb", buffering=0) as stream:
-            stream.read(10)
+            taken.append(stream.read(10))
 
     reader = threading.Thread(target=read_a_little)
     reader.start()
     write_whole(path, bytes(1_000_000))
     reader.join()
+    assert taken == [bytes(10)]
 
 
 def test_a_pipe_that_nobody_reads_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -138,3 +138,21 @@ def test_nothing_used_at_all():
     observed = observe(np.zeros((4, 2)), [1, 2])
     assert (observed.rank, observed.unused) == (0, (0, 1))
     assert np.isnan(covariance(observed).sigma).all()
+
+
+def test_free_combinations_span_the_null_space():
+    """Each has a coordinate of its own; together they are what the rows leave free (by SVD of the same rows)."""
+    generator = np.random.default_rng(5)
+    jacobian = generator.normal(size=(3, 40)) * np.geomspace(1e-3, 1e3, 40)
+    observed = observe(jacobian, np.ones(40))
+    found = np.zeros((37, 40))
+    for row, combination in zip(found, observed.combinations, strict=True):
+        row[list(combination.indices)] = combination.coefficients
+    assert np.linalg.matrix_rank(found / np.abs(found).max(axis=1)[:, None] * np.linalg.norm(jacobian, axis=0)) == 37
+    sizes = np.abs(jacobian) @ np.abs(found).T  # what cancels, to the share below which coefficients are not named
+    assert (np.abs(jacobian @ found.T) <= 1e-6 * sizes).all()
+    own = [
+        set(c.indices) - set().union(*(o.indices for o in observed.combinations if o is not c))
+        for c in observed.combinations
+    ]
+    assert all(own)

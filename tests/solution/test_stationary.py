@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import mbm
 from mbm.report.types import SolveStatus
+from mbm.solution.minimise import minimise
+from mbm.solution.settings import Settings
+from mbm.solution.stationary import JACOBIANS, without_stationary
 
 
 @pytest.mark.parametrize("noise", [":sigma 0.1", ""], ids=["stated", "unknown"])
@@ -35,3 +39,50 @@ def test_a_weakly_determined_unknown_keeps_its_deviation():
     assert found.first.status is SolveStatus.CONVERGED
     # Two-parameter line: var(q) = 1e18 σ² Σx² / (n Σ(x − x̄)²)
     assert float(found["q"].sigma) == pytest.approx(1e9 * 1e-3 * (14 / 6) ** 0.5, rel=1e-9)
+
+
+class Cosines:
+    """The sum of the cosines of many angles, and each of a few more by itself: how often is the Jacobian made?"""
+
+    def __init__(self, together, alone):
+        self.together, self.dimension, self.count, self.jacobians = together, together + alone, 1 + alone, 0
+        self.lower, self.upper = np.full(self.dimension, -np.inf), np.full(self.dimension, np.inf)
+        self.positive, self.turning, self.linear = np.zeros(self.dimension, bool), None, False
+
+    def residuals(self, x):
+        return np.concatenate([[np.cos(x[: self.together]).sum() - self.together], x[self.together :] - 1.0])
+
+    def jacobian(self, x):
+        self.jacobians += 1
+        found = np.zeros((self.count, self.dimension))
+        found[0, : self.together] = -np.sin(x[: self.together])
+        found[1:, self.together :] = np.eye(self.count - 1)
+        return found
+
+    def retract(self, x, step):
+        return x + step
+
+    def coordinates(self, x):
+        return x
+
+    def placed(self, _, coordinates):
+        return coordinates
+
+
+@pytest.mark.parametrize("angles", [5, 400])
+def test_many_suspects_are_looked_into_together(angles):
+    # Of angles near zero the cosine has a derivative of 1e-9 and a curvature of 1.
+    equations = Cosines(angles, 3)
+    found = minimise(equations, np.concatenate([np.full(angles, 1e-9), np.full(3, 2.0)]), Settings())
+    before = equations.jacobians
+    kept = without_stationary(equations, found)
+    assert equations.jacobians - before <= JACOBIANS
+    assert not kept.jacobian[:, :angles].any()
+    np.testing.assert_array_equal(kept.jacobian[:, angles:], found.jacobian[:, angles:])
+
+
+def test_the_second_order_term_is_not_taken_of_many_unknowns():
+    """A Jacobian for each of 400 unknowns would be made for it, where a few iterations are enough."""
+    equations = Cosines(400, 3)
+    minimise(equations, np.full(403, 0.3), Settings())
+    assert equations.jacobians < 100

@@ -131,6 +131,7 @@ IN_FORMULA = re.compile(
 @example('q["\\input{x}$"]')
 @example("a%b&c#d~e^f_g__h")
 @example("x}y{z")
+@example("0BM_0")
 def test_no_name_is_a_command_of_latex(name):
     shown = latex_name(name)
     plain = re.fullmatch(r"\\?[^\W_]+|[^\\$%&#~<>]*", shown)
@@ -155,3 +156,9 @@ def test_no_name_is_a_command_of_latex(name):
 )
 def test_names_in_latex(name, shown):
     assert latex_name(name) == shown
+
+
+@pytest.mark.parametrize("name", ["ahat", "qprime", "xabs", "xbm", "vdot", "favg", "mnorm"])
+def test_names_are_shown_as_they_are(name):
+    """SymPy writes some ends of names as accents and signs; `qprime` and `q'` would look the same."""
+    assert latex_name(name) == rf"\mathrm{{{name}}}"

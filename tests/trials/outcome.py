@@ -35,8 +35,8 @@ LARGEST = 2_000_000_000
 """Bytes that the memory of a process may grow by for one answer."""
 PATIENCE, STANDSTILL = 20.0, 120.0
 """Seconds of processor time, and of waiting for something, after which an answer is given up."""
-PACKED = {".gz", ".bz2", ".xz", ".npz", ".parquet"}
-"""Endings of files whose lines are not those of a text."""
+PACKED = {".gz", ".bz2", ".xz", ".npz", ".parquet", ".json"}
+"""Endings of files whose rows are not lines of a text."""
 LOOKED_INTO = 20_000_000
 """Bytes of a file in which places of diagnostics are looked up."""
 KINDS_OF_BYTES = {"linux": 1024}
@@ -195,6 +195,14 @@ def _refuse(constant: str) -> float:
     raise ValueError(message)
 
 
+def _is_there(path: Path) -> bool:
+    """Whether there is such a file; there is none whose name is too long."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
 def _faults_of_diagnostic(diagnostic: dict[str, Any], folder: Path) -> list[str]:
     wrong = []
     if diagnostic["code"] not in known_codes():
@@ -203,7 +211,7 @@ def _faults_of_diagnostic(diagnostic: dict[str, Any], folder: Path) -> list[str]
         wrong.append("no message")
     name, line, column = diagnostic["file"], diagnostic["line"], diagnostic["column"]
     path = None if name is None else folder / Path(name).name
-    if path is None or not path.is_file() or path.suffix in PACKED or path.stat().st_size > LOOKED_INTO:
+    if path is None or not _is_there(path) or path.suffix in PACKED or path.stat().st_size > LOOKED_INTO:
         return wrong
     text = path.read_bytes().decode("utf-8", errors="replace")
     lines = re.split(r"\r\n|\r|\n", text)

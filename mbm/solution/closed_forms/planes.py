@@ -19,6 +19,9 @@ AGREEMENT = 1e-9
 DETERMINED = 1e-9
 """Extent of the points in the plane, across their largest, below which they leave its normal open."""
 
+NUMBERS = 4
+"""A normal in space and an offset: more numbers say no plane."""
+
 CHECKS = 4
 """Random normals at which the equations are checked."""
 
@@ -126,6 +129,8 @@ def _charts(candidate: Candidate) -> Iterator[Chart]:
         first = int(size == 4 and curved[0] == 1)
         offset = None if size == 3 else 3 - 3 * first
         yield Chart(written=Written.DIRECTION, normal=(first, first + 1, first + 2), offset=offset)
+        return
+    if size > NUMBERS:
         return
     columns = tuple(range(size))
     for offset in (*columns, None):

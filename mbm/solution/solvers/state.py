@@ -10,7 +10,17 @@ from mbm.solution.solvers.box import Box, Step, box_of, boxed_step
 from mbm.solution.solvers.curvature import newton_step
 from mbm.solution.solvers.scaled import Scaled, column_norms, decompose, magnitudes, turning
 from mbm.solution.types import Equations, Floats, Mask, Minimum, Reason
-from mbm.target.decisions import CAP, EPSILON, FLOOR, ROUNDED_ROTATION, ROUNDING_ERRORS, UNSCALED, ZERO_COST
+from mbm.target.decisions import (
+    CAP,
+    EPSILON,
+    FLOOR,
+    MOST_DENSE,
+    NEVER,
+    ROUNDED_ROTATION,
+    ROUNDING_ERRORS,
+    UNSCALED,
+    ZERO_COST,
+)
 from mbm.target.step_control import relative_offset
 from mbm.values import dataclass
 
@@ -67,7 +77,10 @@ class State:
 
 
 def begin(equations: Equations, point: Floats, tolerance: float) -> State:
-    """The state at the start, projected into the bounds; finished at once where something is not finite there."""
+    """The state at the start, projected into the bounds; finished at once where something is not finite there.
+
+    Among many unknowns the second-order term is not taken: it needs a Jacobian for each.
+    """
     box = box_of(equations)
     x = np.array(point, dtype=np.float64)
     if box.present:
@@ -91,7 +104,7 @@ def begin(equations: Equations, point: Floats, tolerance: float) -> State:
         tolerance=tolerance,
         radius=inf if equations.linear else size if size > UNSCALED * length else length,
         curvature=None,
-        patience=0,
+        patience=NEVER if equations.dimension > MOST_DENSE else 0,
         iterations=0,
         evaluations=1,
         reason=place.ending if row is None else reason,
