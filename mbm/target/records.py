@@ -167,6 +167,7 @@ def slots_of(cls: type) -> int:
     return found
 
 
+@cache
 def slot(kind: type, name: str) -> int:
     """The place of a field in a flat record, also of one that holds where a table is."""
     return next(plan.slot for plan in plans_of(kind) if plan.name == name)
@@ -209,11 +210,11 @@ def _class(value: object) -> Any:
 @cache
 def layout(kind: Any, sizes: Any) -> Callable[..., None]:
     """The function that `lay_out` stands for, in restricted Python itself."""
-    name, arrays = name_of(kind), arrays_of(kind)
+    name, arrays = f"{name_of(kind)}_by_{name_of(sizes)}", arrays_of(kind)
     given = "".join(f", {array}: {array.title()}" for array in arrays)
     lines = [f"def lay_out_{name}(record: {kind.__name__}, sizes: {sizes.__name__}{given}) -> None:"]
-    lines += [f'    """Share out the arrays of a {name}."""', *(f"    {array}_used = 0" for array in arrays)]
-    inside: dict[str, object] = {}
+    lines += [f'    """Share out the arrays of a {name_of(kind)}."""', *(f"    {array}_used = 0" for array in arrays)]
+    called: dict[str, object] = {}
     for plan in plans_of(kind):
         inner = named(kind, plan.text)
         if plan.held is Held.SIZED:
@@ -222,17 +223,18 @@ def layout(kind: Any, sizes: Any) -> Callable[..., None]:
             lines.append(f"    {array}_used += {_of_sizes(plan.size)}")
         elif plan.held is Held.INSIDE and inner is not None and arrays_of(inner):
             within = arrays_of(inner)
-            inside[f"lay_out_{name_of(inner)}"] = layout(inner, sizes)
+            own = layout(inner, sizes)
+            called[own.__name__] = own
             parts = "".join(f", {array}[{array}_used:]" for array in within)
-            lines.append(f"    lay_out_{name_of(inner)}(record.{plan.name}, sizes{parts})")
+            lines.append(f"    {own.__name__}(record.{plan.name}, sizes{parts})")
             lines += [f"    {array}_used += {_of_sizes(_need(inner, array))}" for array in within]
-    return _function(f"lay_out_{name}", lines, {kind.__name__: kind, sizes.__name__: sizes, **inside})
+    return _function(f"lay_out_{name}", lines, {kind.__name__: kind, sizes.__name__: sizes, **called})
 
 
 @cache
 def need(kind: Any, sizes: Any, array: str) -> Callable[..., int]:
     """The function that `reals_in` and `integers_in` stand for."""
-    name = f"{array}_in_{name_of(kind)}"
+    name = f"{array}_in_{name_of(kind)}_by_{name_of(sizes)}"
     lines = [f"def {name}(sizes: {sizes.__name__}) -> Integer:", f'    """Room for a {name_of(kind)}."""']
     return _function(name, [*lines, f"    return {_of_sizes(_need(kind, array))}"], {sizes.__name__: sizes})
 
@@ -271,3 +273,14 @@ def _function(name: str, lines: list[str], known: Mapping[str, object]) -> Calla
 def blank(kind: type, integers: int = 0) -> NDArray[np.int64]:
     """Memory for a record as machine code has it, and for so many integers behind it."""
     return np.zeros(slots_of(kind) + integers, dtype=np.int64)
+
+
+def put(memory: NDArray[np.int64], kind: type, /, **values: NDArray[Any] | int) -> None:
+    """Let fields of a record in memory be numbers, or the addresses of arrays and of other records."""
+    for name, value in values.items():
+        memory[slot(kind, name)] = value if isinstance(value, int) else value.ctypes.data
+
+
+def inside(memory: NDArray[np.int64], kind: type, name: str) -> NDArray[np.int64]:
+    """Where a record begins that lies inside of another one in memory."""
+    return memory[slot(kind, name) :]

@@ -12,15 +12,34 @@ from mbm.emit.routines.noises import SCATTER, SQUARES
 from mbm.emit.system import StaticSystem, kinds_of_units
 from mbm.emit.types import Blueprint
 from mbm.target.solver import description as at
-from mbm.target.solver.consensus_description import AGREED, INLIERS
+from mbm.target.solver.consensus_description import Verdict
 
-_FRAME_ARGUMENTS = "f->parameters, f->weights, f->index, f->columns"
+_GIVEN = {
+    "constants": "constants",
+    "data": "data_set",
+    "parameters": "parameters",
+    "whitening": "weights",
+    "index": "index",
+    "columns": "columns",
+}
+"""Arrays of the frame, by the fields of `Rows` that are they."""
+
+_ANSWER = {
+    "numbers": "point",
+    "results": "results",
+    "states": "states",
+    "sides": "sides",
+    "triangle": "triangle",
+    "covariance": "covariance",
+    "multipliers": "multipliers",
+}
+"""The same for `Answer`."""
 
 
 def _spread(group: int, what: int) -> str:
     """What the residuals of a group of noise say at the end."""
-    given = f"f->system, f->data_set, {_FRAME_ARGUMENTS}, f->point"
-    return f"spread_of_group({given},\n        f->covariance, f->kappa, {group}, {what}, f->spare)"
+    given = "f->system, &f->work.rows, f->point, f->covariance, f->kappa"
+    return f"spread_of_group({given},\n        {group}, {what}, f->spare)"
 
 
 def call_kernel(blueprint: Blueprint) -> str:
@@ -127,8 +146,9 @@ def _prepare(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterat
     yield "    f->data_set->count = set_capacities(f->system, f->data_set);"
     yield "    set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);"
     yield "    share_out(f->system, &f->work);"
-    for name, array in (("constants", "constants"), ("data", "data_set"), ("index", "index"), ("columns", "columns")):
-        yield f"    f->work.{name} = f->{array};"
+    for record, arrays in (("rows", _GIVEN), ("answer", _ANSWER)):
+        for name, array in arrays.items():
+            yield f"    f->work.{record}.{name} = f->{array};"
     yield "    for (b = 0; b < count; b++)"
     yield "        if (f->column[b] >= 0)"
     yield "            f->coordinates[f->column[b]] = b;"
@@ -191,7 +211,7 @@ def _answer(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield f"    if (reason == {at.INFEASIBLE})"
     yield f"        return {cells.status('INFEASIBLE')};"
     if blueprint.agreement is not None and blueprint.agreement.kept:
-        yield f"    if (f->agreement[{AGREED}] == 1 && 2 * f->agreement[{INLIERS}] < f->units)"
+        yield f"    if (f->agreement[{Verdict.agreed}] == 1 && 2 * f->agreement[{Verdict.inliers}] < f->units)"
         yield f"        return {cells.status('NO_AGREEMENT')};"
     yield f"    if (f->states[{at.DEFICIENT}] != 0)"
     yield f"        return {cells.status('UNOBSERVABLE')};"
@@ -248,9 +268,7 @@ def _solve(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
         yield "    result->status = agree_on(f, factors);"
         yield "    if (result->status != 0)"
         yield "        return result->status;"
-    yield f"    solve_noises(f->system, f->constants, {_FRAME_ARGUMENTS}, f->data_set,"
-    yield "        f->start, &f->work, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,"
-    yield "        f->multipliers, f->kappa, factors, f->spare);"
+    yield "    solve_noises(f->system, f->start, &f->work, f->kappa, factors, f->spare);"
     yield f"    result->cost = f->results[{at.PLAIN_COST}];"
     if len(static.noises) == 1:
         yield "    /* one unknown factor counts as 1 in the cost */"
@@ -260,14 +278,13 @@ def _solve(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
         yield f"    scatter = {_spread(-1, SCATTER)};"
     if lossy(blueprint):
         yield f"    if (f->states[{at.REASON}] != {at.NOT_FINITE_AT_START}"
-        yield "        && !sandwich(f->system, f->constants, f->data_set, f->parameters, f->weights, f->index,"
-        yield f"            f->columns, f->point, f->sides, f->states[{at.DEFICIENT}] != 0 ? f->work.rank : -1,"
+        yield "        && !sandwich(f->system, &f->work.rows, f->point, f->sides,"
+        yield f"            f->states[{at.DEFICIENT}] != 0 ? f->work.rank : -1,"
         yield "            f->work.part, f->spare, f->covariance))"
         yield f"        f->states[{at.DEFICIENT}] = 1;"
     elif blueprint.agreement is not None and blueprint.agreement.kept:
         yield f"    if (f->states[{at.REASON}] != {at.NOT_FINITE_AT_START}"
-        yield "        && !inform(f->system, f->parameters, f->weights, f->point,"
-        yield "            f->kappa, f->sides, &f->work, f->triangle, f->covariance))"
+        yield "        && !inform(f->system, f->kappa, &f->work))"
         yield f"        f->states[{at.DEFICIENT}] = 1;"
     yield "    result->status = status_of(f);"
     yield f"    result->iterations = f->states[{at.STEPS}];"
@@ -326,7 +343,7 @@ def _functions(name: str) -> Iterator[str]:
         yield ""
         yield "    if (prepare(f, data, workspace) != 0)"
         yield "        return;"
-        yield f"    all_rows(f->system, f->data_set, {_FRAME_ARGUMENTS}, point, {slopes},"
+        yield f"    all_rows(f->system, &f->work.rows, point, {slopes},"
         yield f"        f->spare, f->spare + row_scratch(f->system), {word});"
         yield "}"
         yield ""
@@ -338,8 +355,8 @@ def _functions(name: str) -> Iterator[str]:
     yield ""
     yield "    if (prepare(f, data, workspace) != 0)"
     yield "        return 0;"
-    yield "    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work.rows);"
-    yield "    sweep(f->system, point, 0, 0, &f->work, f->constants, f->triangle);"
+    yield "    load_rows(f->system, &f->work.rows);"
+    yield "    sweep(f->system, point, 0, 0, &f->work.rows, f->constants, f->triangle);"
     yield "    for (c = 0; c < f->system->n; c++)"
     yield "        f->sides[c] = 0;"
     yield "    c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, &f->work, covariance)"

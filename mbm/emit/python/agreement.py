@@ -10,8 +10,8 @@ from mbm.emit.types import Blueprint
 from mbm.target.solver import consensus_description as c
 
 ROOTS = (
-    "come_to_agreement", "connected", "set_room", "side_by_side", "bench_reals", "places_integers", "place_vector_at",
-    "known_units", "inform",
+    "come_to_agreement", "connected", "set_room", "side_by_side", "bench_reals", "bench_integers", "known_units",
+    "inform",
 )  # fmt: skip
 """The routines that the text calls."""
 
@@ -26,33 +26,37 @@ AGREE = '''def agree_on(p: Prepared, factors: Array) -> dict[str, Any] | None:
     if p.free > 1 and not connected(p.system, p.data, p.columns, integers(p.free)):
         raise DataError("no equation connects all unknowns, or they are more than 60: consensus is not for them")
     rules, wide, states = RULES.copy(), p.system.copy(), integers(ANSWERS)
-    scalars = set_room(p.system, p.data, rules)
     side_by_side(p.system, len(p.system), wide)
+    scalars = set_room(wide, p.data, rules)
     rules[STARTLESS] = int(startless)
     known = reals(rules[MOST_UNITS] * rules[FORM_WIDTH])
+    bench = Bench()
     with np.errstate(all="ignore"):
         if rules[FORM]:
-            known_units(p.system, p.data, rules, MAP_PLACES, MAPS, SIGN, p.parameters, known)
-        bench, places = reals(bench_reals(wide, rules)), integers(places_integers(wide, rules))
-        units = come_to_agreement(
-            int(KEPT), scalars, p.system, wide, p.constants, p.data, p.parameters, p.weights, p.index, p.columns, rules,
-            LEVELS, known, p.start, reals(rows_reals(wide)), reals(rows_reals(wide)), bench, places, states, p.kappa,
-            factors,
-        )
+            known_units(p.system, p.work.rows, rules, MAP_PLACES, MAPS, SIGN, known)
+        bench.rules, bench.levels, bench.forms, bench.verdict = rules, LEVELS, known, states
+        bench.reals, bench.integers = reals(bench_reals(rules)), integers(bench_integers(rules))
+        units = come_to_agreement(int(KEPT), scalars, wide, p.work.rows, bench, p.start, p.kappa, factors)
     if startless and not states[AGREED]:
         raise DataError("the data give no start: state one")
-    first = place_vector_at(rules, INSIDE)
     return {
         "units": int(units),
         "inliers": int(states[INLIERS]),
         "ambiguous": bool(states[AMBIGUOUS]),
-        "inside": places[first : first + units] == 1,
+        "inside": bench.units.inside[:units] == 1 if units else np.zeros(0, dtype=bool),
     }
 '''
-DESCRIPTION = (
-    "ANSWERS", "AGREED", "INLIERS", "AMBIGUOUS", "STARTLESS", "MOST_UNITS", "FORM", "FORM_WIDTH", "INSIDE",
-)  # fmt: skip
-"""Names of `mbm.target.solver.consensus_description` in the text."""
+PLACES = {
+    "STARTLESS": c.Rules.startless,
+    "MOST_UNITS": c.Rules.most_units,
+    "FORM": c.Rules.form,
+    "FORM_WIDTH": c.Rules.form_width,
+    "ANSWERS": c.ANSWERS,
+    "AGREED": c.Verdict.agreed,
+    "INLIERS": c.Verdict.inliers,
+    "AMBIGUOUS": c.Verdict.ambiguous,
+}
+"""Places in the arrays of consensus, by their names in the text."""
 
 
 def agreement_constants(blueprint: Blueprint, agreement: Agreement) -> Iterator[tuple[str, str, str]]:
@@ -74,8 +78,3 @@ def agreement_constants(blueprint: Blueprint, agreement: Agreement) -> Iterator[
         f"({''.join(f'{name}, ' for name in startless)})",
         "Unknowns that begin where the data say, unless a start is given.",
     )
-
-
-def description() -> Iterator[tuple[str, int]]:
-    """Places in the arrays of consensus."""
-    yield from ((name, getattr(c, name)) for name in DESCRIPTION)

@@ -8,8 +8,7 @@ from mbm.emit.c.cells import input_name
 from mbm.emit.c.sizes import lossy, row_scratch
 from mbm.emit.c.tables import programs_used
 from mbm.emit.foreign import Foreign, Word, told
-from mbm.emit.python.agreement import AGREE, NOTHING, ROOTS, agreement_constants
-from mbm.emit.python.agreement import description as agreement_description
+from mbm.emit.python.agreement import AGREE, NOTHING, PLACES, ROOTS, agreement_constants
 from mbm.emit.python.clauses import clause_functions
 from mbm.emit.python.kernels import derived_function, function, kernel_functions, rows_function
 from mbm.emit.python.program import PROGRAM, SHOWING
@@ -151,7 +150,7 @@ def _constants(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     if blueprint.agreement is None:
         yield "KEPT = False"
     else:
-        values += agreement_description()
+        values += PLACES.items()
         made = agreement_constants(blueprint, blueprint.agreement)
         yield "\n".join(f'{name} = {value}\n"""{doc}"""' for name, value, doc in made)
     yield "\n".join(["# places in the arrays of the solver, and its reasons", *(f"{n} = {v}" for n, v in values)])

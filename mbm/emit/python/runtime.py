@@ -145,6 +145,11 @@ class Prepared:
         self.work.reals = reals(work_reals(self.system))
         self.work.integers = integers(work_integers(self.system))
         share_out(self.system, self.work)
+        rows = self.work.rows
+        rows.constants, rows.data, rows.parameters, rows.whitening = (
+            self.constants, self.data, self.parameters, self.weights
+        )
+        rows.index, rows.columns = self.index, self.columns
         self.spare = reals(4 * self.free * self.free + 64 + SPARE[0] + (SPARE[1] + 1) * self.free)
         self.kappa = np.ones(KINDS)
 
@@ -185,11 +190,6 @@ class Prepared:
         self.parameters, self.weights = view(np.concatenate(parts[0])), view(np.concatenate(parts[1]))
         self.index, self.columns = view(np.concatenate(parts[2]), int), view(np.concatenate(parts[3]), int)
         self.columns_count = used[3]
-
-    @property
-    def arrays(self) -> tuple[Array, ...]:
-        """Parameters, weights, index and columns."""
-        return self.parameters, self.weights, self.index, self.columns
 
 
 def derive(p: Prepared, point: Array, matrix: Array, *, deficient: bool) -> dict[str, dict[str, Array]]:
@@ -262,15 +262,13 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
     multipliers, factors = reals(p.system[MULTIPLIERS]), np.ones(len(NOISY) + 1)
     agreed = agree_on(p, factors)
     with np.errstate(all="ignore"):
-        solve_noises(
-            p.system, p.constants, *p.arrays, p.data, p.start, p.work, point, results, states, sides, triangle,
-            covariance, multipliers, p.kappa, factors, p.spare,
-        )
+        answer, rows = p.work.answer, p.work.rows
+        answer.numbers, answer.results, answer.states, answer.sides = point, results, states, sides
+        answer.triangle, answer.covariance, answer.multipliers = triangle, covariance, multipliers
+        solve_noises(p.system, p.start, p.work, p.kappa, factors, p.spare)
 
         def spread_of(group: int, what: int) -> float:
-            return float(
-                spread_of_group(p.system, p.data, *p.arrays, point, covariance, p.kappa, group, what, p.spare)
-            )
+            return float(spread_of_group(p.system, rows, point, covariance, p.kappa, group, what, p.spare))
 
         cost = float(results[PLAIN_COST])
         if len(NOISY) == 1:  # one unknown factor counts as 1 in the cost
@@ -278,14 +276,10 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         scatter = spread_of(-1, SCATTER) if SCALED else 0.0
         found = 1
         if LOSSY and states[REASON] != NOT_FINITE_AT_START:
-            found = sandwich(
-                p.system, p.constants, p.data, *p.arrays, point, sides, p.work.rank if states[DEFICIENT] else -1,
-                p.work.part, p.spare, covariance,
-            )
+            rank = p.work.rank if states[DEFICIENT] else -1
+            found = sandwich(p.system, rows, point, sides, rank, p.work.part, p.spare, covariance)
         elif KEPT and states[REASON] != NOT_FINITE_AT_START:
-            found = inform(
-                p.system, *p.arrays[:2], point, p.kappa, sides, p.work, triangle, covariance
-            )
+            found = inform(p.system, p.kappa, p.work)
         if not found:
             states[DEFICIENT] = 1
     freedom = int(states[FREEDOM])

@@ -13,207 +13,138 @@ from mbm.target.chi_square import consistency
 from mbm.target.decisions import STATED
 from mbm.target.solver.beginning import constraint_count
 from mbm.target.solver.consensus import agree
-from mbm.target.solver.consensus_description import (
-    AGREED,
-    BLOCKS_AT,
-    COMPONENTS,
-    GROUP_OF,
-    INSIDE,
-    LIMITS,
-    NOISE,
-    RULED,
-    RULED_GROUP,
-    RULED_TYPE,
-    STARTLESS,
-    UNIT_ROUNDINGS,
-    place_vector_at,
-    point_at,
-    unit_vector_at,
-)
+from mbm.target.solver.consensus_description import Bench, Units
 from mbm.target.solver.covariance import set_covariance
-from mbm.target.solver.description import NO_LOSS, DataSet, Problem, Unit
+from mbm.target.solver.description import NO_LOSS, Problem, Unit
 from mbm.target.solver.equations import load_rows
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.solver.sweeps import sweep
-from mbm.target.solver.workspace import Work
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.solver.workspace import Rows, Work
+from mbm.target.words import ConstantReals, Integer, Real, Reals
 
 
-def weigh_unit(
-    system: Problem,
-    data: DataSet,
-    b: Integer,
-    row: Integer,
-    unit: Unit,
-    factor: Real,
-    weights: Reals,
-) -> None:
+def weigh_unit(system: Problem, rows: Rows, b: Integer, row: Integer, unit: Unit, factor: Real) -> None:
     """The weights of a unit times a factor; 0: it takes no part any more."""
     size = unit.last - unit.first
     if unit.matrix != 0:
         size = size * size
-    step = system.blocks[b].weights
-    first = data.blocks[b].weights + row * step + unit.weights
+    first = rows.data.blocks[b].weights + row * system.blocks[b].weights + unit.weights
     for i in range(size):
-        weights[first + i] *= factor
+        rows.whitening[first + i] *= factor
 
 
-def weigh_units(system: Problem, data: DataSet, b: Integer, u: Integer, factor: Real, weights: Reals) -> None:
+def weigh_units(system: Problem, rows: Rows, b: Integer, u: Integer, factor: Real) -> None:
     """The same for unit ``u`` of all rows of a block."""
-    unit = system.blocks[b].units[u]
-    for row in range(data.blocks[b].rows):
-        weigh_unit(system, data, b, row, unit, factor, weights)
+    for row in range(rows.data.blocks[b].rows):
+        weigh_unit(system, rows, b, row, system.blocks[b].units[u], factor)
 
 
-def leave_out(
-    system: Problem,
-    data: DataSet,
-    rules: ConstantIntegers,
-    bench: ConstantReals,
-    places: ConstantIntegers,
-    kappa: Reals,
-    weights: Reals,
-) -> None:
+def leave_out(system: Problem, rows: Rows, bench: Bench, kappa: Reals) -> None:
     """Take out the units that do not agree, and set κ of the others; a loss sees the tails itself, so it has 1."""
+    units = bench.units
     n = 0
     first = 0
     for b in range(system.residual_blocks):
         block = system.blocks[b]
         count = block.unit_count
-        if rules[rules[BLOCKS_AT] + b * RULED + RULED_TYPE] >= 0:
-            for row in range(data.blocks[b].rows):
+        if bench.rules.ruled[b].first_level >= 0:
+            for row in range(rows.data.blocks[b].rows):
                 for u in range(count):
                     unit = block.units[u]
-                    components = places[place_vector_at(rules, COMPONENTS) + n]
-                    if places[place_vector_at(rules, INSIDE) + n] == 0:
-                        weigh_unit(system, data, b, row, unit, 0.0, weights)
-                        data.count -= components
+                    if units.inside[n] == 0:
+                        weigh_unit(system, rows, b, row, unit, 0.0)
+                        rows.data.count -= units.components[n]
                     elif unit.loss == NO_LOSS:
-                        limit = bench[unit_vector_at(rules, LIMITS) + n]
-                        left = consistency(limit / bench[unit_vector_at(rules, NOISE) + n], components)
-                        kappa[first + u] = left
+                        kappa[first + u] = consistency(units.limits[n] / units.noise[n], units.components[n])
                     n += 1
         first += count
 
 
-def factor_of_loss(
-    group: Integer,
-    units: Integer,
-    dimension: Integer,
-    rules: ConstantIntegers,
-    bench: ConstantReals,
-    places: ConstantIntegers,
-) -> Real:
+def factor_of_loss(group: Integer, dimension: Integer, units: Units) -> Real:
     """How large the noise of a group is by the units that agree; 1 where they do not tell, or fit exactly."""
-    components = places[place_vector_at(rules, COMPONENTS) :]
-    inside = places[place_vector_at(rules, INSIDE) :]
     total = 0
     count = 0
     variance = 1.0
     rounding = 0.0
-    for u in range(units):
-        total += inside[u] * components[u]
-        if places[place_vector_at(rules, GROUP_OF) + u] == group:
-            count += inside[u] * components[u]
-            variance = bench[unit_vector_at(rules, NOISE) + u]
-            if inside[u] == 1:
-                rounding = max(bench[unit_vector_at(rules, UNIT_ROUNDINGS) + u], rounding)
+    for u in range(units.count):
+        total += units.inside[u] * units.components[u]
+        if units.group[u] == group:
+            count += units.inside[u] * units.components[u]
+            variance = units.noise[u]
+            if units.inside[u] == 1:
+                rounding = max(units.rounding[u], rounding)
     if count == 0 or total <= dimension or variance <= rounding:
         return 1.0
     return sqrt(variance)
 
 
-def scale_losses(
-    units: Integer,
-    system: Problem,
-    data: DataSet,
-    rules: ConstantIntegers,
-    bench: ConstantReals,
-    places: ConstantIntegers,
-    factors: Reals,
-    weights: Reals,
-) -> None:
+def scale_losses(system: Problem, rows: Rows, bench: Bench, factors: Reals) -> None:
     """Weights of blocks with a loss and unknown noise, by the noise that the units that agree show."""
     for b in range(system.residual_blocks):
         block = system.blocks[b]
-        own = rules[rules[BLOCKS_AT] + b * RULED :]
+        own = bench.rules.ruled[b]
         lossy = block.units[0].loss != NO_LOSS
-        if own[RULED_TYPE] >= 0 and own[RULED_GROUP] != STATED and lossy:
-            factor = factor_of_loss(own[RULED_GROUP], units, system.n, rules, bench, places)
+        if own.first_level >= 0 and own.group != STATED and lossy:
+            factor = factor_of_loss(own.group, system.n, bench.units)
             factors[block.noise] = factor
             for u in range(block.unit_count):
-                weigh_units(system, data, b, u, 1.0 / factor, weights)
+                weigh_units(system, rows, b, u, 1.0 / factor)
 
 
 def come_to_agreement(
     kept: Integer,
     scalars: Integer,
-    system: Problem,
     wide: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    parameters: ConstantReals,
-    weights: Reals,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    rules: ConstantIntegers,
-    levels: ConstantReals,
-    forms: ConstantReals,
+    rows: Rows,
+    bench: Bench,
     start: Reals,
-    work: Reals,
-    desk: Reals,
-    bench: Reals,
-    places: Integers,
-    states: Integers,
     kappa: Reals,
     factors: Reals,
 ) -> Integer:
     """Equations and start as consensus leaves them; how many units there are, 0: no consensus was looked for.
 
     ``kept`` 1: what does not agree is left out (`:robust`). ``scalars``: residuals of the units that are ruled.
-    ``wide`` is ``system`` with room for all rows in one chunk. ``states`` (ANSWERS,) say how it went, as `agree`.
+    ``wide`` is the problem with room for all rows in one chunk, ``rows`` those of a solve.
     """
-    states[AGREED] = 0
-    n = system.n
-    if n == 0 or scalars == 0 or (kept == 1 and rules[STARTLESS] == 0 and scalars <= n):
+    bench.verdict.agreed = 0
+    n = wide.n
+    if n == 0 or scalars == 0 or (kept == 1 and bench.rules.startless == 0 and scalars <= n):
         return 0
-    units = agree(
-        wide, constants, data, parameters, weights, index, columns, rules, levels, forms, start, work, desk, bench,
-        places, states,
-    )  # fmt: skip
-    if states[AGREED] == 1:
-        copied(system.numbers, bench[point_at(wide, rules, 0) :], start)
-        scale_losses(units, system, data, rules, bench, places, factors, weights)
+    own = bench.rows
+    own.constants = rows.constants
+    own.data = rows.data
+    own.parameters = rows.parameters
+    own.whitening = rows.whitening
+    own.index = rows.index
+    own.columns = rows.columns
+    bench.starts = start
+    bench.shared = 0
+    agree(wide, bench)
+    if bench.verdict.agreed == 1:
+        copied(wide.numbers, bench.here.point, start)
+        scale_losses(wide, rows, bench, factors)
         if kept == 1:
-            leave_out(system, data, rules, bench, places, kappa, weights)
-    return units
+            leave_out(wide, rows, bench, kappa)
+    return bench.units.count
 
 
-def inform(
-    system: Problem,
-    parameters: ConstantReals,
-    weights: Reals,
-    point: ConstantReals,
-    kappa: ConstantReals,
-    sides: ConstantIntegers,
-    work: Work,
-    triangle: Reals,
-    covariance: Reals,
-) -> Integer:
+def inform(system: Problem, kappa: ConstantReals, work: Work) -> Integer:
     """The covariance (n, n) at the end of a solve, with the information that is left of the units; 1: there is one.
 
     The weights are multiplied by √κ, so that nothing but the covariance should be asked for afterwards.
     """
+    answer = work.answer
+    rows = work.rows
     first = 0
     for b in range(system.residual_blocks):
         count = system.blocks[b].unit_count
         for u in range(count):
             if kappa[first + u] != 1.0:
-                weigh_units(system, work.data, b, u, sqrt(kappa[first + u]), weights)
+                weigh_units(system, rows, b, u, sqrt(kappa[first + u]))
         first += count
-    load_rows(system, work.data, parameters, weights, work.rows)
-    sweep(system, point, 0, 0, work, work.constants, triangle)
+    load_rows(system, rows)
+    sweep(system, answer.numbers, 0, 0, rows, rows.constants, answer.triangle)
     count = 0
     if work.penalised == 1:
-        count = constraint_count(system, work.data)
-    return set_covariance(system, triangle, sides, count, work.held, work, covariance) < 1e300
+        count = constraint_count(system, rows.data)
+    return set_covariance(system, answer.triangle, answer.sides, count, work.held, work, answer.covariance) < 1e300

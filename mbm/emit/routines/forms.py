@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from mbm.target.solver.consensus_description import BLOCKS_AT, FORM, FORM_WIDTH, RULED, RULED_TYPE, SIGHTS
-from mbm.target.solver.description import DataSet, Problem
+from mbm.target.solver.consensus_description import SIGHTS, Rules
+from mbm.target.solver.description import Problem
+from mbm.target.solver.workspace import Rows
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 
 
@@ -28,28 +29,28 @@ def known_unit(
 
 def known_units(
     system: Problem,
-    data: DataSet,
-    rules: ConstantIntegers,
+    rows: Rows,
+    rules: Rules,
     map_places: ConstantIntegers,
     maps: ConstantReals,
     sign: Real,
-    parameters: ConstantReals,
     forms: Reals,
 ) -> None:
     """``forms`` of all units (units, width); lines of sight are of length 1, turned by ``sign``."""
-    width = rules[FORM_WIDTH]
+    width = rules.form_width
     units = 0
     for b in range(system.residual_blocks):
         block = system.blocks[b]
-        first = rules[rules[BLOCKS_AT] + b * RULED + RULED_TYPE]
+        first = rules.ruled[b].first_level
         count = block.parameters
-        begin = data.blocks[b].parameters
+        part = rows.data.blocks[b]
         if first >= 0:
-            for row in range(data.blocks[b].rows):
+            for row in range(part.rows):
                 for u in range(block.unit_count):
                     own = forms[units * width :]
-                    known_unit(width, count, parameters[begin + row * count :], map_places[first + u], maps, own)
-                    if rules[FORM] == SIGHTS:
+                    given = rows.parameters[part.parameters + row * count :]
+                    known_unit(width, count, given, map_places[first + u], maps, own)
+                    if rules.form == SIGHTS:
                         length = sqrt(own[3] * own[3] + own[4] * own[4] + own[5] * own[5])
                         for i in range(3, 6):
                             own[i] *= sign / length

@@ -7,9 +7,9 @@ from math import fabs, sqrt
 from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
 from mbm.target.decisions import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS
 from mbm.target.solver.batch import finish_solve, go_on, start_solve
-from mbm.target.solver.description import NOT_FINITE_AT_START, REASON, DataSet, Problem
-from mbm.target.solver.workspace import Work
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.solver.description import NOT_FINITE_AT_START, REASON, Problem
+from mbm.target.solver.workspace import Rows, Work
+from mbm.target.words import ConstantReals, Integer, Real, Reals
 
 SCATTER = 0
 """Sum of squares without the loss of tails that were cut off."""
@@ -18,15 +18,15 @@ SQUARES = 2
 FOUND = 3
 
 
-def rescale(system: Problem, data: DataSet, group: Integer, ratio: Reals, weights: Reals) -> None:
+def rescale(system: Problem, rows: Rows, group: Integer, ratio: Reals) -> None:
     """Divide the weights of a group by the change of its factor, ``ratio`` (groups,)."""
     for b in range(system.residual_blocks):
         block = system.blocks[b]
         if block.noise == group:
-            part = data.blocks[b]
+            part = rows.data.blocks[b]
             first = part.weights
             for i in range(part.rows * block.weights):
-                weights[first + i] /= ratio[group]
+                rows.whitening[first + i] /= ratio[group]
 
 
 def quadratic_form(n: Integer, matrix: ConstantReals, vector: ConstantReals) -> Real:
@@ -40,17 +40,12 @@ def quadratic_form(n: Integer, matrix: ConstantReals, vector: ConstantReals) -> 
 
 def share_of_group(
     system: Problem,
-    data: DataSet,
-    parameters: ConstantReals,
-    weights: ConstantReals,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
+    rows: Rows,
     point: ConstantReals,
     covariance: ConstantReals,
     kappa: ConstantReals,
     group: Integer,
     scratch: Reals,
-    line: Reals,
     found: Reals,
 ) -> None:
     """What the whitened residuals of a group say of its noise: ``found`` `SCATTER`, `REDUNDANCY` and `SQUARES`.
@@ -59,6 +54,7 @@ def share_of_group(
     redundancy is that of Förstner (1979).
     """
     n = system.n
+    line = scratch[row_scratch(system) :]
     for i in range(FOUND):
         found[i] = 0.0
     kinds = 0
@@ -66,13 +62,11 @@ def share_of_group(
         block = system.blocks[b]
         lines = block.outputs
         if block.noise == group:
-            for row in range(data.blocks[b].rows):
-                evaluate_row(
-                    system, data, parameters, weights, index, columns, point, b, row, scratch, line, line[lines:]
-                )
+            for row in range(rows.data.blocks[b].rows):
+                evaluate_row(system, rows, point, b, row, scratch, line, line[lines:])
                 for u in range(block.unit_count):
                     unit = block.units[u]
-                    if takes_part(system, data, weights, b, row, unit) == 1:
+                    if takes_part(system, rows, b, row, unit) == 1:
                         for i in range(unit.first, unit.last):
                             leverage = quadratic_form(n, covariance, line[lines + i * n :])
                             found[SCATTER] += line[i] * line[i] / kappa[kinds + u]
@@ -83,11 +77,7 @@ def share_of_group(
 
 def factors_left(
     system: Problem,
-    data: DataSet,
-    parameters: ConstantReals,
-    weights: ConstantReals,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
+    rows: Rows,
     numbers: ConstantReals,
     covariance: ConstantReals,
     kappa: ConstantReals,
@@ -96,13 +86,9 @@ def factors_left(
     """The factors by which the residuals say that the noise is still wrong, into ``spare``; how far they are from 1."""
     groups = system.noises
     found = spare[groups:]
-    scratch = spare[groups + FOUND :]
-    line = scratch[row_scratch(system) :]
     change = 0.0
     for g in range(groups):
-        share_of_group(
-            system, data, parameters, weights, index, columns, numbers, covariance, kappa, g, scratch, line, found
-        )
+        share_of_group(system, rows, numbers, covariance, kappa, g, spare[groups + FOUND :], found)
         spare[g] = 1.0
         if found[REDUNDANCY] > LEAST_REDUNDANCY and found[SCATTER] > 0.0:
             spare[g] = sqrt(found[SCATTER] / found[REDUNDANCY])
@@ -111,30 +97,14 @@ def factors_left(
 
 
 def solve_noises(
-    system: Problem,
-    constants: ConstantReals,
-    parameters: ConstantReals,
-    weights: Reals,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    data: DataSet,
-    start: ConstantReals,
-    work: Work,
-    numbers: Reals,
-    results: Reals,
-    states: Integers,
-    sides: Integers,
-    triangle: Reals,
-    covariance: Reals,
-    multipliers: Reals,
-    kappa: ConstantReals,
-    factors: Reals,
-    spare: Reals,
+    system: Problem, start: ConstantReals, work: Work, kappa: ConstantReals, factors: Reals, spare: Reals
 ) -> None:
     """A solve, again and again with the factors of the noise that its residuals show until these settle.
 
     ``factors`` (groups,) become the factors; ``spare``: (groups,), `FOUND`, what `evaluate_row` and a row of it want.
     """
+    rows = work.rows
+    numbers = work.answer.numbers
     groups = system.noises
     for g in range(groups):
         factors[g] = 1.0
@@ -144,28 +114,24 @@ def solve_noises(
     change = 1.0
     going = 1
     while going == 1:
-        start_solve(system, constants, parameters, weights, index, columns, data, 0, numbers, work)
+        start_solve(system, rows.data, 0, numbers, work)
         go_on(system, system.iterations + 1, work)
-        finish_solve(system, work, numbers, results, states, sides, triangle, covariance, multipliers)
+        finish_solve(system, work)
         going = 0
-        if groups > 0 and states[REASON] != NOT_FINITE_AT_START:
+        if groups > 0 and work.answer.states[REASON] != NOT_FINITE_AT_START:
             if change > SETTLED_FACTORS and rounds < NOISE_ROUNDS:
                 going = 1  # also where the factors settle now: the last solve is one with the last of them
             rounds += 1
-            change = factors_left(system, data, parameters, weights, index, columns, numbers, covariance, kappa, spare)
+            change = factors_left(system, rows, numbers, work.answer.covariance, kappa, spare)
             if going == 1:
                 for g in range(groups):
                     factors[g] = factors[g] * spare[g]
-                    rescale(system, data, g, spare, weights)
+                    rescale(system, rows, g, spare)
 
 
 def spread_of_group(
     system: Problem,
-    data: DataSet,
-    parameters: ConstantReals,
-    weights: ConstantReals,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
+    rows: Rows,
     numbers: ConstantReals,
     covariance: ConstantReals,
     kappa: ConstantReals,
@@ -174,9 +140,5 @@ def spread_of_group(
     spare: Reals,
 ) -> Real:
     """`SCATTER` or `SQUARES` of a group (-1: of all that has none), at the end of a solve."""
-    scratch = spare[FOUND:]
-    line = scratch[row_scratch(system) :]
-    share_of_group(
-        system, data, parameters, weights, index, columns, numbers, covariance, kappa, group, scratch, line, spare
-    )
+    share_of_group(system, rows, numbers, covariance, kappa, group, spare[FOUND:], spare)
     return fabs(spare[what])  # it is not negative

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mbm.target.decisions import MANY_CONNECTED
 from mbm.target.records import view
-from mbm.target.solver.consensus_description import BLOCKS_AT, MOST_ROWS, MOST_UNITS, RULED, RULED_TYPE
+from mbm.target.solver.consensus_description import Rules, take_sizes
 from mbm.target.solver.description import DataSet, Problem
 from mbm.target.words import ConstantIntegers, Integer, Integers
 
@@ -40,20 +40,21 @@ def widest_row(system: Problem, b: Integer) -> Integer:
     return found
 
 
-def set_room(system: Problem, data: DataSet, rules: Integers) -> Integer:
+def set_room(wide: Problem, data: DataSet, rules: Rules) -> Integer:
     """Capacities in ``rules`` for the rows of one data set; the residuals of the units that are ruled."""
-    rules[MOST_UNITS] = 1
-    rules[MOST_ROWS] = 1
+    take_sizes(wide, rules)
+    rules.most_units = 1
+    rules.most_rows = 1
     scalars = 0
-    for b in range(system.residual_blocks):
-        block = system.blocks[b]
+    for b in range(wide.residual_blocks):
+        block = wide.blocks[b]
         rows = data.blocks[b].rows
         taken = rows
-        if rules[rules[BLOCKS_AT] + b * RULED + RULED_TYPE] >= 0:
-            rules[MOST_UNITS] += rows * block.unit_count
+        if rules.ruled[b].first_level >= 0:
+            rules.most_units += rows * block.unit_count
             scalars += rows * block.outputs
-            taken = system.n
-        rules[MOST_ROWS] += (taken + 1) * widest_row(system, b)
+            taken = wide.n
+        rules.most_rows += (taken + 1) * widest_row(wide, b)
     return scalars
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from mbm.target.solver.description import Block, DataSet, Problem, Unit
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, call_kernel
+from mbm.target.solver.description import Block, Problem, Unit
+from mbm.target.solver.workspace import Rows
+from mbm.target.words import ConstantReals, Integer, Reals, call_kernel
 
 
 def whiten_row(
@@ -27,14 +28,11 @@ def whiten_row(
             target[(first + i) * stride] = total
 
 
-def takes_part(
-    system: Problem, data: DataSet, weights: ConstantReals, b: Integer, row: Integer,
-    unit: Unit,
-) -> Integer:  # fmt: skip
+def takes_part(system: Problem, rows: Rows, b: Integer, row: Integer, unit: Unit) -> Integer:
     """Whether a unit counts: its first weight is not 0."""
     step = system.blocks[b].weights
     found = 0
-    if weights[data.blocks[b].weights + row * step + unit.weights] != 0.0:
+    if rows.whitening[rows.data.blocks[b].weights + row * step + unit.weights] != 0.0:
         found = 1
     return found
 
@@ -54,11 +52,7 @@ def row_scratch(system: Problem) -> Integer:
 
 def evaluate_row(
     system: Problem,
-    data: DataSet,
-    parameters: ConstantReals,
-    weights: ConstantReals,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
+    rows: Rows,
     point: ConstantReals,
     b: Integer,
     row: Integer,
@@ -69,25 +63,25 @@ def evaluate_row(
     """Row ``row`` of block ``b``: whitened residuals (outputs,) and Jacobian (outputs, n)."""
     n = system.n
     block = system.blocks[b]
-    part = data.blocks[b]
+    part = rows.data.blocks[b]
     variables = block.variables
     wide = block.parameters
     lines = block.outputs
     outputs = scratch[variables + wide :]
     plain = scratch[variables + wide + lines + block.nonzero_count :]
-    own = index[part.index + row * block.index :]
+    own = rows.index[part.index + row * block.index :]
     for v in range(variables):
         scratch[v] = point[own[v]]
-    given = parameters[part.parameters + row * wide :]
+    given = rows.parameters[part.parameters + row * wide :]
     for p in range(wide):
         scratch[variables + p] = given[p]
     call_kernel(block.jacobian, scratch, outputs, 1)
-    heavy = weights[part.weights + row * block.weights :]
+    heavy = rows.whitening[part.weights + row * block.weights :]
     whiten_row(block, heavy, 1, outputs, residuals)
     for i in range(lines * n):
         plain[i] = 0.0
         jacobian[i] = 0.0
-    places = columns[part.columns + row * block.columns :]
+    places = rows.columns[part.columns + row * block.columns :]
     for k in range(block.nonzero_count):
         nonzero = block.nonzeros[k]
         column = places[nonzero.tangent]
@@ -99,11 +93,7 @@ def evaluate_row(
 
 def all_rows(
     system: Problem,
-    data: DataSet,
-    parameters: ConstantReals,
-    weights: ConstantReals,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
+    rows: Rows,
     point: ConstantReals,
     slopes: Integer,
     scratch: Reals,
@@ -115,8 +105,8 @@ def all_rows(
     first = 0
     for b in range(system.residual_blocks):
         lines = system.blocks[b].outputs
-        for row in range(data.blocks[b].rows):
-            evaluate_row(system, data, parameters, weights, index, columns, point, b, row, scratch, line, line[lines:])
+        for row in range(rows.data.blocks[b].rows):
+            evaluate_row(system, rows, point, b, row, scratch, line, line[lines:])
             for i in range(lines):
                 if slopes == 0:
                     target[first + i] = line[i]

@@ -11,8 +11,9 @@ from math import fabs, sqrt
 from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
 from mbm.target.decisions import EXHAUSTED, TOLD
 from mbm.target.solver.covariance import undetermined
-from mbm.target.solver.description import NO_LOSS, DataSet, Problem, Unit
+from mbm.target.solver.description import NO_LOSS, Problem, Unit
 from mbm.target.solver.losses import loss_slope, loss_weight
+from mbm.target.solver.workspace import Rows
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 
 TOTAL = 0
@@ -50,11 +51,9 @@ def first_with_loss(system: Problem, constants: ConstantReals, number: Integer, 
 
 
 def add_to_pool(
-    kind: Integer,
-    size: Integer,
+    unit: Unit,
     n: Integer,
     constants: ConstantReals,
-    loss_at: Integer,
     stated: Integer,
     residuals: ConstantReals,
     slopes: ConstantReals,
@@ -62,14 +61,16 @@ def add_to_pool(
     information: Reals,
 ) -> None:
     """Add what a unit with ``residuals`` (size,) and ``slopes`` (size, n) gives to the sums."""
+    size = unit.last - unit.first
+    kind = unit.loss
     square = 0.0
     for i in range(size):
         square += residuals[i] * residuals[i]
     weight = 1.0
     trace = float(size)
     if kind != NO_LOSS:
-        scale = constants[loss_at]
-        shape = constants[loss_at + 1]
+        scale = constants[unit.loss_at]
+        shape = constants[unit.loss_at + 1]
         weight = loss_weight(kind, square, scale, shape)
         trace = float(size) * weight + 2.0 * loss_slope(kind, square, scale, shape) * square
     sums[TOTAL] += float(size) * weight
@@ -88,12 +89,7 @@ def add_to_pool(
 
 def pool(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    parameters: ConstantReals,
-    weights: ConstantReals,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
+    rows: Rows,
     point: ConstantReals,
     loss: Unit,
     sums: Reals,
@@ -103,8 +99,6 @@ def pool(
     """The sums over all units with the loss of the unit ``loss``, and A (n, n)."""
     n = system.n
     line = scratch[row_scratch(system) :]
-    kind = loss.loss
-    loss_at = loss.loss_at
     for i in range(SUMS):
         sums[i] = 0.0
     for i in range(n * n):
@@ -115,17 +109,12 @@ def pool(
         stated = 1 if block.noise < 0 else 0
         for u in range(block.unit_count):
             unit = block.units[u]
-            if same_loss(constants, unit, loss) == 1:
-                first = unit.first
-                size = unit.last - first
-                for row in range(data.blocks[b].rows):
-                    if takes_part(system, data, weights, b, row, unit) == 1:
-                        evaluate_row(
-                            system, data, parameters, weights, index, columns, point, b, row, scratch, line,
-                            line[lines:],
-                        )  # fmt: skip
-                        add_to_pool(kind, size, n, constants, loss_at, stated, line[first:], line[lines + first * n :],
-                                    sums, information)  # fmt: skip
+            if same_loss(rows.constants, unit, loss) == 1:
+                for row in range(rows.data.blocks[b].rows):
+                    if takes_part(system, rows, b, row, unit) == 1:
+                        evaluate_row(system, rows, point, b, row, scratch, line, line[lines:])
+                        slopes = line[lines + unit.first * n :]
+                        add_to_pool(unit, n, rows.constants, stated, line[unit.first :], slopes, sums, information)
 
 
 def inverted(n: Integer, matrix: Reals, scale: Reals, inverse: Reals) -> Integer:
@@ -212,12 +201,7 @@ def freed_of(n: Integer, sides: ConstantIntegers, matrix: Reals) -> None:
 
 def sandwich(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    parameters: ConstantReals,
-    weights: ConstantReals,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
+    rows: Rows,
     point: ConstantReals,
     sides: ConstantIntegers,
     rank: Integer,
@@ -247,11 +231,8 @@ def sandwich(
             block = system.blocks[b]
             for u in range(block.unit_count):
                 unit = block.units[u]
-                if first_with_loss(system, constants, b, u) == 1:
-                    pool(
-                        system, constants, data, parameters, weights, index, columns, point, unit, sums,
-                        information, scratch,
-                    )  # fmt: skip
+                if first_with_loss(system, rows.constants, b, u) == 1:
+                    pool(system, rows, point, unit, sums, information, scratch)
                     slope = 1.0
                     if unit.loss != NO_LOSS:
                         slope = curvature_left(sums)

@@ -120,7 +120,7 @@ def loss_solver(problem: Problem, stack: Stack, first: Assembled, points: Floats
         found, solve_of, group = ruled.agree(which, begun)
         # without enough equations no minimal subset gives a start, and the general path begins at a plain fit
         agreed = found.agreed & (stack.residuals[places_of(which)] >= first.dimension)
-        agreed &= (found.states[:, c.AMBIGUOUS] == 0) | convex  # the general path warns of it
+        agreed &= (found.states[:, c.Verdict.ambiguous] == 0) | convex  # the general path warns of it
         places = np.asarray(which)
         if not scaled and not len(unknown):
             ends = plain_ends(lossy.solve(found.points, places))
@@ -276,7 +276,7 @@ def _kept(
         scalars += rows * int(sizes.sum())
     every = np.bincount(solve, minlength=count)
     agreeing = np.bincount(solve, weights=found.inside, minlength=count)
-    good = found.agreed & (found.states[:, c.AMBIGUOUS] == 0) & (every > 0)
+    good = found.agreed & (found.states[:, c.Verdict.ambiguous] == 0) & (every > 0)
     good &= agreeing >= np.maximum(LEAST_SHARE * every, 1)
     if estimated:  # what is fitted exactly has no noise, and roundings decide which of such fits is taken
         good &= inliers > stack.equations.dimension

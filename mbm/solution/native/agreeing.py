@@ -91,8 +91,8 @@ def agreed_natively(
         inliers=ends.inside,
         limits=ends.limits,
         variances=ends.variances,
-        trials=int(ends.states[0, c.TRIALS]),
-        ambiguous=bool(ends.states[0, c.AMBIGUOUS]),
+        trials=int(ends.states[0, c.Verdict.trials]),
+        ambiguous=bool(ends.states[0, c.Verdict.ambiguous]),
         cut_short=ends.cut_short,
     )
 

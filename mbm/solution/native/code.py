@@ -17,8 +17,6 @@ from mbm.target.solver.description import LANES
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from llvmlite import ir
-
     from mbm.kernels.native.engine import Library
     from mbm.kernels.native.kernels import NativeKernels
     from mbm.kernels.native.normal import NormalKernels
@@ -26,9 +24,6 @@ if TYPE_CHECKING:
 
 UNOPTIMISED, OPTIMISED = 0, 2
 """Levels of optimisation."""
-
-FROM_ARRAY = "solve_from_array"
-"""The function ``solve_many`` with its arguments, addresses and integers, one after the other in an array."""
 
 WORTH = 1e9
 """Products from which making the fast code pays: it takes 1.8 s of a processor (that of consensus 2.3 s), and saves 1
@@ -120,23 +115,7 @@ def _text() -> str:
         made = target.get_global(each.name)
         if len(each.body) == 1 and isinstance(each.body[0], Return):
             made.attributes.add("alwaysinline")
-    _take_from_array(target, "solve_many")
     return str(target)
-
-
-def _take_from_array(target: ir.Module, name: str) -> None:
-    """Define `FROM_ARRAY`: one argument is handed over in a fifth of the time that twenty take."""
-    from llvmlite import ir
-
-    whole, inner = ir.IntType(64), target.get_global(name)
-    made = ir.Function(target, ir.FunctionType(whole, [whole.as_pointer()]), FROM_ARRAY)
-    builder = ir.IRBuilder(made.append_basic_block("entry"))
-    given = []
-    for k, argument in enumerate(inner.args):
-        value = builder.load(builder.gep(made.args[0], [whole(k)]))
-        given.append(builder.inttoptr(value, argument.type) if argument.type.is_pointer else value)
-    builder.call(inner, given)
-    builder.ret(whole(0))
 
 
 def _consensus_text() -> str:

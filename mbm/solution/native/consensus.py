@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,11 +13,11 @@ from mbm.solution.native.consensus_rules import Rules
 from mbm.solution.native.packing import blocks_of
 from mbm.solution.native.system import AT_A_TIME, NativeSystem, never
 from mbm.solution.types import Floats, Indices, Mask
-from mbm.target.records import view
+from mbm.target.records import blank, put, view
+from mbm.target.records import inside as inside_of
 from mbm.target.solver import consensus_description as c
 from mbm.target.solver import description as of
 from mbm.target.solver.description import LANES
-from mbm.target.solver.workspace import rows_reals
 from mbm.values import dataclass
 
 TRIALS = 10
@@ -32,7 +31,7 @@ SHAPES = 100
 class ConsensusEnds:
     """What D data sets agree on; their units stand one after the other.
 
-    ``points`` (D, N) is where the units agree, the first start where they do not; ``states`` (D, `ANSWERS`). For each
+    ``points`` (D, N) is where the units agree, the first start where they do not; ``states`` (D, `Verdict`). For each
     unit ``inside`` says whether it agrees, with squared norms up to ``limits``; ``variances`` are those of the noise.
     ``cut_short``: the one data set there is was interrupted.
     """
@@ -47,21 +46,20 @@ class ConsensusEnds:
     @property
     def agreed(self) -> Mask:
         """Where there is an answer (D,); elsewhere another method should take over."""
-        return np.asarray(self.states[:, c.AGREED] == 1)
+        return np.asarray(self.states[:, c.Verdict.agreed] == 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Room:
     """A system's header and the table of rules with room for some numbers of rows, and what scratch they ask for.
 
-    ``work`` and ``bench`` are numbers of reals, ``places`` of integers. ``held`` is what all that follows from.
+    ``reals`` and ``integers`` are numbers of them. ``held`` is what all that follows from.
     """
 
     header: Indices
     table: Indices
-    work: int
-    bench: int
-    places: int
+    reals: int
+    integers: int
     held: tuple[object, ...]
 
 
@@ -107,20 +105,20 @@ def units_at_of(system: NativeSystem, rules: Rules) -> Indices:
 
 def _room(system: NativeSystem, rules: Rules, most: list[int]) -> Room:
     header, table = side_by_side(system.system), rules.rules.copy()
-    table[c.MOST_UNITS] = max(int((units_of_rows(system, rules) * most).sum()), 1)
     room = 0
     for b, (ruled, rows) in enumerate(zip(rules.ruled, most, strict=True)):
         block = blocks_of(header)[b]
         widths = (of.Block.parameters, of.Block.weights, of.Block.variables, of.Block.tangents)
         room += ((int(header[of.Problem.n]) if ruled else rows) + 1) * max(int(block[width]) for width in widths)
-    table[c.MOST_ROWS] = room + 1
-    problem = view(of.Problem, header)
+    units = int((units_of_rows(system, rules) * most).sum())
+    put(table, c.Rules, most_units=max(units, 1), most_rows=room + 1)
+    asked = view(c.Rules, table)
+    c.take_sizes(view(of.Problem, header), asked)
     return Room(
         header=header,
         table=table,
-        work=int(rows_reals(problem)),
-        bench=int(c.bench_reals(problem, table)),
-        places=int(c.places_integers(problem, table)),
+        reals=int(c.bench_reals(asked)),
+        integers=int(c.bench_integers(asked)),
         held=(system.system, rules),
     )
 
@@ -171,30 +169,39 @@ def consensus_many(
     begun = np.ascontiguousarray(starts, dtype=np.float64)
     room = (rooms or Rooms()).of(system, rules)
     table = room.table.copy()
-    table[c.STARTLESS] = startless
+    table[c.Rules.startless] = startless
     points, states = np.zeros((count, numbers)), np.zeros((count, c.ANSWERS), dtype=np.int64)
     inside, limits, variances = np.zeros(total, dtype=np.int64), np.zeros(total), np.zeros(total)
-    answers = (points, states, inside, limits, variances)
     code.expect(count * TRIALS * system.expected)
-    routine = code.routine("agree_many", int, int, *[object] * 3, int, *[object] * 18)
+    every = blank(c.Agreements)
+    rows = system.rows
+    put(every, c.Agreements, problem=room.header, data=rows.data, stride=int(rows.data.shape[1]), units_at=units_at)
+    put(every, c.Agreements, forms=known, starts=begun, numbers=points, verdicts=states)
+    put(every, c.Agreements, inside=inside, limits=limits, noise=variances)
+
+    def ready() -> tuple[NDArray[Any], ...]:
+        """The data sets with the scratch of one thread, and what they refer to."""
+        mine, bench = every.copy(), blank(c.Bench)
+        reals, integers = np.zeros(room.reals), np.zeros(room.integers, dtype=np.int64)
+        put(bench, c.Bench, rules=table, levels=rules.levels, reals=reals, integers=integers)
+        system.hand(inside_of(bench, c.Bench, "rows"))
+        put(mine, c.Agreements, bench=bench)
+        return mine, bench, reals, integers
 
     def part(first: int, last: int) -> None:
-        work, desk, bench = np.zeros(room.work), np.zeros(room.work), np.zeros(room.bench)
-        places = np.zeros(room.places, dtype=np.int64)
+        mine, *_held = ready()
+        routine = code.routine("agree_many", object)
         step = int(max(AT_A_TIME / (TRIALS * system.expected), 1))
         end = first
         while end < last and not stopped():
             begin = end
             end = min(begin + step, last)
-            routine(
-                begin, end, room.header, system.constants, system.rows.data, int(system.rows.data.shape[1]),
-                system.rows.parameters, system.rows.weights, system.rows.index, system.rows.columns,
-                table, rules.levels, units_at, known, begun, work, desk, bench, places, *answers,
-            )  # fmt: skip
+            put(mine, c.Agreements, first=begin, last=end)
+            routine(mine)
 
     cut = False
     if count == 1 and stopped is not never:
-        cut = _by_and_by(system, code, replace(room, table=table), (rules.levels, known, begun), answers, stopped)
+        cut = _by_and_by(code, ready(), int(max(AT_A_TIME / system.expected, 1)), stopped)
     else:
         _shared(part, count, workers)
     return ConsensusEnds(
@@ -219,33 +226,14 @@ def _shared(work: Callable[[int, int], None], count: int, workers: int) -> None:
         list(pool.map(work, cuts[:-1], cuts[1:]))
 
 
-def _by_and_by(
-    system: NativeSystem,
-    code: SolverCode,
-    room: Room,
-    given: tuple[Floats, ...],
-    answers: tuple[NDArray[Any], ...],
-    stopped: Callable[[], bool],
-) -> bool:
-    """The one data set of a system, in portions of trials; the answers are those of all trials at once.
+def _by_and_by(code: SolverCode, ready: tuple[NDArray[Any], ...], most: int, stopped: Callable[[], bool]) -> bool:
+    """The one data set of a system, in portions of ``most`` trials; the answers are those of all trials at once.
 
-    ``given`` are the levels of units, what closed forms know of them, and the starts. Whether it was interrupted.
+    Whether it was interrupted.
     """
-    routine = code.routine("agree_by_and_by", int, int, int, *[object] * 20)
-    scratch = (np.zeros(room.work), np.zeros(room.work), np.zeros(room.bench), np.zeros(room.places, dtype=np.int64))
-    progress = scratch[3][int(c.progress_at(view(of.Problem, room.header), room.table)) :]
-    rows, most = system.rows, int(max(AT_A_TIME / system.expected, 1))
-    levels, known, begun = given
-
-    def portion(trials: int, begin: int, end: int) -> None:
-        routine(
-            trials, begin, end, room.header, system.constants, rows.data, rows.parameters, rows.weights, rows.index,
-            rows.columns, room.table, levels, known, begun, *scratch, *answers,
-        )  # fmt: skip
-
-    portion(most, 1, 0)
-    while progress[c.TRIALS_MADE] < progress[c.TRIALS_WANTED] and not stopped():
-        portion(most, 0, 0)
-    cut_short = bool(progress[c.TRIALS_MADE] < progress[c.TRIALS_WANTED])
-    portion(0, 0, 1)
-    return cut_short
+    routine = code.routine("agree_by_and_by", int, int, int, object)
+    left = routine(most, 1, 0, ready[0])
+    while left > 0 and not stopped():
+        left = routine(most, 0, 0, ready[0])
+    routine(0, 0, 1, ready[0])
+    return left > 0

@@ -11,6 +11,7 @@ from mbm.solution.robust.subsets import first_states, needed_trials
 from mbm.solution.robust.units import CUT, limits, medians
 from mbm.solution.types import Floats, Indices
 from mbm.target.decisions import FEW_STARTS, STATED
+from mbm.target.records import put, slots_of
 from mbm.target.solver import consensus_description as c
 from mbm.target.solver.consensus_scores import GNC, LMEDS, MSAC, RANSAC
 from mbm.values import dataclass
@@ -86,21 +87,27 @@ def rules_of(
             size = np.full(1, whitener.last - whitener.first)
             deviations = STATED_CUT if noise == STATED else CUT
             cut = limits(size, deviations if consensus.threshold is None else consensus.threshold)[0]
-            levels.append([medians(size)[0], cut, limits(size, STATED_CUT)[0], 0.0])
+            levels.append([medians(size)[0], cut, limits(size, STATED_CUT)[0]])
     first, second = first_states(seed)
     solutions = 4 if form.kind else starts
-    head = np.zeros(c.HEADER, dtype=np.int64)
-    head[c.KIND] = KINDS[consensus.kind]
-    head[c.GROUPS] = len(groups)
-    head[c.FIRST_STATE], head[c.SECOND_STATE] = first, second
-    head[c.FORM], head[c.FORM_WIDTH] = form.kind, form.width
-    head[c.STARTS] = starts
-    head[c.MOST_POINTS] = max(trials) * solutions + starts + 2 * FEW_STARTS + 4
-    head[c.TRIALS_AT] = c.HEADER
-    head[c.BLOCKS_AT] = c.HEADER + len(trials)
-    head[c.FORM_AT] = c.HEADER + len(trials) + len(table)
-    head[c.THRESHOLDED] = consensus.threshold is not None
-    head[c.UNTIL_SURE] = consensus.trials is None and not groups
+    head = np.zeros(slots_of(c.Rules), dtype=np.int64)
+    put(
+        head,
+        c.Rules,
+        kind=KINDS[consensus.kind],
+        groups=len(groups),
+        first_state=first,
+        second_state=second,
+        form=form.kind,
+        form_width=form.width,
+        starts=starts,
+        most_points=max(trials) * solutions + starts + 2 * FEW_STARTS + 4,
+        thresholded=int(consensus.threshold is not None),
+        until_sure=int(consensus.trials is None and not groups),
+        trials=len(head),
+        ruled=len(head) + len(trials),
+        about=len(head) + len(trials) + len(table),
+    )
     return Rules(
         rules=np.concatenate([head, np.array([*trials, *table, *form.about], dtype=np.int64)]),
         levels=np.array(levels).ravel(),

@@ -97,7 +97,7 @@ class RobustStream:
         states, cost = ends.states, ends.results[:, of.COST].copy()
         held = ends.sides.any(axis=1)
         clean = self._rules.clean(cost, states[:, of.REASON], states[:, of.DEFICIENT], held, states[:, of.FREEDOM])
-        clean &= one & found.agreed & (found.states[:, c.AMBIGUOUS] == 0)
+        clean &= one & found.agreed & (found.states[:, c.Verdict.ambiguous] == 0)
         clean &= inside.sum(axis=1) >= LEAST_SHARE * inside.shape[1]
         clean &= np.isfinite(room.parameters[:count]).all(axis=1)  # such cells are no outliers: they are refused
         return StreamEnds(

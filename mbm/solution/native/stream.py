@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import field
+from dataclasses import field, replace
 from math import sqrt
 from typing import TYPE_CHECKING
 
@@ -14,20 +14,18 @@ import numpy as np
 from mbm.problem.types import Method, Problem, UnknownKind
 from mbm.solution.assembly import Assembled
 from mbm.solution.challenge import USUAL
-from mbm.solution.native.code import FROM_ARRAY
 from mbm.solution.native.stream_ends import Rules, StreamEnds
 from mbm.solution.native.system import NativeEnds, NativeSystem, system_of
 from mbm.solution.settings import Settings
 from mbm.solution.sparsity import sparse_suits
 from mbm.solution.types import Floats, Indices
+from mbm.target.records import put
 from mbm.target.solver import description as of
+from mbm.target.solver.batch import Solves
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.solution.native.robust_stream import RobustStream
-
-FIRST, LAST, WORK = 9, 10, 11
-"""Places of those arguments of the solver that differ from thread to thread."""
 
 SHARE = 100
 """Solves of a thread at least: to start one takes as long as some twenty."""
@@ -35,11 +33,11 @@ SHARE = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Room:
-    """Arrays for so many data sets; ``arguments`` are the addresses and numbers that the solver takes."""
+    """Arrays for so many data sets; ``solves`` is the batch as the solver takes it."""
 
     parameters: Floats
     ends: NativeEnds
-    arguments: Indices
+    solves: Indices
     held: tuple[np.ndarray, ...] = field(repr=False)
 
 
@@ -52,7 +50,7 @@ class Stream:
         self._rules = rules
         self._function: Callable[[int], int] | None = None
         self._room = self._single = self._made(1)
-        self._first = self._single.arguments.ctypes.data
+        self._first = self._single.solves.ctypes.data
         self.single: Floats = self._single.parameters[0]
         """The parameters (P,) that `solved_one` takes, to be changed in place."""
         self._covariance = self._single.ends.covariances[0]
@@ -76,9 +74,9 @@ class Stream:
         function = self._function or self._code(count)
 
         def part(first: int, last: int) -> None:
-            arguments, scratch = room.arguments.copy(), self._system.scratch()
-            arguments[[FIRST, LAST, WORK]] = (first, last, scratch[0].ctypes.data)
-            function(arguments.ctypes.data)
+            solves, scratch = room.solves.copy(), self._system.scratch(room.parameters)
+            put(solves, Solves, work=scratch[0], first=first, last=last)
+            function(solves.ctypes.data)
 
         if workers <= 1:
             part(0, count)
@@ -116,7 +114,7 @@ class Stream:
         """The solver for so many data sets; it stays when there is none that is faster."""
         code = self._system.code
         code.expect(count * self._system.expected)
-        found: Callable[[int], int] = code.routine(FROM_ARRAY, object).function
+        found: Callable[[int], int] = code.routine("solve_many", object).function
         if code.fast:
             self._function = found
         return found
@@ -127,23 +125,13 @@ class Stream:
         data = np.tile(rows.data, (count, 1))
         firsts = slice(of.DATA_HEAD + of.DataBlock.parameters, None, of.DATA_BLOCK)
         data[:, firsts] += len(rows.parameters) * np.arange(count)[:, None]
-        ends, scratch = system.blank(count), system.scratch()
-        arrays = (
-            system.system,
-            system.constants,
-            parameters,
-            rows.weights,
-            rows.index,
-            rows.columns,
-            data,
-            np.arange(count),
-            np.tile(self._start, (count, 1)),
-            scratch[0],
-            *ends.arrays(),
-        )
-        places = [array.ctypes.data for array in arrays]
-        arguments = np.array([*places[:FIRST], 0, 1, *places[FIRST:]], dtype=np.int64)
-        return _Room(parameters=parameters, ends=ends, arguments=arguments, held=(*arrays, *scratch))
+        mine = replace(system, rows=replace(rows, data=data))
+        ends, scratch = system.blank(count), mine.scratch(parameters)
+        which, starts = np.arange(count), np.tile(self._start, (count, 1))
+        solves = mine.solves(which, starts, ends, scratch[0])
+        put(solves, Solves, first=0, last=1)
+        held = (mine.system, data, which, starts, *scratch)
+        return _Room(parameters=parameters, ends=ends, solves=solves, held=held)
 
 
 def threads(workers: int | None, count: int) -> int:

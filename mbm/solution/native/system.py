@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
 from typing import Any
 
@@ -16,9 +16,11 @@ from mbm.solution.native.packing import Rows, rows_of, structure_of, system_arra
 from mbm.solution.native.summing import sum_addresses, summable
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices
-from mbm.target.records import blank, slot, view
+from mbm.target.records import blank, inside, put, slot, view
 from mbm.target.solver import description as of
-from mbm.target.solver.workspace import Work, work_integers, work_reals
+from mbm.target.solver import workspace as workspace
+from mbm.target.solver.batch import Solves
+from mbm.target.solver.workspace import Answer, Work, work_integers, work_reals
 from mbm.values import dataclass
 
 MOST_COORDINATES = 80
@@ -36,6 +38,9 @@ ITERATIONS_OF_MANY = 20.0
 
 MOST_ITERATIONS = 100.0
 """Iterations that hardly a solve exceeds: where one call has not room for them, solves are made in several."""
+
+_GIVEN = ("constants", "parameters", "whitening", "index", "columns")
+"""What `Rows` has of a system."""
 
 
 def never() -> bool:
@@ -55,10 +60,11 @@ class NativeEnds:
     covariances: Floats
     multipliers: Floats
 
-    def arrays(self) -> tuple[NDArray[Any], ...]:
-        """All of it, in the order in which the solver takes it."""
-        first = (self.numbers, self.results, self.states, self.sides)
-        return (*first, self.triangles, self.covariances, self.multipliers)
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All of it, by the names that the solver has for it."""
+        first = {"numbers": self.numbers, "results": self.results, "states": self.states, "sides": self.sides}
+        last = {"triangle": self.triangles, "covariance": self.covariances, "multipliers": self.multipliers}
+        return {**first, **last}
 
     @property
     def clean(self) -> NDArray[np.bool_]:
@@ -84,7 +90,7 @@ class NativeSystem:
 
     def __post_init__(self) -> None:
         rows = self.rows
-        arrays = (self.system, self.constants, rows.parameters, rows.weights, rows.index, rows.columns, rows.data)
+        arrays = (self.constants, rows.parameters, rows.weights, rows.index, rows.columns)
         # Where they begin; asking for that takes longer than a small solve.
         object.__setattr__(self, "_given", tuple(array.ctypes.data for array in arrays))
 
@@ -119,17 +125,17 @@ class NativeSystem:
                 most = int(max(at_a_time, 1))
                 for k in range(first, last):
                     if not stopped():
-                        answer = tuple(array[k : k + 1] for array in ends.arrays())
+                        answer = {name: array[k : k + 1] for name, array in ends.arrays().items()}
                         self._alone(starts[k], int(chosen[k]), answer, work, most, stopped)
                 return
             step = int(max(at_a_time / ITERATIONS_OF_MANY, 1))
-            routine = self.code.routine("solve_many", *[object] * 9, int, int, *[object] * 8)
-            out = tuple(array.ctypes.data for array in ends.arrays())
-            given = (*self._given, chosen.ctypes.data, starts.ctypes.data)
+            routine = self.code.routine("solve_many", object)
+            solves = self.solves(chosen, starts, ends, work[0])
             for k in range(first, last, step):
                 if stopped():
                     return
-                routine.function(*given, k, min(k + step, last), work[0].ctypes.data, *out)
+                put(solves, Solves, first=k, last=min(k + step, last))
+                routine(solves)
 
         if workers <= 1 or count < 2:
             part(0, count)
@@ -164,14 +170,28 @@ class NativeSystem:
             multipliers=np.zeros((count, int(self.system[of.Problem.most_multipliers]))),
         )
 
-    def scratch(self) -> tuple[NDArray[Any], ...]:
-        """What one thread needs beside, as `Work`, and the arrays that it refers to."""
+    def hand(self, rows: Indices) -> None:
+        """Let `Rows` in memory have what belongs to the system."""
+        for name, address in zip(_GIVEN, self._given, strict=True):
+            rows[slot(workspace.Rows, name)] = address
+
+    def scratch(self, parameters: Floats | None = None) -> tuple[NDArray[Any], ...]:
+        """What one thread needs beside, as `Work`, and the arrays that it refers to; with other ``parameters``."""
         problem = view(of.Problem, self.system)
-        arrays = np.empty(int(work_reals(problem))), np.empty(int(work_integers(problem)), dtype=np.int64)
+        reals, integers = np.empty(int(work_reals(problem))), np.empty(int(work_integers(problem)), dtype=np.int64)
         work = blank(Work)
-        for name, array in zip(("reals", "integers"), arrays, strict=True):
-            work[slot(Work, name)] = array.ctypes.data
-        return work, *arrays
+        put(work, Work, reals=reals, integers=integers)
+        self.hand(inside(work, Work, "rows"))
+        if parameters is not None:
+            put(inside(work, Work, "rows"), workspace.Rows, parameters=parameters)
+        return work, reals, integers
+
+    def solves(self, which: Indices, starts: Floats, ends: NativeEnds, work: Indices) -> Indices:
+        """A batch as `Solves`, with the scratch of one thread."""
+        found = blank(Solves)
+        put(found, Solves, problem=self.system, work=work, data=self.rows.data, which=which, starts=starts)
+        put(inside(found, Solves, "answers"), Answer, **ends.arrays())
+        return found
 
     def one(self, start: Floats, *, which: int = 0, stopped: Callable[[], bool] | None = None) -> NativeEnds:
         """Solve from one start (N,); ``stopped`` is asked before each iteration: what is reached comes back."""
@@ -187,23 +207,22 @@ class NativeSystem:
         self,
         start: Floats,
         which: int,
-        answer: tuple[NDArray[Any], ...],
+        answer: Mapping[str, NDArray[Any]],
         scratch: tuple[NDArray[Any], ...],
         most: int,
         stopped: Callable[[], bool],
     ) -> None:
         """One solve, ``most`` iterations at a time; ``answer`` are the arrays that it goes to."""
-        begin = self.code.routine("start_solve", *[object] * 7, int, *[object] * 2).function
+        begin = self.code.routine("start_solve", object, object, int, object, object)
         go_on = self.code.routine("go_on", object, int, object).function
-        finish = self.code.routine("finish_solve", *[object] * 9).function
-        system, constants, parameters, weights, index, columns, _ = self._given
-        data = self.rows.data[which].ctypes.data
         work = scratch[0].ctypes.data
-        begin(system, constants, parameters, weights, index, columns, data, 0, start.ctypes.data, work)
+        put(inside(scratch[0], Work, "answer"), Answer, **answer)
+        begin(self.system, self.rows.data[which], 0, start, scratch[0])
+        system = self.system.ctypes.data
         done = go_on(system, 0, work)
         while not done and not stopped():
             done = go_on(system, most, work)
-        finish(system, work, *(array.ctypes.data for array in answer))
+        self.code.routine("finish_solve", object, object).function(system, work)
 
 
 def handled(equations: object) -> bool:

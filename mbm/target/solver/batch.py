@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mbm.target.decisions import PUSHED
-from mbm.target.records import view
+from mbm.target.records import Reference, record, view
 from mbm.target.solver.beginning import begin, constraint_count, solve_directly
 from mbm.target.solver.constraints import begin_rounds, next_round, set_held
 from mbm.target.solver.covariance import set_covariance, undetermined
@@ -39,20 +39,32 @@ from mbm.target.solver.linear_algebra import copied, dot, filled
 from mbm.target.solver.pushing import release_idle
 from mbm.target.solver.sweeps import sweep
 from mbm.target.solver.trust_region import iterate
-from mbm.target.solver.workspace import Place, Work, residuals_at, share_out
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
+from mbm.target.solver.workspace import Answer, Place, Work, share_out
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers
 
 SURE = 1e4
 """A squared condition up to which sums of products give variances to 1e-10: with errors of a few eps √rows."""
 
 
+@record
+class Solves:
+    """Solves ``first … last`` of a batch."""
+
+    problem: Reference[Problem]
+    work: Reference[Work]
+    """The scratch of one thread."""
+    first: Integer
+    last: Integer
+    data: ConstantIntegers
+    which: ConstantIntegers
+    """The data set of each."""
+    starts: ConstantReals
+    answers: Answer
+    """Of the whole batch."""
+
+
 def start_solve(
     system: Problem,
-    constants: ConstantReals,
-    parameters: ConstantReals,
-    weights: ConstantReals,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
     data: DataSet,
     loaded: Integer,
     start: ConstantReals,
@@ -61,12 +73,9 @@ def start_solve(
     """Everything at the start of a solve; ``loaded`` 1: the rows of the data set are in ``work`` already."""
     if work.shared == 0:
         share_out(system, work)
-    work.constants = constants
-    work.data = data
-    work.index = index
-    work.columns = columns
+    work.rows.data = data
     if loaded == 0:
-        load_rows(system, data, parameters, weights, work.rows)
+        load_rows(system, work.rows)
     work.here = work.first
     work.other = work.second
     copied(system.numbers, start, work.here.point)
@@ -74,7 +83,7 @@ def start_solve(
     work.evaluations = 0
     work.round = 0
     work.penalised = 0
-    work.tolerance = constants[TOLERANCE]
+    work.tolerance = work.rows.constants[TOLERANCE]
     if system.constraint_blocks > 0:
         begin_rounds(system, work)
     else:
@@ -130,21 +139,17 @@ def lossy(system: Problem) -> Integer:
     return 0
 
 
-def finish_solve(
-    system: Problem,
-    work: Work,
-    numbers: Reals,
-    results: Reals,
-    states: Integers,
-    sides: Integers,
-    triangle: Reals,
-    covariance: Reals,
-    multipliers: Reals,
-) -> None:
+def finish_solve(system: Problem, work: Work) -> None:
     """The answer of a solve that has ended."""
+    answer = work.answer
+    results = answer.results
+    states = answer.states
+    sides = answer.sides
+    triangle = answer.triangle
+    covariance = answer.covariance
     n = system.n
     here = work.here
-    copied(system.numbers, here.point, numbers)
+    copied(system.numbers, here.point, answer.numbers)
     states[REASON] = work.stop
     states[STEPS] = work.iterations
     states[EVALUATIONS] = work.evaluations
@@ -153,11 +158,11 @@ def finish_solve(
     results[OFFSET] = here.offset
     results[COST] = here.cost
     results[VIOLATION] = 0.0
-    filled(system.most_multipliers, 0.0, multipliers)
+    filled(system.most_multipliers, 0.0, answer.multipliers)
     copied((n + 1) * (n + 1), here.triangle, triangle)
-    residuals = work.rows[residuals_at(system, 0) :]
+    residuals = work.rows.residuals
     point = here.point
-    count = constraint_count(system, work.data)
+    count = constraint_count(system, work.rows.data)
     if work.stop == NOT_FINITE_AT_START:
         for j in range(n):
             sides[j] = 0
@@ -169,72 +174,52 @@ def finish_solve(
         work.rank = 0
         work.loose = 0
         return
-    set_sides(system, work.constants, here, sides)
+    set_sides(system, work.rows.constants, here, sides)
     if work.penalised == 1:
-        size = residuals_at_point(system, work.constants, work.data, work.index, point, 1, 0, work.rows, residuals)
+        size = residuals_at_point(system, work.rows, point, 1, 0, residuals)
         results[COST] = dot(size, residuals, residuals)
-        sweep(system, point, 0, 0, work, work.constants, triangle)
+        sweep(system, point, 0, 0, work.rows, work.rows.constants, triangle)
         results[VIOLATION] = work.worst
         set_held(system, results[COST], work)
-        copied(count, work.multipliers, multipliers)
+        copied(count, work.multipliers, answer.multipliers)
     else:
         if LANES > 1 and here.squared_condition > SURE:
-            sweep(system, point, 0, 0, work, work.constants, triangle)
+            sweep(system, point, 0, 0, work.rows, work.rows.constants, triangle)
         # constraints push as well, and say so themselves
         release_idle(n, triangle, here.x, results[COST], sides)
     results[PLAIN_COST] = results[COST]
     if lossy(system) == 1:
-        size = residuals_at_point(system, work.constants, work.data, work.index, point, 0, 0, work.rows, residuals)
+        size = residuals_at_point(system, work.rows, point, 0, 0, residuals)
         results[PLAIN_COST] = dot(size, residuals, residuals)
     count = count if work.penalised == 1 else 0
     results[CONDITION] = set_covariance(system, triangle, sides, count, work.held, work, covariance)
-    states[FREEDOM] = work.data.count - work.rank
+    states[FREEDOM] = work.rows.data.count - work.rank
     if work.penalised == 1 and states[FREEDOM] <= 0 and results[COST] > PUSHED * PUSHED:
         # Residuals are perpendicular to all columns at a minimum: what remains of so few leaves a column too many.
         results[CONDITION] = undetermined(n, sides, covariance)
     states[DEFICIENT] = 0 if results[CONDITION] < 1e300 else 1
 
 
-def solve_many(
-    system: Problem,
-    constants: ConstantReals,
-    parameters: ConstantReals,
-    weights: ConstantReals,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    data: ConstantIntegers,
-    which: ConstantIntegers,
-    starts: ConstantReals,
-    first: Integer,
-    last: Integer,
-    work: Work,
-    numbers: Reals,
-    results: Reals,
-    states: Integers,
-    sides: Integers,
-    triangles: Reals,
-    covariances: Reals,
-    multipliers: Reals,
-) -> None:
-    """Solves ``first … last`` of a batch, each from beginning to end, with the scratch of one thread."""
+def solve_many(solves: Solves) -> None:
+    """Solves of a batch, each from beginning to end, with the scratch of one thread."""
+    system = solves.problem
+    work = solves.work
+    every = solves.answers
+    answer = work.answer
     n = system.n
     stride = DATA_HEAD + DATA_BLOCK * (system.residual_blocks + system.constraint_blocks)
     work.loaded = -1
-    for k in range(first, last):
-        own = view(DataSet, data[which[k] * stride :])
-        loaded = 1 if work.loaded == which[k] else 0
-        start = starts[k * system.numbers :]
-        start_solve(system, constants, parameters, weights, index, columns, own, loaded, start, work)
-        work.loaded = which[k]
+    for k in range(solves.first, solves.last):
+        own = view(DataSet, solves.data[solves.which[k] * stride :])
+        loaded = 1 if work.loaded == solves.which[k] else 0
+        start_solve(system, own, loaded, solves.starts[k * system.numbers :], work)
+        work.loaded = solves.which[k]
+        answer.numbers = every.numbers[k * system.numbers :]
+        answer.results = every.results[k * RESULTS :]
+        answer.states = every.states[k * STATES :]
+        answer.sides = every.sides[k * n :]
+        answer.triangle = every.triangle[k * (n + 1) * (n + 1) :]
+        answer.covariance = every.covariance[k * n * n :]
+        answer.multipliers = every.multipliers[k * system.most_multipliers :]
         go_on(system, system.iterations + 1, work)
-        finish_solve(
-            system,
-            work,
-            numbers[k * system.numbers :],
-            results[k * RESULTS :],
-            states[k * STATES :],
-            sides[k * n :],
-            triangles[k * (n + 1) * (n + 1) :],
-            covariances[k * n * n :],
-            multipliers[k * system.most_multipliers :],
-        )
+        finish_solve(system, work)

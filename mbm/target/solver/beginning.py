@@ -22,7 +22,7 @@ from mbm.target.solver.places import arrive
 from mbm.target.solver.steps import project
 from mbm.target.solver.sweeps import set_triangle, summed, sweep
 from mbm.target.solver.trust_region import factor_there
-from mbm.target.solver.workspace import Work, residuals_at
+from mbm.target.solver.workspace import Work
 from mbm.target.words import Integer
 
 
@@ -46,25 +46,23 @@ def begin(
     x = work.x
     if system.boxed == 1:
         coordinates_of(system, point, x)
-        project(system, work.constants, x)
+        project(system, work.rows.constants, x)
         place_coordinates(system, x, point)
     work.curvature_known = 0
     work.patience = 0
     work.residuals_here = 0
-    work.count = work.data.count + work.penalised * constraint_count(system, work.data)
+    work.count = work.rows.data.count + work.penalised * constraint_count(system, work.rows.data)
     work.stop = RUNNING
     work.evaluations += 1
-    residuals = work.rows[residuals_at(system, 0) :]
-    count = residuals_at_point(
-        system, work.constants, work.data, work.index, point, 1, work.penalised, work.rows, residuals
-    )
+    residuals = work.rows.residuals
+    count = residuals_at_point(system, work.rows, point, 1, work.penalised, residuals)
     place.cost = dot(count, residuals, residuals)
     triangle = place.triangle
     if LANES > 1:
-        work.summed = summed(system, work.data)
+        work.summed = summed(system, work.rows.data)
         set_triangle(system, place, work)
     else:
-        sweep(system, point, 0, work.penalised, work, work.constants, triangle)
+        sweep(system, point, 0, work.penalised, work.rows, work.rows.constants, triangle)
     total = place.cost
     for i in range((n + 1) * (n + 1)):
         total += fabs(triangle[i])
@@ -102,8 +100,8 @@ def solve_directly(
         retract(system, here.point, here.full, point)
         work.tried = work.trial
         work.residuals_tried = (work.residuals_here + 1) % 3
-        residuals = work.rows[residuals_at(system, work.residuals_tried) :]
-        count = residuals_at_point(system, work.constants, work.data, work.index, point, 1, 0, work.rows, residuals)
+        residuals = work.rows.residuals[work.residuals_tried * system.most_residuals :]
+        count = residuals_at_point(system, work.rows, point, 1, 0, residuals)
         work.evaluations += 1
         cost = dot(count, residuals, residuals)
         work.cost_tried = cost

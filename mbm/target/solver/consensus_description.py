@@ -1,86 +1,27 @@
-"""How consensus is handed to the solver, and where things stand in its scratch arrays.
+"""How consensus is handed to the solver, and what it works with, as records.
 
-Beside the arrays of `description` (with ``CHUNK`` no less than ``RESIDUALS``: all rows stand side by side):
-
-* ``rules`` (integers): the header below, then tables at the offsets that it gives;
-* ``levels`` (reals): for each type of unit (an equation of a block of residuals) `LEVEL` numbers;
-* ``forms`` (reals): what the closed form knows of each unit of each data set, ``FORM_WIDTH`` numbers from
-  ``units_at · FORM_WIDTH`` on, NaN where it knows nothing; see `consensus_subsets`.
-
-The units of a data set are numbered block by block of those that are ruled, row by row, equation by equation. A unit
-whose first weight is 0 must not be among them.
-
-``bench`` (reals) and ``places`` (integers) are scratch of one thread; U is the capacity for units.
+The units of a data set (its equations in single rows) are numbered block by block of those that are ruled, row by row,
+equation by equation. A unit whose first weight is 0 must not be among them. All rows stand side by side: the problem
+has a chunk no smaller than its residuals.
 """
 
 from __future__ import annotations
 
 from mbm.target.decisions import CANDIDATES
-from mbm.target.solver.description import Problem
-from mbm.target.words import ConstantIntegers, Integer
-
-# --- header of ``rules`` ----------------------------------------------------------------------------------------
-KIND = 0
-"""How trials are scored: `consensus_scores`."""
-GROUPS = 1
-"""Groups of unknown noise; a unit's group is from 0, `STATED` where its noise is stated."""
-FIRST_STATE = 2
-SECOND_STATE = 3
-"""State of the generator at the start of the first trial."""
-FORM = 4
-"""The closed form that fits subsets: 0 none, `SPHERES`, `SIGHTS`."""
-FORM_AT = 5
-"""Offset in ``rules`` of what the closed form says of itself."""
-FORM_WIDTH = 6
-STARTS = 7
-"""Starts of each data set, at least one."""
-MOST_UNITS = 8
-MOST_POINTS = 9
-"""Capacity for trials: points that are scored."""
-TRIALS_AT = 10
-"""Offset of the table of trials by the size of the subsets, 0 … n."""
-BLOCKS_AT = 11
-"""Offset of the table of blocks of residuals, `RULED` integers each."""
-THRESHOLDED = 12
-"""1: the limits of inliers are stated and are not widened."""
-MOST_ROWS = 13
-"""Capacity for the rows of a subset: numbers of the largest of its four arrays."""
-STARTLESS = 14
-"""1: what the first subset gives in closed form is the start; the one given holds the other numbers only."""
-UNTIL_SURE = 15
-"""1: trials end as soon as they are enough for what the best of them explains."""
-HEADER = 16
-
-RULED_TYPE = 0
-"""The first type of unit of the block in ``levels``; -1: no rule acts on it."""
-RULED_GROUP = 1
-RULED = 2
+from mbm.target.records import Records, Reference, integers_in, lay_out, reals_in, record, sized, slots_of, table, view
+from mbm.target.solver.description import DATA_BLOCK, DATA_HEAD, DataSet, Problem
+from mbm.target.solver.workspace import Rows
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 SPHERES = 1
-"""In ``rules``: dimension d, 1 for an offset, 1 for an even one, then the places of d + offset numbers."""
+"""A closed form says of itself: dimension d, 1 for an offset, 1 for an even one, then the places of d + offset numbers.
+"""
 SIGHTS = 2
-"""In ``rules``: 1 for the inverse motion, kind of the rotation's numbers, then their places and those of t (3)."""
+"""… 1 for the inverse motion, kind of the rotation's numbers, then their places and those of t (3)."""
 AS_QUATERNION = 0
 AS_EULER_ANGLES = 1
 AS_ROTATION_VECTOR = 2
 
-LEVEL_MEDIAN = 0
-"""The median of the law of squared norms."""
-LEVEL_CUT = 1
-"""The squared limit for variance 1."""
-LEVEL_REACH = 2
-"""The squared limit at three standard deviations."""
-LEVEL = 4
-
-# --- answers of a data set --------------------------------------------------------------------------------------
-AGREED = 0
-"""1: there is an answer; 0: another method should take over."""
-TRIALS = 1
-AMBIGUOUS = 2
-INLIERS = 3
-ANSWERS = 4
-
-# --- bench ------------------------------------------------------------------------------------------------------
 BY_RULE = 0
 BY_WIDE_LIMITS = 1
 BY_MEDIAN = 2
@@ -89,193 +30,300 @@ LISTS = 3
 MOST_CANDIDATES = 40
 """Those that are improved, in two ways."""
 
-MEDIANS = 0
-CUTS = 1
-REACHES = 2
-UNIT_ROUNDINGS = 3
-VARIANCES = 4
-LIMITS = 5
-SQUARES = 6
-"""Squared norms at point 0, and in the next vector at point 1."""
-WEIGHTS_OF = 8
-SORTED = 9
-NOISE = 10
-FRESH = 11
-UNIT_VECTORS = 12
-
-STEP = 0
-GRADIENT = 1
-SCALES = 2
-HOLD = 3
-AWAY = 4
-THRESHOLD = 5
-OBJECTIVE = 6
-SMALL_VECTORS = 7
-
 NO_CANDIDATE = -1
 
-# --- progress of one data set -----------------------------------------------------------------------------------
-UNITS_LISTED = 0
-SUBSET_SIZE = 1
-"""Units of a subset; 0: the units do not determine the unknowns, and there are no trials."""
-TRIALS_WANTED = 2
-TRIALS_MADE = 3
-POINTS_MADE = 4
-MOST_INSIDE = 5
-"""Units that the best of the trials explains."""
-EVERY_SUBSET = 6
-"""1: trials are all subsets there are, one after the other."""
-UNTIL_ENOUGH = 7
-"""1: trials end when they are enough for what the best of them explains."""
-PROGRESS = 8
+
+@record
+class RuledBlock:
+    """What consensus does with a block of residuals."""
+
+    first_level: Integer
+    """Number of its first equation among the levels; -1: no rule acts on it."""
+    group: Integer
+    """Its group of unknown noise; `STATED` where its noise is stated."""
 
 
-def unit_vector_at(rules: ConstantIntegers, number: Integer) -> Integer:
-    """Vector (U,) of the bench."""
-    return number * rules[MOST_UNITS]
+@record
+class Level:
+    """The law of the squared norms of an equation."""
+
+    median: Real
+    cut: Real
+    """The squared limit for variance 1."""
+    reach: Real
+    """The squared limit at three standard deviations."""
 
 
-def slot_at(system: Problem, rules: ConstantIntegers, number: Integer) -> Integer:
-    """Columns of ``[J r]``, column by column: two points, and what is weighted."""
-    return unit_vector_at(rules, UNIT_VECTORS) + number * (system.n + 1) * system.chunk
+LEVEL = slots_of(Level)
 
 
-def by_row_at(system: Problem, rules: ConstantIntegers) -> Integer:
-    """Weights residual by residual, then 1 for each residual that a rule acts on, else 0."""
-    return slot_at(system, rules, 3)
+@record
+class Rules:
+    """What is asked of consensus, and how much room it has."""
+
+    kind: Integer
+    """How trials are scored: `consensus_scores`."""
+    groups: Integer
+    """Groups of unknown noise."""
+    first_state: Integer
+    second_state: Integer
+    """State of the generator at the start of the first trial."""
+    form: Integer
+    """The closed form that fits subsets: 0 none, `SPHERES`, `SIGHTS`."""
+    form_width: Integer
+    """What it knows of each unit: so many numbers, NaN where it knows nothing; see `consensus_forms`."""
+    starts: Integer
+    """Starts of each data set, at least one."""
+    thresholded: Integer
+    """1: the limits of inliers are stated and are not widened."""
+    startless: Integer
+    """1: what the first subset gives in closed form is the start; the one given holds the other numbers only."""
+    until_sure: Integer
+    """1: trials end as soon as they are enough for what the best of them explains."""
+    most_units: Integer
+    most_points: Integer
+    """Capacity for trials: points that are scored."""
+    most_rows: Integer
+    """Capacity for the rows of a subset: numbers of the largest of its four arrays."""
+    blocks: Integer
+    """Blocks of the problem; with the sizes that follow, as there: `take_sizes`."""
+    numbers: Integer
+    n: Integer
+    chunk: Integer
+    most_inputs: Integer
+    most_outputs: Integer
+    most_weights: Integer
+    most_residuals: Integer
+    united_reals: Integer
+    trials: ConstantIntegers = table()
+    """Trials by the size of the subsets, 0 … n."""
+    ruled: Records[RuledBlock] = table()
+    """Blocks of residuals."""
+    about: ConstantIntegers = table()
+    """What the closed form says of itself."""
 
 
-def bench_matrix_at(system: Problem, rules: ConstantIntegers) -> Integer:
-    """A matrix (n, n)."""
-    return by_row_at(system, rules) + 2 * system.chunk
+@record
+class Verdict:
+    """What is to be said of one data set."""
+
+    agreed: Integer
+    """1: there is an answer; 0: another method should take over."""
+    trials: Integer
+    ambiguous: Integer
+    inliers: Integer
 
 
-def basis_at(system: Problem, rules: ConstantIntegers) -> Integer:
-    """A basis (n + 1, n)."""
-    return bench_matrix_at(system, rules) + system.n * system.n
+ANSWERS = slots_of(Verdict)
 
 
-def small_at(system: Problem, rules: ConstantIntegers, number: Integer) -> Integer:
-    """A vector (n + 4,)."""
-    n = system.n
-    return basis_at(system, rules) + (n + 1) * n + number * (n + 4)
+@record
+class Units:
+    """The units of a data set, in order."""
+
+    count: Integer
+    scalars: Integer
+    """Residuals of all units."""
+    simple: Integer
+    """1: there is nothing but units of one residual, and unit u has residual u."""
+    components: Integers = sized("most_units")
+    group: Integers = sized("most_units")
+    place: Integers = sized("most_units")
+    """Where the unit's first residual stands; the next ones follow at steps of LANES."""
+    block: Integers = sized("most_units")
+    row: Integers = sized("most_units")
+    equation: Integers = sized("most_units")
+    """The equation of the unit in its row."""
+    first: Integers = sized("most_units + 1")
+    """The first of the unit's rows among the directions."""
+    inside: Integers = sized("most_units")
+    """1 for inliers."""
+    medians: Reals = sized("most_units")
+    cuts: Reals = sized("most_units")
+    reaches: Reals = sized("most_units")
+    """As `Level` says."""
+    rounding: Reals = sized("most_units")
+    """The squared norm that the arithmetic alone makes."""
+    variances: Reals = sized("most_units")
+    limits: Reals = sized("most_units")
+    """Squared norms up to which they are inliers."""
+    noise: Reals = sized("most_units")
+    """The variance of the noise, at the end."""
+    weights: Reals = sized("most_units")
 
 
-def point_at(system: Problem, rules: ConstantIntegers, number: Integer) -> Integer:
-    """Points (N,) of an iteration: 0 here, 1 there, 2 and 3 to keep."""
-    return small_at(system, rules, SMALL_VECTORS) + number * system.numbers
+@record
+class Fit:
+    """A point with its rows of ``[J r]``, column by column, and the squared norms of the units there."""
+
+    point: Reals = sized("numbers")
+    chunk: Reals = sized("chunk * (n + 1)")
+    squares: Reals = sized("most_units")
 
 
-def form_scratch_at(system: Problem, rules: ConstantIntegers) -> Integer:
-    """Scratch of closed forms: 120 numbers and the rows of a subset with up to five unknowns."""
-    return point_at(system, rules, 4)
+@record
+class Bench:
+    """What one thread needs for consensus.
 
+    The caller brings what comes before ``units``, with ``reals`` and ``integers`` of the sizes `bench_reals` and
+    `bench_integers`, and of ``rows`` what belongs to the problem.
+    """
 
-FORM_SCRATCH = 240
+    rules: Reference[Rules]
+    levels: ConstantReals
+    """A `Level` for each equation that is ruled."""
+    forms: ConstantReals
+    """What the closed form knows of each unit of the data set (units, form_width)."""
+    starts: ConstantReals
+    """(starts, N)"""
+    verdict: Reference[Verdict]
+    rows: Rows
+    """All rows of the data set."""
+    reals: Reals
+    integers: Integers
+    shared: Integer
+    """1: the arrays here are parts of them."""
 
+    units: Units
+    desk: Rows
+    """The rows of a subset, as a data set of its own."""
+    first: Fit
+    second: Fit
+    here: Reference[Fit]
+    """Where a fit is."""
+    there: Reference[Fit]
+    """Where it tries to go."""
+    objective: Real
+    """What the last fit lowered."""
 
-def directions_at(system: Problem, rules: ConstantIntegers) -> Integer:
-    """Rows of the Jacobian with norm 1, unit by unit (CHUNK, n)."""
-    return form_scratch_at(system, rules) + FORM_SCRATCH
-
-
-def trials_at(system: Problem, rules: ConstantIntegers) -> Integer:
-    """Points that are scored (MOST_POINTS, N)."""
-    return directions_at(system, rules) + system.chunk * system.n
-
-
-def begun_at(system: Problem, rules: ConstantIntegers) -> Integer:
-    """The starts (STARTS, N), then room for the solutions of a closed form (4, N)."""
-    return trials_at(system, rules) + rules[MOST_POINTS] * system.numbers
-
-
-def candidate_size(system: Problem, rules: ConstantIntegers) -> Integer:
-    """Numbers of a candidate: its score or objective, its point, its squares."""
-    return 1 + system.numbers + rules[MOST_UNITS]
-
-
-def candidate_at(system: Problem, rules: ConstantIntegers, number: Integer) -> Integer:
-    """A candidate."""
-    first = begun_at(system, rules) + (rules[STARTS] + 4) * system.numbers
-    return first + number * candidate_size(system, rules)
-
-
-def subset_rows_at(system: Problem, rules: ConstantIntegers) -> Integer:
-    """Parameters of the rows of a subset, then their weights."""
-    return candidate_at(system, rules, MOST_CANDIDATES)
-
-
-def bench_reals(system: Problem, rules: ConstantIntegers) -> Integer:
-    """Reals of the bench."""
-    return subset_rows_at(system, rules) + 2 * rules[MOST_ROWS]
-
-
-# --- places -----------------------------------------------------------------------------------------------------
-COMPONENTS = 0
-GROUP_OF = 1
-PLACE = 2
-"""Where the unit's first residual stands; the next ones follow at steps of LANES."""
-BLOCK_OF = 3
-ROW_OF = 4
-FIRST = 5
-"""The first of the unit's rows among the directions; U + 1 numbers, so that it takes two vectors."""
-INSIDE = 7
-ORDER = 8
-UNIT_OF = 9
-"""The equation of the unit in its row."""
-PLACE_VECTORS = 10
-
-
-def place_vector_at(rules: ConstantIntegers, number: Integer) -> Integer:
-    """Vector (U + 1,) of the places."""
-    return number * (rules[MOST_UNITS] + 1)
-
-
-def chosen_at(rules: ConstantIntegers) -> Integer:
-    """The units of a subset (n,), the next combination (n,), the state of a trial (2,) and the one used up (2,)."""
-    return place_vector_at(rules, PLACE_VECTORS)
-
-
-def small_places_at(system: Problem, rules: ConstantIntegers, number: Integer) -> Integer:
-    """Integers (n + 4,) of scratch: 0 the chosen units, 1 a combination, 2 states, 3 an order."""
-    return chosen_at(rules) + number * (system.n + 4)
-
-
-def best_at(system: Problem, rules: ConstantIntegers) -> Integer:
-    """Numbers of the best trials (LISTS, CANDIDATES), then how many there are in each list."""
-    return small_places_at(system, rules, 4)
-
-
-def best_scores_at(system: Problem, rules: ConstantIntegers) -> Integer:
-    """Their scores (LISTS, CANDIDATES), in the bench, where candidates come to stand later."""
-    return candidate_at(system, rules, 0)
-
-
-def simple_at(rules: ConstantIntegers) -> Integer:
-    """1: there is nothing but units of one residual, and unit u has residual u; it stands behind the first rows."""
-    return place_vector_at(rules, FIRST + 2) - 1
-
-
-def one_side_at(system: Problem, rules: ConstantIntegers) -> Integer:
+    size: Integer
+    """Units of a subset; 0: the units do not determine the unknowns, and there are no trials."""
+    trials_wanted: Integer
+    trials_made: Integer
+    points_made: Integer
+    most_inside: Integer
+    """Units that the best of the trials explains."""
+    every_subset: Integer
+    """1: trials are all subsets there are, one after the other."""
+    until_enough: Integer
+    """1: trials end when they are enough for what the best of them explains."""
+    one_side: Integer
     """1: all stations of the spheres lie in one plane, so that solutions mirror one another: one stands for both."""
-    return best_at(system, rules) + LISTS * (CANDIDATES + 1)
+
+    weighted: Reals = sized("chunk * (n + 1)")
+    by_row: Reals = sized("chunk")
+    """Weights residual by residual."""
+    ruled: Reals = sized("chunk")
+    """1 for each residual that a rule acts on, else 0."""
+    normal: Reals = sized("n * n")
+    basis: Reals = sized("(n + 1) * n")
+    step: Reals = sized("n")
+    gradient: Reals = sized("n")
+    scale: Reals = sized("n")
+    hold: Reals = sized("n")
+    coordinates: Reals = sized("n")
+    threshold: Reals = sized("3")
+    kept: Reals = sized("numbers")
+    """A point."""
+    form_scratch: Reals = sized("240")
+    """120 numbers, and the rows of a subset with up to five unknowns."""
+    directions: Reals = sized("chunk * n")
+    """Rows of the Jacobian with norm 1, unit by unit (scalars, n)."""
+    trials: Reals = sized("most_points * numbers")
+    """Points that are scored."""
+    begun: Reals = sized("(starts + 4) * numbers")
+    """The starts, then room for the solutions of a closed form (4, N)."""
+    objectives: Reals = sized(f"{MOST_CANDIDATES}")
+    candidates: Reals = sized(f"{MOST_CANDIDATES} * numbers")
+    """Points …"""
+    candidate_squares: Reals = sized(f"{MOST_CANDIDATES} * most_units")
+    """… and the squared norms of the units there."""
+    best_scores: Reals = sized(f"{LISTS * CANDIDATES}")
+    sorted: Reals = sized("most_units")
+    fresh: Reals = sized("most_units")
+    subset_parameters: Reals = sized("most_rows")
+    subset_whitening: Reals = sized("most_rows")
+
+    order: Integers = sized("most_units")
+    chosen: Integers = sized("n + 4")
+    """The units of a subset."""
+    combination: Integers = sized("n + 4")
+    """The next one."""
+    form_order: Integers = sized("n + 4")
+    state: Integers = sized("2")
+    """Of the generator, at the start of a trial …"""
+    state_used: Integers = sized("2")
+    """… and within it."""
+    best: Integers = sized(f"{LISTS * CANDIDATES}")
+    """Numbers of the best trials (LISTS, CANDIDATES) …"""
+    listed: Integers = sized(f"{LISTS}")
+    """… and how many there are in each list."""
+    subset: Integers = sized(f"{DATA_HEAD} + {DATA_BLOCK} * blocks")
+    """The data set of a subset."""
+    subset_index: Integers = sized("most_rows")
+    subset_columns: Integers = sized("most_rows")
 
 
-def subset_data_at(system: Problem, rules: ConstantIntegers) -> Integer:
-    """The data set of a subset, then its ``index`` and its ``columns``."""
-    return one_side_at(system, rules) + 1
+@record
+class Agreements:
+    """Data sets ``first … last``, and what they agree on."""
+
+    problem: Reference[Problem]
+    """With a chunk no smaller than its residuals."""
+    bench: Reference[Bench]
+    """The scratch of one thread."""
+    first: Integer
+    last: Integer
+    data: ConstantIntegers
+    stride: Integer
+    """Integers of a data set."""
+    units_at: ConstantIntegers
+    """Where the units of each data set begin, in what follows."""
+    forms: ConstantReals
+    starts: ConstantReals
+    """(data sets, starts, N)"""
+    numbers: Reals
+    """(data sets, N)"""
+    verdicts: Integers
+    """(data sets, ANSWERS)"""
+    inside: Integers
+    limits: Reals
+    noise: Reals
 
 
-def subset_index_at(system: Problem, rules: ConstantIntegers) -> Integer:
-    """The ``index`` of a subset's rows, then their ``columns``."""
-    return subset_data_at(system, rules) + 1 + 5 * (system.residual_blocks + system.constraint_blocks)
+def take_sizes(system: Problem, rules: Rules) -> None:
+    """The sizes of a problem among the rules."""
+    rules.blocks = system.residual_blocks + system.constraint_blocks
+    rules.numbers = system.numbers
+    rules.n = system.n
+    rules.chunk = system.chunk
+    rules.most_inputs = system.most_inputs
+    rules.most_outputs = system.most_outputs
+    rules.most_weights = system.most_weights
+    rules.most_residuals = system.most_residuals
+    rules.united_reals = system.united_reals
 
 
-def progress_at(system: Problem, rules: ConstantIntegers) -> Integer:
-    """How far the trials of a data set have come, `PROGRESS` integers."""
-    return subset_index_at(system, rules) + 2 * rules[MOST_ROWS]
+def bench_reals(rules: Rules) -> Integer:
+    """Reals of scratch that a thread needs."""
+    return reals_in(Bench, rules)
 
 
-def places_integers(system: Problem, rules: ConstantIntegers) -> Integer:
-    """Integers of the places."""
-    return progress_at(system, rules) + PROGRESS
+def bench_integers(rules: Rules) -> Integer:
+    """Integers of scratch that a thread needs."""
+    return integers_in(Bench, rules)
+
+
+def share_out_bench(bench: Bench) -> None:
+    """Let the arrays of the bench be parts of its reals and integers."""
+    lay_out(bench, bench.rules, bench.reals, bench.integers)
+    bench.here = bench.first
+    bench.there = bench.second
+    desk = bench.desk
+    desk.constants = bench.rows.constants
+    desk.data = view(DataSet, bench.subset)
+    desk.parameters = bench.subset_parameters
+    desk.whitening = bench.subset_whitening
+    desk.index = bench.subset_index
+    desk.columns = bench.subset_columns
+    bench.shared = 1

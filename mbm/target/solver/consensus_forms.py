@@ -1,31 +1,21 @@
 """Subsets fitted in closed form: spheres about known stations, sights of known points.
 
-What the form knows of a unit (``FORM_WIDTH`` numbers, NaN where it knows nothing) is: of spheres the station (d), the
-length, what is added to the squared distance, and the slope of the offset; of sights the point (3) and the unit
-bearing (3).
+What the form knows of a unit (``Rules.form_width`` numbers, NaN where it knows nothing) is: of spheres the station
+(d), the length, what is added to the squared distance, and the slope of the offset; of sights the point (3) and the
+unit bearing (3).
 """
 
 from __future__ import annotations
 
 from math import atan2, fabs, isfinite, sqrt
 
-from mbm.target.solver.consensus_description import (
-    AS_EULER_ANGLES,
-    AS_QUATERNION,
-    FORM,
-    FORM_AT,
-    FORM_WIDTH,
-    SPHERES,
-    form_scratch_at,
-    one_side_at,
-    small_places_at,
-)
+from mbm.target.solver.consensus_description import AS_EULER_ANGLES, AS_QUATERNION, SPHERES, Bench
 from mbm.target.solver.description import Problem
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.solver.manifolds import quaternion_of_matrix
 from mbm.target.solver.minimal_pose import poses_from_three
 from mbm.target.solver.minimal_spheres import places_from_spheres
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
+from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals
 
 LOCKED = 1e-12
 """Cosine of the middle Euler angle below which only a sum of the others is determined; the first is 0 then."""
@@ -78,40 +68,32 @@ def put_motion(
         point[table[first + i]] = pose[9 + i]
 
 
-def points_in_closed_form(
-    system: Problem,
-    rules: ConstantIntegers,
-    forms: ConstantReals,
-    count: Integer,
-    chosen: ConstantIntegers,
-    base: ConstantReals,
-    bench: Reals,
-    places: Integers,
-    target: Reals,
-) -> Integer:
+def points_in_closed_form(system: Problem, count: Integer, base: ConstantReals, bench: Bench, target: Reals) -> Integer:
     """How many points (up to 4, N) fit the chosen units (count,) in closed form, other numbers being those of base."""
-    wide = rules[FORM_WIDTH]
-    about = rules[rules[FORM_AT] :]
+    wide = bench.rules.form_width
+    about = bench.rules.about
+    forms = bench.forms
+    chosen = bench.chosen
     numbers = system.numbers
-    scratch = bench[form_scratch_at(system, rules) :]
+    scratch = bench.form_scratch
     for k in range(count):
         for i in range(wide):
             if not isfinite(forms[chosen[k] * wide + i]):
                 return 0
     found = 0
-    if rules[FORM] == SPHERES:
+    if bench.rules.form == SPHERES:
         m = about[0] + about[1]
         if count != m:
             return 0
         for k in range(m):
             copied(wide, forms[chosen[k] * wide :], scratch[48 + k * wide :])
-        order = places[small_places_at(system, rules, 3) :]
+        order = bench.form_order
         found = places_from_spheres(about[0], about[1], about[2], scratch[48:], scratch, order, scratch[96:])
         for k in range(found):
             copied(numbers, base, target[k * numbers :])
             for i in range(m):
                 target[k * numbers + about[3 + i]] = scratch[k * m + i]
-        if places[one_side_at(system, rules)] == 1 and found == 2:
+        if bench.one_side == 1 and found == 2:
             found = 1
             first = 0.0
             second = 0.0

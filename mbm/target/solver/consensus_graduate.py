@@ -8,48 +8,25 @@ from __future__ import annotations
 from math import inf, isfinite, sqrt
 
 from mbm.target.decisions import ABSOLUTE_ROUNDS, CONTROL_GROWTH, GRADUATED_FITS, GRADUATED_ROUNDS, STILL
-from mbm.target.solver.consensus_description import (
-    CUTS,
-    GROUP_OF,
-    GROUPS,
-    LIMITS,
-    MEDIANS,
-    SORTED,
-    SQUARES,
-    WEIGHTS_OF,
-    place_vector_at,
-    unit_vector_at,
-)
+from mbm.target.solver.consensus_description import Bench
 from mbm.target.solver.consensus_order import median, robust_variance
 from mbm.target.solver.consensus_refine import refined
 from mbm.target.solver.consensus_rules import GIVEN
-from mbm.target.solver.description import DataSet, Problem
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.solver.description import Problem
+from mbm.target.words import Integer, Real
 
 
-def widen_limits(
-    system: Problem,
-    rules: ConstantIntegers,
-    units: Integer,
-    scalars: Integer,
-    fresh: Integer,
-    bench: Reals,
-    places: ConstantIntegers,
-) -> None:
+def widen_limits(system: Problem, fresh: Integer, bench: Bench) -> None:
     """Limits by the noise at the present squares; smaller ones stay unless ``fresh`` is 1."""
-    groups = places[place_vector_at(rules, GROUP_OF) :]
-    squares = bench[unit_vector_at(rules, SQUARES) :]
-    medians = bench[unit_vector_at(rules, MEDIANS) :]
-    limits = bench[unit_vector_at(rules, LIMITS) :]
-    for group in range(-1, rules[GROUPS]):
+    units = bench.units
+    for group in range(-1, bench.rules.groups):
         variance = 1.0
         if group >= 0:
-            scratch = bench[unit_vector_at(rules, SORTED) :]
-            variance = robust_variance(units, scalars, system.n, squares, medians, groups, group, scratch)
-        for u in range(units):
-            if groups[u] == group:
-                wide = bench[unit_vector_at(rules, CUTS) + u] * variance
-                limits[u] = wide if fresh == 1 else min(limits[u], wide)
+            variance = robust_variance(units, system.n, bench.here.squares, group, bench.sorted)
+        for u in range(units.count):
+            if units.group[u] == group:
+                wide = units.cuts[u] * variance
+                units.limits[u] = wide if fresh == 1 else min(units.limits[u], wide)
 
 
 def graduated_weight(square: Real, limit: Real, control: Real) -> Real:
@@ -62,58 +39,37 @@ def graduated_weight(square: Real, limit: Real, control: Real) -> Real:
     return min(max(between, 0.0), 1.0)
 
 
-def graduated(
-    absolute: Integer,
-    units: Integer,
-    scalars: Integer,
-    system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    rules: ConstantIntegers,
-    work: Reals,
-    bench: Reals,
-    places: Integers,
-    answer: Reals,
-) -> None:
-    """Point 0 of the bench where weights have become 0 or 1, begun at least squares or least absolute deviations."""
-    weights = bench[unit_vector_at(rules, WEIGHTS_OF) :]
-    squares = bench[unit_vector_at(rules, SQUARES) :]
-    limits = bench[unit_vector_at(rules, LIMITS) :]
-    sorted_ = bench[unit_vector_at(rules, SORTED) :]
-    for u in range(units):
+def graduated(absolute: Integer, system: Problem, bench: Bench) -> None:
+    """The fit where weights have become 0 or 1, begun at least squares or least absolute deviations."""
+    units = bench.units
+    weights = units.weights
+    limits = units.limits
+    for u in range(units.count):
         weights[u] = 1.0
-    refined(
-        GIVEN, GRADUATED_FITS, STILL, 0, units, 0, 0, system, constants, data, index, columns, rules, work, bench,
-        places, answer,
-    )  # fmt: skip
+    refined(GIVEN, GRADUATED_FITS, STILL, 0, system, bench)
     for _ in range(absolute * ABSOLUTE_ROUNDS):
-        for u in range(units):
-            sorted_[u] = sqrt(squares[u])
-        least = 1e-3 * median(units, sorted_) + 1e-300
-        for u in range(units):
-            weights[u] = 1.0 / max(sqrt(squares[u]), least)
-        refined(
-            GIVEN, 1, STILL, 0, units, 0, 0, system, constants, data, index, columns, rules, work, bench, places, answer
-        )
-    widen_limits(system, rules, units, scalars, 1, bench, places)
+        for u in range(units.count):
+            bench.sorted[u] = sqrt(bench.here.squares[u])
+        least = 1e-3 * median(units.count, bench.sorted) + 1e-300
+        for u in range(units.count):
+            weights[u] = 1.0 / max(sqrt(bench.here.squares[u]), least)
+        refined(GIVEN, 1, STILL, 0, system, bench)
+    widen_limits(system, 1, bench)
     control = inf
-    for u in range(units):
-        if isfinite(squares[u]):
-            control = min(limits[u] / max(2.0 * squares[u] - limits[u], 1e-300), control)
+    for u in range(units.count):
+        square = bench.here.squares[u]
+        if isfinite(square):
+            control = min(limits[u] / max(2.0 * square - limits[u], 1e-300), control)
     if not (control > 0.0 and isfinite(control)):
         return
     for _ in range(GRADUATED_ROUNDS):
         decided = 1
-        for u in range(units):
-            weights[u] = graduated_weight(squares[u], limits[u], control)
+        for u in range(units.count):
+            weights[u] = graduated_weight(bench.here.squares[u], limits[u], control)
             if weights[u] >= 1e-6 and weights[u] <= 1.0 - 1e-6:
                 decided = 0
-        refined(
-            GIVEN, 1, STILL, 0, units, 0, 0, system, constants, data, index, columns, rules, work, bench, places, answer
-        )
-        widen_limits(system, rules, units, scalars, 0, bench, places)
+        refined(GIVEN, 1, STILL, 0, system, bench)
+        widen_limits(system, 0, bench)
         if decided == 1:
             break
         control = control * CONTROL_GROWTH

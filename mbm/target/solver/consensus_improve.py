@@ -9,59 +9,35 @@ from mbm.target.solver.consensus_description import (
     BY_MEDIAN,
     BY_RULE,
     BY_WIDE_LIMITS,
-    CUTS,
-    GROUP_OF,
-    GROUPS,
-    KIND,
-    LIMITS,
-    LISTS,
-    MEDIANS,
     NO_CANDIDATE,
-    SCALES,
-    SORTED,
-    SQUARES,
-    VARIANCES,
-    best_at,
-    candidate_at,
-    place_vector_at,
-    point_at,
-    slot_at,
-    small_at,
-    trials_at,
-    unit_vector_at,
+    Bench,
 )
-from mbm.target.solver.consensus_judge import judge_trials, limit_by_noise, listed
+from mbm.target.solver.consensus_judge import judge_trials, limit_by_noise
 from mbm.target.solver.consensus_order import robust_variance
 from mbm.target.solver.consensus_refine import NEARLY_STILL, refined
-from mbm.target.solver.consensus_rows import linearised, unit_squares
+from mbm.target.solver.consensus_rows import linearised, squares_at
 from mbm.target.solver.consensus_rules import TRIMMED, TRUNCATED
 from mbm.target.solver.consensus_scores import LMEDS
-from mbm.target.solver.description import DataSet, Problem
-from mbm.target.solver.equations import residuals_at_point
-from mbm.target.solver.linear_algebra import copied
-from mbm.target.solver.workspace import residuals_at
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
+from mbm.target.solver.description import Problem
+from mbm.target.solver.linear_algebra import copied, filled
+from mbm.target.words import ConstantReals, Integer
 
 
-def put_candidate(
-    system: Problem, rules: ConstantIntegers, number: Integer, units: Integer, objective: Reals, bench: Reals
-) -> None:
-    """Point 0 and its squares as a candidate with an objective (1,)."""
-    target = bench[candidate_at(system, rules, number) :]
-    target[0] = objective[0]
-    copied(system.numbers, bench[point_at(system, rules, 0) :], target[1:])
-    copied(units, bench[unit_vector_at(rules, SQUARES) :], target[1 + system.numbers :])
+def put_candidate(number: Integer, system: Problem, bench: Bench) -> None:
+    """The point where the fit is, and its squares, as a candidate with the objective."""
+    units = bench.units.count
+    bench.objectives[number] = bench.objective
+    copied(system.numbers, bench.here.point, bench.candidates[number * system.numbers :])
+    copied(units, bench.here.squares, bench.candidate_squares[number * units :])
 
 
-def merged_lists(system: Problem, rules: ConstantIntegers, target: Integer, other: Integer, places: Integers) -> None:
+def merged_lists(target: Integer, other: Integer, bench: Bench) -> None:
     """What one list of the best has more than another, put behind that one's, up to `CANDIDATES` of each."""
-    best = places[best_at(system, rules) :]
-    counts = best[LISTS * CANDIDATES :]
-    mine = best[target * CANDIDATES :]
-    theirs = best[other * CANDIDATES :]
-    found = counts[target]
+    mine = bench.best[target * CANDIDATES :]
+    theirs = bench.best[other * CANDIDATES :]
+    found = bench.listed[target]
     kept = found
-    for k in range(counts[other]):
+    for k in range(bench.listed[other]):
         new = 1
         for i in range(found):
             if mine[i] == theirs[k]:
@@ -69,200 +45,87 @@ def merged_lists(system: Problem, rules: ConstantIntegers, target: Integer, othe
         if new == 1:
             mine[kept] = theirs[k]
             kept += 1
-    counts[target] = kept
+    bench.listed[target] = kept
 
 
-def scored_candidates(
-    units: Integer,
-    scalars: Integer,
-    size: Integer,
-    judged_before: Integer,
-    count: Integer,
-    system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    rules: ConstantIntegers,
-    work: Reals,
-    bench: Reals,
-    places: Integers,
-) -> Integer:
+def scored_candidates(judged_before: Integer, count: Integer, system: Problem, bench: Bench) -> Integer:
     """The best of the trials by the rule's score, and with wide limits, and by the least median if noise is unknown.
 
-    How many: their numbers stand at `best_at`. So many trials have been judged before.
+    How many there are in the list by the rule. So many trials have been judged before.
     """
-    best = places[best_at(system, rules) :]
+    units = bench.units
+    rules = bench.rules
     if count <= CANDIDATES:
         for k in range(count):
-            best[k] = k
+            bench.best[k] = k
         return count
-    copied(units, bench[unit_vector_at(rules, CUTS) :], bench[unit_vector_at(rules, LIMITS) :])
-    kind = rules[KIND]
-    if rules[GROUPS] > 0:
-        judge_trials(LMEDS, 0, count, size, units, system, constants, data, index, rules, work, bench, places)
-        if kind != LMEDS and listed(system, rules, BY_MEDIAN, places) > 0:
-            point = bench[trials_at(system, rules) + best[BY_MEDIAN * CANDIDATES] * system.numbers :]
-            limit_by_noise(system, data, constants, index, rules, units, scalars, point, work, bench, places)
+    copied(units.count, units.cuts, units.limits)
+    kind = rules.kind
+    if rules.groups > 0:
+        judge_trials(LMEDS, 0, count, system, bench)
+        if kind != LMEDS and bench.listed[BY_MEDIAN] > 0:
+            limit_by_noise(system, bench.trials[bench.best[BY_MEDIAN * CANDIDATES] * system.numbers :], bench)
         judged_before = 0
     if kind == LMEDS:
-        if rules[GROUPS] == 0:
-            # fmt: off
-            judge_trials(
-                kind, judged_before, count, size, units, system, constants, data, index, rules, work, bench, places
-            )
-            # fmt: on
-        merged_lists(system, rules, BY_RULE, BY_MEDIAN, places)
+        if rules.groups == 0:
+            judge_trials(kind, judged_before, count, system, bench)
+        merged_lists(BY_RULE, BY_MEDIAN, bench)
     else:
-        judge_trials(
-            kind, judged_before, count, size, units, system, constants, data, index, rules, work, bench, places
-        )
-        merged_lists(system, rules, BY_RULE, BY_WIDE_LIMITS, places)
+        judge_trials(kind, judged_before, count, system, bench)
+        merged_lists(BY_RULE, BY_WIDE_LIMITS, bench)
         # The rule needs the noise; where that is unknown, trials with the least median may be the ones that know it.
-        merged_lists(system, rules, BY_RULE, BY_MEDIAN, places)
-    return listed(system, rules, BY_RULE, places)
+        merged_lists(BY_RULE, BY_MEDIAN, bench)
+    return bench.listed[BY_RULE]
 
 
-def widen_for_point(
-    system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    rules: ConstantIntegers,
-    units: Integer,
-    scalars: Integer,
-    work: Reals,
-    bench: Reals,
-    places: Integers,
-) -> Integer:
-    """Limits as wide as the units scatter about point 0 of the bench; 0 where they are no wider than they were."""
-    limits = bench[unit_vector_at(rules, LIMITS) :]
-    cuts = bench[unit_vector_at(rules, CUTS) :]
-    squares = bench[unit_vector_at(rules, SQUARES) :]
-    residuals = work[residuals_at(system, 0) :]
-    residuals_at_point(system, constants, data, index, bench[point_at(system, rules, 0) :], 0, 0, work, residuals)
-    unit_squares(rules, places, units, residuals, squares)
-    own = robust_variance(
-        units,
-        scalars,
-        system.n,
-        squares,
-        bench[unit_vector_at(rules, MEDIANS) :],
-        places[place_vector_at(rules, GROUP_OF) :],
-        STATED,
-        bench[unit_vector_at(rules, SORTED) :],
-    )
-    for u in range(units):
-        limits[u] = cuts[u] * max(own, 1.0)
+def widen_for_point(system: Problem, bench: Bench) -> Integer:
+    """Limits as wide as the units scatter about the point; 0 where they are no wider than they were."""
+    units = bench.units
+    here = bench.here
+    squares_at(system, here.point, bench, here.squares)
+    own = robust_variance(units, system.n, here.squares, STATED, bench.sorted)
+    for u in range(units.count):
+        units.limits[u] = units.cuts[u] * max(own, 1.0)
     return own > 1.0
 
 
-def improve_one(
-    wide: Integer,
-    found: Integer,
-    units: Integer,
-    scalars: Integer,
-    size: Integer,
-    system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    rules: ConstantIntegers,
-    work: Reals,
-    bench: Reals,
-    places: Integers,
-    answer: Reals,
-) -> Integer:
-    """How many candidates there are with what point 0 leads to, ``found`` of them before; ``wide`` 1: in two stages."""
-    rule = TRIMMED if rules[GROUPS] > 0 else TRUNCATED
+def improve_one(wide: Integer, found: Integer, system: Problem, bench: Bench) -> Integer:
+    """Candidates with what the point leads to: how many, ``found`` of them before; ``wide`` 1: in two stages."""
+    units = bench.units
+    rule = TRIMMED if bench.rules.groups > 0 else TRUNCATED
     if wide == 1:
-        if widen_for_point(system, constants, data, index, rules, units, scalars, work, bench, places) == 0:
+        if widen_for_point(system, bench) == 0:
             return found  # this way has been gone
-        # fmt: off
-        refined(
-            rule, WIDE_STEPS, NEARLY_STILL, size, units, 0, 0, system, constants, data, index, columns, rules, work,
-            bench, places, answer,
-        )
-        # fmt: on
-    copied(units, bench[unit_vector_at(rules, CUTS) :], bench[unit_vector_at(rules, LIMITS) :])
-    # fmt: off
-    alike = refined(
-        rule, REFINING_STEPS, STILL, size, units, 0, found, system, constants, data, index, columns, rules, work, bench,
-        places, answer,
-    )
-    # fmt: on
-    if alike == NO_CANDIDATE and isfinite(answer[0]):
-        put_candidate(system, rules, found, units, answer, bench)
+        refined(rule, WIDE_STEPS, NEARLY_STILL, 0, system, bench)
+    copied(units.count, units.cuts, units.limits)
+    alike = refined(rule, REFINING_STEPS, STILL, found, system, bench)
+    if alike == NO_CANDIDATE and isfinite(bench.objective):
+        put_candidate(found, system, bench)
         return found + 1
     return found
 
 
-def improve(
-    units: Integer,
-    scalars: Integer,
-    size: Integer,
-    count: Integer,
-    system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    rules: ConstantIntegers,
-    work: Reals,
-    bench: Reals,
-    places: Integers,
-    answer: Reals,
-) -> Integer:
+def improve(count: Integer, system: Problem, bench: Bench) -> Integer:
     """Candidates after fits to the units that they explain, no end twice: how many; ``count`` trials are improved."""
-    best = places[best_at(system, rules) :]
-    scale = bench[small_at(system, rules, SCALES) :]
-    trials = bench[trials_at(system, rules) :]
-    for j in range(system.n):
-        scale[j] = 1.0
-    for u in range(units):
-        bench[unit_vector_at(rules, VARIANCES) + u] = 1.0
+    filled(system.n, 1.0, bench.scale)
+    filled(bench.units.count, 1.0, bench.units.variances)
     found = 0
     for way in range(2):
         for k in range(count):
-            copied(system.numbers, trials[best[k] * system.numbers :], bench[point_at(system, rules, 0) :])
-            found = improve_one(
-                way,
-                found,
-                units,
-                scalars,
-                size,
-                system,
-                constants,
-                data,
-                index,
-                columns,
-                rules,
-                work,
-                bench,
-                places,
-                answer,
-            )
-        if rules[GROUPS] > 0:
+            copied(system.numbers, bench.trials[bench.best[k] * system.numbers :], bench.here.point)
+            found = improve_one(way, found, system, bench)
+        if bench.rules.groups > 0:
             break
     return found
 
 
-def best_candidate(
-    count: Integer,
-    system: Problem,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    rules: ConstantIntegers,
-    start: ConstantReals,
-    work: Reals,
-    bench: Reals,
-) -> Integer:
+def best_candidate(count: Integer, start: ConstantReals, system: Problem, bench: Bench) -> Integer:
     """The candidate with the lowest objective; of equals (mirrored ones, say) the nearest to the start (N,)."""
     n = system.n
-    chunk = bench[slot_at(system, rules, 0) :]
-    scale = bench[small_at(system, rules, SCALES) :]
-    rows = linearised(system, data, index, columns, start, work, chunk)
+    chunk = bench.here.chunk
+    scale = bench.scale
+    objectives = bench.objectives
+    rows = linearised(system, bench.rows, start, chunk)
     for j in range(n):
         total = 0.0
         for i in range(rows):
@@ -270,20 +133,20 @@ def best_candidate(
             if isfinite(slope):
                 total += slope * slope
         scale[j] = sqrt(total)
-    lowest = bench[candidate_at(system, rules, 0)]
+    lowest = objectives[0]
     for k in range(1, count):
-        lowest = min(bench[candidate_at(system, rules, k)], lowest)
+        lowest = min(objectives[k], lowest)
     reach = lowest + SAME_OBJECTIVE * max(fabs(lowest), 1.0)
     best = 0
     nearest = -1.0
     for k in range(count):
-        own = bench[candidate_at(system, rules, k) :]
-        if own[0] <= reach:
+        if objectives[k] <= reach:
+            own = bench.candidates[k * system.numbers :]
             away = 0.0
             for j in range(n):
                 place = system.number_of[j]
                 if place >= 0:
-                    difference = (own[1 + place] - start[place]) * scale[j]
+                    difference = (own[place] - start[place]) * scale[j]
                     away += difference * difference
             if nearest < 0.0 or away < nearest:
                 nearest = away

@@ -5,227 +5,119 @@ from __future__ import annotations
 from math import inf, isfinite
 
 from mbm.target.decisions import ARRIVED, JOINT_STEPS, STATED
-from mbm.target.solver.consensus_description import (
-    COMPONENTS,
-    CUTS,
-    FRESH,
-    GROUP_OF,
-    GROUPS,
-    INSIDE,
-    LIMITS,
-    MEDIANS,
-    NOISE,
-    REACHES,
-    SORTED,
-    SQUARES,
-    STEP,
-    THRESHOLDED,
-    UNIT_ROUNDINGS,
-    VARIANCES,
-    WEIGHTS_OF,
-    by_row_at,
-    place_vector_at,
-    point_at,
-    slot_at,
-    small_at,
-    unit_vector_at,
-)
+from mbm.target.solver.consensus_description import Bench, Fit
 from mbm.target.solver.consensus_laws import untruncated
 from mbm.target.solver.consensus_order import variances_at
 from mbm.target.solver.consensus_refine import measure, weighted_step
 from mbm.target.solver.consensus_rows import linearised, moved, spread_weights
-from mbm.target.solver.description import DataSet, Problem
-from mbm.target.solver.linear_algebra import copied
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.solver.description import Problem
+from mbm.target.words import ConstantReals, Integer, Real
 
 
-def group_noise(
-    group: Integer,
-    units: Integer,
-    freedom_each: Real,
-    rules: ConstantIntegers,
-    squares: ConstantReals,
-    bench: Reals,
-    places: ConstantIntegers,
-) -> None:
-    """`NOISE` and `LIMITS` of one group of unknown noise, from its inliers and the variances that are there.
+def group_noise(group: Integer, freedom_each: Real, squares: ConstantReals, bench: Bench) -> None:
+    """Noise and limits of one group of unknown noise, from its inliers and the variances that are there.
 
     ``freedom_each`` is the redundancy of one residual: unknowns are shared out by the number of residuals.
     """
-    groups = places[place_vector_at(rules, GROUP_OF) :]
-    components = places[place_vector_at(rules, COMPONENTS) :]
-    inside = places[place_vector_at(rules, INSIDE) :]
-    limits = bench[unit_vector_at(rules, LIMITS) :]
-    reaches = bench[unit_vector_at(rules, REACHES) :]
-    rounding = bench[unit_vector_at(rules, UNIT_ROUNDINGS) :]
-    noise = bench[unit_vector_at(rules, NOISE) :]
+    units = bench.units
     count = 0
     wide = 0
     summed = 0.0
     least = 1e-300
-    for u in range(units):
-        if groups[u] == group and inside[u] == 1:
-            count += components[u]
+    for u in range(units.count):
+        if units.group[u] == group and units.inside[u] == 1:
+            count += units.components[u]
             summed += squares[u]
-            least = max(least, rounding[u])
-            if rules[THRESHOLDED] == 0 and squares[u] > limits[u]:
+            least = max(least, units.rounding[u])
+            if bench.rules.thresholded == 0 and squares[u] > units.limits[u]:
                 wide = 1
     freedom = float(count) * freedom_each
     if freedom > 0.0:
-        raw = max(summed / freedom, least)
-        found = untruncated(units, group, wide, raw, limits, reaches, components, groups, inside)
-        for u in range(units):
-            if groups[u] == group:
-                noise[u] = found
+        found = untruncated(units, group, wide, max(summed / freedom, least))
+        for u in range(units.count):
+            if units.group[u] == group:
+                units.noise[u] = found
     if wide == 1:
-        for u in range(units):
-            if groups[u] == group:
-                limits[u] = max(limits[u], reaches[u] * noise[u])
+        for u in range(units.count):
+            if units.group[u] == group:
+                units.limits[u] = max(units.limits[u], units.reaches[u] * units.noise[u])
 
 
-def noise_and_limits(
-    system: Problem,
-    rules: ConstantIntegers,
-    units: Integer,
-    scalars: Integer,
-    squares: ConstantReals,
-    bench: Reals,
-    places: ConstantIntegers,
-) -> None:
-    """`NOISE` (U,), as stated or that of the inliers, and `LIMITS` (U,) at squared norms (U,); `INSIDE` stays.
+def noise_and_limits(system: Problem, squares: ConstantReals, bench: Bench) -> None:
+    """Noise (U,), as stated or that of the inliers, and limits (U,) at squared norms (U,); the inliers stay.
 
     Where the limits of the robust scale leave out units that are inside, three deviations of their noise are the limit.
     """
     n = system.n
-    groups = places[place_vector_at(rules, GROUP_OF) :]
-    components = places[place_vector_at(rules, COMPONENTS) :]
-    inside = places[place_vector_at(rules, INSIDE) :]
-    medians = bench[unit_vector_at(rules, MEDIANS) :]
-    rounding = bench[unit_vector_at(rules, UNIT_ROUNDINGS) :]
-    scratch = bench[unit_vector_at(rules, SORTED) :]
-    fresh = bench[unit_vector_at(rules, FRESH) :]
-    limits = bench[unit_vector_at(rules, LIMITS) :]
-    cuts = bench[unit_vector_at(rules, CUTS) :]
-    noise = bench[unit_vector_at(rules, NOISE) :]
-    variances_at(units, scalars, n, rules[GROUPS], squares, medians, groups, rounding, scratch, fresh)
+    units = bench.units
+    variances_at(units, n, bench.rules.groups, squares, bench.sorted, bench.fresh)
     total = 0
-    for u in range(units):
-        noise[u] = fresh[u] if groups[u] != STATED else bench[unit_vector_at(rules, VARIANCES) + u]
-        limits[u] = cuts[u] * noise[u]
-        if inside[u] == 1:
-            total += components[u]
+    for u in range(units.count):
+        units.noise[u] = bench.fresh[u] if units.group[u] != STATED else units.variances[u]
+        units.limits[u] = units.cuts[u] * units.noise[u]
+        if units.inside[u] == 1:
+            total += units.components[u]
     freedom_each = 1.0 - float(n) / float(total) if total > 0 else 0.0
-    for group in range(rules[GROUPS]):
-        group_noise(group, units, freedom_each, rules, squares, bench, places)
-    for u in range(units):
-        if inside[u] == 1:
-            limits[u] = max(limits[u], squares[u])
+    for group in range(bench.rules.groups):
+        group_noise(group, freedom_each, squares, bench)
+    for u in range(units.count):
+        if units.inside[u] == 1:
+            units.limits[u] = max(units.limits[u], squares[u])
 
 
-def promised(
-    here: Integer,
-    count: Integer,
-    rest: Real,
-    units: Integer,
-    scalars: Integer,
-    system: Problem,
-    rules: ConstantIntegers,
-    bench: Reals,
-    places: ConstantIntegers,
-) -> Real:
-    """What a step from point ``here`` promises, with weights by the noise of the inliers there; infinite: no value."""
-    inside = places[place_vector_at(rules, INSIDE) :]
-    squares = bench[unit_vector_at(rules, SQUARES + here) :]
-    noise = bench[unit_vector_at(rules, NOISE) :]
-    weights = bench[unit_vector_at(rules, WEIGHTS_OF) :]
-    noise_and_limits(system, rules, units, scalars, squares, bench, places)
+def promised(count: Integer, rest: Real, fit: Fit, system: Problem, bench: Bench) -> Real:
+    """What a step from a fit promises, with weights by the noise of the inliers there; infinite: no value."""
+    units = bench.units
+    noise_and_limits(system, fit.squares, bench)
     total = rest
-    for u in range(units):
-        weights[u] = 0.0
-        if inside[u] == 1:
-            weights[u] = 1.0 / noise[u]
-            total += squares[u]
+    for u in range(units.count):
+        units.weights[u] = 0.0
+        if units.inside[u] == 1:
+            units.weights[u] = 1.0 / units.noise[u]
+            total += fit.squares[u]
     if not isfinite(total):
         return inf
-    spread_weights(rules, places, units, count, weights, bench[by_row_at(system, rules) :])
-    return weighted_step(system, rules, count, here, 0.0, bench)
+    spread_weights(units, count, bench.by_row)
+    return weighted_step(system, count, 0.0, fit.chunk, bench)
 
 
-def fitted_jointly(
-    units: Integer,
-    scalars: Integer,
-    system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    rules: ConstantIntegers,
-    work: Reals,
-    bench: Reals,
-    places: Integers,
-) -> None:
-    """Point 0 of the bench at the fit to the inliers: Gauss-Newton steps as long as they promise less and less."""
-    here = 0
-    point = bench[point_at(system, rules, 0) :]
-    chunk = bench[slot_at(system, rules, 0) :]
-    squares = bench[unit_vector_at(rules, SQUARES) :]
-    count = linearised(system, data, index, columns, point, work, chunk)
-    rest = measure(system, rules, places, units, count, chunk, squares, bench)
-    promise = promised(0, count, rest, units, scalars, system, rules, bench, places)
+def fitted_jointly(system: Problem, bench: Bench) -> None:
+    """The fit to the inliers: Gauss-Newton steps as long as they promise less and less."""
+    count = linearised(system, bench.rows, bench.here.point, bench.here.chunk)
+    rest = measure(system, count, bench.here, bench)
+    promise = promised(count, rest, bench.here, system, bench)
     for _ in range(JOINT_STEPS):
         if not (promise > ARRIVED and isfinite(promise)):
             break
-        there = bench[point_at(system, rules, 1 - here) :]
-        tried = bench[slot_at(system, rules, 1 - here) :]
-        tried_squares = bench[unit_vector_at(rules, SQUARES + 1 - here) :]
-        moved(system, constants, point, bench[small_at(system, rules, STEP) :], there)
-        linearised(system, data, index, columns, there, work, tried)
-        rest_there = measure(system, rules, places, units, count, tried, tried_squares, bench)
-        further = promised(1 - here, count, rest_there, units, scalars, system, rules, bench, places)
+        here = bench.here
+        there = bench.there
+        moved(system, bench.rows.constants, here.point, bench.step, there.point)
+        linearised(system, bench.rows, there.point, there.chunk)
+        rest_there = measure(system, count, there, bench)
+        further = promised(count, rest_there, there, system, bench)
         if not further < promise:
             break
         promise = further
-        here = 1 - here
-        point = bench[point_at(system, rules, here) :]
-        squares = bench[unit_vector_at(rules, SQUARES + here) :]
-    if here == 1:
-        copied(system.numbers, point, bench[point_at(system, rules, 0) :])
-        copied(units, squares, bench[unit_vector_at(rules, SQUARES) :])
-    noise_and_limits(system, rules, units, scalars, bench[unit_vector_at(rules, SQUARES) :], bench, places)
+        bench.here = there
+        bench.there = here
+    noise_and_limits(system, bench.here.squares, bench)
 
 
-def joined(
-    units: Integer,
-    scalars: Integer,
-    system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    rules: ConstantIntegers,
-    work: Reals,
-    bench: Reals,
-    places: Integers,
-) -> None:
-    """The joint solution near point 0, with the units that come in by it.
+def joined(system: Problem, bench: Bench) -> None:
+    """The joint solution near the fit, with the units that come in by it.
 
     Three standard deviations of the inliers take units back where the robust scale came out low, unless limits are
-    stated. `VARIANCES` hold for stated noise; `INSIDE`, `LIMITS` and `NOISE` are answered.
+    stated. The variances hold for stated noise; inliers, limits and noise are answered.
     """
-    groups = places[place_vector_at(rules, GROUP_OF) :]
-    inside = places[place_vector_at(rules, INSIDE) :]
-    squares = bench[unit_vector_at(rules, SQUARES) :]
-    limits = bench[unit_vector_at(rules, LIMITS) :]
-    reaches = bench[unit_vector_at(rules, REACHES) :]
-    noise = bench[unit_vector_at(rules, NOISE) :]
+    units = bench.units
     more = 1
     while more == 1:
         more = 0
-        fitted_jointly(units, scalars, system, constants, data, index, columns, rules, work, bench, places)
-        for u in range(units):
-            wider = limits[u]
-            if rules[THRESHOLDED] == 0 and groups[u] != STATED:
-                wider = max(wider, reaches[u] * noise[u])
-            if inside[u] == 0 and squares[u] <= wider:
-                inside[u] = 1
+        fitted_jointly(system, bench)
+        for u in range(units.count):
+            wider = units.limits[u]
+            if bench.rules.thresholded == 0 and units.group[u] != STATED:
+                wider = max(wider, units.reaches[u] * units.noise[u])
+            if units.inside[u] == 0 and bench.here.squares[u] <= wider:
+                units.inside[u] = 1
                 more = 1

@@ -5,77 +5,34 @@ from __future__ import annotations
 from math import inf, isfinite
 
 from mbm.target.decisions import CANDIDATES, WIDE
-from mbm.target.solver.consensus_description import (
-    BY_MEDIAN,
-    BY_RULE,
-    BY_WIDE_LIMITS,
-    CUTS,
-    GROUP_OF,
-    GROUPS,
-    LIMITS,
-    LISTS,
-    MEDIANS,
-    SORTED,
-    SQUARES,
-    UNIT_ROUNDINGS,
-    VARIANCES,
-    best_at,
-    best_scores_at,
-    place_vector_at,
-    trials_at,
-    unit_vector_at,
-)
+from mbm.target.solver.consensus_description import BY_MEDIAN, BY_RULE, BY_WIDE_LIMITS, LISTS, Bench
 from mbm.target.solver.consensus_order import variances_at
-from mbm.target.solver.consensus_rows import unit_squares
+from mbm.target.solver.consensus_rows import squares_at
 from mbm.target.solver.consensus_scores import LMEDS, RANSAC, inside_count, least_median, outlier_count, truncated
-from mbm.target.solver.description import DataSet, Problem
-from mbm.target.solver.equations import residuals_at_point
-from mbm.target.solver.workspace import residuals_at
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.solver.description import Problem
+from mbm.target.solver.trials import same_point
+from mbm.target.words import ConstantReals, Integer, Real
 
 
-def empty_lists(system: Problem, rules: ConstantIntegers, places: Integers) -> None:
+def empty_lists(bench: Bench) -> None:
     """No trial is among the best yet."""
     for k in range(LISTS):
-        places[best_at(system, rules) + LISTS * CANDIDATES + k] = 0
+        bench.listed[k] = 0
 
 
-def listed(system: Problem, rules: ConstantIntegers, which: Integer, places: ConstantIntegers) -> Integer:
-    """How many trials there are in a list."""
-    return places[best_at(system, rules) + LISTS * CANDIDATES + which]
-
-
-def points_equal(system: Problem, a: ConstantReals, b: ConstantReals) -> Integer:
-    """Whether two points are equal."""
-    for i in range(system.numbers):
-        if a[i] != b[i]:
-            return 0
-    return 1
-
-
-def put_in_list(
-    system: Problem,
-    rules: ConstantIntegers,
-    which: Integer,
-    most: Integer,
-    trial: Integer,
-    score: Real,
-    bench: Reals,
-    places: Integers,
-) -> None:
+def put_in_list(system: Problem, which: Integer, most: Integer, trial: Integer, score: Real, bench: Bench) -> None:
     """Put a trial into a list of the best, lowest score first, ``most`` of them; not twice the same point."""
-    numbers = places[best_at(system, rules) + which * CANDIDATES :]
-    counts = places[best_at(system, rules) + LISTS * CANDIDATES :]
-    scores = bench[best_scores_at(system, rules) + which * CANDIDATES :]
-    points = bench[trials_at(system, rules) :]
-    count = counts[which]
+    numbers = bench.best[which * CANDIDATES :]
+    scores = bench.best_scores[which * CANDIDATES :]
+    points = bench.trials
+    count = bench.listed[which]
     place = count
     while place > 0 and scores[place - 1] > score:
         place = place - 1
     same = place
     while same > 0 and scores[same - 1] == score:
         same = same - 1
-        if points_equal(system, points[numbers[same] * system.numbers :], points[trial * system.numbers :]) == 1:
+        if same_point(system, points[numbers[same] * system.numbers :], points[trial * system.numbers :]) == 1:
             return
     if place >= most:
         return
@@ -87,105 +44,56 @@ def put_in_list(
         scores[last - back] = scores[last - back - 1]
     numbers[place] = trial
     scores[place] = score
-    counts[which] = last + 1
+    bench.listed[which] = last + 1
 
 
-def bound_of(
-    system: Problem,
-    rules: ConstantIntegers,
-    which: Integer,
-    most: Integer,
-    bench: ConstantReals,
-    places: ConstantIntegers,
-) -> Real:
+def bound_of(which: Integer, most: Integer, bench: Bench) -> Real:
     """The score from which on a trial does not come into a list."""
-    if listed(system, rules, which, places) < most:
+    if bench.listed[which] < most:
         return inf
-    return bench[best_scores_at(system, rules) + which * CANDIDATES + most - 1]
+    return bench.best_scores[which * CANDIDATES + most - 1]
 
 
-def judge_trials(
-    kind: Integer,
-    first: Integer,
-    last: Integer,
-    size: Integer,
-    units: Integer,
-    system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    rules: ConstantIntegers,
-    work: Reals,
-    bench: Reals,
-    places: Integers,
-) -> Integer:
+def judge_trials(kind: Integer, first: Integer, last: Integer, system: Problem, bench: Bench) -> Integer:
     """The trials ``first … last`` into the lists of the best, by a kind of score; limits are those in the bench.
 
     The least median has a list by itself; other scores stand beside that with `WIDE` limits. The largest number of
     units is given that are within their cuts at one of these trials.
     """
-    groups = places[place_vector_at(rules, GROUP_OF) :]
-    squares = bench[unit_vector_at(rules, SQUARES) :]
-    limits = bench[unit_vector_at(rules, LIMITS) :]
-    residuals = work[residuals_at(system, 0) :]
+    units = bench.units
+    squares = bench.here.squares
+    limits = units.limits
     half = CANDIDATES // 2
     inside = 0
     for trial in range(first, last):
-        point = bench[trials_at(system, rules) + trial * system.numbers :]
-        residuals_at_point(system, constants, data, index, point, 0, 0, work, residuals)
-        unit_squares(rules, places, units, residuals, squares)
-        here = inside_count(units, squares, bench[unit_vector_at(rules, CUTS) :])
+        squares_at(system, bench.trials[trial * system.numbers :], bench, squares)
+        here = inside_count(units.count, squares, units.cuts)
         if here > inside:
             inside = here
         if kind == LMEDS:
-            medians = bench[unit_vector_at(rules, MEDIANS) :]
-            scratch = bench[unit_vector_at(rules, SORTED) :]
-            bound = bound_of(system, rules, BY_MEDIAN, CANDIDATES, bench, places)
-            score = least_median(units, rules[GROUPS], size, squares, medians, groups, bound, scratch)
+            bound = bound_of(BY_MEDIAN, CANDIDATES, bench)
+            score = least_median(
+                units.count, bench.rules.groups, bench.size, squares, units.medians, units.group, bound, bench.sorted
+            )
             if isfinite(score):
-                put_in_list(system, rules, BY_MEDIAN, CANDIDATES, trial, score, bench, places)
+                put_in_list(system, BY_MEDIAN, CANDIDATES, trial, score, bench)
         else:
-            score = truncated(units, 1.0, squares, limits)
+            score = truncated(units.count, 1.0, squares, limits)
             if kind == RANSAC:
-                score = outlier_count(units, squares, limits, score)
-            if score < bound_of(system, rules, BY_RULE, half, bench, places):
-                put_in_list(system, rules, BY_RULE, half, trial, score, bench, places)
-            wide = truncated(units, WIDE, squares, limits)
-            if wide < bound_of(system, rules, BY_WIDE_LIMITS, half, bench, places):
-                put_in_list(system, rules, BY_WIDE_LIMITS, half, trial, wide, bench, places)
+                score = outlier_count(units.count, squares, limits, score)
+            if score < bound_of(BY_RULE, half, bench):
+                put_in_list(system, BY_RULE, half, trial, score, bench)
+            wide = truncated(units.count, WIDE, squares, limits)
+            if wide < bound_of(BY_WIDE_LIMITS, half, bench):
+                put_in_list(system, BY_WIDE_LIMITS, half, trial, wide, bench)
     return inside
 
 
-def limit_by_noise(
-    system: Problem,
-    data: DataSet,
-    constants: ConstantReals,
-    index: ConstantIntegers,
-    rules: ConstantIntegers,
-    units: Integer,
-    scalars: Integer,
-    point: ConstantReals,
-    work: Reals,
-    bench: Reals,
-    places: ConstantIntegers,
-) -> None:
+def limit_by_noise(system: Problem, point: ConstantReals, bench: Bench) -> None:
     """Limits and variances (U,) in the bench from the noise at a point."""
-    residuals = work[residuals_at(system, 0) :]
-    squares = bench[unit_vector_at(rules, SQUARES) :]
-    variances = bench[unit_vector_at(rules, VARIANCES) :]
-    residuals_at_point(system, constants, data, index, point, 0, 0, work, residuals)
-    unit_squares(rules, places, units, residuals, squares)
-    variances_at(
-        units,
-        scalars,
-        0,
-        rules[GROUPS],
-        squares,
-        bench[unit_vector_at(rules, MEDIANS) :],
-        places[place_vector_at(rules, GROUP_OF) :],
-        bench[unit_vector_at(rules, UNIT_ROUNDINGS) :],
-        bench[unit_vector_at(rules, SORTED) :],
-        variances,
-    )
-    for u in range(units):
-        bench[unit_vector_at(rules, LIMITS) + u] = bench[unit_vector_at(rules, CUTS) + u] * variances[u]
+    units = bench.units
+    squares = bench.here.squares
+    squares_at(system, point, bench, squares)
+    variances_at(units, 0, bench.rules.groups, squares, bench.sorted, units.variances)
+    for u in range(units.count):
+        units.limits[u] = units.cuts[u] * units.variances[u]

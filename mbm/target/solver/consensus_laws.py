@@ -6,21 +6,12 @@ from math import fabs
 
 from mbm.target.chi_square import consistency
 from mbm.target.decisions import LEAST_KEPT, ROUNDED, SECANTS
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real
+from mbm.target.solver.consensus_description import Units
+from mbm.target.words import ConstantReals, Integer, Integers, Real
 
 
-def share_left(
-    units: Integer,
-    group: Integer,
-    wide: Integer,
-    variance: Real,
-    limits: ConstantReals,
-    reaches: ConstantReals,
-    components: ConstantIntegers,
-    groups: ConstantIntegers,
-    inside: ConstantIntegers,
-) -> Real:
-    """Share of their variance that a group's inliers keep inside their limits, or ``reaches`` if these are wider.
+def share_left(units: Units, group: Integer, wide: Integer, variance: Real) -> Real:
+    """Share of their variance that a group's inliers keep inside their limits, or reaches if these are wider.
 
     ``wide`` 1: the limits are three standard deviations at least; 0: they are as they are.
     """
@@ -29,43 +20,33 @@ def share_left(
     last_limit = -1.0
     last_size = 0
     left = 1.0
-    for u in range(units):
-        if groups[u] == group and inside[u] == 1:
-            limit = limits[u] / variance
+    for u in range(units.count):
+        if units.group[u] == group and units.inside[u] == 1:
+            limit = units.limits[u] / variance
             if wide == 1:
-                limit = max(limit, reaches[u])
-            if limit != last_limit or components[u] != last_size:
+                limit = max(limit, units.reaches[u])
+            if limit != last_limit or units.components[u] != last_size:
                 last_limit = limit
-                last_size = components[u]
+                last_size = units.components[u]
                 left = consistency(last_limit, last_size)
-            share += float(components[u]) * left
-            total += float(components[u])
+            share += float(units.components[u]) * left
+            total += float(units.components[u])
     return max(share / total, LEAST_KEPT)
 
 
-def untruncated(
-    units: Integer,
-    group: Integer,
-    wide: Integer,
-    raw: Real,
-    limits: ConstantReals,
-    reaches: ConstantReals,
-    components: ConstantIntegers,
-    groups: ConstantIntegers,
-    inside: ConstantIntegers,
-) -> Real:
+def untruncated(units: Units, group: Integer, wide: Integer, raw: Real) -> Real:
     """The variance v of the noise whose part inside the limits has the variance ``raw``, from a group's inliers.
 
     What is left inside, ``v κ(v)``, grows with v: secants, kept inside of what brackets the solution.
     """
     before = raw
-    left = share_left(units, group, wide, raw, limits, reaches, components, groups, inside)
+    left = share_left(units, group, wide, raw)
     off_before = left - 1.0
     low = raw
     high = raw / LEAST_KEPT
     variance = raw / left
     for _ in range(SECANTS):
-        left = share_left(units, group, wide, variance, limits, reaches, components, groups, inside)
+        left = share_left(units, group, wide, variance)
         off = variance / raw * left - 1.0
         if off <= 0.0:
             low = variance

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.target.solver.consensus_description import Units
+from mbm.target.words import ConstantReals, Integer, Real, Reals
 
 
 def below_first(first: Integer, last: Integer, pivot: Real, values: Reals) -> Integer:
@@ -57,29 +58,20 @@ def median(count: Integer, values: Reals) -> Real:
     return 0.5 * (lower + upper)
 
 
-def robust_variance(
-    units: Integer,
-    scalars: Integer,
-    dimension: Integer,
-    squares: ConstantReals,
-    medians: ConstantReals,
-    groups: ConstantIntegers,
-    group: Integer,
-    scratch: Reals,
-) -> Real:
+def robust_variance(units: Units, dimension: Integer, squares: ConstantReals, group: Integer, scratch: Reals) -> Real:
     """``(1.4826 (1 + 5/(n − p)))² med`` of the squared norms of a group's units, each over the median of its law.
 
-    ``scalars`` n counts the residuals of all units, ``dimension`` p the unknowns of the fit; 0 without any unit.
-    Infinite norms are allowed, NaN is not.
+    n counts the residuals of all units, ``dimension`` p the unknowns of the fit; 0 without any unit. Infinite norms are
+    allowed, NaN is not.
     """
     count = 0
-    for u in range(units):
-        if groups[u] == group:
-            scratch[count] = squares[u] / medians[u]
+    for u in range(units.count):
+        if units.group[u] == group:
+            scratch[count] = squares[u] / units.medians[u]
             count += 1
     if count == 0:
         return 0.0
-    left = scalars - dimension
+    left = units.scalars - dimension
     if left < 1:
         left = 1
     small = 1.0 + 5.0 / float(left)
@@ -87,33 +79,24 @@ def robust_variance(
 
 
 def variances_at(
-    units: Integer,
-    scalars: Integer,
-    dimension: Integer,
-    groups_count: Integer,
-    squares: ConstantReals,
-    medians: ConstantReals,
-    groups: ConstantIntegers,
-    rounding: ConstantReals,
-    scratch: Reals,
-    variances: Reals,
+    units: Units, dimension: Integer, groups: Integer, squares: ConstantReals, scratch: Reals, variances: Reals
 ) -> None:
     """The variance (U,) of each unit's noise at a point: 1 where it is stated, else the robust one of its group.
 
     It is no smaller than what rounding makes of most of them: that of a unit that is grossly wrong says nothing.
     """
-    for u in range(units):
+    for u in range(units.count):
         variances[u] = 1.0
-    for group in range(groups_count):
-        found = robust_variance(units, scalars, dimension, squares, medians, groups, group, scratch)
+    for group in range(groups):
+        found = robust_variance(units, dimension, squares, group, scratch)
         found = max(found, 1e-300)
         count = 0
-        for u in range(units):
-            if groups[u] == group:
-                scratch[count] = rounding[u]
+        for u in range(units.count):
+            if units.group[u] == group:
+                scratch[count] = units.rounding[u]
                 count += 1
         if count > 0:
             found = max(found, median(count, scratch))
-        for u in range(units):
-            if groups[u] == group:
+        for u in range(units.count):
+            if units.group[u] == group:
                 variances[u] = found

@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import fabs, isfinite, sqrt
 
 from mbm.target.decisions import MIRRORED
-from mbm.target.solver.consensus_description import FORM, FORM_AT, FORM_WIDTH, SPHERES
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.target.solver.consensus_description import SPHERES, Rules
+from mbm.target.words import ConstantReals, Integer, Real, Reals
 
 SWEEPS = 12
 """Sweeps of Jacobi's method: for matrices of three rows a few are enough."""
@@ -48,14 +48,13 @@ def smallest_share(d: Integer, matrix: Reals) -> Real:
     return max(least, 0.0) / largest if largest > 0.0 else 0.0
 
 
-def one_sided(rules: ConstantIntegers, units: Integer, forms: ConstantReals, moments: Reals) -> Integer:
+def one_sided(rules: Rules, units: Integer, forms: ConstantReals, moments: Reals) -> Integer:
     """Whether all known stations of spheres lie in one plane (on one line), and there is no offset."""
-    if rules[FORM] != SPHERES:
+    if rules.form != SPHERES:
         return 0
-    about = rules[rules[FORM_AT] :]
-    width = rules[FORM_WIDTH]
-    d = about[0]
-    if about[1] != 0:
+    width = rules.form_width
+    d = rules.about[0]
+    if rules.about[1] != 0:
         return 0
     for i in range(MOMENTS):
         moments[i] = 0.0

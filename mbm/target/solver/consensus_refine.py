@@ -5,22 +5,7 @@ from __future__ import annotations
 from math import fabs, isfinite, sqrt
 
 from mbm.target.decisions import CANDIDATE_DAMPING, CANDIDATE_REGULARISATION
-from mbm.target.solver.consensus_description import (
-    GRADIENT,
-    LIMITS,
-    NO_CANDIDATE,
-    SCALES,
-    SQUARES,
-    STEP,
-    WEIGHTS_OF,
-    bench_matrix_at,
-    by_row_at,
-    candidate_at,
-    point_at,
-    slot_at,
-    small_at,
-    unit_vector_at,
-)
+from mbm.target.solver.consensus_description import NO_CANDIDATE, Bench, Fit
 from mbm.target.solver.consensus_rows import (
     linearised,
     moved,
@@ -30,9 +15,9 @@ from mbm.target.solver.consensus_rows import (
     weigh_columns,
 )
 from mbm.target.solver.consensus_rules import GIVEN, TRUNCATED, judged
-from mbm.target.solver.description import DataSet, Problem
-from mbm.target.solver.linear_algebra import cholesky, copied, dot
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.target.solver.description import Problem
+from mbm.target.solver.linear_algebra import cholesky, dot
+from mbm.target.words import ConstantReals, Integer, Real, Reals
 
 NEARLY_STILL = 1e-4
 """A step that promises to lower the objective by less than this has arrived, where a fit is only on the way."""
@@ -44,22 +29,19 @@ NEAR = 0.1
 """The same where they have the same units inside: the next fit, to these, leads from both to one point."""
 
 
-def weighted_step(
-    system: Problem, rules: ConstantIntegers, count: Integer, slot: Integer, damping: Real, bench: Reals
-) -> Real:
+def weighted_step(system: Problem, count: Integer, damping: Real, chunk: Reals, bench: Bench) -> Real:
     """The Marquardt step by the weights of the rows, and the decrease of the weighted sum of squares it promises.
 
-    Both are 0 where something is not finite. The diagonal of the normal equations, as roots, stays in `SCALES`.
+    Both are 0 where something is not finite. The diagonal of the normal equations, as roots, stays in `scale`.
     """
     n = system.n
     stride = system.chunk
-    chunk = bench[slot_at(system, rules, slot) :]
-    weighted = bench[slot_at(system, rules, 2) :]
-    normal = bench[bench_matrix_at(system, rules) :]
-    gradient = bench[small_at(system, rules, GRADIENT) :]
-    scale = bench[small_at(system, rules, SCALES) :]
-    step = bench[small_at(system, rules, STEP) :]
-    weigh_columns(n + 1, stride, count, bench[by_row_at(system, rules) :], chunk, weighted)
+    weighted = bench.weighted
+    normal = bench.normal
+    gradient = bench.gradient
+    scale = bench.scale
+    step = bench.step
+    weigh_columns(n + 1, stride, count, bench.by_row, chunk, weighted)
     finite = 1
     for i in range(n):
         gradient[i] = dot(count, weighted[i * stride :], chunk[n * stride :])
@@ -107,40 +89,31 @@ def same_inside(units: Integer, weights: ConstantReals, squares: ConstantReals, 
     return different == 0
 
 
-def candidate_alike(
-    rule: Integer,
-    system: Problem,
-    rules: ConstantIntegers,
-    units: Integer,
-    first: Integer,
-    last: Integer,
-    objective: Real,
-    point: ConstantReals,
-    squares: ConstantReals,
-    bench: Reals,
-) -> Integer:
-    """Which of the candidates ``first … last`` the point leads to for sure, `NO_CANDIDATE` if none.
+def candidate_alike(rule: Integer, last: Integer, objective: Real, fit: Fit, system: Problem, bench: Bench) -> Integer:
+    """Which of the first ``last`` candidates the point leads to for sure, `NO_CANDIDATE` if none.
 
     Candidates are ends by the limits in the bench.
     """
-    weights = bench[unit_vector_at(rules, WEIGHTS_OF) :]
-    scale = bench[small_at(system, rules, SCALES) :]
-    for k in range(first, last):
-        other = bench[candidate_at(system, rules, k) :]
-        theirs = other[1 + system.numbers :]
-        if fabs(other[0] - objective) < NEAR:
+    units = bench.units
+    weights = units.weights
+    point = fit.point
+    squares = fit.squares
+    for k in range(last):
+        other = bench.candidates[k * system.numbers :]
+        theirs = bench.candidate_squares[k * units.count :]
+        if fabs(bench.objectives[k] - objective) < NEAR:
             near = ALIKE
             along = 1e-3
-            if rule == TRUNCATED and same_inside(units, weights, theirs, bench[unit_vector_at(rules, LIMITS) :]) == 1:
+            if rule == TRUNCATED and same_inside(units.count, weights, theirs, units.limits) == 1:
                 near = NEAR
                 along = 0.1
             away = 0.0
             for j in range(system.n):
                 place = system.number_of[j]
                 if place >= 0:
-                    difference = scale[j] * (other[1 + place] - point[place])
+                    difference = bench.scale[j] * (other[place] - point[place])
                     away += along * difference * difference
-            for u in range(units):
+            for u in range(units.count):
                 if weights[u] > 0.0:
                     difference = squares[u] - theirs[u]
                     away += weights[u] * (difference * difference / (squares[u] + theirs[u] + 1e-300))
@@ -149,88 +122,50 @@ def candidate_alike(
     return NO_CANDIDATE
 
 
-def measure(
-    system: Problem,
-    rules: ConstantIntegers,
-    places: ConstantIntegers,
-    units: Integer,
-    count: Integer,
-    chunk: ConstantReals,
-    squares: Reals,
-    bench: ConstantReals,
-) -> Real:
-    """The squared norms (U,) of the units, and the sum of squares that no rule touches."""
-    residuals = chunk[system.n * system.chunk :]
-    unit_squares(rules, places, units, residuals, squares)
-    return unruled_square(rules, places, count, residuals, bench[by_row_at(system, rules) + system.chunk :])
+def measure(system: Problem, count: Integer, fit: Fit, bench: Bench) -> Real:
+    """The squared norms of the units at a fit, and the sum of squares that no rule touches."""
+    residuals = fit.chunk[system.n * system.chunk :]
+    unit_squares(bench.units, residuals, fit.squares)
+    return unruled_square(count, residuals, bench)
 
 
-def refined(
-    rule: Integer,
-    iterations: Integer,
-    still: Real,
-    size: Integer,
-    units: Integer,
-    first: Integer,
-    last: Integer,
-    system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    rules: ConstantIntegers,
-    work: Reals,
-    bench: Reals,
-    places: Integers,
-    answer: Reals,
-) -> Integer:
-    """Point 0 of the bench after fits to the units that the rule picks, anew at every step; its squares follow it.
+def refined(rule: Integer, iterations: Integer, still: Real, last: Integer, system: Problem, bench: Bench) -> Integer:
+    """Where the fit is after fits to the units that the rule picks, anew at every step; its squares follow it.
 
-    Steps end where they promise less than ``still``. ``answer`` (1,) is the objective there, never above that at the
-    start, infinite where there is no value. If the point comes to one of the candidates ``first … last`` it stays there
-    and the number of that is given.
+    Steps end where they promise less than ``still``. `objective` is that at the end, never above that at the start,
+    infinite where there is no value. If the point comes to one of the first ``last`` candidates it stays there and the
+    number of that is given.
     """
-    here = 0
-    point = bench[point_at(system, rules, 0) :]
-    chunk = bench[slot_at(system, rules, 0) :]
-    squares = bench[unit_vector_at(rules, SQUARES) :]
-    count = linearised(system, data, index, columns, point, work, chunk)
-    rest = measure(system, rules, places, units, count, chunk, squares, bench)
-    objective = judged(rule, units, size, system, rules, squares, rest, bench, places)
+    count = linearised(system, bench.rows, bench.here.point, bench.here.chunk)
+    rest = measure(system, count, bench.here, bench)
+    objective = judged(rule, bench.here.squares, rest, bench)
     damping = CANDIDATE_DAMPING
     alike = NO_CANDIDATE
     if isfinite(objective):
-        alike = candidate_alike(rule, system, rules, units, first, last, objective, point, squares, bench)
+        alike = candidate_alike(rule, last, objective, bench.here, system, bench)
     done = 0
     while isfinite(objective) and damping < 1e6 and done < iterations and alike == NO_CANDIDATE:
         done += 1
-        weights = bench[unit_vector_at(rules, WEIGHTS_OF) :]
-        spread_weights(rules, places, units, count, weights, bench[by_row_at(system, rules) :])
-        promise = weighted_step(system, rules, count, here, damping, bench)
+        here = bench.here
+        there = bench.there
+        spread_weights(bench.units, count, bench.by_row)
+        promise = weighted_step(system, count, damping, here.chunk, bench)
         enough = still * objective if rule == GIVEN else still
         if not promise > enough:
             break
-        there = bench[point_at(system, rules, 1 - here) :]
-        tried = bench[slot_at(system, rules, 1 - here) :]
-        tried_squares = bench[unit_vector_at(rules, SQUARES + 1 - here) :]
-        moved(system, constants, point, bench[small_at(system, rules, STEP) :], there)
-        linearised(system, data, index, columns, there, work, tried)
-        rest_there = measure(system, rules, places, units, count, tried, tried_squares, bench)
-        lower = judged(rule, units, size, system, rules, tried_squares, rest_there, bench, places)
+        moved(system, bench.rows.constants, here.point, bench.step, there.point)
+        linearised(system, bench.rows, there.point, there.chunk)
+        rest_there = measure(system, count, there, bench)
+        lower = judged(rule, there.squares, rest_there, bench)
         if lower < objective:
             objective = lower
             rest = rest_there
-            here = 1 - here
-            point = bench[point_at(system, rules, here) :]
-            chunk = bench[slot_at(system, rules, here) :]
-            squares = bench[unit_vector_at(rules, SQUARES + here) :]
+            bench.here = there
+            bench.there = here
             damping = max(damping * 0.1, 1e-12)
-            alike = candidate_alike(rule, system, rules, units, first, last, objective, point, squares, bench)
+            alike = candidate_alike(rule, last, objective, there, system, bench)
         else:
-            judged(rule, units, size, system, rules, squares, rest, bench, places)
+            judged(rule, here.squares, rest, bench)
             damping = max(damping * 30.0, 1e-4)
-    if here == 1:
-        copied(system.numbers, point, bench[point_at(system, rules, 0) :])
-        copied(units, squares, bench[unit_vector_at(rules, SQUARES) :])
-    answer[0] = objective
+    bench.objective = objective
     return alike

@@ -4,51 +4,41 @@ from __future__ import annotations
 
 from math import inf, isfinite
 
-from mbm.target.solver.consensus_description import COMPONENTS, PLACE, place_vector_at, simple_at
-from mbm.target.solver.description import BOUNDS_AT, LANES, DataSet, Problem
-from mbm.target.solver.equations import gather, groups_of, weights_width, whiten_values
+from mbm.target.solver.consensus_description import Bench, Units
+from mbm.target.solver.description import BOUNDS_AT, LANES, Problem
+from mbm.target.solver.equations import gather, groups_of, residuals_at_point, weights_width, whiten_values
 from mbm.target.solver.linear_algebra import copied, filled
 from mbm.target.solver.manifolds import retract
 from mbm.target.solver.slopes import scatter, whiten_matrices
-from mbm.target.solver.workspace import inputs_at, outputs_at, weights_at
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, call_kernel, distinct_arrays
+from mbm.target.solver.workspace import Rows
+from mbm.target.words import ConstantReals, Integer, Real, Reals, call_kernel, distinct_arrays
 
 
-def linearised(
-    system: Problem,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    point: ConstantReals,
-    work: Reals,
-    chunk: Reals,
-) -> Integer:
+def linearised(system: Problem, rows: Rows, point: ConstantReals, chunk: Reals) -> Integer:
     """Whitened residuals and derivatives without losses: ``chunk`` holds n columns of J and one of r, CHUNK apart.
 
     How many numbers of a column are taken is given, a multiple of 4. Constraints are left out.
     """
     n = system.n
     stride = system.chunk
-    inputs = inputs_at(system)
-    whitening = weights_at(system)
-    outputs = work[outputs_at(system) :]
+    inputs = 0
+    whitening = 0
     there = 0
     for b in range(system.residual_blocks):
         block = system.blocks[b]
-        part = data.blocks[b]
-        rows = part.rows
-        groups = groups_of(rows)
+        part = rows.data.blocks[b]
+        groups = groups_of(part.rows)
         lines = block.outputs * LANES
         if groups > 0:
-            gather(block, rows, index[part.index :], point, work[inputs:])
-            call_kernel(block.jacobian, work[inputs:], outputs, groups)
-            weights = work[whitening:]
+            gather(block, part.rows, rows.index[part.index :], point, rows.inputs[inputs:])
+            call_kernel(block.jacobian, rows.inputs[inputs:], rows.outputs, groups)
+            weights = rows.weights[whitening:]
             for column in range(n):
                 filled(groups * lines, 0.0, chunk[column * stride + there :])
-            own = columns[part.columns :]
-            scatter(system, block, own, 0, rows, groups, outputs, weights, chunk[there:])
+            own = rows.columns[part.columns :]
+            scatter(system, block, own, 0, part.rows, groups, rows.outputs, weights, chunk[there:])
             every = block.outputs + block.nonzero_count
-            whiten_values(block, groups, every, outputs, weights, chunk[n * stride + there :])
+            whiten_values(block, groups, every, rows.outputs, weights, chunk[n * stride + there :])
             whiten_matrices(system, block, groups, weights, chunk[there:])
         there += groups * lines
         inputs += groups * LANES * (block.variables + block.parameters)
@@ -68,55 +58,47 @@ def square_each(count: Integer, values: ConstantReals, squares: Reals) -> None:
         squares[i] = square if isfinite(square) else inf
 
 
-def unit_squares(
-    rules: ConstantIntegers, places: ConstantIntegers, units: Integer, residuals: ConstantReals, squares: Reals
-) -> None:
+def unit_squares(units: Units, residuals: ConstantReals, squares: Reals) -> None:
     """Squared norms (U,) of the units; infinite where one is not finite."""
-    if places[simple_at(rules)] == 1:
-        square_each(units, residuals, squares)
+    if units.simple == 1:
+        square_each(units.count, residuals, squares)
         return
-    components = places[place_vector_at(rules, COMPONENTS) :]
-    place = places[place_vector_at(rules, PLACE) :]
-    for u in range(units):
-        own = residuals[place[u] :]
+    for u in range(units.count):
+        own = residuals[units.place[u] :]
         total = own[0] * own[0]
-        for i in range(1, components[u]):
+        for i in range(1, units.components[u]):
             total += own[i * LANES] * own[i * LANES]
         squares[u] = total if isfinite(total) else inf
 
 
-def unruled_square(
-    rules: ConstantIntegers, places: ConstantIntegers, count: Integer, residuals: ConstantReals, ruled: ConstantReals
-) -> Real:
-    """The sum of the squares that no rule touches; ``ruled`` is 1 for the others. Infinite if one is not finite."""
+def squares_at(system: Problem, point: ConstantReals, bench: Bench, squares: Reals) -> None:
+    """The same at a point."""
+    rows = bench.rows
+    residuals_at_point(system, rows, point, 0, 0, rows.residuals)
+    unit_squares(bench.units, rows.residuals, squares)
+
+
+def unruled_square(count: Integer, residuals: ConstantReals, bench: Bench) -> Real:
+    """The sum of the squares that no rule touches; infinite if one is not finite."""
     total = 0.0
-    if places[simple_at(rules)] == 1:
+    if bench.units.simple == 1:
         return total
     for i in range(count):
-        if ruled[i] == 0.0:
+        if bench.ruled[i] == 0.0:
             total += residuals[i] * residuals[i]
     return total if isfinite(total) else inf
 
 
-def spread_weights(
-    rules: ConstantIntegers,
-    places: ConstantIntegers,
-    units: Integer,
-    count: Integer,
-    weights: ConstantReals,
-    by_row: Reals,
-) -> None:
-    """Weights (U,) by unit as weights by residual, 1 where no rule acts."""
-    if places[simple_at(rules)] == 1:
-        copied(units, weights, by_row)
-        filled(count - units, 1.0, by_row[units:])
+def spread_weights(units: Units, count: Integer, by_row: Reals) -> None:
+    """The weights of the units residual by residual, 1 where no rule acts."""
+    if units.simple == 1:
+        copied(units.count, units.weights, by_row)
+        filled(count - units.count, 1.0, by_row[units.count :])
         return
-    components = places[place_vector_at(rules, COMPONENTS) :]
-    place = places[place_vector_at(rules, PLACE) :]
     filled(count, 1.0, by_row)
-    for u in range(units):
-        for i in range(components[u]):
-            by_row[place[u] + i * LANES] = weights[u]
+    for u in range(units.count):
+        for i in range(units.components[u]):
+            by_row[units.place[u] + i * LANES] = units.weights[u]
 
 
 @distinct_arrays

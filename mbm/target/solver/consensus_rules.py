@@ -9,23 +9,10 @@ from __future__ import annotations
 from math import inf, isfinite, log
 
 from mbm.target.decisions import STATED
-from mbm.target.solver.consensus_description import (
-    GROUP_OF,
-    GROUPS,
-    LIMITS,
-    MEDIANS,
-    SORTED,
-    THRESHOLD,
-    VARIANCES,
-    WEIGHTS_OF,
-    place_vector_at,
-    small_at,
-    unit_vector_at,
-)
+from mbm.target.solver.consensus_description import Bench
 from mbm.target.solver.consensus_order import selected
 from mbm.target.solver.consensus_scores import rank_of_half
-from mbm.target.solver.description import Problem
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, distinct_arrays
+from mbm.target.words import ConstantReals, Integer, Real, Reals, distinct_arrays
 
 TRUNCATED = 0
 """Units inside their limits count with the inverse of their variances."""
@@ -37,31 +24,22 @@ GIVEN = 2
 """Weights as they are."""
 
 
-def trimmed_mean(
-    units: Integer,
-    group: Integer,
-    size: Integer,
-    rules: ConstantIntegers,
-    squares: ConstantReals,
-    bench: Reals,
-    places: ConstantIntegers,
-    threshold: Reals,
-) -> Real:
-    """The mean of a group's better half; ``threshold`` (3,): its largest norm, ties of it that count, its units."""
-    groups = places[place_vector_at(rules, GROUP_OF) :]
-    medians = bench[unit_vector_at(rules, MEDIANS) :]
-    values = bench[unit_vector_at(rules, SORTED) :]
+def trimmed_mean(group: Integer, squares: ConstantReals, bench: Bench) -> Real:
+    """The mean of a group's better half; `threshold` (3,): its largest norm, ties of it that count, its units."""
+    units = bench.units
+    values = bench.sorted
+    threshold = bench.threshold
     count = 0
-    for u in range(units):
-        if groups[u] == group:
-            values[count] = squares[u] / medians[u]
+    for u in range(units.count):
+        if units.group[u] == group:
+            values[count] = squares[u] / units.medians[u]
             count += 1
     threshold[0] = -1.0
     threshold[1] = 0.0
     threshold[2] = float(count)
     if count == 0:
         return 1.0
-    half = rank_of_half(count, size)
+    half = rank_of_half(count, bench.size)
     middle = selected(count, half - 1, values)
     total = 0.0
     ties = 0.0
@@ -97,42 +75,34 @@ def truncated_weights(
     return (s0 + s1) + (s2 + s3)
 
 
-def judged(
-    rule: Integer,
-    units: Integer,
-    size: Integer,
-    system: Problem,
-    rules: ConstantIntegers,
-    squares: ConstantReals,
-    rest: Real,
-    bench: Reals,
-    places: ConstantIntegers,
-) -> Real:
-    """The objective at squared norms (U,), with the weights (U,) of the units there put down in the bench."""
-    weights = bench[unit_vector_at(rules, WEIGHTS_OF) :]
-    limits = bench[unit_vector_at(rules, LIMITS) :]
-    groups = places[place_vector_at(rules, GROUP_OF) :]
+def judged(rule: Integer, squares: ConstantReals, rest: Real, bench: Bench) -> Real:
+    """The objective at squared norms (U,), with the weights (U,) of the units there put down in the bench.
+
+    ``rest`` is the sum of squares that no rule touches.
+    """
+    units = bench.units
+    weights = units.weights
+    limits = units.limits
     total = rest
     if rule == GIVEN:
-        for u in range(units):
+        for u in range(units.count):
             if weights[u] > 0.0:
                 total += weights[u] * squares[u]
         return total if isfinite(total) else inf
     if rule == TRUNCATED:
-        total += truncated_weights(units, squares, limits, bench[unit_vector_at(rules, VARIANCES) :], weights)
+        total += truncated_weights(units.count, squares, limits, units.variances, weights)
         return total if isfinite(total) else inf
-    for u in range(units):
-        if groups[u] == STATED:
+    for u in range(units.count):
+        if units.group[u] == STATED:
             total += min(squares[u], limits[u])
             weights[u] = 1.0 if squares[u] <= limits[u] else 0.0
-    medians = bench[unit_vector_at(rules, MEDIANS) :]
-    threshold = bench[small_at(system, rules, THRESHOLD) :]
-    for group in range(rules[GROUPS]):
-        mean = trimmed_mean(units, group, size, rules, squares, bench, places, threshold)
+    threshold = bench.threshold
+    for group in range(bench.rules.groups):
+        mean = trimmed_mean(group, squares, bench)
         ties = threshold[1]
-        for u in range(units):
-            if groups[u] == group:
-                normed = squares[u] / medians[u]
+        for u in range(units.count):
+            if units.group[u] == group:
+                normed = squares[u] / units.medians[u]
                 weights[u] = 0.0
                 if normed < threshold[0]:
                     weights[u] = 1.0 / mean

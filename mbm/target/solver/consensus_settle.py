@@ -6,58 +6,35 @@ from math import sqrt
 
 from mbm.target.chi_square import consistency
 from mbm.target.decisions import APART, AS_GOOD, CONTRADICTED, REFINING_STEPS, SETTLING_ROUNDS, STATED, STILL
-from mbm.target.solver.consensus_description import (
-    COMPONENTS,
-    CUTS,
-    FRESH,
-    GROUP_OF,
-    GROUPS,
-    INSIDE,
-    LIMITS,
-    MEDIANS,
-    NOISE,
-    SORTED,
-    SQUARES,
-    UNIT_ROUNDINGS,
-    VARIANCES,
-    candidate_at,
-    place_vector_at,
-    unit_vector_at,
-)
+from mbm.target.solver.consensus_description import Bench
 from mbm.target.solver.consensus_joint import joined
 from mbm.target.solver.consensus_laws import mark_inliers
 from mbm.target.solver.consensus_order import robust_variance, variances_at
 from mbm.target.solver.consensus_refine import refined
 from mbm.target.solver.consensus_rules import TRUNCATED
-from mbm.target.solver.description import DataSet, Problem
+from mbm.target.solver.description import Problem
 from mbm.target.solver.linear_algebra import copied
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
+from mbm.target.words import Integer
 
 
-def contradicted(
-    system: Problem, rules: ConstantIntegers, units: Integer, bench: ConstantReals, places: ConstantIntegers
-) -> Integer:
+def contradicted(system: Problem, bench: Bench) -> Integer:
     """Whether the inliers with stated noise scatter by more than that."""
-    components = places[place_vector_at(rules, COMPONENTS) :]
-    groups = places[place_vector_at(rules, GROUP_OF) :]
-    inside = places[place_vector_at(rules, INSIDE) :]
-    squares = bench[unit_vector_at(rules, SQUARES) :]
-    cuts = bench[unit_vector_at(rules, CUTS) :]
+    units = bench.units
     total = 0
     expected = 0.0
     summed = 0.0
     last_cut = -1.0
     last_size = 0
     left = 1.0
-    for u in range(units):
-        if inside[u] == 1 and groups[u] == STATED:
-            if cuts[u] != last_cut or components[u] != last_size:
-                last_cut = cuts[u]
-                last_size = components[u]
+    for u in range(units.count):
+        if units.inside[u] == 1 and units.group[u] == STATED:
+            if units.cuts[u] != last_cut or units.components[u] != last_size:
+                last_cut = units.cuts[u]
+                last_size = units.components[u]
                 left = consistency(last_cut, last_size)
-            total += components[u]
-            expected += float(components[u]) * left
-            summed += squares[u]
+            total += units.components[u]
+            expected += float(units.components[u]) * left
+            summed += bench.here.squares[u]
     freedom = float(total - system.n)
     if not freedom > 0.0:
         return 0
@@ -65,146 +42,77 @@ def contradicted(
     return excess > CONTRADICTED * sqrt(2.0 / freedom)
 
 
-def renew_variances(
-    system: Problem,
-    rules: ConstantIntegers,
-    units: Integer,
-    scalars: Integer,
-    bench: Reals,
-    places: ConstantIntegers,
-) -> None:
+def renew_variances(system: Problem, bench: Bench) -> None:
     """The noise at the present squares: of unknown groups, and of stated ones that the data contradict."""
-    n = system.n
-    groups = places[place_vector_at(rules, GROUP_OF) :]
-    squares = bench[unit_vector_at(rules, SQUARES) :]
-    medians = bench[unit_vector_at(rules, MEDIANS) :]
-    rounding = bench[unit_vector_at(rules, UNIT_ROUNDINGS) :]
-    scratch = bench[unit_vector_at(rules, SORTED) :]
-    fresh = bench[unit_vector_at(rules, FRESH) :]
-    variances = bench[unit_vector_at(rules, VARIANCES) :]
-    variances_at(units, scalars, n, rules[GROUPS], squares, medians, groups, rounding, scratch, fresh)
+    units = bench.units
+    squares = bench.here.squares
+    variances_at(units, system.n, bench.rules.groups, squares, bench.sorted, bench.fresh)
     wide = -1.0
-    if contradicted(system, rules, units, bench, places) == 1:
-        wide = max(robust_variance(units, scalars, n, squares, medians, groups, STATED, scratch), 1.0)
-    for u in range(units):
-        if groups[u] != STATED:
-            variances[u] = fresh[u]
+    if contradicted(system, bench) == 1:
+        wide = max(robust_variance(units, system.n, squares, STATED, bench.sorted), 1.0)
+    for u in range(units.count):
+        if units.group[u] != STATED:
+            units.variances[u] = bench.fresh[u]
         elif wide > 0.0:
-            variances[u] = wide
+            units.variances[u] = wide
 
 
-def set_limits(rules: ConstantIntegers, units: Integer, bench: Reals) -> None:
+def set_limits(bench: Bench) -> None:
     """Limits (U,) from cuts and variances."""
-    for u in range(units):
-        variance = bench[unit_vector_at(rules, VARIANCES) + u]
-        bench[unit_vector_at(rules, LIMITS) + u] = bench[unit_vector_at(rules, CUTS) + u] * variance
+    units = bench.units
+    for u in range(units.count):
+        units.limits[u] = units.cuts[u] * units.variances[u]
 
 
-def settled(
-    units: Integer,
-    scalars: Integer,
-    system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    rules: ConstantIntegers,
-    work: Reals,
-    bench: Reals,
-    places: Integers,
-    answer: Reals,
-) -> None:
-    """Point 0 of the bench where fit, scale and inliers agree with one another, from the variances in the bench."""
-    inside = places[place_vector_at(rules, INSIDE) :]
-    squares = bench[unit_vector_at(rules, SQUARES) :]
-    limits = bench[unit_vector_at(rules, LIMITS) :]
-    for u in range(units):
-        inside[u] = -1
+def settled(system: Problem, bench: Bench) -> None:
+    """The point where fit, scale and inliers agree with one another, from the variances in the bench."""
+    units = bench.units
+    for u in range(units.count):
+        units.inside[u] = -1
     for _ in range(SETTLING_ROUNDS):
-        set_limits(rules, units, bench)
-        refined(
-            TRUNCATED,
-            REFINING_STEPS,
-            STILL,
-            0,
-            units,
-            0,
-            0,
-            system,
-            constants,
-            data,
-            index,
-            columns,
-            rules,
-            work,
-            bench,
-            places,
-            answer,
-        )
-        if mark_inliers(units, squares, limits, inside) == 1:
+        set_limits(bench)
+        refined(TRUNCATED, REFINING_STEPS, STILL, 0, system, bench)
+        if mark_inliers(units.count, bench.here.squares, units.limits, units.inside) == 1:
             break
-        renew_variances(system, rules, units, scalars, bench, places)
-    set_limits(rules, units, bench)
+        renew_variances(system, bench)
+    set_limits(bench)
 
 
-def finished(
-    units: Integer,
-    scalars: Integer,
-    system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    rules: ConstantIntegers,
-    work: Reals,
-    bench: Reals,
-    places: Integers,
-    answer: Reals,
-) -> Integer:
-    """The fixed point reached from point 0 and the variances in the bench; how many units are inside.
+def finished(system: Problem, bench: Bench) -> Integer:
+    """The fixed point reached from where the fit is, and the variances in the bench; how many units are inside.
 
-    `LIMITS` and `INSIDE` hold at it, `NOISE` is the variance of the noise.
+    Limits and inliers hold at it; `noise` is the variance of the noise.
     """
-    settled(units, scalars, system, constants, data, index, columns, rules, work, bench, places, answer)
-    inside = places[place_vector_at(rules, INSIDE) :]
-    squares = bench[unit_vector_at(rules, SQUARES) :]
-    mark_inliers(units, squares, bench[unit_vector_at(rules, LIMITS) :], inside)
-    copied(units, bench[unit_vector_at(rules, VARIANCES) :], bench[unit_vector_at(rules, NOISE) :])
-    if rules[GROUPS] > 0:
-        joined(units, scalars, system, constants, data, index, columns, rules, work, bench, places)
+    units = bench.units
+    settled(system, bench)
+    mark_inliers(units.count, bench.here.squares, units.limits, units.inside)
+    copied(units.count, units.variances, units.noise)
+    if bench.rules.groups > 0:
+        joined(system, bench)
     count = 0
-    for u in range(units):
-        count += inside[u]
+    for u in range(units.count):
+        count += units.inside[u]
     return count
 
 
-def rival(
-    first: Integer,
-    last: Integer,
-    best: Integer,
-    units: Integer,
-    system: Problem,
-    rules: ConstantIntegers,
-    bench: ConstantReals,
-) -> Integer:
-    """Whether another candidate explains the data as well, at a place that contradicts the best one's inliers.
+def rival(best: Integer, last: Integer, bench: Bench) -> Integer:
+    """Whether another of the first ``last`` candidates is as good, at a place that contradicts the best one's inliers.
 
     Inliers are judged by the cuts and variances in the bench.
     """
-    cuts = bench[unit_vector_at(rules, CUTS) :]
-    variances = bench[unit_vector_at(rules, VARIANCES) :]
-    own = bench[candidate_at(system, rules, best) + 1 + system.numbers :]
-    lowest = bench[candidate_at(system, rules, best)]
+    units = bench.units
+    own = bench.candidate_squares[best * units.count :]
+    lowest = bench.objectives[best]
     here = 0.0
-    for u in range(units):
-        if own[u] <= cuts[u] * variances[u]:
+    for u in range(units.count):
+        if own[u] <= units.cuts[u] * units.variances[u]:
             here += own[u]
-    for k in range(first, last):
-        if bench[candidate_at(system, rules, k)] < lowest + AS_GOOD:
-            theirs = bench[candidate_at(system, rules, k) + 1 + system.numbers :]
+    for k in range(last):
+        if bench.objectives[k] < lowest + AS_GOOD:
+            theirs = bench.candidate_squares[k * units.count :]
             there = 0.0
-            for u in range(units):
-                if own[u] <= cuts[u] * variances[u]:
+            for u in range(units.count):
+                if own[u] <= units.cuts[u] * units.variances[u]:
                     there += min(theirs[u], 1e6)
             if there > here + APART:
                 return 1

@@ -16,32 +16,9 @@ from mbm.target.decisions import (
     REGULARISATION,
     REVISIONS,
 )
-from mbm.target.records import view
-from mbm.target.solver.consensus_description import (
-    AWAY,
-    BLOCK_OF,
-    BLOCKS_AT,
-    GRADIENT,
-    HOLD,
-    MOST_ROWS,
-    ROW_OF,
-    RULED,
-    RULED_TYPE,
-    SCALES,
-    STEP,
-    UNIT_OF,
-    basis_at,
-    bench_matrix_at,
-    place_vector_at,
-    point_at,
-    slot_at,
-    small_at,
-    subset_data_at,
-    subset_index_at,
-    subset_rows_at,
-)
+from mbm.target.solver.consensus_description import Bench
 from mbm.target.solver.consensus_rows import linearised, moved
-from mbm.target.solver.description import BOUNDS_AT, DataSet, Problem
+from mbm.target.solver.description import BOUNDS_AT, Problem
 from mbm.target.solver.equations import load_rows
 from mbm.target.solver.linear_algebra import cholesky, copied, dot
 from mbm.target.solver.manifolds import coordinates_of
@@ -58,32 +35,19 @@ def copied_integers(n: Integer, a: ConstantIntegers, target: Integers) -> None:
         target[i] = a[i]
 
 
-def add_row(
-    system: Problem,
-    data: DataSet,
-    parameters: ConstantReals,
-    weights: ConstantReals,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    rules: ConstantIntegers,
-    b: Integer,
-    row: Integer,
-    only: Integer,
-    bench: Reals,
-    places: Integers,
-) -> None:
+def add_row(system: Problem, b: Integer, row: Integer, only: Integer, bench: Bench) -> None:
     """One more row of block b behind those of the subset; all its units count (``only`` -1), or one of them."""
+    rows = bench.rows
     block = system.blocks[b]
-    part = data.blocks[b]
-    mine = view(DataSet, places[subset_data_at(system, rules) :]).blocks[b]
-    own = bench[subset_rows_at(system, rules) :]
-    marks = places[subset_index_at(system, rules) :]
+    part = rows.data.blocks[b]
+    mine = bench.desk.data.blocks[b]
     done = mine.rows
     wide = block.parameters
     heavy = block.weights
-    copied(wide, parameters[part.parameters + row * wide :], own[mine.parameters + done * wide :])
-    theirs = weights[part.weights + row * heavy :]
-    here = own[rules[MOST_ROWS] + mine.weights + done * heavy :]
+    own = bench.subset_parameters[mine.parameters + done * wide :]
+    copied(wide, rows.parameters[part.parameters + row * wide :], own)
+    theirs = rows.whitening[part.weights + row * heavy :]
+    here = bench.subset_whitening[mine.weights + done * heavy :]
     if only < 0:
         copied(heavy, theirs, here)
     else:
@@ -97,31 +61,18 @@ def add_row(
     step = block.index
     if step > 0 or done == 0:
         first = part.index + row * step
-        copied_integers(block.variables, index[first:], marks[mine.index + done * step :])
+        copied_integers(block.variables, rows.index[first:], bench.subset_index[mine.index + done * step :])
     step = block.columns
     if step > 0 or done == 0:
         first = part.columns + row * step
-        behind = marks[rules[MOST_ROWS] + mine.columns + done * step :]
-        copied_integers(block.tangents, columns[first:], behind)
+        copied_integers(block.tangents, rows.columns[first:], bench.subset_columns[mine.columns + done * step :])
     mine.rows = done + 1
 
 
-def gather_subset(
-    system: Problem,
-    data: DataSet,
-    parameters: ConstantReals,
-    weights: ConstantReals,
-    index: ConstantIntegers,
-    columns: ConstantIntegers,
-    rules: ConstantIntegers,
-    count: Integer,
-    chosen: ConstantIntegers,
-    desk: Reals,
-    bench: Reals,
-    places: Integers,
-) -> None:
+def gather_subset(system: Problem, count: Integer, bench: Bench) -> None:
     """The rows of the chosen units (count,), and all that no rule acts on, as a data set of its own, on the desk."""
-    subset = view(DataSet, places[subset_data_at(system, rules) :])
+    subset = bench.desk.data
+    units = bench.units
     subset.count = 0
     wide = 0
     heavy = 0
@@ -129,23 +80,20 @@ def gather_subset(
     tangents = 0
     for b in range(system.residual_blocks):
         block = system.blocks[b]
-        part = data.blocks[b]
         mine = subset.blocks[b]
         mine.parameters = wide
         mine.weights = heavy
         mine.index = variables
         mine.columns = tangents
         mine.rows = 0
-        if rules[rules[BLOCKS_AT] + b * RULED + RULED_TYPE] >= 0:
+        if bench.rules.ruled[b].first_level >= 0:
             for k in range(count):
-                unit = chosen[k]
-                if places[place_vector_at(rules, BLOCK_OF) + unit] == b:
-                    row = places[place_vector_at(rules, ROW_OF) + unit]
-                    only = places[place_vector_at(rules, UNIT_OF) + unit]
-                    add_row(system, data, parameters, weights, index, columns, rules, b, row, only, bench, places)
+                unit = bench.chosen[k]
+                if units.block[unit] == b:
+                    add_row(system, b, units.row[unit], units.equation[unit], bench)
         else:
-            for row in range(part.rows):
-                add_row(system, data, parameters, weights, index, columns, rules, b, row, -1, bench, places)
+            for row in range(bench.rows.data.blocks[b].rows):
+                add_row(system, b, row, -1, bench)
         rows = mine.rows
         wide += rows * block.parameters
         heavy += rows * block.weights
@@ -158,18 +106,16 @@ def gather_subset(
         mine.index = 0
         mine.columns = 0
         mine.rows = 0
-    own = bench[subset_rows_at(system, rules) :]
-    load_rows(system, subset, own, own[rules[MOST_ROWS] :], desk)
+    load_rows(system, bench.desk)
 
 
-def normal_equations(system: Problem, rules: ConstantIntegers, count: Integer, slot: Integer, bench: Reals) -> Integer:
-    """``JᵀJ`` and ``Jᵀr`` of a slot, columns scaled by the largest norms they have had; 0 where not all is finite."""
+def normal_equations(system: Problem, count: Integer, chunk: ConstantReals, bench: Bench) -> Integer:
+    """``JᵀJ`` and ``Jᵀr`` of a chunk, columns scaled by the largest norms they have had; 0 where not all is finite."""
     n = system.n
     stride = system.chunk
-    chunk = bench[slot_at(system, rules, slot) :]
-    normal = bench[bench_matrix_at(system, rules) :]
-    gradient = bench[small_at(system, rules, GRADIENT) :]
-    scale = bench[small_at(system, rules, SCALES) :]
+    normal = bench.normal
+    gradient = bench.gradient
+    scale = bench.scale
     for i in range(n):
         gradient[i] = dot(count, chunk[i * stride :], chunk[n * stride :])
         if not isfinite(gradient[i]):
@@ -226,23 +172,17 @@ def solve_free(
             step[i] = total / factor[i * n + i] if good == 1 else 0.0
 
 
-def bounded_step(
-    system: Problem,
-    constants: ConstantReals,
-    rules: ConstantIntegers,
-    damping: Real,
-    point: ConstantReals,
-    bench: Reals,
-) -> Real:
+def bounded_step(system: Problem, damping: Real, point: ConstantReals, bench: Bench) -> Real:
     """The damped step inside of the bounds; the largest slope along a coordinate that is free to move is given."""
     n = system.n
-    gradient = bench[small_at(system, rules, GRADIENT) :]
-    scale = bench[small_at(system, rules, SCALES) :]
-    hold = bench[small_at(system, rules, HOLD) :]
-    here = bench[small_at(system, rules, AWAY) :]
-    step = bench[small_at(system, rules, STEP) :]
-    normal = bench[bench_matrix_at(system, rules) :]
-    factor = bench[basis_at(system, rules) :]
+    constants = bench.desk.constants
+    gradient = bench.gradient
+    scale = bench.scale
+    hold = bench.hold
+    here = bench.coordinates
+    step = bench.step
+    normal = bench.normal
+    factor = bench.basis
     coordinates_of(system, point, here)
     slope = 0.0
     for i in range(n):
@@ -278,62 +218,50 @@ def bounded_step(
     return slope
 
 
-def fitted_to_subset(
-    system: Problem,
-    constants: ConstantReals,
-    rules: ConstantIntegers,
-    start: ConstantReals,
-    desk: Reals,
-    bench: Reals,
-    places: ConstantIntegers,
-    target: Reals,
-) -> None:
+def fitted_to_subset(system: Problem, start: ConstantReals, bench: Bench, target: Reals) -> None:
     """The point (N,) that the start leads to with the rows on the desk; never worse than the start."""
     n = system.n
     right = n * system.chunk
-    data = view(DataSet, places[subset_data_at(system, rules) :])
-    index = places[subset_index_at(system, rules) :]
-    columns = index[rules[MOST_ROWS] :]
-    step = bench[small_at(system, rules, STEP) :]
-    scale = bench[small_at(system, rules, SCALES) :]
-    gradient = bench[small_at(system, rules, GRADIENT) :]
-    normal = bench[bench_matrix_at(system, rules) :]
-    here = 0
-    copied(system.numbers, start, bench[point_at(system, rules, 0) :])
+    desk = bench.desk
+    step = bench.step
+    scale = bench.scale
+    here = bench.first
+    there = bench.second
+    copied(system.numbers, start, here.point)
     for i in range(n):
         scale[i] = 0.0
-    count = linearised(system, data, index, columns, start, desk, bench[slot_at(system, rules, 0) :])
-    residuals = bench[slot_at(system, rules, 0) + right :]
+    count = linearised(system, desk, start, here.chunk)
+    residuals = here.chunk[right:]
     cost = dot(count, residuals, residuals)
     damping = FIRST_DAMPING
     growth = 2.0
     for _ in range(FIT_STEPS):
         if not isfinite(cost) or not damping <= HOPELESS_DAMPING:
             break
-        if normal_equations(system, rules, count, here, bench) == 0:
+        if normal_equations(system, count, here.chunk, bench) == 0:
             break
-        point = bench[point_at(system, rules, here) :]
-        slope = bounded_step(system, constants, rules, damping, point, bench)
+        slope = bounded_step(system, damping, here.point, bench)
         promise = 0.0
         for i in range(n):
             image = 0.0
             for j in range(n):
-                image += normal[i * n + j] * step[j]
-            promise -= step[i] * (image + 2.0 * gradient[i])
+                image += bench.normal[i * n + j] * step[j]
+            promise -= step[i] * (image + 2.0 * bench.gradient[i])
         if slope * slope <= SMALL * cost or cost <= SMALL * float(count):
             break
         last = damping <= FIRST_DAMPING and promise >= 0.0 and promise <= SMALL * cost
         for i in range(n):
             if scale[i] > 0.0:
                 step[i] = step[i] / scale[i]
-        there = bench[point_at(system, rules, 1 - here) :]
-        moved(system, constants, point, step, there)
-        linearised(system, data, index, columns, there, desk, bench[slot_at(system, rules, 1 - here) :])
-        residuals = bench[slot_at(system, rules, 1 - here) + right :]
+        moved(system, desk.constants, here.point, step, there.point)
+        linearised(system, desk, there.point, there.chunk)
+        residuals = there.chunk[right:]
         lower = dot(count, residuals, residuals)
         share = (cost - lower) / promise if promise > 0.0 else -1.0
         if share > LEAST_GAIN_RATIO and isfinite(lower):
-            here = 1 - here
+            tried = there
+            there = here
+            here = tried
             cost = lower
             damping *= damping_factor(share)
             growth = 2.0
@@ -342,4 +270,4 @@ def fitted_to_subset(
             growth *= 2.0
         if last:
             break
-    copied(system.numbers, bench[point_at(system, rules, here) :], target)
+    copied(system.numbers, here.point, target)

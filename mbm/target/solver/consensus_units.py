@@ -5,134 +5,94 @@ from __future__ import annotations
 from math import fabs, isfinite, sqrt
 
 from mbm.target.decisions import CONSENSUS_ROUNDING
-from mbm.target.solver.consensus_description import (
-    AWAY,
-    BLOCK_OF,
-    BLOCKS_AT,
-    COMPONENTS,
-    CUTS,
-    FIRST,
-    GROUP_OF,
-    LEVEL,
-    LEVEL_CUT,
-    LEVEL_MEDIAN,
-    LEVEL_REACH,
-    MEDIANS,
-    PLACE,
-    REACHES,
-    ROW_OF,
-    RULED,
-    RULED_GROUP,
-    RULED_TYPE,
-    UNIT_OF,
-    UNIT_ROUNDINGS,
-    by_row_at,
-    directions_at,
-    place_vector_at,
-    simple_at,
-    slot_at,
-    small_at,
-    unit_vector_at,
-)
-from mbm.target.solver.description import LANES, DataSet, Problem
+from mbm.target.records import view
+from mbm.target.solver.consensus_description import LEVEL, Bench, Level
+from mbm.target.solver.description import LANES, Problem
 from mbm.target.solver.equations import groups_of
 from mbm.target.solver.linear_algebra import filled
 from mbm.target.solver.manifolds import coordinates_of
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Reals
+from mbm.target.words import ConstantReals
 
 
-def list_units(
-    system: Problem,
-    data: DataSet,
-    rules: ConstantIntegers,
-    levels: ConstantReals,
-    bench: Reals,
-    places: Integers,
-) -> Integer:
-    """The units of a data set, in order; how many there are."""
+def list_units(system: Problem, bench: Bench) -> None:
+    """The units of a data set, in order."""
+    units = bench.units
     n = 0
     there = 0
     scalars = 0
     simple = 1
-    ruled = bench[by_row_at(system, rules) + system.chunk :]
-    filled(system.chunk, 0.0, ruled)
+    filled(system.chunk, 0.0, bench.ruled)
     for b in range(system.residual_blocks):
         block = system.blocks[b]
-        rows = data.blocks[b].rows
+        rows = bench.rows.data.blocks[b].rows
         lines = block.outputs
-        own = rules[rules[BLOCKS_AT] + b * RULED :]
-        if own[RULED_TYPE] >= 0:
+        own = bench.rules.ruled[b]
+        if own.first_level >= 0:
             for row in range(rows):
                 for u in range(block.unit_count):
                     unit = block.units[u]
                     size = unit.last - unit.first
-                    level = levels[(own[RULED_TYPE] + u) * LEVEL :]
+                    level = view(Level, bench.levels[(own.first_level + u) * LEVEL :])
                     place = there + (row // LANES * lines + unit.first) * LANES + row % LANES
-                    places[place_vector_at(rules, COMPONENTS) + n] = size
-                    places[place_vector_at(rules, GROUP_OF) + n] = own[RULED_GROUP]
-                    places[place_vector_at(rules, PLACE) + n] = place
-                    places[place_vector_at(rules, BLOCK_OF) + n] = b
-                    places[place_vector_at(rules, ROW_OF) + n] = row
-                    places[place_vector_at(rules, UNIT_OF) + n] = u
-                    places[place_vector_at(rules, FIRST) + n] = scalars
-                    bench[unit_vector_at(rules, MEDIANS) + n] = level[LEVEL_MEDIAN]
-                    bench[unit_vector_at(rules, CUTS) + n] = level[LEVEL_CUT]
-                    bench[unit_vector_at(rules, REACHES) + n] = level[LEVEL_REACH]
+                    units.components[n] = size
+                    units.group[n] = own.group
+                    units.place[n] = place
+                    units.block[n] = b
+                    units.row[n] = row
+                    units.equation[n] = u
+                    units.first[n] = scalars
+                    units.medians[n] = level.median
+                    units.cuts[n] = level.cut
+                    units.reaches[n] = level.reach
                     if size != 1 or place != n:
                         simple = 0
                     for i in range(size):
-                        ruled[place + i * LANES] = 1.0
+                        bench.ruled[place + i * LANES] = 1.0
                     scalars += size
                     n += 1
         elif rows > 0:
             simple = 0
         there += groups_of(rows) * LANES * lines
-    places[place_vector_at(rules, FIRST) + n] = scalars
-    places[simple_at(rules)] = simple
-    return n
+    units.first[n] = scalars
+    units.simple = simple
+    units.count = n
+    units.scalars = scalars
 
 
-def judge_rounding(
-    system: Problem,
-    rules: ConstantIntegers,
-    units: Integer,
-    point: ConstantReals,
-    bench: Reals,
-    places: ConstantIntegers,
-) -> None:
-    """The squared norms (U,) that the arithmetic alone makes, from ``[J r]`` at the point in slot 0."""
+def judge_rounding(system: Problem, point: ConstantReals, bench: Bench) -> None:
+    """The squared norms (U,) that the arithmetic alone makes, from ``[J r]`` at the point, as it is in the bench."""
     n = system.n
     stride = system.chunk
-    chunk = bench[slot_at(system, rules, 0) :]
-    size = bench[small_at(system, rules, AWAY) :]
+    units = bench.units
+    chunk = bench.here.chunk
+    size = bench.coordinates
     coordinates_of(system, point, size)
-    for u in range(units):
-        place = places[place_vector_at(rules, PLACE) + u]
+    for u in range(units.count):
+        place = units.place[u]
         largest = 0.0
-        for i in range(places[place_vector_at(rules, COMPONENTS) + u]):
+        for i in range(units.components[u]):
             terms = fabs(chunk[n * stride + place + i * LANES])
             for j in range(n):
                 terms += fabs(chunk[j * stride + place + i * LANES] * size[j])
             if isfinite(terms):
                 largest = max(largest, terms)
-        bench[unit_vector_at(rules, UNIT_ROUNDINGS) + u] = CONSENSUS_ROUNDING * largest * (CONSENSUS_ROUNDING * largest)
+        units.rounding[u] = CONSENSUS_ROUNDING * largest * (CONSENSUS_ROUNDING * largest)
 
 
-def norm_directions(
-    system: Problem, rules: ConstantIntegers, units: Integer, bench: Reals, places: ConstantIntegers
-) -> None:
-    """Rows of the units' Jacobian in slot 0, columns scaled to norm 1, then each row to norm 1: (scalars, n)."""
+def norm_directions(system: Problem, bench: Bench) -> None:
+    """Rows of the units' Jacobian in the bench, columns scaled to norm 1, then each row to norm 1: (scalars, n)."""
     n = system.n
     stride = system.chunk
-    chunk = bench[slot_at(system, rules, 0) :]
-    norms = bench[small_at(system, rules, AWAY) :]
-    directions = bench[directions_at(system, rules) :]
+    units = bench.units
+    chunk = bench.here.chunk
+    norms = bench.coordinates
+    directions = bench.directions
     for j in range(n):
         norms[j] = 0.0
-    for u in range(units):
-        first = places[place_vector_at(rules, FIRST) + u]
-        place = places[place_vector_at(rules, PLACE) + u]
-        for i in range(places[place_vector_at(rules, COMPONENTS) + u]):
+    for u in range(units.count):
+        first = units.first[u]
+        place = units.place[u]
+        for i in range(units.components[u]):
             for j in range(n):
                 value = chunk[j * stride + place + i * LANES]
                 if not isfinite(value):
@@ -141,7 +101,7 @@ def norm_directions(
                 norms[j] += value * value
     for j in range(n):
         norms[j] = 1.0 / sqrt(norms[j]) if norms[j] > 0.0 else 1.0
-    for k in range(places[place_vector_at(rules, FIRST) + units]):
+    for k in range(units.scalars):
         square = 0.0
         row = directions[k * n :]
         for j in range(n):

@@ -10,7 +10,7 @@ from mbm.target.solver.description import LANES, Block, Problem
 from mbm.target.solver.equations import gather, groups_of, portion
 from mbm.target.solver.linear_algebra import filled
 from mbm.target.solver.united import rows_apart
-from mbm.target.solver.workspace import Place, Work, inputs_at, outputs_at
+from mbm.target.solver.workspace import Place, Work
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, call_kernel, distinct_arrays
 
 
@@ -49,28 +49,34 @@ def linearise(
 ) -> None:
     """Values and slopes of all constraints at a point."""
     n = system.n
-    outputs = work.rows[outputs_at(system) :]
-    filled(constraint_count(system, work.data) * n, 0.0, work.slopes)
-    inputs = inputs_at(system)
+    rows = work.rows
+    filled(constraint_count(system, rows.data) * n, 0.0, work.slopes)
+    inputs = 0
     done = 0
     for b in range(system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
-        part = work.data.blocks[b]
-        rows = rows_apart(system, work.data, b, work.rows) if LANES > 1 else part.rows
+        part = rows.data.blocks[b]
+        count = rows_apart(system, rows, b) if LANES > 1 else part.rows
         width = (block.variables + block.parameters) * LANES
         if b >= system.residual_blocks:
-            gather(block, rows, work.index[part.index :], point, work.rows[inputs:])
+            gather(block, count, rows.index[part.index :], point, rows.inputs[inputs:])
+            columns = rows.columns[part.columns :]
             first = 0
-            while first < rows:
-                count = portion(system, block) * LANES
-                if first + count > rows:
-                    count = rows - first
-                call_kernel(block.jacobian, work.rows[inputs + first // LANES * width :], outputs, groups_of(count))
-                own = work.columns[part.columns :]
-                add_slopes(system, block, own, first, count, outputs, work.values[done:], work.slopes[done * n :])
-                done += count * block.outputs
-                first += count
-        inputs += groups_of(rows) * width
+            while first < count:
+                own = portion(system, block) * LANES
+                if first + own > count:
+                    own = count - first
+                call_kernel(
+                    block.jacobian, rows.inputs[inputs + first // LANES * width :], rows.outputs, groups_of(own)
+                )
+                # fmt: off
+                add_slopes(
+                    system, block, columns, first, own, rows.outputs, work.values[done:], work.slopes[done * n :]
+                )
+                # fmt: on
+                done += own * block.outputs
+                first += own
+        inputs += groups_of(count) * width
 
 
 def set_units(system: Problem, place: Place, first: Integer, work: Work) -> None:
@@ -78,7 +84,7 @@ def set_units(system: Problem, place: Place, first: Integer, work: Work) -> None
     n = system.n
     norms = place.norms
     units = work.units
-    for c in range(constraint_count(system, work.data)):
+    for c in range(constraint_count(system, work.rows.data)):
         square = 0.0
         terms = fabs(work.values[c])
         longest = 0.0

@@ -17,7 +17,7 @@ from mbm.target.solver.equations import groups_of, weights_width
 from mbm.target.solver.linear_algebra import filled
 from mbm.target.solver.polishing import polish
 from mbm.target.solver.united import rows_apart
-from mbm.target.solver.workspace import Work, weights_at
+from mbm.target.solver.workspace import Work
 from mbm.target.words import Integer, Real
 
 ROUNDS = 30
@@ -36,14 +36,14 @@ TIGHTER = 0.03
 def set_penalties(system: Problem, work: Work) -> None:
     """Factors and shifts of the penalties, where the kernels' weights stand."""
     weight = work.weight
-    whitening = weights_at(system)
+    whitening = 0
     done = 0
     for b in range(system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
-        rows = rows_apart(system, work.data, b, work.rows) if LANES > 1 else work.data.blocks[b].rows
+        rows = rows_apart(system, work.rows, b) if LANES > 1 else work.rows.data.blocks[b].rows
         if b >= system.residual_blocks:
             lines = block.outputs
-            own = work.rows[whitening:]
+            own = work.rows.weights[whitening:]
             for row in range(groups_of(rows) * LANES):
                 for i in range(lines):
                     at = ((row // LANES) * 2 * lines + 2 * i) * LANES + row % LANES
@@ -67,7 +67,7 @@ def update_multipliers(system: Problem, work: Work) -> Real:
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
         lines = block.outputs
-        count = lines * work.data.blocks[b].rows
+        count = lines * work.rows.data.blocks[b].rows
         for k in range(count):
             c = done + k
             equal = block.equality[k % lines]
@@ -94,7 +94,7 @@ def begin_rounds(
     """The first round, from the point where the iteration is."""
     place = work.here
     work.round = 0
-    filled(constraint_count(system, work.data), 0.0, work.multipliers)
+    filled(constraint_count(system, work.rows.data), 0.0, work.multipliers)
     work.penalised = 0
     begin(system, work)
     # Coordinates that the constraints alone determine leave the residuals deficient: that is no reason to end.
@@ -105,7 +105,7 @@ def begin_rounds(
     work.penalised = 1
     work.weight = FIRST_WEIGHT
     work.worst = 1e300
-    work.tolerance = LOOSE if work.constants[TOLERANCE] < LOOSE else work.constants[TOLERANCE]
+    work.tolerance = LOOSE if work.rows.constants[TOLERANCE] < LOOSE else work.rows.constants[TOLERANCE]
     set_penalties(system, work)
     begin(system, work)
 
@@ -127,7 +127,7 @@ def next_round(
         return 0
     linearise(system, here.point, work)
     set_units(system, here, 0, work)
-    settled = work.tolerance <= work.constants[TOLERANCE] and work.stop != FLAT
+    settled = work.tolerance <= work.rows.constants[TOLERANCE] and work.stop != FLAT
     stalled = not worst <= SHRINKS * work.worst
     over = settled and (worst <= EXACT or (stalled and worst <= MET and work.weight >= ENOUGH))
     if over or work.round >= ROUNDS:
@@ -141,8 +141,8 @@ def next_round(
     if worst < work.worst:
         work.worst = worst
     work.tolerance *= TIGHTER
-    if work.tolerance < work.constants[TOLERANCE]:
-        work.tolerance = work.constants[TOLERANCE]
+    if work.tolerance < work.rows.constants[TOLERANCE]:
+        work.tolerance = work.rows.constants[TOLERANCE]
     set_penalties(system, work)
     begin(system, work)
     return 1
@@ -154,7 +154,7 @@ def set_held(system: Problem, cost: Real, work: Work) -> None:
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
         lines = block.outputs
-        count = lines * work.data.blocks[b].rows
+        count = lines * work.rows.data.blocks[b].rows
         for k in range(count):
             c = done + k
             work.held[c] = work.units[c]

@@ -39,12 +39,8 @@ Per solve come back (arrays of the whole batch; a solve writes its own part only
   ``cost / freedom``);
 * ``multipliers`` (``MULTIPLIERS``,) of ``cost/2 + Σ λ c``; 0 where a constraint does not hold anything.
 
-The entry of a batch (`batch`), which solves ``first … last`` of it::
-
-    solve_many(system, constants, parameters, weights, index, columns, data, which, starts, first, last,
-               work, numbers, results, states, sides, triangles, covariances, multipliers)
-
-with ``work`` the scratch of one thread, see `workspace.Work`. All arrays are of 64-bit floats or integers, contiguous.
+A batch is handed over as `batch.Solves`, with `workspace.Work` as the scratch of one thread. All arrays are of 64-bit
+floats or integers, contiguous.
 
 Everything is in SI, angles in radians; quaternions (w, x, y, z). Scratch sizes come from `workspace.work_reals` and
 `workspace.work_integers` of the ``system`` array. Results do not depend on how a batch is cut into calls.

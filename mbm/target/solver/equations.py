@@ -7,10 +7,10 @@ row repeat it with weight 0.
 
 from __future__ import annotations
 
-from mbm.target.solver.description import LANES, NO_LOSS, Block, DataSet, Problem
+from mbm.target.solver.description import LANES, NO_LOSS, Block, Problem
 from mbm.target.solver.losses import root_factor
 from mbm.target.solver.united import first_apart, rows_apart, unite, united_rows
-from mbm.target.solver.workspace import inputs_at, outputs_at, weights_at
+from mbm.target.solver.workspace import Rows
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, call_kernel, distinct_arrays
 
 
@@ -59,26 +59,26 @@ def load_block(
 
 
 @distinct_arrays
-def load_rows(system: Problem, data: DataSet, parameters: ConstantReals, weights: ConstantReals, work: Reals) -> None:
+def load_rows(system: Problem, rows: Rows) -> None:
     """Everything of a data set that does not depend on the point, as the kernels and the whitening take it."""
     if LANES > 1:
-        unite(system, data, parameters, weights, work)
-    inputs = inputs_at(system)
-    whitening = weights_at(system)
-    for b in range(first_apart(system, work) if LANES > 1 else 0, system.residual_blocks + system.constraint_blocks):
+        unite(system, rows)
+    inputs = 0
+    whitening = 0
+    for b in range(first_apart(system, rows) if LANES > 1 else 0, system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
-        part = data.blocks[b]
-        rows = rows_apart(system, data, b, work) if LANES > 1 else part.rows
+        part = rows.data.blocks[b]
+        count = rows_apart(system, rows, b) if LANES > 1 else part.rows
         load_block(
             block,
-            rows,
-            parameters[part.parameters :],
-            weights[part.weights :],
-            work[inputs:],
-            work[whitening:],
+            count,
+            rows.parameters[part.parameters :],
+            rows.whitening[part.weights :],
+            rows.inputs[inputs:],
+            rows.weights[whitening:],
         )
-        inputs += groups_of(rows) * LANES * (block.variables + block.parameters)
-        whitening += groups_of(rows) * LANES * weights_width(block)
+        inputs += groups_of(count) * LANES * (block.variables + block.parameters)
+        whitening += groups_of(count) * LANES * weights_width(block)
 
 
 @distinct_arrays
@@ -189,50 +189,47 @@ def root_values(constants: ConstantReals, block: Block, groups: Integer, residua
 
 def residuals_at_point(
     system: Problem,
-    constants: ConstantReals,
-    data: DataSet,
-    index: ConstantIntegers,
+    rows: Rows,
     point: ConstantReals,
     lossy: Integer,
     penalised: Integer,
-    work: Reals,
     target: Reals,
 ) -> Integer:
     """All residuals at a point; how many numbers of ``target`` they take, a multiple of 4.
 
     ``lossy`` 0 leaves the losses out, ``penalised`` 0 the constraints.
     """
-    inputs = inputs_at(system)
-    whitening = weights_at(system)
-    outputs = work[outputs_at(system) :]
-    done = united_rows(system, 0, point, 0, work, target) if LANES > 1 else 0
+    inputs = 0
+    whitening = 0
+    outputs = rows.outputs
+    done = united_rows(system, rows, 0, point, 0, target) if LANES > 1 else 0
     for b in range(
-        first_apart(system, work) if LANES > 1 else 0, system.residual_blocks + penalised * system.constraint_blocks
+        first_apart(system, rows) if LANES > 1 else 0, system.residual_blocks + penalised * system.constraint_blocks
     ):
         block = system.blocks[b]
-        part = data.blocks[b]
-        rows = rows_apart(system, data, b, work) if LANES > 1 else part.rows
+        part = rows.data.blocks[b]
+        count = rows_apart(system, rows, b) if LANES > 1 else part.rows
         width = (block.variables + block.parameters) * LANES
         heavy = weights_width(block) * LANES
-        gather(block, rows, index[part.index :], point, work[inputs:])
+        gather(block, count, rows.index[part.index :], point, rows.inputs[inputs:])
         most = portion(system, block)
         first = 0
-        while first < groups_of(rows):
+        while first < groups_of(count):
             groups = most
-            if first + groups > groups_of(rows):
-                groups = groups_of(rows) - first
-            call_kernel(block.values, work[inputs + first * width :], outputs, groups)
-            whitening_here = work[whitening + first * heavy :]
+            if first + groups > groups_of(count):
+                groups = groups_of(count) - first
+            call_kernel(block.values, rows.inputs[inputs + first * width :], outputs, groups)
+            whitening_here = rows.weights[whitening + first * heavy :]
             if b < system.residual_blocks:
                 whiten_values(block, groups, block.outputs, outputs, whitening_here, target[done:])
                 if lossy == 1:
-                    root_values(constants, block, groups, target[done:])
+                    root_values(rows.constants, block, groups, target[done:])
             else:
                 penalise_values(block, groups, block.outputs, outputs, whitening_here, target[done:])
             done += groups * LANES * block.outputs
             first += groups
-        inputs += groups_of(rows) * width
-        whitening += groups_of(rows) * heavy
+        inputs += groups_of(count) * width
+        whitening += groups_of(count) * heavy
     while done % 4 != 0:
         target[done] = 0.0
         done += 1

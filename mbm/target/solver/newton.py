@@ -15,7 +15,7 @@ from mbm.target.solver.linear_algebra import cholesky, dot, filled, solve_transp
 from mbm.target.solver.manifolds import retract
 from mbm.target.solver.steps import chosen_columns, down_of, norm_of, up_of
 from mbm.target.solver.sweeps import sweep
-from mbm.target.solver.workspace import Place, Work, residuals_at
+from mbm.target.solver.workspace import Place, Work
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 
 
@@ -58,8 +58,8 @@ def newton_step(system: Problem, place: Place, work: Work) -> Integer:
     for k in range(count):
         at = chosen[k]
         full[at] = -image[k] / place.scale[at]
-        low = down_of(system, work.constants, place.x, at)
-        high = up_of(system, work.constants, place.x, at)
+        low = down_of(system, work.rows.constants, place.x, at)
+        high = up_of(system, work.rows.constants, place.x, at)
         beyond = full[at] < low or full[at] > high
         if system.boxed == 1 and beyond:
             return 0
@@ -106,7 +106,7 @@ def set_curvature(
     step = work.shift
     there = work.gradient_shifted
     point = work.trial
-    residuals = work.rows[residuals_at(system, work.residuals_here) :]
+    residuals = work.rows.residuals[work.residuals_here * system.most_residuals :]
     freedom = float(work.here.freedom)
     spread = sqrt(place.cost / (freedom if freedom > 1.0 else 1.0))
     total = 0.0
@@ -116,7 +116,7 @@ def set_curvature(
         if LEAST_DIFFERENCE * fabs(place.x[j]) > step[j]:
             step[j] = LEAST_DIFFERENCE * fabs(place.x[j])
         retract(system, place.point, step, point)
-        sweep(system, point, 1, work.penalised, work, residuals, there)
+        sweep(system, point, 1, work.penalised, work.rows, residuals, there)
         for k in range(n):
             gradient = 0.0
             for i in range(k + 1):

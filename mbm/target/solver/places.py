@@ -115,7 +115,7 @@ def arrive(
     if system.boxed == 1:
         gradient = work.gradient
         times_transposed(n, place.factor, place.image, gradient)
-        set_free(system, work.constants, x, gradient, place.free)
+        set_free(system, work.rows.constants, x, gradient, place.free)
     judge(system, place, curved, work)
 
 

@@ -20,7 +20,7 @@ from mbm.target.solver.manifolds import coordinates_of, retract
 from mbm.target.solver.surface import choose_free, surface_step, turn_place
 from mbm.target.solver.sweeps import sweep
 from mbm.target.solver.working import change_working, largest_violation, pushes_on_bounds, set_working
-from mbm.target.solver.workspace import Place, Work, residuals_at
+from mbm.target.solver.workspace import Place, Work
 from mbm.target.words import ConstantReals, Integer, Real, Reals
 
 STEPS_AT_MOST = 20
@@ -38,11 +38,11 @@ def set_place(
     n = system.n
     triangle = place.triangle
     point = place.point
-    residuals = work.rows[residuals_at(system, 0) :]
+    residuals = work.rows.residuals
     coordinates_of(system, point, place.x)
-    count = residuals_at_point(system, work.constants, work.data, work.index, point, 1, 0, work.rows, residuals)
+    count = residuals_at_point(system, work.rows, point, 1, 0, residuals)
     place.cost = dot(count, residuals, residuals)
-    sweep(system, point, 0, 0, work, residuals, triangle)
+    sweep(system, point, 0, 0, work.rows, residuals, triangle)
     linearise(system, point, work)
     work.evaluations += 1
     total = place.cost
@@ -52,7 +52,7 @@ def set_place(
             square += triangle[i * (n + 1) + j] * triangle[i * (n + 1) + j]
         place.norms[j] = sqrt(square)
         total += place.norms[j]
-    for c in range(constraint_count(system, work.data)):
+    for c in range(constraint_count(system, work.rows.data)):
         total += fabs(work.values[c])
         for j in range(n):
             total += fabs(work.slopes[c * n + j])
@@ -74,8 +74,8 @@ def set_surface_curvature(
     there = work.gradient_shifted
     curvature = work.curvature
     point = work.trial
-    residuals = work.rows[residuals_at(system, 0) :]
-    freedom = float(work.data.count - count)
+    residuals = work.rows.residuals
+    freedom = float(work.rows.data.count - count)
     spread = sqrt(place.cost / (freedom if freedom > 1.0 else 1.0))
     if spread < 1e-3:
         spread = 1e-3
@@ -113,8 +113,8 @@ def set_gradient(
 ) -> None:
     """``Jᵀ r + Σ λ ∇c`` (n,) with the slopes at a point, residuals and multipliers as they are given."""
     n = system.n
-    sweep(system, point, 1, 0, work, residuals, gradient)
-    for c in range(constraint_count(system, work.data)):
+    sweep(system, point, 1, 0, work.rows, residuals, gradient)
+    for c in range(constraint_count(system, work.rows.data)):
         for j in range(n):
             gradient[j] += work.forces[c] * work.slopes[c * n + j]
 
@@ -129,7 +129,7 @@ def move(system: Problem, place: Place, work: Work) -> Integer:
     coordinates_of(system, point, x)
     for j in range(n):
         if place.free[j] != 0.0:
-            if x[j] < work.constants[BOUNDS_AT + j] or x[j] > work.constants[BOUNDS_AT + n + j]:
+            if x[j] < work.rows.constants[BOUNDS_AT + j] or x[j] > work.rows.constants[BOUNDS_AT + n + j]:
                 return 0
             if system.positive[j] != 0 and not x[j] > 0.0:
                 return 0
@@ -184,11 +184,11 @@ def polish(
         if surface_step(system, count, turned, curved, place, work) == 0:
             return 0
         worst = largest_violation(system, work)
-        ending = ending_of(work.constants, place, steps, fresh, before, worst)
+        ending = ending_of(work.rows.constants, place, steps, fresh, before, worst)
         if ending < 0:
             return 0
         if ending != RUNNING:
-            nothing = work.constants[TOLERANCE] * (1.0 + sqrt(place.cost))
+            nothing = work.rows.constants[TOLERANCE] * (1.0 + sqrt(place.cost))
             if change_working(system, nothing, work) == 0:
                 if pushes_on_bounds(system, nothing, place, work) == 0:
                     return 0
@@ -229,4 +229,4 @@ def arrive_on_surface(
     work.here = there
     work.stop = ending
     work.worst = worst
-    copied(constraint_count(system, work.data), work.forces, work.multipliers)
+    copied(constraint_count(system, work.rows.data), work.forces, work.multipliers)

@@ -253,14 +253,16 @@ def boxed_step(
             chosen_columns(n, factor, rest, count, chosen, work.small_rows, triangle, part, part_image)
             without_dependent(count, part, part_image)
         step_of_part(count, remaining, limited, part_image, work)
-        first = first_to_leave(system, work.constants, x, scale, count, chosen, trial)
+        first = first_to_leave(system, work.rows.constants, x, scale, count, chosen, trial)
         if first < 0:
             for k in range(count):
                 vector[chosen[k]] = trial[k] / scale[chosen[k]]
             break
         at = chosen[first]
         vector[at] = (
-            down_of(system, work.constants, x, at) if trial[first] < 0.0 else up_of(system, work.constants, x, at)
+            down_of(system, work.rows.constants, x, at)
+            if trial[first] < 0.0
+            else up_of(system, work.rows.constants, x, at)
         )
         stopped[at] = 1.0
         moving[at] = 0.0

@@ -58,7 +58,7 @@ def turn_place(
     gradient = work.gradient
     reflections = work.reflections
     lower = work.lower
-    holding = constraint_count(system, work.data)
+    holding = constraint_count(system, work.rows.data)
     set_scales(n, count, chosen, triangle, holding, held, slopes, scale)
     turned = turn_constraints(n, count, chosen, scale, holding, held, slopes, reflections)
     found = 0
@@ -224,5 +224,5 @@ def set_step(
     outside = place.cost - inside
     place.length = sqrt(dot(count, along, along))
     place.predicted = inside
-    place.offset = relative_offset(inside, outside if outside > 0.0 else 0.0, width, work.data.count - width)
+    place.offset = relative_offset(inside, outside if outside > 0.0 else 0.0, width, work.rows.data.count - width)
     place.rounding = ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(place.cost))

@@ -16,7 +16,7 @@ from mbm.target.solver.linear_algebra import append_rows, dot, filled
 from mbm.target.solver.normal_equations import add_products, add_sums, rooted
 from mbm.target.solver.slopes import penalise_slopes, root_slopes, scatter, whiten_matrices
 from mbm.target.solver.united import first_apart, rows_apart, united_rows
-from mbm.target.solver.workspace import Place, Work, chunk_at, inputs_at, outputs_at, weights_at
+from mbm.target.solver.workspace import Place, Rows, Work
 from mbm.target.words import ConstantReals, Integer, Reals, call_kernel, distinct_arrays
 
 HARMLESS = 1e6
@@ -66,7 +66,7 @@ def sweep(
     point: ConstantReals,
     mode: Integer,
     penalised: Integer,
-    work: Work,
+    rows: Rows,
     vector: ConstantReals,
     target: Reals,
 ) -> None:
@@ -77,51 +77,52 @@ def sweep(
     """
     n = system.n
     stride = system.chunk
-    inputs = inputs_at(system)
-    whitening = weights_at(system)
-    outputs = work.rows[outputs_at(system) :]
-    chunk = work.rows[chunk_at(system) :]
+    inputs = 0
+    whitening = 0
+    outputs = rows.outputs
+    chunk = rows.chunk
     filled((n + 1) * (n + 1) if mode == 0 else n, 0.0, target)
-    there = united_rows(system, 1, point, stride, work.rows, chunk) if LANES > 1 else 0
+    there = united_rows(system, rows, 1, point, stride, chunk) if LANES > 1 else 0
     settled = 0
-    begin = first_apart(system, work.rows) if LANES > 1 else 0
+    begin = first_apart(system, rows) if LANES > 1 else 0
     for b in range(begin, system.residual_blocks + penalised * system.constraint_blocks):
         block = system.blocks[b]
-        part = work.data.blocks[b]
-        rows = rows_apart(system, work.data, b, work.rows) if LANES > 1 else part.rows
+        part = rows.data.blocks[b]
+        count = rows_apart(system, rows, b) if LANES > 1 else part.rows
         lines = block.outputs * LANES
         width = (block.variables + block.parameters) * LANES
         heavy = weights_width(block) * LANES
-        own = work.columns[part.columns :]
-        gather(block, rows, work.index[part.index :], point, work.rows[inputs:])
+        own = rows.columns[part.columns :]
+        gather(block, count, rows.index[part.index :], point, rows.inputs[inputs:])
         first = 0
-        if LANES > 1 and mode == 2 and block.normal != 0 and rows >= system.summed_from:
-            first = groups_of(rows)
-            add_sums(n, work.constants, block, own, first, work.rows[inputs:], work.rows[whitening:], outputs, target)
-        while first < groups_of(rows):
+        if LANES > 1 and mode == 2 and block.normal != 0 and count >= system.summed_from:
+            first = groups_of(count)
+            weights = rows.weights[whitening:]
+            add_sums(n, rows.constants, block, own, first, rows.inputs[inputs:], weights, outputs, target)
+        while first < groups_of(count):
             groups = portion(system, block)
-            if first + groups > groups_of(rows):
-                groups = groups_of(rows) - first
+            if first + groups > groups_of(count):
+                groups = groups_of(count) - first
             if there + groups * lines > stride:
                 settle_chunk(n + 1, there, stride, mode, vector[settled:], chunk, target)
                 settled += there
                 there = 0
-            call_kernel(block.jacobian, work.rows[inputs + first * width :], outputs, groups)
-            weights = work.rows[whitening + first * heavy :]
+            call_kernel(block.jacobian, rows.inputs[inputs + first * width :], outputs, groups)
+            weights = rows.weights[whitening + first * heavy :]
             for column in range(n):
                 filled(groups * lines, 0.0, chunk[column * stride + there :])
-            scatter(system, block, own, first, rows, groups, outputs, weights, chunk[there:])
+            scatter(system, block, own, first, count, groups, outputs, weights, chunk[there:])
             right = chunk[n * stride + there :]
             every = block.outputs + block.nonzero_count
             if b < system.residual_blocks:
-                whiten_portion(system, work.constants, block, groups, every, outputs, weights, right, chunk[there:])
+                whiten_portion(system, rows.constants, block, groups, every, outputs, weights, right, chunk[there:])
             else:
                 penalise_values(block, groups, every, outputs, weights, right)
                 penalise_slopes(system, block, groups, weights, right, chunk[there:])
             there += groups * lines
             first += groups
-        inputs += groups_of(rows) * width
-        whitening += groups_of(rows) * heavy
+        inputs += groups_of(count) * width
+        whitening += groups_of(count) * heavy
     if there > 0:
         settle_chunk(n + 1, there, stride, mode, vector[settled:], chunk, target)
 
@@ -145,7 +146,7 @@ def set_triangle(
     triangle = place.triangle
     if work.summed == 1:
         filled((n + 1) * (n + 1), 0.0, triangle)
-        sweep(system, place.point, 2, work.penalised, work, work.constants, triangle)
+        sweep(system, place.point, 2, work.penalised, work.rows, work.rows.constants, triangle)
         lower = work.lower
         upper = work.inner
         inverse = work.inverse
@@ -154,4 +155,4 @@ def set_triangle(
             return
         work.summed = 0
     place.squared_condition = 0.0
-    sweep(system, place.point, 0, work.penalised, work, work.constants, triangle)
+    sweep(system, place.point, 0, work.penalised, work.rows, work.rows.constants, triangle)

@@ -23,7 +23,7 @@ from mbm.target.solver.linear_algebra import (
 from mbm.target.solver.manifolds import coordinates_of, place_coordinates, retract
 from mbm.target.solver.steps import boxed_step, judge_step, land, marquardt_step
 from mbm.target.solver.sweeps import sweep
-from mbm.target.solver.workspace import Place, Work, residuals_at
+from mbm.target.solver.workspace import Place, Work
 from mbm.target.step_control import shortened
 from mbm.target.words import ConstantReals, Integer, Real
 
@@ -68,8 +68,8 @@ def bend_step(
     scaled = work.scaled
     bent = work.bent
     moved = work.moved
-    residuals = work.rows[residuals_at(system, work.residuals_tried) :]
-    sweep(system, place.point, 1, work.penalised, work, residuals, work.gradient)
+    residuals = work.rows.residuals[work.residuals_tried * system.most_residuals :]
+    sweep(system, place.point, 1, work.penalised, work.rows, residuals, work.gradient)
     for j in range(n):
         scaled[j] = scale[j] * work.step[j]
     times_upper(n, factor, scaled, moved)
@@ -108,14 +108,12 @@ def try_step(
     if system.boxed == 1:
         x = work.x
         coordinates_of(system, point, x)
-        land(system, work.constants, vector, work.step_stopped, x)
+        land(system, work.rows.constants, vector, work.step_stopped, x)
         place_coordinates(system, x, point)
     work.tried = work.trial
     work.residuals_tried = (work.residuals_here + 1) % 3
-    residuals = work.rows[residuals_at(system, work.residuals_tried) :]
-    count = residuals_at_point(
-        system, work.constants, work.data, work.index, point, 1, work.penalised, work.rows, residuals
-    )
+    residuals = work.rows.residuals[work.residuals_tried * system.most_residuals :]
+    count = residuals_at_point(system, work.rows, point, 1, work.penalised, residuals)
     work.evaluations += 1
     cost = dot(count, residuals, residuals)
     work.cost_tried = cost
@@ -127,10 +125,8 @@ def try_step(
         return
     curved = work.bent_trial
     retract(system, place.point, work.bent, curved)
-    there = work.rows[residuals_at(system, (work.residuals_here + 2) % 3) :]
-    count = residuals_at_point(
-        system, work.constants, work.data, work.index, curved, 1, work.penalised, work.rows, there
-    )
+    there = work.rows.residuals[((work.residuals_here + 2) % 3) * system.most_residuals :]
+    count = residuals_at_point(system, work.rows, curved, 1, work.penalised, there)
     work.evaluations += 1
     lower = dot(count, there, there)
     if lower < cost:

@@ -43,7 +43,7 @@ def factor_there(
     if LANES > 1:
         set_triangle(system, there, work)
     else:
-        sweep(system, there.point, 0, work.penalised, work, work.constants, there.triangle)
+        sweep(system, there.point, 0, work.penalised, work.rows, work.rows.constants, there.triangle)
     total = 0.0
     for i in range((n + 1) * (n + 1)):
         total += there.triangle[i]

@@ -20,7 +20,7 @@ def set_working(system: Problem, work: Work) -> None:
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
         lines = block.outputs
-        count = lines * work.data.blocks[b].rows
+        count = lines * work.rows.data.blocks[b].rows
         for k in range(count):
             c = done + k
             work.held[c] = work.units[c]
@@ -36,7 +36,7 @@ def largest_violation(system: Problem, work: Work) -> Real:
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
         lines = block.outputs
-        count = lines * work.data.blocks[b].rows
+        count = lines * work.rows.data.blocks[b].rows
         for k in range(count):
             c = done + k
             missed = fabs(work.values[c]) - work.roundings[c]
@@ -62,7 +62,7 @@ def change_working(system: Problem, nothing: Real, work: Work) -> Integer:
     for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
         block = system.blocks[b]
         lines = block.outputs
-        count = lines * work.data.blocks[b].rows
+        count = lines * work.rows.data.blocks[b].rows
         for k in range(count):
             c = done + k
             if block.equality[k % lines] == 0:
@@ -97,10 +97,10 @@ def pushes_on_bounds(
             slope = 0.0
             for i in range(j + 1):
                 slope += place.triangle[i * (n + 1) + j] * place.triangle[i * (n + 1) + n]
-            for c in range(constraint_count(system, work.data)):
+            for c in range(constraint_count(system, work.rows.data)):
                 slope += work.forces[c] * work.slopes[c * n + j]
-            low = place.x[j] <= work.constants[BOUNDS_AT + j] and slope >= -nothing * place.norms[j]
-            high = place.x[j] >= work.constants[BOUNDS_AT + n + j] and slope <= nothing * place.norms[j]
+            low = place.x[j] <= work.rows.constants[BOUNDS_AT + j] and slope >= -nothing * place.norms[j]
+            high = place.x[j] >= work.rows.constants[BOUNDS_AT + n + j] and slope <= nothing * place.norms[j]
             if not (low or high):
                 return 0
     return 1

@@ -1,13 +1,37 @@
-"""What a solve works with: two linearisation points, the state of its iteration, and scratch, as records.
-
-`Rows` of the data set stand apart, as consensus evaluates them too: in one array, in which functions give offsets.
-"""
+"""What a solve works with: the rows of its data set, two linearisation points, its state, and scratch, as records."""
 
 from __future__ import annotations
 
 from mbm.target.records import Reference, integers_in, lay_out, reals_in, record, sized
-from mbm.target.solver.description import LANES, DataSet, Problem
+from mbm.target.solver.description import DataSet, Problem
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+
+
+@record
+class Rows:
+    """The rows of a data set: as they are handed over, as the kernels take them, and as they come out."""
+
+    constants: ConstantReals
+    data: Reference[DataSet]
+    parameters: ConstantReals
+    whitening: Reals
+    index: ConstantIntegers
+    columns: ConstantIntegers
+    """Brought by the caller, as `description` says."""
+    united: Integer
+    """1: the united rows are loaded, 0: blocks are taken one by one."""
+    united_data: Reals = sized("united_reals")
+    """Parameters and weights of the united rows."""
+    inputs: Reals = sized("most_inputs")
+    """What the kernels take."""
+    outputs: Reals = sized("most_outputs")
+    """What the kernels put out."""
+    weights: Reals = sized("most_weights")
+    """What whitens, lane by lane."""
+    chunk: Reals = sized("chunk * (n + 1)")
+    """Rows of ``[J r]`` that are triangularised at a time, column by column."""
+    residuals: Reals = sized("3 * most_residuals")
+    """Three vectors of residuals."""
 
 
 @record
@@ -56,17 +80,31 @@ class Place:
 
 
 @record
+class Answer:
+    """What a solve says, see `description`."""
+
+    numbers: Reals
+    results: Reals
+    states: Integers
+    sides: Integers
+    triangle: Reals
+    covariance: Reals
+    multipliers: Reals
+
+
+@record
 class Work:
     """What one thread needs for a solve.
 
-    The caller brings ``reals`` and ``integers`` of the sizes `work_reals` and `work_integers`; see `share_out`.
+    The caller brings ``reals`` and ``integers`` of the sizes `work_reals` and `work_integers`, and of ``rows`` what
+    belongs to the problem.
     """
 
-    constants: ConstantReals
-    data: Reference[DataSet]
-    index: ConstantIntegers
-    columns: ConstantIntegers
-    """Of the solve, see `description`."""
+    rows: Rows
+    answer: Answer
+    """Where it is to stand."""
+    loaded: Integer
+    """Number of the data set whose rows are loaded, and its weights unchanged; -1: none."""
     reals: Reals
     integers: Integers
     shared: Integer
@@ -173,56 +211,10 @@ class Work:
     slopes: Reals = sized("most_multipliers * n")
     """Derivatives of the constraints."""
 
-    loaded: Integer
-    """Number of the data set whose rows are loaded, and its weights unchanged; -1: none."""
-    rows: Reals
-    """The rows of the data set, as the kernels take them and as they come out; functions below give offsets."""
-
-
-UNITED_NOW = 0
-"""1: the united rows of the data set are loaded, 0: its blocks are taken one by one."""
-
-
-def residuals_at(system: Problem, number: Integer) -> Integer:
-    """Vector of residuals 0, 1 or 2."""
-    return UNITED_NOW + 1 + number * system.most_residuals
-
-
-def chunk_at(system: Problem) -> Integer:
-    """Rows of ``[J r]`` that are triangularised at a time, column by column."""
-    return residuals_at(system, 3)
-
-
-def outputs_at(system: Problem) -> Integer:
-    """What the kernels put out."""
-    return chunk_at(system) + system.chunk * (system.n + 1)
-
-
-def inputs_at(system: Problem) -> Integer:
-    """What the kernels take."""
-    return outputs_at(system) + system.most_outputs
-
-
-def weights_at(system: Problem) -> Integer:
-    """The weights, lane by lane."""
-    return inputs_at(system) + system.most_inputs
-
-
-def united_at(system: Problem) -> Integer:
-    """The data of united blocks."""
-    return weights_at(system) + system.most_weights
-
-
-def rows_reals(system: Problem) -> Integer:
-    """Reals that the rows of a data set need."""
-    if LANES > 1:
-        return united_at(system) + system.united_reals
-    return united_at(system)
-
 
 def work_reals(system: Problem) -> Integer:
     """Reals of scratch that a thread needs."""
-    return reals_in(Work, system) + rows_reals(system)
+    return reals_in(Work, system)
 
 
 def work_integers(system: Problem) -> Integer:
@@ -233,5 +225,4 @@ def work_integers(system: Problem) -> Integer:
 def share_out(system: Problem, work: Work) -> None:
     """Let the arrays in ``work`` be parts of its `work_reals` reals and `work_integers` integers."""
     lay_out(work, system, work.reals, work.integers)
-    work.rows = work.reals[reals_in(Work, system) :]
     work.shared = 1

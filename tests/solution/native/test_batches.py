@@ -36,7 +36,7 @@ def starts(start):
 
 
 def same(one, other):
-    for a, b in zip(one.arrays(), other.arrays(), strict=True):
+    for a, b in zip(one.arrays().values(), other.arrays().values(), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
@@ -49,7 +49,7 @@ def test_one_by_one_and_by_threads(ready):
         same(whole, system.solve(points, workers=workers))
     for k, point in enumerate(points):
         alone = system.solve(point[None])
-        for a, b in zip(alone.arrays(), whole.arrays(), strict=True):
+        for a, b in zip(alone.arrays().values(), whole.arrays().values(), strict=True):
             np.testing.assert_array_equal(a[0], b[k])
 
 

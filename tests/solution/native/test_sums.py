@@ -90,7 +90,7 @@ def test_a_bad_condition_takes_the_rows_themselves(both, monkeypatch):
     text = f"(unknowns {names}) (observe t (= y (+ {powers})) :sigma s)"
     sums, rows, start = by_sums_and_by_rows(both, monkeypatch, text, columns)
     assert normal_addresses(sums).any()
-    for a, b in zip(sums.one(start).arrays(), rows.one(start).arrays(), strict=True):
+    for a, b in zip(sums.one(start).arrays().values(), rows.one(start).arrays().values(), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
@@ -100,7 +100,7 @@ def test_few_rows_of_a_system_with_room_for_many(both, monkeypatch):
     alone = system_of(equations, settings).one(start)
     roomy = system_of(equations, settings, most_rows=[ROWS])
     assert normal_addresses(roomy).any()
-    for a, b in zip(alone.arrays(), roomy.one(start).arrays(), strict=True):
+    for a, b in zip(alone.arrays().values(), roomy.one(start).arrays().values(), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
@@ -131,7 +131,7 @@ def test_plain_and_fast_code_give_the_same_bits(both, monkeypatch):
         monkeypatch.setattr(system.code, "_libraries", code._libraries)
         monkeypatch.setattr(system.code, "_known", {})
         found.append(system.one(start))
-    for a, b in zip(*(each.arrays() for each in found), strict=True):
+    for a, b in zip(*(each.arrays().values() for each in found), strict=True):
         np.testing.assert_array_equal(a, b)
 
 

@@ -70,7 +70,7 @@ def test_rows_that_do_not_count_leave_the_kernels_to_themselves(both):
     for system in (together, apart):
         system.rows.weights[0] = 0.0
         system.rows.parameters[0] = np.nan
-    for a, b in zip(together.one(start).arrays(), apart.one(start).arrays(), strict=True):
+    for a, b in zip(together.one(start).arrays().values(), apart.one(start).arrays().values(), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
@@ -83,7 +83,9 @@ def test_data_sets_with_other_rows_leave_the_kernels_to_themselves(both):
     sets = np.vstack([together.rows.data, fewer, together.rows.data])
     found = replace(together, rows=replace(together.rows, data=sets)).solve(np.tile(start, (3, 1)), np.arange(3))
     alone = replace(apart, rows=replace(apart.rows, data=fewer)).one(start)
-    for many, other, one in zip(found.arrays(), alone.arrays(), together.one(start).arrays(), strict=True):
+    for many, other, one in zip(
+        found.arrays().values(), alone.arrays().values(), together.one(start).arrays().values(), strict=True
+    ):
         np.testing.assert_array_equal(many[1], other[0])
         np.testing.assert_array_equal(many[0], one[0])
         np.testing.assert_array_equal(many[2], one[0])

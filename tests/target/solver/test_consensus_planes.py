@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mbm.target.records import put, slots_of, view
 from mbm.target.solver import consensus_description as c
 from mbm.target.solver.consensus_planes import MOMENTS, one_sided, smallest_share
 
@@ -19,12 +20,13 @@ def test_the_smallest_share_is_that_of_the_eigenvalues(d, seed):
     assert smallest_share(d, matrix.ravel().copy()) == pytest.approx(values[0] / values[-1], rel=1e-9, abs=1e-14)
 
 
-def rules_of_spheres(d: int, offset: int) -> np.ndarray:
+def rules_of_spheres(d, offset):
     """Rules whose closed form is that of spheres in d dimensions."""
-    rules = np.zeros(c.HEADER + 8, dtype=np.int64)
-    rules[c.FORM], rules[c.FORM_AT], rules[c.FORM_WIDTH] = c.SPHERES, c.HEADER, d + 3
-    rules[c.HEADER : c.HEADER + 2] = d, offset
-    return rules
+    head = slots_of(c.Rules)
+    rules = np.zeros(head + 8, dtype=np.int64)
+    put(rules, c.Rules, form=c.SPHERES, about=head, form_width=d + 3)
+    rules[head : head + 2] = d, offset
+    return view(c.Rules, rules)
 
 
 def stations(extent: float) -> np.ndarray:

@@ -18,7 +18,7 @@ def boxed(solver, radius, limited, upper):
     constants = np.zeros(BOUNDS_AT + 2 * n)
     constants[BOUNDS_AT : BOUNDS_AT + n], constants[BOUNDS_AT + n :] = -np.inf, upper
     work = Scratch(system)
-    work.record.constants = constants
+    work.record.rows.constants = constants
     place = work.record.first
     place.scale[:n], place.image[:n], place.free[:n] = [2.0, 1.0], [-200.0, -50.0], 1.0
     place.factor[: n * n] = np.diag([0.5, 1.0]).ravel()
