@@ -342,7 +342,7 @@ def residuals(tables: Mapping[str, Mapping[str, Any]], point: Array) -> Array:
     p = Prepared(tables, None)
     found = reals(p.data[DATA_COUNT])
     with np.errstate(all="ignore"):
-        all_rows(p.system, p.data, *p.arrays, view(point), 0, p.spare, p.spare[row_scratch(p.system) :], found)
+        all_rows(p.system, p.work.rows, view(point), 0, p.spare, p.spare[row_scratch(p.system) :], found)
     return found[: p.data[DATA_COUNT]]
 
 
@@ -351,7 +351,7 @@ def jacobian(tables: Mapping[str, Mapping[str, Any]], point: Array) -> Array:
     p = Prepared(tables, None)
     found = reals(p.data[DATA_COUNT] * p.free)
     with np.errstate(all="ignore"):
-        all_rows(p.system, p.data, *p.arrays, view(point), 1, p.spare, p.spare[row_scratch(p.system) :], found)
+        all_rows(p.system, p.work.rows, view(point), 1, p.spare, p.spare[row_scratch(p.system) :], found)
     return found[: p.data[DATA_COUNT] * p.free].reshape(p.data[DATA_COUNT], p.free)
 
 

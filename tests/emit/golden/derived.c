@@ -485,10 +485,19 @@ static int prepare(struct frame *f, const derived_data *data,
     f->data_set->count = set_capacities(f->system, f->data_set);
     set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);
     share_out(f->system, &f->work);
-    f->work.constants = f->constants;
-    f->work.data = f->data_set;
-    f->work.index = f->index;
-    f->work.columns = f->columns;
+    f->work.rows.constants = f->constants;
+    f->work.rows.data = f->data_set;
+    f->work.rows.parameters = f->parameters;
+    f->work.rows.whitening = f->weights;
+    f->work.rows.index = f->index;
+    f->work.rows.columns = f->columns;
+    f->work.answer.numbers = f->point;
+    f->work.answer.results = f->results;
+    f->work.answer.states = f->states;
+    f->work.answer.sides = f->sides;
+    f->work.answer.triangle = f->triangle;
+    f->work.answer.covariance = f->covariance;
+    f->work.answer.multipliers = f->multipliers;
     for (b = 0; b < count; b++)
         if (f->column[b] >= 0)
             f->coordinates[f->column[b]] = b;
@@ -574,9 +583,7 @@ int derived_solve(const derived_data *data, derived_result *result, derived_work
     n = f->system->n;
     for (c = 0; c < 1; c++)
         factors[c] = 1.0;
-    solve_noises(f->system, f->constants, f->parameters, f->weights, f->index, f->columns, f->data_set,
-        f->start, &f->work, f->point, f->results, f->states, f->sides, f->triangle, f->covariance,
-        f->multipliers, f->kappa, factors, f->spare);
+    solve_noises(f->system, f->start, &f->work, f->kappa, factors, f->spare);
     result->cost = f->results[2];
     result->status = status_of(f);
     result->iterations = f->states[1];
@@ -622,7 +629,7 @@ void derived_residuals(const derived_data *data, const double *point, double *re
 
     if (prepare(f, data, workspace) != 0)
         return;
-    all_rows(f->system, f->data_set, f->parameters, f->weights, f->index, f->columns, point, 0,
+    all_rows(f->system, &f->work.rows, point, 0,
         f->spare, f->spare + row_scratch(f->system), residuals);
 }
 
@@ -633,7 +640,7 @@ void derived_jacobian(const derived_data *data, const double *point, double *jac
 
     if (prepare(f, data, workspace) != 0)
         return;
-    all_rows(f->system, f->data_set, f->parameters, f->weights, f->index, f->columns, point, 1,
+    all_rows(f->system, &f->work.rows, point, 1,
         f->spare, f->spare + row_scratch(f->system), jacobian);
 }
 
@@ -645,8 +652,8 @@ int derived_covariance(const derived_data *data, const double *point, double *co
 
     if (prepare(f, data, workspace) != 0)
         return 0;
-    load_rows(f->system, f->data_set, f->parameters, f->weights, f->work.rows);
-    sweep(f->system, point, 0, 0, &f->work, f->constants, f->triangle);
+    load_rows(f->system, &f->work.rows);
+    sweep(f->system, point, 0, 0, &f->work.rows, f->constants, f->triangle);
     for (c = 0; c < f->system->n; c++)
         f->sides[c] = 0;
     c = set_covariance(f->system, f->triangle, f->sides, 0, f->constants, &f->work, covariance)
