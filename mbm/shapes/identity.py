@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 
-from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Leaf, Number, Opaque, postorder
+from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Leaf, Number, Opaque
 from mbm.language.values import (
     FORMS,
     SCALARS,
@@ -24,6 +24,8 @@ class Identities:
 
     def __init__(self) -> None:
         self._numbers: dict[Hashable, int] = {}
+        self._known: dict[int, tuple[int, Expression]] = {}
+        """The number of each node by its address, which it keeps as long as it is held here."""
 
     def key(self, value: Value) -> Hashable:
         """A key that two values share if and only if they are the same value.
@@ -55,15 +57,21 @@ class Identities:
         return ("form", value) if isinstance(value, FORMS) else ("object", id(value))
 
     def _expression(self, root: Expression) -> int:
-        numbers: dict[int, int] = {}
-        for node in postorder((root,)):
-            key: Hashable
-            if isinstance(node, Apply):
-                key = (node.operation, tuple(numbers[id(a)] for a in node.arguments))
-            else:
-                key = _leaf(node)
-            numbers[id(node)] = self._numbers.setdefault(key, len(self._numbers))
-        return numbers[id(root)]
+        known = self._known
+        waiting = [root]
+        while waiting:
+            node = waiting[-1]
+            arguments = node.arguments if isinstance(node, Apply) else ()
+            missing = [a for a in arguments if id(a) not in known]
+            if missing and id(node) not in known:
+                waiting += missing
+                continue
+            waiting.pop()
+            if id(node) not in known:
+                own = tuple(known[id(a)][0] for a in arguments)
+                key = (node.operation, own) if isinstance(node, Apply) else _leaf(node)
+                known[id(node)] = (self._numbers.setdefault(key, len(self._numbers)), node)
+        return known[id(root)][0]
 
 
 def _leaf(node: Leaf) -> Hashable:
