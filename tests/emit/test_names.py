@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 import sys
-from types import FunctionType
 
 import pytest
 
@@ -15,7 +14,7 @@ from mbm.emit.identifiers import Identifiers, identifier
 from mbm.emit.python.program import PROGRAM, SHOWING
 from mbm.emit.python.runtime import HEAD, TAIL
 from mbm.emit.reserved import CASE_FORMS, DERIVED_CASE_FORMS, MACROS, PROBLEM_FORMS, TAKEN
-from mbm.emit.routines.modules import PARTS, emitted_module
+from mbm.emit.routines.modules import known
 from mbm.target.python import PRELUDE
 from tests.emit.making import of_text, run, written
 from tests.emit.shapes import SHAPES
@@ -151,13 +150,7 @@ def test_macros_of_the_headers_are_known():
 
 def test_functions_that_a_name_could_become_are_taken():
     """Those of the solver in both languages, and those of the Python around it."""
-    own = [
-        f
-        for part in PARTS
-        for f in vars(part).values()
-        if isinstance(f, FunctionType) and f.__module__ == part.__name__
-    ]
-    fixed = {function.name for function in emitted_module(f.__name__ for f in own).functions}
+    fixed = set(known())
     for source in (HEAD, TAIL, SHOWING, PROGRAM, PRELUDE):
         for node in ast.parse(source).body:
             names = node.targets if isinstance(node, ast.Assign) else [node]

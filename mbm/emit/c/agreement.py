@@ -16,21 +16,6 @@ from mbm.target.solver import consensus_description as c
 from mbm.target.solver import description as at
 
 
-def called(agreement: Agreement, lossy: bool) -> list[str]:
-    """The routines that the text calls; ``lossy``: the covariance is that of losses."""
-    names = [
-        "come_to_agreement",
-        "connected",
-        "set_room",
-        "side_by_side",
-        "take_sizes",
-        "bench_reals",
-        "bench_integers",
-    ]
-    names += ["inform"] if agreement.kept and not lossy else []
-    return names + (["known_units"] if agreement.rules[c.Rules.form] else [])
-
-
 def ruled(agreement: Agreement, number: int) -> bool:
     """Whether consensus acts on the kernel of this number."""
     first = agreement.rules[slot(c.Rules, "ruled")] + number * slots_of(c.RuledBlock)

@@ -17,11 +17,12 @@ def c_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:
     """Header, source, program, test, build files, README, data."""
     name = blueprint.identifier
     static = static_system(blueprint)
+    source = source_file(blueprint, static)
     texts = {
         f"{name}.h": header(blueprint),
-        f"{name}.c": source_file(blueprint, static),
+        f"{name}.c": source,
         f"{name}_kernels.h": kernels_file(blueprint),
-        f"{name}_solver.h": solver_file(blueprint, static),
+        f"{name}_solver.h": solver_file(blueprint, source),
         f"{name}_tables.h": tables_file(blueprint),
         "csv.h": CSV,
         "main.c": main_file(blueprint),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mbm.emit.c.agreement import agreement_answer, agreement_beginning, agreement_function, called
+from mbm.emit.c.agreement import agreement_answer, agreement_beginning, agreement_function
 from mbm.emit.c.cells import Cells
 from mbm.emit.c.header import STATUSES
 from mbm.emit.c.sizes import lossy
@@ -57,38 +57,6 @@ def call_kernel(blueprint: Blueprint) -> str:
             lines.append(f"            {case.identifier}_{word}(inputs + row * {wide}, outputs + row * {count});")
             lines.append("        break;")
     return "\n".join([*lines, "    default:", "        break;", "    }", "}", ""])
-
-
-def roots(blueprint: Blueprint, static: StaticSystem) -> tuple[str, ...]:
-    """The functions of the solver that the text calls."""
-    matrices = {e.noise_kind.value for _, c in blueprint.cases if c.noise is not None for e in c.equations}
-    names = ["place_unknowns", "mark_used", "free_coordinates", "renumber", "set_capacities", "set_coordinates"]
-    names += ["set_constants", "solve_noises", "all_rows", "sweep", "set_covariance", "work_reals", "work_integers"]
-    names += ["mask_undetermined", "share_out"]
-    names += ["residuals_at_point", "load_rows"]
-    names += ["weight_of_sigma"] if "sigma" in matrices else []
-    names += [f"weights_of_{word}" for word in ("covariance", "information") if word in matrices]
-    names += ["sandwich"] if lossy(blueprint) else []
-    names += ["determines"] if blueprint.derived else []
-    names += ["undetermined"] if static.scaled else []
-    names += ["spread_of_group"] if len(static.noises) == 1 or static.scaled else []
-    names += [] if blueprint.agreement is None else called(blueprint.agreement, lossy(blueprint))
-    for unknown in blueprint.unknowns:
-        names += starts_called(unknown.dimension, unknown.kind.value, unknown.start is not None)
-        plain = not unknown.dimension
-        bounded = unknown.start_range is not None or unknown.lower is not None
-        if plain and not unknown.replaced and (unknown.start is not None or bounded):
-            names += ["begun"] + (["within_turn"] if unknown.angle else [])
-    return tuple(dict.fromkeys(names))
-
-
-def starts_called(dimension: int, kind: str, stated: bool) -> list[str]:
-    """What turns a stated rotation or direction into numbers."""
-    if not dimension or not stated:
-        return []
-    if kind == "direction":
-        return ["unit_vector"]
-    return ["quaternion_of_matrix"] if dimension == 3 else ["angle_of_matrix"]
 
 
 def solve_functions(blueprint: Blueprint, static: StaticSystem) -> str:

@@ -10,12 +10,12 @@ from mbm.emit.c.dialect import helpers
 from mbm.emit.c.frame import frame_text
 from mbm.emit.c.kernels import function, kernel_functions
 from mbm.emit.c.layout import doubles, longs
-from mbm.emit.c.solve import call_kernel, roots, solve_functions
+from mbm.emit.c.solve import call_kernel, solve_functions
 from mbm.emit.c.tables import programs_used, table_functions
 from mbm.emit.c.text import comment, remark
 from mbm.emit.c.unknowns import unknown_functions
 from mbm.emit.foreign import told
-from mbm.emit.routines.modules import emitted_module
+from mbm.emit.routines.modules import called_in_c, emitted_module
 from mbm.emit.system import StaticSystem
 from mbm.emit.types import Blueprint
 from mbm.target.c import PRELUDE, number
@@ -58,13 +58,13 @@ def _constants(blueprint: Blueprint) -> str:
     return "\n".join(["/* Constants of the problem. */", *lines, ""]) if lines else ""
 
 
-def solver_file(blueprint: Blueprint, static: StaticSystem) -> str:
-    """The solver: the same for all problems, as far as this one calls it."""
+def solver_file(blueprint: Blueprint, source: str) -> str:
+    """The solver: the same for all problems, as far as the text of this one calls it."""
     doc = [
         "Least squares with Marquardt's method in a trust region: losses, bounds, constraints, covariance.",
         "The same algorithm as mbm's own native solver; arrays are described where the solver is called.",
     ]
-    text = module_text(emitted_module(roots(blueprint, static)))
+    text = module_text(emitted_module(called_in_c(source)))
     checked = [LONG_CHECK] if blueprint.agreement is not None else []
     return "\n".join([comment(doc), "", PRELUDE, *checked, text])
 

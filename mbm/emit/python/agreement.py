@@ -9,12 +9,6 @@ from mbm.emit.python.text import literal
 from mbm.emit.types import Blueprint
 from mbm.target.solver import consensus_description as c
 
-ROOTS = (
-    "come_to_agreement", "connected", "set_room", "side_by_side", "bench_reals", "bench_integers", "known_units",
-    "inform",
-)  # fmt: skip
-"""The routines that the text calls."""
-
 NOTHING = '''def agree_on(p: Prepared, factors: Array) -> None:
     """No consensus is asked for: all rows count, and the start is the one stated."""
 '''

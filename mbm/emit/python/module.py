@@ -8,14 +8,14 @@ from mbm.emit.c.cells import input_name
 from mbm.emit.c.sizes import lossy, row_scratch
 from mbm.emit.c.tables import programs_used
 from mbm.emit.foreign import Foreign, Word, told
-from mbm.emit.python.agreement import AGREE, NOTHING, PLACES, ROOTS, agreement_constants
+from mbm.emit.python.agreement import AGREE, NOTHING, PLACES, agreement_constants
 from mbm.emit.python.clauses import clause_functions
 from mbm.emit.python.kernels import derived_function, function, kernel_functions, rows_function
 from mbm.emit.python.program import PROGRAM, SHOWING
 from mbm.emit.python.rows import finding, set_up
 from mbm.emit.python.runtime import HEAD, TAIL
 from mbm.emit.python.text import WIDTH, docstring, literal, optional, remark
-from mbm.emit.routines.modules import emitted_module
+from mbm.emit.routines.modules import called_in_python, emitted_module
 from mbm.emit.routines.noises import SCATTER, SQUARES
 from mbm.emit.system import StaticSystem, kinds_of_units
 from mbm.emit.types import Blueprint
@@ -25,12 +25,6 @@ from mbm.target.python import PRELUDE
 from mbm.target.python import text as module_text
 from mbm.target.solver import description
 
-_ROOTS = (
-    "place_unknowns", "mark_used", "free_coordinates", "renumber", "set_capacities", "set_coordinates", "set_constants",
-    "solve_noises", "all_rows", "row_scratch", "work_reals", "work_integers", "begun", "within_turn", "unit_vector",
-    "quaternion_of_matrix", "angle_of_matrix", "weights_of_covariance", "weights_of_information", "sandwich",
-    "spread_of_group", "mask_undetermined", "share_out", "determines",
-)  # fmt: skip
 _DESCRIPTION = (
     "HEADER", "BLOCK", "PIECE", "BOUNDS_AT", "DATA_HEAD", "DATA_BLOCK", "RESULTS",
     "COST", "PLAIN_COST", "STATES", "REASON", "STEPS", "EVALUATIONS", "FREEDOM",
@@ -58,9 +52,10 @@ def module(blueprint: Blueprint, static: StaticSystem) -> str:
     parts += [derived_function(each.name, case) for each in blueprint.derived for case in each.cases]
     parts += [rows_function(blueprint, each, words) for each, words in programs_used(blueprint)]
     agreeing = blueprint.agreement is not None
-    parts += [PRELUDE.rstrip(), module_text(emitted_module((*_ROOTS, *(ROOTS if agreeing else ())))).rstrip()]
-    parts += [finding(blueprint), *set_up(blueprint), *clause_functions(blueprint), *_lists(blueprint)]
-    parts += [TAIL, AGREE if agreeing else NOTHING, SHOWING, PROGRAM]
+    last = [finding(blueprint), *set_up(blueprint), *clause_functions(blueprint), *_lists(blueprint)]
+    last += [TAIL, AGREE if agreeing else NOTHING, SHOWING, PROGRAM]
+    solver = module_text(emitted_module(called_in_python("\n".join(last))))
+    parts += [PRELUDE.rstrip(), solver.rstrip(), *last]
     return "\n\n\n".join(p.strip("\n") for p in parts) + "\n"
 
 

@@ -2,38 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import ast
+import pkgutil
+import re
+from collections.abc import Iterable, Mapping
+from functools import cache
+from importlib import import_module
 from types import FunctionType
 
-from mbm.emit.routines import agreement, forms, freedom, noises, rooms, rotations, rows, sandwich, systems, whitening
+from mbm.emit import routines
+from mbm.target import solver
 from mbm.target.from_python import module_of
-from mbm.target.solver import batch, consensus_description, covariance, deficient, manifolds, workspace
 from mbm.target.tree import CALL_KERNEL, Module
 
-PARTS = (
-    batch,
-    consensus_description,
-    covariance,
-    deficient,
-    manifolds,
-    workspace,
-    freedom,
-    systems,
-    whitening,
-    rotations,
-    rows,
-    noises,
-    sandwich,
-    forms,
-    rooms,
-    agreement,
-)
-"""The files that have what generated texts call by its name."""
+
+@cache
+def known() -> Mapping[str, FunctionType]:
+    """What generated texts may call, by name: the functions of the solver and of the routines beside it."""
+    files = [
+        f"{room.__name__}.{each.name}" for room in (solver, routines) for each in pkgutil.iter_modules(room.__path__)
+    ]
+    return {
+        name: f
+        for file in files
+        for name, f in vars(import_module(file)).items()
+        if isinstance(f, FunctionType) and f.__module__ == file
+    }
+
+
+def called_in_c(text: str) -> tuple[str, ...]:
+    """Those that a C text calls, in alphabetical order."""
+    code = re.sub(r'/\*.*?\*/|"(?:\\.|[^"\\])*"', "", text, flags=re.DOTALL)
+    return tuple(sorted(set(re.findall(r"\b\w+(?=\()", code)) & known().keys()))
+
+
+def called_in_python(text: str) -> tuple[str, ...]:
+    """Those that a Python text names."""
+    names = {node.id for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Name)}
+    return tuple(sorted(names & known().keys()))
 
 
 def emitted_module(called: Iterable[str]) -> Module:
     """The functions of these names with all that they call, none of them public; a kernel takes a row at a time."""
-    known = {name: f for part in PARTS for name, f in vars(part).items() if isinstance(f, FunctionType)}
-    found = module_of("solver", [known[name] for name in called], public=False, constants={"LANES": 1})
+    found = module_of("solver", [known()[name] for name in called], public=False, constants={"LANES": 1})
     functions = tuple(f for f in found.functions if f.name != CALL_KERNEL.name)
     return Module(name=found.name, functions=functions, records=found.records)
