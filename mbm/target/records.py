@@ -32,6 +32,9 @@ R = TypeVar("R")
 Reference: TypeAlias = Annotated[R, "reference"]
 """A field that refers to another record."""
 
+EIGHT = 8
+"""Bytes of a number in machine code."""
+
 _ARRAYS: Mapping[str, str] = MappingProxyType({"Reals": "reals", "Integers": "integers"})
 
 
@@ -91,7 +94,7 @@ def record(cls: type[R]) -> type[R]:
         stated = cls.__dict__.get(name)
         inner = named(cls, text)
         if stated is None:
-            stated = _Stated(Held.VALUE if inner is None or text.startswith("Reference") else Held.INSIDE)
+            stated = _Stated(Held.VALUE if inner is None or text.startswith(("Reference", "Records")) else Held.INSIDE)
         plans.append(Plan(name=name, text=text, held=stated.held, slot=slots, size=stated.size))
         slots += slots_of(inner) if stated.held is Held.INSIDE and inner is not None else stated.held is not Held.BEHIND
     tables = (Held.TABLE, Held.BEHIND)
@@ -276,11 +279,28 @@ def blank(kind: type, integers: int = 0) -> NDArray[np.int64]:
 
 
 def put(memory: NDArray[np.int64], kind: type, /, **values: NDArray[Any] | int) -> None:
-    """Let fields of a record in memory be numbers, or the addresses of arrays and of other records."""
+    """Let fields of a record in memory be numbers, or the addresses of arrays and of other records.
+
+    Raises:
+        TypeError: an array is not contiguous, or of other numbers than machine code takes.
+
+    """
     for name, value in values.items():
-        memory[slot(kind, name)] = value if isinstance(value, int) else value.ctypes.data
+        if isinstance(value, int):
+            memory[slot(kind, name)] = value
+            continue
+        if not value.flags.c_contiguous or value.itemsize != EIGHT:
+            raise TypeError(name)
+        memory[slot(kind, name)] = value.ctypes.data
 
 
 def inside(memory: NDArray[np.int64], kind: type, name: str) -> NDArray[np.int64]:
     """Where a record begins that lies inside of another one in memory."""
     return memory[slot(kind, name) :]
+
+
+def filled(kind: type, /, **values: NDArray[Any] | int) -> NDArray[np.int64]:
+    """A record in memory, with such fields; the arrays stay with the caller, who keeps them alive."""
+    found = blank(kind)
+    put(found, kind, **values)
+    return found

@@ -13,10 +13,12 @@ from mbm.solution.sparse.arithmetic import Places
 from mbm.solution.sparse.elimination import Elimination
 from mbm.solution.sparse.interpreted import triangular
 from mbm.solution.sparse.normal import Contribution, Normal, NormalPattern
-from mbm.solution.sparse.routines import HEAVY, Argument, Routines, processors, routines
+from mbm.solution.sparse.routines import HEAVY, Routines, processors, routines
 from mbm.solution.sparse.structure import Structure, Values
 from mbm.solution.types import Floats, Indices
 from mbm.target.blocks.names import product_name
+from mbm.target.blocks.parts import Cross, Entries, Links, Nonzeros, Piece, Products, Rest
+from mbm.target.records import filled, put
 from mbm.values import dataclass
 
 NARROW = 512
@@ -91,8 +93,10 @@ class Compiled:
     def _put_nonzeros(self, nonzeros: Floats, weights: Floats, places: Places, target: Floats) -> None:
         rows, outputs = weights.shape
         length = nonzeros.strides[0] // nonzeros.itemsize
-        sizes = (outputs, length, target[0].size if rows else 0)
-        self.routines.call("put_nonzeros", 0, rows, len(places[0]), *places, *sizes, nonzeros, weights, target)
+        chosen, targets, lines = places
+        pattern = filled(Nonzeros, count=len(chosen), chosen=chosen, targets=targets, lines=lines)
+        put(pattern, Nonzeros, outputs=outputs, length=length, wide=target[0].size if rows else 0)
+        self.routines.call("put_nonzeros", 0, rows, pattern, nonzeros, weights, target)
 
     def products(self, pattern: NormalPattern, values: Values) -> Mapping[tuple[int, int], Floats]:
         """The blocks of ``JᵀJ``: one pass over the rows of each."""
@@ -109,17 +113,18 @@ class Compiled:
     def _add(self, values: Floats, order: Order, left: int, right: int, total: Floats) -> None:
         outputs, width = values.shape[1:]
         name = product_name(outputs, total.shape[2])
-        where = (order.targets, order.starts, order.rows, width, total.shape[1], left, right, values)
+        where = filled(Products, targets=order.targets, starts=order.starts, rows=order.rows, values=values)
+        put(where, Products, width=width, high=total.shape[1], left=left, right=right)
         if order.apart:
-            total += self.routines.total(name, len(order.targets), total.shape, *where)
+            total += self.routines.total(name, len(order.targets), total.shape, where)
         else:
-            self.routines.run(name, len(order.targets), *where, total)
+            self.routines.run(name, len(order.targets), where, total)
 
     def gradient(self, layout: Structure, values: Values, residuals: Floats) -> Floats:
         """``Jᵀ r``."""
         result = np.zeros(layout.columns)
         for piece, own, part in zip(layout.pieces, self.pieces, values, strict=True):
-            given = (*_piece_arguments(own, part), np.ascontiguousarray(residuals[piece.residuals]))
+            given = (_piece(own, part), np.ascontiguousarray(residuals[piece.residuals]))
             result += self.routines.total("add_gradient", len(part), result.shape, *given)
         return result
 
@@ -127,14 +132,14 @@ class Compiled:
         """The squared norms of the columns."""
         result = np.zeros(layout.columns)
         for own, part in zip(self.pieces, values, strict=True):
-            result += self.routines.total("add_squares", len(part), result.shape, *_piece_arguments(own, part))
+            result += self.routines.total("add_squares", len(part), result.shape, _piece(own, part))
         return result
 
     def image(self, layout: Structure, values: Values, step: Floats) -> Floats:
         """``J step``."""
         result = np.zeros(layout.count)
         for piece, own, part in zip(layout.pieces, self.pieces, values, strict=True):
-            given = (*_piece_arguments(own, part), np.ascontiguousarray(step), result[piece.residuals])
+            given = (_piece(own, part), np.ascontiguousarray(step), result[piece.residuals])
             self.routines.run("put_image", len(part), *given)
         return result
 
@@ -151,28 +156,26 @@ class Compiled:
         for cross in gone.crosses:
             size, wide = cross.shape
             along, across = (1, size) if cross.flipped else (wide, 1)
-            blocks, lengths = normal.blocks[cross.pair], gone.links.lengths
-            given = (cross.i, cross.places, lengths, wide, along, across, blocks, roots, y)
-            self.routines.run("put_couplings", len(cross.i), *given)
+            where = filled(Cross, members=cross.i, targets=cross.places, lengths=gone.links.lengths)
+            put(where, Cross, wide=wide, along=along, across=across, blocks=normal.blocks[cross.pair])
+            self.routines.run("put_couplings", len(cross.i), where, roots, y)
         return y
 
     def reduce(self, y: Floats, matrix: Floats) -> None:
         """``matrix -= YᵀY``, the upper triangle of blocks."""
         gone = self._elimination()
         if gone.width <= NARROW:
-            matrix += self.routines.total(
-                "reduce_members", _members(gone), matrix.shape, *_by_member(gone), y, gone.width
-            )
+            matrix += self.routines.total("reduce_members", _members(gone), matrix.shape, _links(gone, y), gone.width)
         else:
-            self.routines.run("reduce_blocks", len(gone.links.heads), *_by_block(gone), y, gone.width, matrix)
+            self.routines.run("reduce_blocks", len(gone.links.heads), _rest(gone), _links(gone, y), matrix)
 
     def reduce_entries(self, y: Floats, keys: Indices, entries: Floats) -> None:
         """The same for a sparse matrix: row by row through a dense line."""
         gone = self._elimination()
         rows, indices = np.divmod(keys, gone.width)
         pointers = np.searchsorted(rows, np.arange(gone.width + 1))
-        given = (gone.width, pointers, indices, entries)
-        self.routines.run("reduce_sparse", len(gone.links.heads), *_by_block(gone), y, *given, scratch=_line(gone))
+        given = (_rest(gone), _links(gone, y), filled(Entries, pointers=pointers, indices=indices), entries)
+        self.routines.run("reduce_sparse", len(gone.links.heads), *given, scratch=_line(gone))
 
     def solved(self, lower: Floats, right: Floats) -> Floats:
         """One right side at once; many by BLAS, which takes a while to load: small triangles do without."""
@@ -196,16 +199,17 @@ class Compiled:
         """``Yᵀ inner``."""
         gone = self._elimination()
         name, sides = _coupling(inner)
-        given = (1, *_by_member(gone), y, *sides, np.ascontiguousarray(inner))
-        return self.routines.total(name, _members(gone), (gone.width, inner.shape[1]), *given)
+        shape = (gone.width, inner.shape[1])
+        links, given = _links(gone, y), np.ascontiguousarray(inner)
+        return self.routines.total(name, _members(gone), shape, 1, links, *sides, given)
 
     def returned(self, y: Floats, rest: Floats) -> Floats:
         """``Y rest``."""
         gone = self._elimination()
         name, sides = _coupling(rest)
         result = np.zeros((_members(gone) * gone.size, rest.shape[1]))
-        given = (0, *_by_member(gone), y, *sides, np.ascontiguousarray(rest), result)
-        self.routines.run(name, _members(gone), *given)
+        links, given = _links(gone, y), np.ascontiguousarray(rest)
+        self.routines.run(name, _members(gone), 0, links, *sides, given, result)
         return result
 
     def inverse_diagonal(self, y: Floats, roots: Floats, rest: Any) -> Floats:
@@ -214,27 +218,23 @@ class Compiled:
             return self.inverse_blocks(y, roots, rest)[1]
         gone = self._elimination()
         inner, diagonal = np.empty_like(roots), np.empty_like(roots)
-        given = (y, gone.width, np.ascontiguousarray(rest), roots, inner, diagonal)
-        self.routines.run("put_diagonals", len(roots), *_by_member(gone), *given)
+        given = (_links(gone, y), gone.width, np.ascontiguousarray(rest), roots, inner, diagonal)
+        self.routines.run("put_diagonals", len(roots), *given)
         return diagonal
 
     def inverse_blocks(self, y: Floats, roots: Floats, rest: Any) -> tuple[Floats, Floats]:
         """Images of ``Y`` at its own pattern, then small products, member by member."""
         gone = self._elimination()
         images, across = np.empty_like(y), np.empty_like(y)
+        links, count = _links(gone, y), len(gone.links.heads)
         if isinstance(rest, np.ndarray):
-            given: tuple[Argument, ...] = (np.ascontiguousarray(rest), images)
-            self.routines.run("images_dense", len(gone.links.heads), *_by_block(gone), y, gone.width, *given)
+            self.routines.run("images_dense", count, _rest(gone), links, np.ascontiguousarray(rest), images)
         else:
             pointers, indices = rest.indptr.astype(np.int64), rest.indices.astype(np.int64)
-            given = (pointers, indices, rest.data, images)
-            self.routines.run(
-                "images_sparse", len(gone.links.heads), *_by_block(gone), y, gone.width, *given, scratch=_line(gone)
-            )
+            given = (filled(Entries, pointers=pointers, indices=indices), rest.data, images)
+            self.routines.run("images_sparse", count, _rest(gone), links, *given, scratch=_line(gone))
         inner, diagonal = np.empty_like(roots), np.empty_like(roots)
-        links = gone.links
-        where = (links.begins, links.places, links.wides, links.lengths)
-        self.routines.run("put_inverse_blocks", len(roots), *where, y, images, roots, inner, across, diagonal)
+        self.routines.run("put_inverse_blocks", len(roots), links, images, roots, inner, across, diagonal)
         return across, diagonal
 
     def _elimination(self) -> Elimination:
@@ -295,26 +295,31 @@ def _order(part: Contribution, numbers: int) -> Order:
     return Order(targets=part.targets[order], starts=starts, rows=part.rows[places], apart=False)
 
 
-def _piece_arguments(own: PieceBlocks, values: Floats) -> tuple[Argument, ...]:
+def _piece(own: PieceBlocks, values: Floats) -> Indices:
     rows, outputs, width = values.shape
-    return (outputs, width, len(own.starts), own.starts, own.sizes, own.heads, own.members, rows, values)
+    found = filled(Piece, outputs=outputs, width=width, count=len(own.starts), rows=rows, values=values)
+    put(found, Piece, starts=own.starts, sizes=own.sizes, heads=own.heads, members=own.members)
+    return found
 
 
-def _by_block(gone: Elimination) -> tuple[Argument, ...]:
+def _rest(gone: Elimination) -> Indices:
     links = gone.links
-    blocks = (links.heads, links.sizes, links.starts, links.order, links.members)
-    return (*blocks, links.begins, links.columns, links.places, links.wides, links.lengths)
+    found = filled(Rest, heads=links.heads, sizes=links.sizes, starts=links.starts, width=gone.width)
+    put(found, Rest, links=links.order, members=links.members)
+    return found
 
 
-def _by_member(gone: Elimination) -> tuple[Argument, ...]:
+def _links(gone: Elimination, y: Floats) -> Indices:
     links = gone.links
-    return (links.begins, links.columns, links.places, links.wides, links.lengths)
+    found = filled(Links, begins=links.begins, columns=links.columns, places=links.places, y=y)
+    put(found, Links, wides=links.wides, lengths=links.lengths)
+    return found
 
 
-def _coupling(right: Floats) -> tuple[str, tuple[int, ...]]:
+def _coupling(right: Floats) -> tuple[str, list[int]]:
     """The routine for right sides (…, k), and what it is told of their number."""
     sides = right.shape[1]
-    return ("add_coupled_once", ()) if sides == 1 else ("add_coupled", (sides,))
+    return ("add_coupled_once", []) if sides == 1 else ("add_coupled", [sides])
 
 
 def _members(gone: Elimination) -> int:

@@ -8,6 +8,8 @@ from mbm.solution.sparse.fronts import Fronts
 from mbm.solution.sparse.routines import Routines
 from mbm.solution.types import Floats, Indices
 from mbm.target.blocks import frontal as of
+from mbm.target.blocks.parts import Graph
+from mbm.target.records import filled
 from mbm.values import dataclass
 
 ROOM = 4
@@ -16,32 +18,19 @@ ROOM = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CompiledFronts:
-    """The fronts as routines take them; ``updates``, ``whole`` and ``waiting`` are their scratch."""
+    """The fronts as routines take them: ``tree`` refers to the arrays ``held``."""
 
     routines: Routines
     order: Indices
-    table: Indices
-    rows: Indices
-    into: Indices
-    source: Indices
-    target: Indices
+    tree: Indices
+    held: tuple[Floats | Indices, ...]
     numbers: int
     path: int
-    updates: Floats
-    whole: Floats
-    waiting: Indices
-
-    @property
-    def count(self) -> int:
-        """Number of fronts."""
-        return len(self.table)
 
     def factorise(self, entries: Floats) -> CompiledFactor | None:
         """The factor of the matrix with these entries; None: not positive."""
         panels = np.empty(self.numbers)
-        given = (self.source, self.target, np.ascontiguousarray(entries), panels)
-        scratch = (self.updates, self.whole, self.waiting)
-        bad = self.routines.call("factorise_fronts", self.count, self.table, self.into, *given, *scratch)
+        bad = self.routines.call("factorise_fronts", self.tree, np.ascontiguousarray(entries), panels)
         return None if bad else CompiledFactor(fronts=self, panels=panels)
 
 
@@ -56,8 +45,7 @@ class CompiledFactor:
         """``A⁻¹ right`` for a right side (n, k)."""
         own = self.fronts
         x = np.ascontiguousarray(right[own.order])
-        given = (own.table, own.rows, self.panels, x.shape[1], own.whole, x)
-        own.routines.call("solve_fronts", own.count, *given)
+        own.routines.call("solve_fronts", own.tree, self.panels, x.shape[1], x)
         result = np.empty_like(x)
         result[own.order] = x
         return result
@@ -65,9 +53,7 @@ class CompiledFactor:
     def inverse(self, entries: int) -> Floats:
         """The elements of the inverse at the ``entries`` entries of the matrix."""
         own, result = self.fronts, np.empty(entries)
-        parts = np.empty(own.path)
-        given = (own.table, own.into, own.source, own.target, self.panels, parts, result)
-        own.routines.call("inverse_fronts", own.count, *given)
+        own.routines.call("inverse_fronts", own.tree, self.panels, np.empty(own.path), result)
         return result
 
 
@@ -82,12 +68,17 @@ def minimum_degree(made: Routines, left: Indices, right: Indices, sizes: Indices
     order = np.empty(count, dtype=np.int64)
     room = len(column)
     while True:
-        work = np.zeros(8 * count + columns + 1, dtype=np.int64)
         room += ROOM * (len(column) + count)
         lists = np.empty(room, dtype=np.int64)
         lists[: len(column)] = column
-        given = (np.ascontiguousarray(sizes), room, _begins(counts), counts.copy(), lists, work, order)
-        if not made.call("order_nodes", count, columns, *given):
+        held = {
+            "sizes": np.ascontiguousarray(sizes),
+            "places": _begins(counts),
+            "counts": counts.copy(),
+            "lists": lists,
+            "work": np.zeros(8 * count + columns + 1, dtype=np.int64),
+        }
+        if not made.call("order_nodes", filled(Graph, count=count, columns=columns, room=room, **held), order):
             return order
 
 
@@ -98,28 +89,31 @@ def compiled_fronts(tree: Fronts, routines: Routines) -> CompiledFronts:
     sizes = np.array([len(front.rows) for front in fronts])
     parents = np.array([front.parent for front in fronts])
     table = np.zeros((len(fronts), of.FRONT), dtype=np.int64)
-    table[:, of.WIDTH], table[:, of.SIZE], table[:, of.PARENT] = widths, sizes, parents
-    table[:, of.ROWS_AT] = _begins(sizes)
-    table[:, of.ENTRIES] = [len(front.source) for front in fronts]
-    table[:, of.ENTRIES_AT] = _begins(table[:, of.ENTRIES])
-    table[:, of.PANEL_AT] = _begins(widths * sizes)
-    into = np.concatenate([np.concatenate([front.rows[: front.width], front.into]) for front in fronts])
-    high = np.repeat(sizes, table[:, of.ENTRIES])
+    table[:, of.Front.width], table[:, of.Front.size], table[:, of.Front.parent] = widths, sizes, parents
+    table[:, of.Front.rows_at] = _begins(sizes)
+    table[:, of.Front.entries] = [len(front.source) for front in fronts]
+    table[:, of.Front.entries_at] = _begins(table[:, of.Front.entries])
+    table[:, of.Front.panel_at] = _begins(widths * sizes)
+    table[:, of.Front.part_at] = _part_places(sizes, parents)
+    high = np.repeat(sizes, table[:, of.Front.entries])
     row, column = np.divmod(np.concatenate([front.target for front in fronts]), high)
-    table[:, of.PART_AT] = _part_places(sizes, parents)
+    held = {
+        "fronts": table,
+        "rows": np.concatenate([front.rows for front in fronts]),
+        "into": np.concatenate([np.concatenate([front.rows[: front.width], front.into]) for front in fronts]),
+        "source": np.concatenate([front.source for front in fronts]),
+        "target": column * high + row,
+        "updates": np.empty(_stack_room(sizes - widths, parents)),
+        "whole": np.empty(int(sizes.max()) ** 2),
+        "waiting": np.empty(2 * len(fronts), dtype=np.int64),
+    }
     return CompiledFronts(
         routines=routines,
         order=tree.order,
-        table=table,
-        rows=np.concatenate([front.rows for front in fronts]),
-        into=into,
-        source=np.concatenate([front.source for front in fronts]),
-        target=column * high + row,
+        tree=filled(of.Fronts, count=len(fronts), **held),
+        held=tuple(held.values()),
         numbers=int((widths * sizes).sum()),
-        path=int((table[:, of.PART_AT] + sizes**2).max()),
-        updates=np.empty(_stack_room(sizes - widths, parents)),
-        whole=np.empty(int(sizes.max()) ** 2),
-        waiting=np.empty(2 * len(fronts), dtype=np.int64),
+        path=int((table[:, of.Front.part_at] + sizes**2).max()),
     )
 
 

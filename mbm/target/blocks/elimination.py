@@ -12,7 +12,8 @@ from __future__ import annotations
 from math import isfinite, sqrt
 
 from mbm.target.blocks.names import SIZE
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, distinct_arrays
+from mbm.target.blocks.parts import Cross, Entries, Links, Rest
+from mbm.target.words import ConstantReals, Integer, Reals, distinct_arrays
 
 WIDE = 8
 """Columns of a product that are worked on side by side."""
@@ -51,30 +52,17 @@ def inverse_roots(first: Integer, last: Integer, blocks: ConstantReals, added: C
 
 
 @distinct_arrays
-def put_couplings(
-    first: Integer,
-    last: Integer,
-    members: ConstantIntegers,
-    targets: ConstantIntegers,
-    lengths: ConstantIntegers,
-    wide: Integer,
-    along: Integer,
-    across: Integer,
-    blocks: ConstantReals,
-    roots: ConstantReals,
-    y: Reals,
-) -> None:
-    """``Y = L⁻¹ W`` of the blocks ``first … last`` between the family and another one, ``wide`` columns each.
-
-    Block p is of member ``members[p]`` and goes to ``targets[p]`` in ``y``; ``W[e, c]`` stands at
-    ``e · along + c · across`` in it.
-    """
+def put_couplings(first: Integer, last: Integer, cross: Cross, roots: ConstantReals, y: Reals) -> None:
+    """``Y = L⁻¹ W`` of the blocks ``first … last`` between the family and another one."""
+    wide = cross.wide
+    along = cross.along
+    across = cross.across
     for p in range(first, last):
-        m = members[p]
-        length = lengths[m]
+        m = cross.members[p]
+        length = cross.lengths[m]
         root = roots[m * (SIZE * SIZE) :]
-        block = blocks[p * (SIZE * wide) :]
-        panel = y[targets[p] :]
+        block = cross.blocks[p * (SIZE * wide) :]
+        panel = y[cross.targets[p] :]
         for k in range(SIZE):
             for c in range(wide):
                 total = 0.0
@@ -142,138 +130,68 @@ def subtract_product(
 
 @distinct_arrays
 def subtract_links(
-    link: Integer,
-    end: Integer,
-    wide: Integer,
-    columns: ConstantIntegers,
-    places: ConstantIntegers,
-    wides: ConstantIntegers,
-    length: Integer,
-    y: ConstantReals,
-    stride: Integer,
-    line: Reals,
+    link: Integer, end: Integer, wide: Integer, length: Integer, links: Links, stride: Integer, line: Reals
 ) -> None:
     """``line -= YᵀY`` of one member, for the block row of its link ``link``, ``wide`` columns wide, from there on.
 
     ``end`` is the first link of the next member, ``length`` the panel's; rows of ``line`` are ``stride`` apart. Links
     to blocks that stand side by side are worked on together.
     """
+    own = links.y[links.places[link] :]
     j = link
     while j < end:
-        column = columns[j]
-        place = places[j]
-        many = wides[j]
+        column = links.columns[j]
+        place = links.places[j]
+        many = links.wides[j]
         j += 1
-        while j < end and columns[j] == column + many:
-            many += wides[j]
+        while j < end and links.columns[j] == column + many:
+            many += links.wides[j]
             j += 1
-        subtract_product(wide, many, length, y[places[link] :], y[place:], stride, line[column:])
+        subtract_product(wide, many, length, own, links.y[place:], stride, line[column:])
 
 
 @distinct_arrays
-def reduce_members(
-    first: Integer,
-    last: Integer,
-    begins: ConstantIntegers,
-    columns: ConstantIntegers,
-    places: ConstantIntegers,
-    wides: ConstantIntegers,
-    lengths: ConstantIntegers,
-    y: ConstantReals,
-    width: Integer,
-    matrix: Reals,
-) -> None:
+def reduce_members(first: Integer, last: Integer, links: Links, width: Integer, matrix: Reals) -> None:
     """``matrix -= YᵀY`` for the members ``first … last``, block upper triangle: for a small matrix (width, width)."""
     for m in range(first, last):
-        end = begins[m + 1]
-        for link in range(begins[m], end):
-            line = matrix[columns[link] * width :]
-            subtract_links(link, end, wides[link], columns, places, wides, lengths[m], y, width, line)
+        end = links.begins[m + 1]
+        for link in range(links.begins[m], end):
+            line = matrix[links.columns[link] * width :]
+            subtract_links(link, end, links.wides[link], links.lengths[m], links, width, line)
 
 
 @distinct_arrays
-def subtract_line(
-    i: Integer,
-    sizes: ConstantIntegers,
-    starts: ConstantIntegers,
-    links: ConstantIntegers,
-    members: ConstantIntegers,
-    begins: ConstantIntegers,
-    columns: ConstantIntegers,
-    places: ConstantIntegers,
-    wides: ConstantIntegers,
-    lengths: ConstantIntegers,
-    y: ConstantReals,
-    stride: Integer,
-    line: Reals,
-) -> None:
-    """``line -= (YᵀY)ᵢ``: the block row i of the rest, from its diagonal on; rows of ``line`` are ``stride`` apart.
-
-    The links of block row i are ``links[starts[i]:starts[i + 1]]``, link l is of member ``members[l]``.
-    """
-    for t in range(starts[i], starts[i + 1]):
-        link = links[t]
-        m = members[link]
-        subtract_links(link, begins[m + 1], sizes[i], columns, places, wides, lengths[m], y, stride, line)
+def subtract_line(i: Integer, rest: Rest, links: Links, line: Reals) -> None:
+    """``line -= (YᵀY)ᵢ``: the block row i of the rest, from its diagonal on; ``line`` has rows of its width."""
+    for t in range(rest.starts[i], rest.starts[i + 1]):
+        link = rest.links[t]
+        m = rest.members[link]
+        subtract_links(link, links.begins[m + 1], rest.sizes[i], links.lengths[m], links, rest.width, line)
 
 
 @distinct_arrays
-def reduce_blocks(
-    first: Integer,
-    last: Integer,
-    heads: ConstantIntegers,
-    sizes: ConstantIntegers,
-    starts: ConstantIntegers,
-    links: ConstantIntegers,
-    members: ConstantIntegers,
-    begins: ConstantIntegers,
-    columns: ConstantIntegers,
-    places: ConstantIntegers,
-    wides: ConstantIntegers,
-    lengths: ConstantIntegers,
-    y: ConstantReals,
-    width: Integer,
-    matrix: Reals,
-) -> None:
-    """The same for the block rows ``first … last`` and a large matrix; ``heads`` are their first rows."""
+def reduce_blocks(first: Integer, last: Integer, rest: Rest, links: Links, matrix: Reals) -> None:
+    """The same for the block rows ``first … last`` and a large matrix."""
     for i in range(first, last):
-        line = matrix[heads[i] * width :]
-        subtract_line(i, sizes, starts, links, members, begins, columns, places, wides, lengths, y, width, line)
+        subtract_line(i, rest, links, matrix[rest.heads[i] * rest.width :])
 
 
 @distinct_arrays
 def reduce_sparse(
-    first: Integer,
-    last: Integer,
-    heads: ConstantIntegers,
-    sizes: ConstantIntegers,
-    starts: ConstantIntegers,
-    links: ConstantIntegers,
-    members: ConstantIntegers,
-    begins: ConstantIntegers,
-    columns: ConstantIntegers,
-    places: ConstantIntegers,
-    wides: ConstantIntegers,
-    lengths: ConstantIntegers,
-    y: ConstantReals,
-    width: Integer,
-    pointers: ConstantIntegers,
-    indices: ConstantIntegers,
-    entries: Reals,
-    line: Reals,
+    first: Integer, last: Integer, rest: Rest, links: Links, pattern: Entries, entries: Reals, line: Reals
 ) -> None:
-    """``entries -= YᵀY`` for the block rows ``first … last`` of a sparse matrix.
+    """``entries -= YᵀY`` for the block rows ``first … last`` of a sparse matrix, from the diagonal on.
 
-    Its row r has the entries ``pointers[r] … pointers[r + 1]`` in the columns ``indices``, from the diagonal on.
     ``line`` is scratch for the widest block row, (rows, width), zero before and after.
     """
+    width = rest.width
     for i in range(first, last):
-        subtract_line(i, sizes, starts, links, members, begins, columns, places, wides, lengths, y, width, line)
-        for a in range(sizes[i]):
-            row = heads[i] + a
-            for e in range(pointers[row], pointers[row + 1]):
-                entries[e] += line[a * width + indices[e]]
-            for e in range(pointers[row], pointers[row + 1]):
-                line[a * width + indices[e]] = 0.0
+        subtract_line(i, rest, links, line)
+        for a in range(rest.sizes[i]):
+            row = rest.heads[i] + a
+            for e in range(pattern.pointers[row], pattern.pointers[row + 1]):
+                entries[e] += line[a * width + pattern.indices[e]]
+            for e in range(pattern.pointers[row], pattern.pointers[row + 1]):
+                line[a * width + pattern.indices[e]] = 0.0
             for b in range(a):
-                line[a * width + heads[i] + b] = 0.0
+                line[a * width + rest.heads[i] + b] = 0.0

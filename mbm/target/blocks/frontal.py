@@ -4,29 +4,54 @@ A front of ``width`` columns and ``size`` rows holds the upper triangle ``R`` of
 (width, size), row by row. Fronts come in postorder: the updates that wait for a front lie on top of a stack when it is
 its turn. Its own rows stand first among its ``rows`` (places in the permuted matrix), ascending; those below them are
 rows ``into`` of its parent.
-
-The table of a front is `FRONT` numbers at ``k · FRONT`` of ``table``, as named here.
 """
 
 from __future__ import annotations
 
 from math import isfinite, sqrt
 
+from mbm.target.records import Records, record, slots_of
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals, distinct_arrays
 
-WIDTH = 0
-SIZE = 1
-PARENT = 2
-"""The front that takes over the rows below, -1: there is none."""
-ROWS_AT = 3
-"""Offset of its rows in ``rows``, and of those below its own ones, moved by ``width``, in ``into``."""
-ENTRIES_AT = 4
-ENTRIES = 5
-"""Offset and number of the matrix's entries that are its own, in ``source`` and ``target``."""
-PANEL_AT = 6
-PART_AT = 7
-"""Offset of its part of the inverse in the scratch for that."""
-FRONT = 8
+
+@record
+class Front:
+    """A front and its places in the tables of all."""
+
+    width: Integer
+    size: Integer
+    parent: Integer
+    """The front that takes over the rows below, -1: there is none."""
+    rows_at: Integer
+    """Offset of its rows in ``rows``, and of those below its own ones, moved by ``width``, in ``into``."""
+    entries_at: Integer
+    entries: Integer
+    """Offset and number of the matrix's entries that are its own, in ``source`` and ``target``."""
+    panel_at: Integer
+    part_at: Integer
+    """Offset of its part of the inverse in the scratch for that."""
+
+
+FRONT = slots_of(Front)
+
+
+@record
+class Fronts:
+    """All fronts of a matrix."""
+
+    count: Integer
+    fronts: Records[Front]
+    rows: ConstantIntegers
+    into: ConstantIntegers
+    source: ConstantIntegers
+    target: ConstantIntegers
+    updates: Reals
+    """Room for the stack …"""
+    whole: Reals
+    """… for the largest front …"""
+    waiting: Integers
+    """… and for ``2 · count`` integers."""
+
 
 DEEP = 8
 """Rows of a panel that are worked on together."""
@@ -106,50 +131,42 @@ def add_update(count: Integer, size: Integer, update: ConstantReals, into: Const
 
 
 @distinct_arrays
-def factorise_fronts(
-    count: Integer,
-    table: ConstantIntegers,
-    into: ConstantIntegers,
-    source: ConstantIntegers,
-    target: ConstantIntegers,
-    entries: ConstantReals,
-    panels: Reals,
-    updates: Reals,
-    whole: Reals,
-    waiting: Integers,
-) -> Integer:
+def factorise_fronts(tree: Fronts, entries: ConstantReals, panels: Reals) -> Integer:
     """The panels of the matrix with the given ``entries``, from the first front to the last.
 
-    ``updates`` has room for the stack, ``whole`` for the largest front, ``waiting`` for ``2 · count`` integers. Returns
-    0, or the number (from 1) of the first front that is not positive.
+    Returns 0, or the number (from 1) of the first front that is not positive.
     """
+    whole = tree.whole
+    waiting = tree.waiting
     top = 0
     pending = 0
-    for k in range(count):
-        front = k * FRONT
-        width = table[front + WIDTH]
-        size = table[front + SIZE]
+    for k in range(tree.count):
+        front = tree.fronts[k]
+        width = front.width
+        size = front.size
         for e in range(size * size):
             whole[e] = 0.0
-        for e in range(table[front + ENTRIES_AT], table[front + ENTRIES_AT] + table[front + ENTRIES]):
-            whole[target[e]] = entries[source[e]]
-        while pending > 0 and table[waiting[2 * pending - 2] * FRONT + PARENT] == k:
-            child = waiting[2 * pending - 2] * FRONT
+        for e in range(front.entries_at, front.entries_at + front.entries):
+            whole[tree.target[e]] = entries[tree.source[e]]
+        while pending > 0 and tree.fronts[waiting[2 * pending - 2]].parent == k:
+            child = tree.fronts[waiting[2 * pending - 2]]
             top = waiting[2 * pending - 1]
-            below = table[child + SIZE] - table[child + WIDTH]
-            add_update(below, size, updates[top:], into[table[child + ROWS_AT] + table[child + WIDTH] :], whole)
+            add_update(
+                child.size - child.width, size, tree.updates[top:], tree.into[child.rows_at + child.width :], whole
+            )
             pending -= 1
         if factorise_front(width, size, whole) != 0:
             return k + 1
-        panel = table[front + PANEL_AT]
+        panel = panels[front.panel_at :]
         for i in range(width):
             for j in range(i, size):
-                panels[panel + i * size + j] = whole[i * size + j]
+                panel[i * size + j] = whole[i * size + j]
         below = size - width
-        if table[front + PARENT] >= 0:
+        if front.parent >= 0:
+            update = tree.updates[top:]
             for i in range(below):
                 for j in range(i, below):
-                    updates[top + i * below + j] = whole[(width + i) * size + width + j]
+                    update[i * below + j] = whole[(width + i) * size + width + j]
             waiting[2 * pending] = k
             waiting[2 * pending + 1] = top
             pending += 1
@@ -158,40 +175,32 @@ def factorise_fronts(
 
 
 @distinct_arrays
-def solve_fronts(
-    count: Integer,
-    table: ConstantIntegers,
-    rows: ConstantIntegers,
-    panels: ConstantReals,
-    sides: Integer,
-    own: Reals,
-    x: Reals,
-) -> None:
-    """``x = (Rᵀ R)⁻¹ x`` for right sides (n, sides) in the order of the fronts; ``own``: room for the largest front."""
-    for k in range(count):
-        front = k * FRONT
-        size = table[front + SIZE]
-        panel = panels[table[front + PANEL_AT] :]
-        places = rows[table[front + ROWS_AT] :]
+def solve_fronts(tree: Fronts, panels: ConstantReals, sides: Integer, x: Reals) -> None:
+    """``x = (Rᵀ R)⁻¹ x`` for right sides (n, sides) in the order of the fronts."""
+    own = tree.whole
+    for k in range(tree.count):
+        front = tree.fronts[k]
+        size = front.size
+        panel = panels[front.panel_at :]
+        places = tree.rows[front.rows_at :]
         for q in range(sides):
             for i in range(size):
                 own[i] = x[places[i] * sides + q]
-            for i in range(table[front + WIDTH]):
+            for i in range(front.width):
                 own[i] /= panel[i * size + i]
                 subtract_multiple(size - i - 1, own[i], panel[i * size + i + 1 :], own[i + 1 :])
             for i in range(size):
                 x[places[i] * sides + q] = own[i]
-    for back in range(count):
-        front = (count - 1 - back) * FRONT
-        width = table[front + WIDTH]
-        size = table[front + SIZE]
-        panel = panels[table[front + PANEL_AT] :]
-        places = rows[table[front + ROWS_AT] :]
+    for back in range(tree.count):
+        front = tree.fronts[tree.count - 1 - back]
+        size = front.size
+        panel = panels[front.panel_at :]
+        places = tree.rows[front.rows_at :]
         for q in range(sides):
             for i in range(size):
                 own[i] = x[places[i] * sides + q]
-            for down in range(width):
-                i = width - 1 - down
+            for down in range(front.width):
+                i = front.width - 1 - down
                 own[i] -= product(size - i - 1, panel[i * size + i + 1 :], own[i + 1 :])
                 own[i] /= panel[i * size + i]
                 x[places[i] * sides + q] = own[i]
@@ -220,34 +229,25 @@ def inverse_front(width: Integer, size: Integer, panel: ConstantReals, part: Rea
 
 
 @distinct_arrays
-def inverse_fronts(
-    count: Integer,
-    table: ConstantIntegers,
-    into: ConstantIntegers,
-    source: ConstantIntegers,
-    target: ConstantIntegers,
-    panels: ConstantReals,
-    parts: Reals,
-    result: Reals,
-) -> None:
+def inverse_fronts(tree: Fronts, panels: ConstantReals, parts: Reals, result: Reals) -> None:
     """The elements of the inverse at the entries of the matrix, from the last front to the first.
 
     The rows below a front are rows of its parent, whose part of the inverse is known by then. ``parts`` has room for
     the parts of one path of the tree.
     """
-    for back in range(count):
-        front = (count - 1 - back) * FRONT
-        width = table[front + WIDTH]
-        size = table[front + SIZE]
-        part = parts[table[front + PART_AT] :]
+    for back in range(tree.count):
+        front = tree.fronts[tree.count - 1 - back]
+        width = front.width
+        size = front.size
+        part = parts[front.part_at :]
         if size > width:
-            above = table[front + PARENT] * FRONT
-            high = table[above + SIZE]
-            known = parts[table[above + PART_AT] :]
-            places = into[table[front + ROWS_AT] + width :]
+            above = tree.fronts[front.parent]
+            high = above.size
+            known = parts[above.part_at :]
+            places = tree.into[front.rows_at + width :]
             for i in range(size - width):
                 for j in range(size - width):
                     part[(width + i) * size + width + j] = known[places[i] * high + places[j]]
-        inverse_front(width, size, panels[table[front + PANEL_AT] :], part)
-        for e in range(table[front + ENTRIES_AT], table[front + ENTRIES_AT] + table[front + ENTRIES]):
-            result[source[e]] = part[target[e]]
+        inverse_front(width, size, panels[front.panel_at :], part)
+        for e in range(front.entries_at, front.entries_at + front.entries):
+            result[tree.source[e]] = part[tree.target[e]]

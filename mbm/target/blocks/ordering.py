@@ -8,7 +8,8 @@ count as many times as they have columns, so that degrees are columns of the fac
 
 from __future__ import annotations
 
-from mbm.target.words import ConstantIntegers, Integer, Integers, distinct_arrays
+from mbm.target.blocks.parts import Graph
+from mbm.target.words import Integer, Integers, distinct_arrays
 
 GONE = -1
 """State of a node that was eliminated and absorbed; 0: it is left."""
@@ -17,54 +18,50 @@ ELEMENT = 1
 
 
 @distinct_arrays
-def unlisted(node: Integer, degree: Integer, heads: Integers, following: Integers, previous: Integers) -> None:
+def unlisted(node: Integer, graph: Graph) -> None:
     """Take a node out of the list of those of its degree."""
-    after = following[node]
-    before = previous[node]
+    after = graph.following[node]
+    before = graph.previous[node]
     if after >= 0:
-        previous[after] = before
+        graph.previous[after] = before
     if before >= 0:
-        following[before] = after
+        graph.following[before] = after
     else:
-        heads[degree] = after
+        graph.heads[graph.degrees[node]] = after
 
 
 @distinct_arrays
-def listed(node: Integer, degree: Integer, heads: Integers, following: Integers, previous: Integers) -> None:
+def listed(node: Integer, graph: Graph) -> None:
     """Put a node in front of the list of those of its degree."""
-    after = heads[degree]
-    following[node] = after
-    previous[node] = -1
+    degree = graph.degrees[node]
+    after = graph.heads[degree]
+    graph.following[node] = after
+    graph.previous[node] = -1
     if after >= 0:
-        previous[after] = node
-    heads[degree] = node
+        graph.previous[after] = node
+    graph.heads[degree] = node
 
 
 @distinct_arrays
-def put_clique(
-    pivot: Integer,
-    stamp: Integer,
-    begin: Integer,
-    room: Integer,
-    places: ConstantIntegers,
-    counts: ConstantIntegers,
-    elements: ConstantIntegers,
-    states: Integers,
-    seen: Integers,
-    lists: Integers,
-) -> Integer:
-    """The neighbours of ``pivot`` behind each other from ``begin`` on in ``lists``; where they end, -1 beyond ``room``.
+def put_clique(pivot: Integer, stamp: Integer, begin: Integer, graph: Graph) -> Integer:
+    """The neighbours of ``pivot`` behind each other from ``begin`` on in the lists; where they end, -1 beyond the room.
 
-    They are marked by ``stamp`` in ``seen``; the elements that they come from are absorbed.
+    They are marked by ``stamp`` in `seen`; the elements that they come from are absorbed.
     """
+    states = graph.states
+    seen = graph.seen
+    lists = graph.lists
+    room = graph.room
+    own = lists[graph.places[pivot] :]
     end = begin
     seen[pivot] = stamp
-    for t in range(counts[pivot]):
-        here = lists[places[pivot] + t]
-        if t < elements[pivot]:
+    for t in range(graph.counts[pivot]):
+        here = own[t]
+        if t < graph.elements[pivot]:
             if states[here] == ELEMENT:
-                for s in range(counts[here]):
-                    node = lists[places[here] + s]
+                clique = lists[graph.places[here] :]
+                for s in range(graph.counts[here]):
+                    node = clique[s]
                     if states[node] == 0 and seen[node] != stamp:
                         if end >= room:
                             return -1
@@ -82,104 +79,73 @@ def put_clique(
 
 
 @distinct_arrays
-def measure_elements(
-    begin: Integer,
-    end: Integer,
-    tag: Integer,
-    sizes: ConstantIntegers,
-    places: ConstantIntegers,
-    elements: ConstantIntegers,
-    states: ConstantIntegers,
-    cliques: ConstantIntegers,
-    lists: ConstantIntegers,
-    outside: Integers,
-) -> None:
+def measure_elements(begin: Integer, end: Integer, tag: Integer, graph: Graph) -> None:
     """``outside[e] - tag``: columns of element e that are not in the clique ``begin … end``, for all that meet it.
 
-    ``cliques[e]`` are the columns of an element; ``outside`` holds smaller numbers than ``tag``.
+    `outside` holds smaller numbers than ``tag`` before.
     """
+    outside = graph.outside
     for t in range(begin, end):
-        node = lists[t]
-        for s in range(elements[node]):
-            element = lists[places[node] + s]
-            if states[element] == ELEMENT:
+        node = graph.lists[t]
+        own = graph.lists[graph.places[node] :]
+        for s in range(graph.elements[node]):
+            element = own[s]
+            if graph.states[element] == ELEMENT:
                 if outside[element] < tag:
-                    outside[element] = cliques[element] + tag
-                outside[element] -= sizes[node]
+                    outside[element] = graph.cliques[element] + tag
+                outside[element] -= graph.sizes[node]
 
 
 @distinct_arrays
-def updated_degree(
-    node: Integer,
-    pivot: Integer,
-    stamp: Integer,
-    tag: Integer,
-    sizes: ConstantIntegers,
-    places: ConstantIntegers,
-    outside: ConstantIntegers,
-    seen: ConstantIntegers,
-    counts: Integers,
-    elements: Integers,
-    states: Integers,
-    lists: Integers,
-) -> Integer:
+def updated_degree(node: Integer, pivot: Integer, stamp: Integer, tag: Integer, graph: Graph) -> Integer:
     """Columns that a node of the pivot's clique has for neighbours outside it at most; its list is brought up to date.
 
     Elements that lie within the clique are absorbed, and nodes of the clique leave the list: the pivot stands for them.
     """
-    place = places[node]
-    many = elements[node]
+    states = graph.states
+    own = graph.lists[graph.places[node] :]
+    many = graph.elements[node]
     kept = 0
     degree = 0
     for t in range(many):
-        element = lists[place + t]
+        element = own[t]
         if states[element] == ELEMENT:
-            beyond = outside[element] - tag
+            beyond = graph.outside[element] - tag
             if beyond > 0:
                 degree += beyond
-                lists[place + kept] = element
+                own[kept] = element
                 kept += 1
             else:
                 states[element] = GONE
     held = kept
-    for t in range(many, counts[node]):
-        other = lists[place + t]
-        if states[other] == 0 and seen[other] != stamp:
-            degree += sizes[other]
-            lists[place + held] = other
+    for t in range(many, graph.counts[node]):
+        other = own[t]
+        if states[other] == 0 and graph.seen[other] != stamp:
+            degree += graph.sizes[other]
+            own[held] = other
             held += 1
     # What left made room for the pivot: the first node behind the elements moves to the end.
     if held > kept:
-        lists[place + held] = lists[place + kept]
-    lists[place + kept] = pivot
-    elements[node] = kept + 1
-    counts[node] = held + 1
+        own[held] = own[kept]
+    own[kept] = pivot
+    graph.elements[node] = kept + 1
+    graph.counts[node] = held + 1
     return degree
 
 
 @distinct_arrays
-def list_nodes(
-    count: Integer,
-    columns: Integer,
-    sizes: ConstantIntegers,
-    places: ConstantIntegers,
-    counts: ConstantIntegers,
-    lists: ConstantIntegers,
-    degrees: Integers,
-    heads: Integers,
-    following: Integers,
-    previous: Integers,
-) -> None:
+def list_nodes(graph: Graph) -> None:
     """The degrees of all nodes of the graph, and the lists of those of equal degree, the first nodes in front."""
-    for d in range(columns + 1):
-        heads[d] = -1
-    for back in range(count):
-        i = count - 1 - back
+    for d in range(graph.columns + 1):
+        graph.heads[d] = -1
+    for back in range(graph.count):
+        i = graph.count - 1 - back
+        own = graph.lists[graph.places[i] :]
         degree = 0
-        for t in range(counts[i]):
-            degree += sizes[lists[places[i] + t]]
-        degrees[i] = degree
-        listed(i, degree, heads, following, previous)
+        for t in range(graph.counts[i]):
+            degree += graph.sizes[own[t]]
+        graph.degrees[i] = degree
+        listed(i, graph)
 
 
 @distinct_arrays
@@ -194,62 +160,54 @@ def bounded_degree(beyond: Integer, before: Integer, inside: Integer, left: Inte
 
 
 @distinct_arrays
-def order_nodes(
-    count: Integer,
-    columns: Integer,
-    sizes: ConstantIntegers,
-    room: Integer,
-    places: Integers,
-    counts: Integers,
-    lists: Integers,
-    work: Integers,
-    order: Integers,
-) -> Integer:
+def order_nodes(graph: Graph, order: Integers) -> Integer:
     """The node that is eliminated at each place of ``order`` (count,); returns 1 where cliques have not enough room.
 
-    The ``columns`` of all nodes are the sum of ``sizes``. ``lists`` has room for ``room`` numbers: first the neighbours
-    of each node, ``counts[i]`` of them at ``places[i]``, each pair twice and no node by itself. ``work`` has room for
-    ``8 · count + columns + 1`` numbers, the first ``5 · count`` of them zero.
+    The lists hold the neighbours of each node, ``counts[i]`` of them at ``places[i]``, each pair twice and no node by
+    itself.
     """
-    elements = work[0:]
-    states = work[count:]
-    seen = work[2 * count :]
-    outside = work[3 * count :]
-    cliques = work[4 * count :]
-    degrees = work[5 * count :]
-    following = work[6 * count :]
-    previous = work[7 * count :]
-    heads = work[8 * count :]
+    count = graph.count
+    graph.elements = graph.work[0:]
+    graph.states = graph.work[count:]
+    graph.seen = graph.work[2 * count :]
+    graph.outside = graph.work[3 * count :]
+    graph.cliques = graph.work[4 * count :]
+    graph.degrees = graph.work[5 * count :]
+    graph.following = graph.work[6 * count :]
+    graph.previous = graph.work[7 * count :]
+    graph.heads = graph.work[8 * count :]
+    degrees = graph.degrees
     free = 0
     for i in range(count):
-        free += counts[i]
-    list_nodes(count, columns, sizes, places, counts, lists, degrees, heads, following, previous)
+        free += graph.counts[i]
+    list_nodes(graph)
     least = 0
-    left = columns
+    left = graph.columns
     for k in range(count):
-        while heads[least] < 0:
+        while graph.heads[least] < 0:
             least += 1
-        pivot = heads[least]
-        unlisted(pivot, least, heads, following, previous)
+        pivot = graph.heads[least]
+        unlisted(pivot, graph)
         order[k] = pivot
-        left -= sizes[pivot]
+        left -= graph.sizes[pivot]
         stamp = k + 1
-        tag = stamp * (columns + 1)
-        end = put_clique(pivot, stamp, free, room, places, counts, elements, states, seen, lists)
+        tag = stamp * (graph.columns + 1)
+        end = put_clique(pivot, stamp, free, graph)
         if end < 0:
             return 1
-        states[pivot] = ELEMENT
-        places[pivot] = free
-        counts[pivot] = end - free
+        graph.states[pivot] = ELEMENT
+        graph.places[pivot] = free
+        graph.counts[pivot] = end - free
         for t in range(free, end):
-            cliques[pivot] += sizes[lists[t]]
-        measure_elements(free, end, tag, sizes, places, elements, states, cliques, lists, outside)
+            graph.cliques[pivot] += graph.sizes[graph.lists[t]]
+        measure_elements(free, end, tag, graph)
         for t in range(free, end):
-            i = lists[t]
-            unlisted(i, degrees[i], heads, following, previous)
-            beyond = updated_degree(i, pivot, stamp, tag, sizes, places, outside, seen, counts, elements, states, lists)
-            degrees[i] = bounded_degree(beyond, degrees[i], cliques[pivot] - sizes[i], left - sizes[i])
-            listed(i, degrees[i], heads, following, previous)
+            i = graph.lists[t]
+            size = graph.sizes[i]
+            unlisted(i, graph)
+            beyond = updated_degree(i, pivot, stamp, tag, graph)
+            degrees[i] = bounded_degree(beyond, degrees[i], graph.cliques[pivot] - size, left - size)
+            listed(i, graph)
             if degrees[i] < least:
                 least = degrees[i]
         free = end

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbm.target.blocks.parts import Nonzeros, Piece, Products
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, distinct_arrays
 
 OUTPUTS = 2
@@ -10,28 +11,17 @@ RIGHT = 3
 
 
 @distinct_arrays
-def add_products(
-    first: Integer,
-    last: Integer,
-    targets: ConstantIntegers,
-    starts: ConstantIntegers,
-    rows: ConstantIntegers,
-    width: Integer,
-    high: Integer,
-    left: Integer,
-    right: Integer,
-    values: ConstantReals,
-    blocks: Reals,
-) -> None:
-    """``blocks[targets[t]] += Σ_r J_leftᵀ J_right`` for the targets ``first … last``.
-
-    The rows of target t are ``rows[starts[t]:starts[t + 1]]``. ``values`` are (rows, OUTPUTS, width); in them the
-    blocks' columns start at ``left`` and ``right``. ``blocks`` are (…, high, RIGHT).
-    """
+def add_products(first: Integer, last: Integer, products: Products, blocks: Reals) -> None:
+    """``blocks[targets[t]] += Σ_r J_leftᵀ J_right`` for the targets ``first … last``; ``blocks`` (…, high, RIGHT)."""
+    width = products.width
+    high = products.high
+    left = products.left
+    right = products.right
+    values = products.values
     for t in range(first, last):
-        block = targets[t] * (high * RIGHT)
-        for s in range(starts[t], starts[t + 1]):
-            row = rows[s] * (OUTPUTS * width)
+        block = products.targets[t] * (high * RIGHT)
+        for s in range(products.starts[t], products.starts[t + 1]):
+            row = products.rows[s] * (OUTPUTS * width)
             for i in range(high):
                 for j in range(RIGHT):
                     total = 0.0
@@ -40,94 +30,60 @@ def add_products(
                     blocks[block + i * RIGHT + j] += total
 
 
-@distinct_arrays
-def add_gradient(
-    first: Integer,
-    last: Integer,
-    outputs: Integer,
-    width: Integer,
-    count: Integer,
-    starts: ConstantIntegers,
-    sizes: ConstantIntegers,
-    heads: ConstantIntegers,
-    members: ConstantIntegers,
-    rows: Integer,
-    values: ConstantReals,
-    residuals: ConstantReals,
-    gradient: Reals,
-) -> None:
-    """``gradient += Jᵀ r`` for the rows ``first … last`` of a piece with ``rows`` rows.
+def column_of(piece: Piece, block: Integer, row: Integer) -> Integer:
+    """The first column that a local block of a row belongs to."""
+    return piece.heads[block] + piece.members[block * piece.rows + row] * piece.sizes[block]
 
-    Its ``count`` local blocks start at ``starts``, are ``sizes`` wide, and are of families whose columns begin at
-    ``heads``; ``members`` (count, rows). ``values`` (rows, outputs, width), ``residuals`` (rows, outputs).
-    """
+
+@distinct_arrays
+def add_gradient(first: Integer, last: Integer, piece: Piece, residuals: ConstantReals, gradient: Reals) -> None:
+    """``gradient += Jᵀ r`` for the rows ``first … last`` of a piece; ``residuals`` (rows, outputs)."""
+    outputs = piece.outputs
+    values = piece.values
     for r in range(first, last):
-        for b in range(count):
-            size = sizes[b]
-            column = heads[b] + members[b * rows + r] * size
+        for b in range(piece.count):
+            size = piece.sizes[b]
+            column = column_of(piece, b, r)
             for o in range(outputs):
-                place = (r * outputs + o) * width + starts[b]
+                place = (r * outputs + o) * piece.width + piece.starts[b]
                 factor = residuals[r * outputs + o]
                 for c in range(size):
                     gradient[column + c] += values[place + c] * factor
 
 
 @distinct_arrays
-def add_squares(
-    first: Integer,
-    last: Integer,
-    outputs: Integer,
-    width: Integer,
-    count: Integer,
-    starts: ConstantIntegers,
-    sizes: ConstantIntegers,
-    heads: ConstantIntegers,
-    members: ConstantIntegers,
-    rows: Integer,
-    values: ConstantReals,
-    squares: Reals,
-) -> None:
-    """``squares += `` those of the columns of ``J``; the arguments are those of `add_gradient`.
+def add_squares(first: Integer, last: Integer, piece: Piece, squares: Reals) -> None:
+    """``squares += `` those of the columns of ``J``, for the rows ``first … last`` of a piece.
 
     Where a row has the same member twice, its columns are added before they are squared.
     """
+    outputs = piece.outputs
+    values = piece.values
     for r in range(first, last):
-        for b in range(count):
-            column = heads[b] + members[b * rows + r] * sizes[b]
+        for b in range(piece.count):
+            column = column_of(piece, b, r)
             for d in range(b + 1):
                 factor = 1.0 if d == b else 2.0
-                if heads[d] + members[d * rows + r] * sizes[d] == column:
+                if column_of(piece, d, r) == column:
                     for o in range(outputs):
-                        place = (r * outputs + o) * width
-                        for c in range(sizes[b]):
-                            product = values[place + starts[b] + c] * values[place + starts[d] + c]
+                        place = (r * outputs + o) * piece.width
+                        for c in range(piece.sizes[b]):
+                            product = values[place + piece.starts[b] + c] * values[place + piece.starts[d] + c]
                             squares[column + c] += factor * product
 
 
 @distinct_arrays
-def put_image(
-    first: Integer,
-    last: Integer,
-    outputs: Integer,
-    width: Integer,
-    count: Integer,
-    starts: ConstantIntegers,
-    sizes: ConstantIntegers,
-    heads: ConstantIntegers,
-    members: ConstantIntegers,
-    rows: Integer,
-    values: ConstantReals,
-    step: ConstantReals,
-    image: Reals,
-) -> None:
-    """``image = J step`` for the rows ``first … last`` of a piece; the arguments are those of `add_gradient`."""
+def put_image(first: Integer, last: Integer, piece: Piece, step: ConstantReals, image: Reals) -> None:
+    """``image = J step`` for the rows ``first … last`` of a piece."""
+    outputs = piece.outputs
+    values = piece.values
     for r in range(first, last):
         for o in range(outputs):
             total = 0.0
-            for b in range(count):
-                column = heads[b] + members[b * rows + r] * sizes[b]
-                place = (r * outputs + o) * width + starts[b]
-                for c in range(sizes[b]):
+            for b in range(piece.count):
+                column = column_of(piece, b, r)
+                place = (r * outputs + o) * piece.width + piece.starts[b]
+                for c in range(piece.sizes[b]):
                     total += values[place + c] * step[column + c]
             image[r * outputs + o] = total
 
@@ -154,25 +110,14 @@ def put_inputs(
 
 @distinct_arrays
 def put_nonzeros(
-    first: Integer,
-    last: Integer,
-    count: Integer,
-    chosen: ConstantIntegers,
-    targets: ConstantIntegers,
-    lines: ConstantIntegers,
-    outputs: Integer,
-    length: Integer,
-    wide: Integer,
-    nonzeros: ConstantReals,
-    weights: ConstantReals,
-    values: Reals,
+    first: Integer, last: Integer, pattern: Nonzeros, nonzeros: ConstantReals, weights: ConstantReals, values: Reals
 ) -> None:
     """The whitened Jacobian of the rows ``first … last`` from the nonzeros of a kernel.
 
-    Nonzero ``chosen[k]`` of a row, of output ``lines[k]``, goes to its place ``targets[k]``. ``nonzeros`` has rows of
-    ``length`` numbers, ``values`` rows of ``wide`` numbers, zero elsewhere; ``weights`` (rows, outputs).
+    ``values`` are zero elsewhere; ``weights`` (rows, outputs).
     """
     for r in range(first, last):
-        for k in range(count):
-            weight = weights[r * outputs + lines[k]]
-            values[r * wide + targets[k]] = nonzeros[r * length + chosen[k]] * weight
+        for k in range(pattern.count):
+            weight = weights[r * pattern.outputs + pattern.lines[k]]
+            value = nonzeros[r * pattern.length + pattern.chosen[k]]
+            values[r * pattern.wide + pattern.targets[k]] = value * weight

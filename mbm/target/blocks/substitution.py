@@ -6,7 +6,8 @@ Links, panels and the other names are those of `mbm.target.blocks.elimination`.
 from __future__ import annotations
 
 from mbm.target.blocks.names import SIZE
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, distinct_arrays
+from mbm.target.blocks.parts import Entries, Links, Rest
+from mbm.target.words import ConstantReals, Integer, Reals, distinct_arrays
 
 WIDE = 4
 """Columns of a link that are worked on side by side."""
@@ -59,12 +60,7 @@ def add_coupled(
     first: Integer,
     last: Integer,
     transposed: Integer,
-    begins: ConstantIntegers,
-    columns: ConstantIntegers,
-    places: ConstantIntegers,
-    wides: ConstantIntegers,
-    lengths: ConstantIntegers,
-    y: ConstantReals,
+    links: Links,
     sides: Integer,
     given: ConstantReals,
     result: Reals,
@@ -73,22 +69,24 @@ def add_coupled(
 
     The rest has (width, sides) numbers, the members have (members · SIZE, sides).
     """
+    y = links.y
     for m in range(first, last):
         own = m * SIZE * sides
-        for link in range(begins[m], begins[m + 1]):
-            for c in range(wides[link]):
-                across = (columns[link] + c) * sides
-                place = places[link] + c
+        length = links.lengths[m]
+        for link in range(links.begins[m], links.begins[m + 1]):
+            for c in range(links.wides[link]):
+                across = (links.columns[link] + c) * sides
+                place = links.places[link] + c
                 for q in range(sides):
                     if transposed:
                         total = 0.0
                         for k in range(SIZE):
-                            total += y[place + k * lengths[m]] * given[own + k * sides + q]
+                            total += y[place + k * length] * given[own + k * sides + q]
                         result[across + q] += total
                     else:
                         value = given[across + q]
                         for k in range(SIZE):
-                            result[own + k * sides + q] += y[place + k * lengths[m]] * value
+                            result[own + k * sides + q] += y[place + k * length] * value
 
 
 @distinct_arrays
@@ -116,22 +114,18 @@ def add_coupled_once(
     first: Integer,
     last: Integer,
     transposed: Integer,
-    begins: ConstantIntegers,
-    columns: ConstantIntegers,
-    places: ConstantIntegers,
-    wides: ConstantIntegers,
-    lengths: ConstantIntegers,
-    y: ConstantReals,
+    links: Links,
     given: ConstantReals,
     result: Reals,
 ) -> None:
     """`add_coupled` with one right side, as every step has it."""
+    y = links.y
     for m in range(first, last):
-        length = lengths[m]
-        for link in range(begins[m], begins[m + 1]):
-            column = columns[link]
-            place = places[link]
-            wide = wides[link]
+        length = links.lengths[m]
+        for link in range(links.begins[m], links.begins[m + 1]):
+            column = links.columns[link]
+            place = links.places[link]
+            wide = links.wides[link]
             c = 0
             if transposed:
                 while c + WIDE <= wide:
@@ -158,111 +152,67 @@ def put_between(root: ConstantReals, inner: ConstantReals, diagonal: Reals) -> N
 
 
 @distinct_arrays
-def put_images(
-    i: Integer,
-    size: Integer,
-    starts: ConstantIntegers,
-    links: ConstantIntegers,
-    members: ConstantIntegers,
-    begins: ConstantIntegers,
-    columns: ConstantIntegers,
-    places: ConstantIntegers,
-    wides: ConstantIntegers,
-    lengths: ConstantIntegers,
-    y: ConstantReals,
-    stride: Integer,
-    line: ConstantReals,
-    images: Reals,
-) -> None:
+def put_images(i: Integer, rest: Rest, links: Links, line: ConstantReals, images: Reals) -> None:
     """``Y Z`` at the links of the block row i of the rest; ``images`` are panels as ``y`` is.
 
-    ``line`` is that block row of the symmetric ``Z``, (size, …), its rows ``stride`` apart.
+    ``line`` is that block row of the symmetric ``Z``, (size, width).
     """
-    for t in range(starts[i], starts[i + 1]):
-        link = links[t]
-        m = members[link]
-        for a in range(size):
+    y = links.y
+    for t in range(rest.starts[i], rest.starts[i + 1]):
+        link = rest.links[t]
+        m = rest.members[link]
+        length = links.lengths[m]
+        for a in range(rest.sizes[i]):
             for k in range(SIZE):
                 total = 0.0
-                for j in range(begins[m], begins[m + 1]):
-                    place = places[j] + k * lengths[m]
-                    column = a * stride + columns[j]
-                    for b in range(wides[j]):
+                for j in range(links.begins[m], links.begins[m + 1]):
+                    place = links.places[j] + k * length
+                    column = a * rest.width + links.columns[j]
+                    for b in range(links.wides[j]):
                         total += y[place + b] * line[column + b]
-                images[places[link] + k * lengths[m] + a] = total
+                images[links.places[link] + k * length + a] = total
 
 
 @distinct_arrays
 def images_dense(
-    first: Integer,
-    last: Integer,
-    heads: ConstantIntegers,
-    sizes: ConstantIntegers,
-    starts: ConstantIntegers,
-    links: ConstantIntegers,
-    members: ConstantIntegers,
-    begins: ConstantIntegers,
-    columns: ConstantIntegers,
-    places: ConstantIntegers,
-    wides: ConstantIntegers,
-    lengths: ConstantIntegers,
-    y: ConstantReals,
-    width: Integer,
-    inverse: ConstantReals,
-    images: Reals,
+    first: Integer, last: Integer, rest: Rest, links: Links, inverse: ConstantReals, images: Reals
 ) -> None:
     """``Y Z`` at the links of the block rows ``first … last``, where ``inverse`` is all of ``Z`` (width, width)."""
     for i in range(first, last):
-        line = inverse[heads[i] * width :]
-        put_images(i, sizes[i], starts, links, members, begins, columns, places, wides, lengths, y, width, line, images)
+        put_images(i, rest, links, inverse[rest.heads[i] * rest.width :], images)
 
 
 @distinct_arrays
 def images_sparse(
     first: Integer,
     last: Integer,
-    heads: ConstantIntegers,
-    sizes: ConstantIntegers,
-    starts: ConstantIntegers,
-    links: ConstantIntegers,
-    members: ConstantIntegers,
-    begins: ConstantIntegers,
-    columns: ConstantIntegers,
-    places: ConstantIntegers,
-    wides: ConstantIntegers,
-    lengths: ConstantIntegers,
-    y: ConstantReals,
-    width: Integer,
-    pointers: ConstantIntegers,
-    indices: ConstantIntegers,
+    rest: Rest,
+    links: Links,
+    pattern: Entries,
     inverse: ConstantReals,
     images: Reals,
     line: Reals,
 ) -> None:
-    """The same where ``Z`` is known at entries alone: row r at ``pointers[r] … pointers[r + 1]``, both triangles.
+    """The same where ``Z`` is known at entries alone, both triangles.
 
     ``line`` is scratch for the widest block row, (rows, width), zero before and after.
     """
+    width = rest.width
     for i in range(first, last):
-        for a in range(sizes[i]):
-            for e in range(pointers[heads[i] + a], pointers[heads[i] + a + 1]):
-                line[a * width + indices[e]] = inverse[e]
-        put_images(i, sizes[i], starts, links, members, begins, columns, places, wides, lengths, y, width, line, images)
-        for a in range(sizes[i]):
-            for e in range(pointers[heads[i] + a], pointers[heads[i] + a + 1]):
-                line[a * width + indices[e]] = 0.0
+        for a in range(rest.sizes[i]):
+            for e in range(pattern.pointers[rest.heads[i] + a], pattern.pointers[rest.heads[i] + a + 1]):
+                line[a * width + pattern.indices[e]] = inverse[e]
+        put_images(i, rest, links, line, images)
+        for a in range(rest.sizes[i]):
+            for e in range(pattern.pointers[rest.heads[i] + a], pattern.pointers[rest.heads[i] + a + 1]):
+                line[a * width + pattern.indices[e]] = 0.0
 
 
 @distinct_arrays
 def put_diagonals(
     first: Integer,
     last: Integer,
-    begins: ConstantIntegers,
-    columns: ConstantIntegers,
-    places: ConstantIntegers,
-    wides: ConstantIntegers,
-    lengths: ConstantIntegers,
-    y: ConstantReals,
+    links: Links,
     width: Integer,
     inverse: ConstantReals,
     roots: ConstantReals,
@@ -270,23 +220,24 @@ def put_diagonals(
     diagonal: Reals,
 ) -> None:
     """``diagonal`` as `put_inverse_blocks` has it, where ``inverse`` is all of ``Z`` (width, width): without panels."""
+    y = links.y
     for m in range(first, last):
         own = inner[m * (SIZE * SIZE) :]
-        length = lengths[m]
+        length = links.lengths[m]
         for k in range(SIZE):
             for e in range(SIZE):
                 own[k * SIZE + e] = 0.0
             own[k * SIZE + k] = 1.0
-        for link in range(begins[m], begins[m + 1]):
-            for c in range(wides[link]):
-                line = inverse[(columns[link] + c) * width :]
+        for link in range(links.begins[m], links.begins[m + 1]):
+            for c in range(links.wides[link]):
+                line = inverse[(links.columns[link] + c) * width :]
                 for e in range(SIZE):
                     total = 0.0
-                    for j in range(begins[m], begins[m + 1]):
-                        for b in range(wides[j]):
-                            total += y[places[j] + e * length + b] * line[columns[j] + b]
+                    for j in range(links.begins[m], links.begins[m + 1]):
+                        for b in range(links.wides[j]):
+                            total += y[links.places[j] + e * length + b] * line[links.columns[j] + b]
                     for k in range(SIZE):
-                        own[k * SIZE + e] += y[places[link] + k * length + c] * total
+                        own[k * SIZE + e] += y[links.places[link] + k * length + c] * total
         put_between(roots[m * (SIZE * SIZE) :], own, diagonal[m * (SIZE * SIZE) :])
 
 
@@ -294,11 +245,7 @@ def put_diagonals(
 def put_inverse_blocks(
     first: Integer,
     last: Integer,
-    begins: ConstantIntegers,
-    places: ConstantIntegers,
-    wides: ConstantIntegers,
-    lengths: ConstantIntegers,
-    y: ConstantReals,
+    links: Links,
     images: ConstantReals,
     roots: ConstantReals,
     inner: Reals,
@@ -310,17 +257,18 @@ def put_inverse_blocks(
     ``across`` (panels, as ``y``) = ``-Rᵀ Y Z`` with the ``roots`` R (members, SIZE, SIZE) and ``images`` = Y Z;
     ``diagonal`` (members, SIZE, SIZE) = ``Rᵀ (I + Y Z Yᵀ) R``. ``inner`` (members, SIZE, SIZE) is scratch.
     """
+    y = links.y
     for m in range(first, last):
         own = m * (SIZE * SIZE)
-        length = lengths[m]
+        length = links.lengths[m]
         for k in range(SIZE):
             for e in range(SIZE):
                 inner[own + k * SIZE + e] = 0.0
             inner[own + k * SIZE + k] = 1.0
-        for link in range(begins[m], begins[m + 1]):
-            place = places[link]
+        for link in range(links.begins[m], links.begins[m + 1]):
+            place = links.places[link]
             for k in range(SIZE):
-                for c in range(wides[link]):
+                for c in range(links.wides[link]):
                     for e in range(SIZE):
                         inner[own + k * SIZE + e] += images[place + k * length + c] * y[place + e * length + c]
                     total = 0.0

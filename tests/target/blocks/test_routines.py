@@ -8,6 +8,7 @@ import pytest
 from mbm.target.blocks import elimination, products, substitution
 from mbm.target.blocks.modules import blocks_module
 from mbm.target.blocks.names import product_name
+from mbm.target.blocks.parts import Products
 
 ROUNDING = 1e-13
 """Sums of a few numbers of size 1."""
@@ -18,7 +19,10 @@ def test_products_of_blocks():
     values = generator.standard_normal((5, products.OUTPUTS, 7))
     rows, starts, targets = np.array([3, 0, 4]), np.array([0, 2, 3]), np.array([1, 0])
     blocks = np.zeros((2, 4, products.RIGHT))
-    products.add_products(0, 2, targets, starts, rows, 7, 4, 0, 4, values.ravel(), blocks.ravel())
+    asked = Products()
+    asked.targets, asked.starts, asked.rows, asked.values = targets, starts, rows, values.ravel()
+    asked.width, asked.high, asked.left, asked.right = 7, 4, 0, 4
+    products.add_products(0, 2, asked, blocks.ravel())
     expected = [
         values[4][:, :4].T @ values[4][:, 4:],
         values[3][:, :4].T @ values[3][:, 4:] + values[0][:, :4].T @ values[0][:, 4:],
