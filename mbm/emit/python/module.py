@@ -139,7 +139,11 @@ def _constants(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     ]
     yield "\n".join(lines)
     values = [(name, getattr(description, name)) for name in _DESCRIPTION]
-    values += [("MULTIPLIERS", description.Problem.most_multipliers), ("DATA_COUNT", description.DataSet.count)]
+    values += [
+        ("MULTIPLIERS", description.Problem.most_multipliers),
+        ("N", description.Problem.n),
+        ("DATA_COUNT", description.DataSet.count),
+    ]
     values += [("DATA_COLUMNS", description.DataBlock.columns), ("DATA_ROWS", description.DataBlock.rows)]
     values += [("SCATTER", SCATTER), ("SQUARES", SQUARES)]
     if blueprint.agreement is None:

@@ -135,8 +135,9 @@ class Prepared:
             UNKNOWNS, count, self.members, self.firsts, self.used, self.fixed, self.column
         )
         renumber(self.columns_count, self.column, self.columns)
+        self.system[N] = self.free
         set_coordinates(
-            self.system, len(SYSTEM), self.free, UNKNOWNS, count, self.members, self.offsets, self.firsts, self.column
+            self.system, len(SYSTEM), UNKNOWNS, count, self.members, self.offsets, self.firsts, self.column
         )
         self.data[DATA_COUNT] = set_capacities(self.system, self.data)
         self.constants = reals(BOUNDS_AT + 2 * self.free + len(LOSSES))

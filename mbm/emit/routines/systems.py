@@ -53,7 +53,6 @@ def set_capacities(system: Problem, data: DataSet) -> Integer:
 def set_coordinates(
     numbers: Integers,
     prefix: Integer,
-    free: Integer,
     unknowns: ConstantIntegers,
     count: Integer,
     members: ConstantIntegers,
@@ -64,7 +63,7 @@ def set_coordinates(
     """The tables of free coordinates and of pieces, behind the first ``prefix`` integers."""
     system = view(Problem, numbers)
     system.numbers = offsets[count]
-    system.n = free
+    free = system.n
     numbers[slot(Problem, "number_of")] = prefix
     numbers[slot(Problem, "positive")] = prefix + free
     numbers[slot(Problem, "components")] = prefix + 2 * free

@@ -35,8 +35,7 @@ def linearised(system: Problem, rows: Rows, point: ConstantReals, chunk: Reals) 
             weights = rows.weights[whitening:]
             for column in range(n):
                 filled(groups * lines, 0.0, chunk[column * stride + there :])
-            own = rows.columns[part.columns :]
-            scatter(system, block, own, 0, part.rows, groups, rows.outputs, weights, chunk[there:])
+            scatter(system, block, part, 0, groups, rows, weights, chunk[there:])
             every = block.outputs + block.nonzero_count
             whiten_values(block, groups, every, rows.outputs, weights, chunk[n * stride + there :])
             whiten_matrices(system, block, groups, weights, chunk[there:])

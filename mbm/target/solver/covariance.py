@@ -57,12 +57,9 @@ def set_covariance(
             for k in range(i, n):
                 small[i * (n + 1) + k] = triangle[i * (n + 1) + k] / scale[k]
     else:
-        rows = work.small_rows
-        across = work.along
-        right = work.right
-        filled(n, 0.0, across)
-        filled(n, 0.0, right)
-        set_reduced(n, count, turned, chosen, triangle, scale, reflections, across, right, work.line, rows, small)
+        filled(n, 0.0, work.along)
+        filled(n, 0.0, work.right)
+        set_reduced(n, count, turned, triangle, work)
     filled(n, 0.0, work.touched)
     work.rank = width
     work.loose = 0
@@ -127,34 +124,24 @@ def set_scales(
             scale[k] = 1.0
 
 
-def set_reduced(
-    n: Integer,
-    count: Integer,
-    turned: Integer,
-    chosen: ConstantIntegers,
-    triangle: ConstantReals,
-    scale: ConstantReals,
-    reflections: ConstantReals,
-    across: ConstantReals,
-    right: ConstantReals,
-    line: Reals,
-    rows: Reals,
-    small: Reals,
-) -> None:
-    """``small`` (w + 1, w + 1), w = count - turned: the triangle of the chosen columns, scaled, along the surface.
+def set_reduced(n: Integer, count: Integer, turned: Integer, triangle: ConstantReals, work: Work) -> None:
+    """`small` (w + 1, w + 1), w = count - turned: the triangle of the chosen columns, scaled, along the surface.
 
-    Its last column stands for ``right`` (n,) after the movement ``across`` (turned,) towards the surface.
+    Its last column stands for `right` (n,) after the movement `along` (turned,) towards the surface.
     """
     width = count - turned
+    line = work.line
+    rows = work.small_rows
     for i in range(n):
         for k in range(count):
-            line[k] = triangle[i * (n + 1) + chosen[k]] / scale[k] if i <= chosen[k] else 0.0
-        along_surface(count, turned, reflections, line)
+            j = work.chosen[k]
+            line[k] = triangle[i * (n + 1) + j] / work.scale[k] if i <= j else 0.0
+        along_surface(count, turned, work.reflections, line)
         for k in range(width):
             rows[k * n + i] = line[turned + k]
-        rows[width * n + i] = right[i] + dot(turned, line, across)
-    filled((width + 1) * (width + 1), 0.0, small)
-    append_rows(width + 1, n, n, rows, small)
+        rows[width * n + i] = work.right[i] + dot(turned, line, work.along)
+    filled((width + 1) * (width + 1), 0.0, work.small)
+    append_rows(width + 1, n, n, rows, work.small)
 
 
 def condition_of(count: Integer, width: Integer, small: ConstantReals, part: Reals, inverse: Reals) -> Real:

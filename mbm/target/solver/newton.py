@@ -34,7 +34,7 @@ def newton_step(system: Problem, place: Place, work: Work) -> Integer:
             count += 1
     if count == 0:
         return 0
-    chosen_columns(n, place.factor, place.image, count, chosen, work.small_rows, work.small, factor, image)
+    chosen_columns(n, place.factor, place.image, count, work)
     for j in range(count):
         if factor[j * count + j] == 0.0:
             return 0

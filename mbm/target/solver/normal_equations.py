@@ -7,26 +7,28 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from mbm.target.solver.description import Block
+from mbm.target.solver.description import Block, DataBlock
 from mbm.target.solver.linear_algebra import cholesky, dot, filled, inverted_upper, solve_transposed
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, call_normal, distinct_arrays
+from mbm.target.solver.workspace import Rows
+from mbm.target.words import ConstantReals, Integer, Real, Reals, call_normal, distinct_arrays
 
 
 def add_sums(
     n: Integer,
-    constants: ConstantReals,
     block: Block,
-    columns: ConstantIntegers,
+    part: DataBlock,
     groups: Integer,
+    rows: Rows,
     inputs: ConstantReals,
     whitening: ConstantReals,
-    sums: Reals,
     target: Reals,
 ) -> None:
-    """The normal equations of a block, added to the upper triangle (n + 1, n + 1); ``sums`` is scratch."""
+    """The normal equations of a block, added to the upper triangle (n + 1, n + 1)."""
+    columns = rows.columns[part.columns :]
+    sums = rows.outputs
     tangents = block.tangents
     lower = tangents * (tangents + 1) // 2
-    losses = constants[block.units[0].loss_at :]
+    losses = rows.constants[block.units[0].loss_at :]
     filled(lower + tangents + 2, 0.0, sums)
     call_normal(block.normal, inputs, whitening, losses, sums, groups)
     for a in range(tangents):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from mbm.target.solver.description import LANES, NO_LOSS, Block, Problem
+from mbm.target.solver.description import LANES, NO_LOSS, Block, DataBlock, Problem
 from mbm.target.solver.equations import square_of
 from mbm.target.solver.losses import root_factor, root_slope
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, distinct_arrays
+from mbm.target.solver.workspace import Rows
+from mbm.target.words import ConstantReals, Integer, Reals, distinct_arrays
 
 
 @distinct_arrays
@@ -38,18 +39,19 @@ def add_plain_to_column(groups: Integer, rows: Integer, width: Integer, values: 
 def scatter(
     system: Problem,
     block: Block,
-    columns: ConstantIntegers,
+    part: DataBlock,
     first: Integer,
-    rows: Integer,
     groups: Integer,
-    outputs: ConstantReals,
+    rows: Rows,
     whitening: ConstantReals,
     chunk: Reals,
 ) -> None:
-    """Nonzeros of kernel blocks ``first …`` → columns of the chunk; ``rows`` are those of the block in all.
+    """Nonzeros of kernel blocks ``first …`` of the block's ``part`` of the rows → columns of the chunk.
 
     Those of units with matrices and of constraints are not yet whitened.
     """
+    columns = rows.columns[part.columns :]
+    outputs = rows.outputs
     lines = block.outputs
     width = (lines + block.nonzero_count) * LANES
     heavy = block.weights * LANES
@@ -71,7 +73,7 @@ def scatter(
                 for lane in range(LANES):
                     row = (first + group) * LANES + lane
                     column = -1
-                    if row < rows:
+                    if row < part.rows:
                         column = columns[row * block.columns + nonzero.tangent]
                     if column >= 0:
                         value = values[group * width + lane]

@@ -129,29 +129,21 @@ def land(system: Problem, constants: ConstantReals, vector: ConstantReals, stopp
 
 
 @distinct_arrays
-def chosen_columns(
-    n: Integer,
-    factor: ConstantReals,
-    image: ConstantReals,
-    count: Integer,
-    chosen: ConstantIntegers,
-    rows: Reals,
-    triangle: Reals,
-    part: Reals,
-    part_image: Reals,
-) -> None:
-    """The triangle (count, count) and the image of some columns of A alone."""
+def chosen_columns(n: Integer, factor: ConstantReals, image: ConstantReals, count: Integer, work: Work) -> None:
+    """The triangle (count, count) and the image of the chosen columns of A alone, as `part` and `part_image`."""
     width = count + 1
+    rows = work.small_rows
+    triangle = work.small
     filled(width * width, 0.0, triangle)
     for k in range(count):
         for i in range(n):
-            rows[k * n + i] = factor[i * n + chosen[k]] if i <= chosen[k] else 0.0
+            rows[k * n + i] = factor[i * n + work.chosen[k]] if i <= work.chosen[k] else 0.0
     copied(n, image, rows[count * n :])
     append_rows(width, n, n, rows, triangle)
     for i in range(count):
         for k in range(count):
-            part[i * count + k] = triangle[i * width + k]
-        part_image[i] = triangle[i * width + count]
+            work.part[i * count + k] = triangle[i * width + k]
+        work.part_image[i] = triangle[i * width + count]
 
 
 @distinct_arrays
@@ -249,8 +241,7 @@ def boxed_step(
             copied(n * n, factor, part)
             copied(n, rest, part_image)
         else:
-            triangle = work.small
-            chosen_columns(n, factor, rest, count, chosen, work.small_rows, triangle, part, part_image)
+            chosen_columns(n, factor, rest, count, work)
             without_dependent(count, part, part_image)
         step_of_part(count, remaining, limited, part_image, work)
         first = first_to_leave(system, work.rows.constants, x, scale, count, chosen, trial)

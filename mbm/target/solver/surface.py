@@ -116,20 +116,7 @@ def surface_step(
     small = work.small
     for i in range(n):
         there[i] = place.triangle[i * (n + 1) + n]
-    set_reduced(
-        n,
-        count,
-        turned,
-        work.chosen,
-        place.triangle,
-        work.scale,
-        work.reflections,
-        along,
-        there,
-        line,
-        work.small_rows,
-        small,
-    )
+    set_reduced(n, count, turned, place.triangle, work)
     for i in range(width):
         for k in range(width):
             factor[i * width + k] = small[i * (width + 1) + k]

@@ -45,20 +45,18 @@ def settle_chunk(
 
 def whiten_portion(
     system: Problem,
-    constants: ConstantReals,
+    rows: Rows,
     block: Block,
     groups: Integer,
-    width: Integer,
-    outputs: ConstantReals,
     weights: ConstantReals,
     right: Reals,
     chunk: Reals,
 ) -> None:
-    """What of a portion of observations is not whitened yet, and losses; ``width`` numbers a row in ``outputs``."""
-    whiten_values(block, groups, width, outputs, weights, right)
+    """What of a portion of observations is not whitened yet, and losses."""
+    whiten_values(block, groups, block.outputs + block.nonzero_count, rows.outputs, weights, right)
     whiten_matrices(system, block, groups, weights, chunk)
-    root_slopes(system, constants, block, groups, right, chunk)
-    root_values(constants, block, groups, right)
+    root_slopes(system, rows.constants, block, groups, right, chunk)
+    root_values(rows.constants, block, groups, right)
 
 
 def sweep(
@@ -92,13 +90,12 @@ def sweep(
         lines = block.outputs * LANES
         width = (block.variables + block.parameters) * LANES
         heavy = weights_width(block) * LANES
-        own = rows.columns[part.columns :]
         gather(block, count, rows.index[part.index :], point, rows.inputs[inputs:])
         first = 0
         if LANES > 1 and mode == 2 and block.normal != 0 and count >= system.summed_from:
             first = groups_of(count)
             weights = rows.weights[whitening:]
-            add_sums(n, rows.constants, block, own, first, rows.inputs[inputs:], weights, outputs, target)
+            add_sums(n, block, part, first, rows, rows.inputs[inputs:], weights, target)
         while first < groups_of(count):
             groups = portion(system, block)
             if first + groups > groups_of(count):
@@ -111,12 +108,12 @@ def sweep(
             weights = rows.weights[whitening + first * heavy :]
             for column in range(n):
                 filled(groups * lines, 0.0, chunk[column * stride + there :])
-            scatter(system, block, own, first, count, groups, outputs, weights, chunk[there:])
+            scatter(system, block, part, first, groups, rows, weights, chunk[there:])
             right = chunk[n * stride + there :]
-            every = block.outputs + block.nonzero_count
             if b < system.residual_blocks:
-                whiten_portion(system, rows.constants, block, groups, every, outputs, weights, right, chunk[there:])
+                whiten_portion(system, rows, block, groups, weights, right, chunk[there:])
             else:
+                every = block.outputs + block.nonzero_count
                 penalise_values(block, groups, every, outputs, weights, right)
                 penalise_slopes(system, block, groups, weights, right, chunk[there:])
             there += groups * lines
