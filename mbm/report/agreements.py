@@ -17,7 +17,7 @@ from mbm.solution.robust.binding import without_losses
 from mbm.solution.robust.parts import parts_of
 from mbm.solution.settings import Settings
 from mbm.target.decisions import MANY_CONNECTED
-from mbm.target.solver import consensus_description as c
+from mbm.target.solver import consensus_records as c
 from mbm.text.types import MbmError
 
 BY_MEDIAN = Consensus(kind=ConsensusKind.LMEDS)

@@ -3,7 +3,7 @@
 What may be used: ``for i in range(…)``, ``while``, ``if``, ``break``, ``continue``, ``return``, assignments to names
 and to elements (also ``+= -= *= /=``), ``a[k:]`` for the array from an element on, arithmetic, comparisons, the
 intrinsic functions, ``a if c else b``, ``float(i)``, ``max(x, y)`` and ``min(x, y)`` of reals, `call_kernel`,
-`call_united`, `call_normal`, and other functions of this kind: they are found by their names and read too. Parameters
+`call_fused`, `call_normal`, and other functions of this kind: they are found by their names and read too. Parameters
 and results are annotated with `Real`, `Integer`, `Reals`, `Integers`, `ConstantReals`, `ConstantIntegers`. A variable
 has the type of what is first assigned to it.
 

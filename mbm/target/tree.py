@@ -367,8 +367,8 @@ CALL_NORMAL = Function(
     external=True,
 )
 
-CALL_UNITED = Function(
-    name="call_united",
+CALL_FUSED = Function(
+    name="call_fused",
     parameters=(
         Name("address", Type.INTEGER),
         Name("point", Type.CONSTANT_REALS),
@@ -384,7 +384,7 @@ CALL_UNITED = Function(
     external=True,
 )
 
-EXTERNAL = (CALL_KERNEL, CALL_UNITED, CALL_NORMAL)
+EXTERNAL = (CALL_KERNEL, CALL_FUSED, CALL_NORMAL)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -33,8 +33,8 @@ def call_kernel(address: Integer, inputs: ConstantReals, outputs: Reals, blocks:
     signature(address)(inputs.ctypes.data, outputs.ctypes.data, blocks)
 
 
-def call_united(address: Integer, point: ConstantReals, data: ConstantReals, target: Reals, stride: Integer) -> None:
-    """`CALL_UNITED` likewise."""
+def call_fused(address: Integer, point: ConstantReals, data: ConstantReals, target: Reals, stride: Integer) -> None:
+    """`CALL_FUSED` likewise."""
     signature = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)
     signature(address)(point.ctypes.data, data.ctypes.data, target.ctypes.data, stride)
 

@@ -1,6 +1,6 @@
 """The nonlinear regression sets of the NIST Statistical Reference Datasets: their models, and equations made of them.
 
-Data and certified values are works of the United States government (NIST/ITL StRD, https://www.itl.nist.gov/div898/strd/).
+Data and certified values are works of the Fused States government (NIST/ITL StRD, https://www.itl.nist.gov/div898/strd/).
 Jacobians are by the complex step (Squire and Trapp 1998), exact to rounding.
 """
 

@@ -12,7 +12,7 @@ from mbm.emit.types import BlockCase, BlockShape, Blueprint
 from mbm.problem.types import BlockRole
 from mbm.target.c import number
 from mbm.target.records import slot, slots_of
-from mbm.target.solver import consensus_description as c
+from mbm.target.solver import consensus_records as c
 from mbm.target.solver import description as at
 
 
@@ -36,7 +36,7 @@ def agreement_constants(agreement: Agreement) -> str:
 def agreement_fields() -> Iterator[str]:
     """Arrays of the frame."""
     yield "    struct rules *rules;    /* of consensus: what is asked for */"
-    yield "    struct bench bench;"
+    yield "    struct consensus_work consensus;"
     yield "    struct problem *wide;    /* the equations with all rows side by side */"
     yield "    double *known;    /* what the closed form knows of the units */"
     yield f"    long agreement[{c.ANSWERS}], units;"
@@ -72,8 +72,8 @@ def agreement_room(blueprint: Blueprint, agreement: Agreement, prefix: int) -> I
     yield "        room.most_rows = rows;"
     yield f"        f->rules = (struct rules *)integers_of(a, {len(agreement.rules)});"
     yield f"        f->wide = (struct problem *)integers_of(a, {prefix} + (2 + {at.PIECE}) * n);"
-    yield "        f->bench.integers = integers_of(a, bench_integers(&room));"
-    yield "        f->bench.reals = reals_of(a, bench_reals(&room));"
+    yield "        f->consensus.integers = integers_of(a, consensus_integers(&room));"
+    yield "        f->consensus.reals = reals_of(a, consensus_reals(&room));"
     yield f"        f->known = reals_of(a, units * {max(agreement.rules[c.Rules.form_width], 1)});"
     yield "    }"
 
@@ -94,7 +94,7 @@ def agreement_beginning(blueprint: Blueprint, agreement: Agreement) -> Iterator[
     tests = " || ".join(f"data->start_{unknown.identifier} == NULL" for unknown in unknowns)
     yield f"    for (b = 0; b < {len(agreement.rules)}; b++)"
     yield "        ((long *)f->rules)[b] = RULES[b];"
-    yield "    f->bench.units.inside = f->bench.integers;"
+    yield "    f->consensus.units.inlier = f->consensus.integers;"
     yield f"    for (b = 0; b < {c.ANSWERS}; b++)"
     yield "        f->agreement[b] = 0;"
     yield "    f->units = 0;"
@@ -109,7 +109,7 @@ def agreement_function(blueprint: Blueprint, agreement: Agreement, prefix: int) 
     lines += ["    long scalars;", ""]
     lines += ["    if (!f->startless)", "        return 0;"] if agreement.begins else []
     lines += ["    if (f->system->n > 1"]
-    lines += ["        && !connected(f->system, f->data_set, f->columns, f->bench.integers))"]
+    lines += ["        && !connected(f->system, f->data_set, f->columns, f->consensus.integers))"]
     lines += [f"        return {cells.status('NOT_CONNECTED')};"]
     lines += [f"    side_by_side((long *)f->system, {prefix} + (2 + {at.PIECE}) * f->system->n, (long *)f->wide);"]
     lines += ["    scalars = set_room(f->wide, f->data_set, f->rules);"]
@@ -117,9 +117,15 @@ def agreement_function(blueprint: Blueprint, agreement: Agreement, prefix: int) 
     if agreement.rules[c.Rules.form]:
         lines += ["    known_units(f->system, &f->work.rows, f->rules, MAP_PLACES, MAPS,"]
         lines += [f"        {number(agreement.sign)}, f->known);"]
-    lines += ["    f->bench.rules = f->rules;", "    f->bench.levels = LEVELS;", "    f->bench.forms = f->known;"]
-    lines += ["    f->bench.verdict = (struct verdict *)f->agreement;"]
-    lines += [f"    f->units = come_to_agreement({int(agreement.kept)}, scalars, f->wide, &f->work.rows, &f->bench,"]
+    lines += [
+        "    f->consensus.rules = f->rules;",
+        "    f->consensus.levels = LEVELS;",
+        "    f->consensus.forms = f->known;",
+    ]
+    lines += ["    f->consensus.verdict = (struct verdict *)f->agreement;"]
+    lines += [
+        f"    f->units = begin_by_consensus({int(agreement.kept)}, scalars, f->wide, &f->work.rows, &f->consensus,"
+    ]
     lines += ["        f->start, f->kappa, factors);"]
     lines += [f"    if (f->startless && f->agreement[{c.Verdict.agreed}] == 0)"]
     lines += [f"        return {cells.status('NO_START')};", "    return 0;", "}", ""]
@@ -132,4 +138,4 @@ def agreement_answer(agreement: Agreement) -> Iterator[str]:
         yield "    result->units = f->units;"
         yield f"    result->inliers = f->agreement[{c.Verdict.inliers}];"
         yield f"    result->ambiguous = f->agreement[{c.Verdict.ambiguous}] != 0;"
-        yield "    result->inside = f->bench.units.inside;"
+        yield "    result->inside = f->consensus.units.inlier;"

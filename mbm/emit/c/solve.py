@@ -12,7 +12,7 @@ from mbm.emit.routines.noises import SCATTER, SQUARES
 from mbm.emit.system import StaticSystem, kinds_of_units
 from mbm.emit.types import Blueprint
 from mbm.target.solver import description as at
-from mbm.target.solver.consensus_description import Verdict
+from mbm.target.solver.consensus_records import Verdict
 
 _GIVEN = {
     "constants": "constants",

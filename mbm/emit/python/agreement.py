@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from mbm.emit.answers import Agreement
 from mbm.emit.python.text import literal
 from mbm.emit.types import Blueprint
-from mbm.target.solver import consensus_description as c
+from mbm.target.solver import consensus_records as c
 
 NOTHING = '''def agree_on(p: Prepared, factors: Array) -> None:
     """No consensus is asked for: all rows count, and the start is the one stated."""
@@ -24,20 +24,20 @@ AGREE = '''def agree_on(p: Prepared, factors: Array) -> dict[str, Any] | None:
     scalars = set_room(wide, p.data, rules)
     rules[STARTLESS] = int(startless)
     known = reals(rules[MOST_UNITS] * rules[FORM_WIDTH])
-    bench = Bench()
+    work = ConsensusWork()
     with np.errstate(all="ignore"):
         if rules[FORM]:
             known_units(p.system, p.work.rows, rules, MAP_PLACES, MAPS, SIGN, known)
-        bench.rules, bench.levels, bench.forms, bench.verdict = rules, LEVELS, known, states
-        bench.reals, bench.integers = reals(bench_reals(rules)), integers(bench_integers(rules))
-        units = come_to_agreement(int(KEPT), scalars, wide, p.work.rows, bench, p.start, p.kappa, factors)
+        work.rules, work.levels, work.forms, work.verdict = rules, LEVELS, known, states
+        work.reals, work.integers = reals(consensus_reals(rules)), integers(consensus_integers(rules))
+        units = begin_by_consensus(int(KEPT), scalars, wide, p.work.rows, work, p.start, p.kappa, factors)
     if startless and not states[AGREED]:
         raise DataError("the data give no start: state one")
     return {
         "units": int(units),
         "inliers": int(states[INLIERS]),
         "ambiguous": bool(states[AMBIGUOUS]),
-        "inside": bench.units.inside[:units] == 1 if units else np.zeros(0, dtype=bool),
+        "inside": work.units.inlier[:units] == 1 if units else np.zeros(0, dtype=bool),
     }
 '''
 PLACES = {

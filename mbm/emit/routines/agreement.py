@@ -12,8 +12,8 @@ from math import sqrt
 from mbm.target.chi_square import consistency
 from mbm.target.decisions import STATED
 from mbm.target.solver.beginning import constraint_count
-from mbm.target.solver.consensus import agree
-from mbm.target.solver.consensus_description import Bench, Units
+from mbm.target.solver.consensus import find_consensus
+from mbm.target.solver.consensus_records import ConsensusWork, Units
 from mbm.target.solver.covariance import set_covariance
 from mbm.target.solver.description import NO_LOSS, Problem, Unit
 from mbm.target.solver.equations import load_rows
@@ -23,36 +23,36 @@ from mbm.target.solver.workspace import Rows, Work
 from mbm.target.words import ConstantReals, Integer, Real, Reals
 
 
-def weigh_unit(system: Problem, rows: Rows, b: Integer, row: Integer, unit: Unit, factor: Real) -> None:
+def weigh_unit(problem: Problem, rows: Rows, b: Integer, row: Integer, unit: Unit, factor: Real) -> None:
     """The weights of a unit times a factor; 0: it takes no part any more."""
     size = unit.last - unit.first
     if unit.matrix != 0:
         size = size * size
-    first = rows.data.blocks[b].weights + row * system.blocks[b].weights + unit.weights
+    first = rows.data.blocks[b].weights + row * problem.blocks[b].weights + unit.weights
     for i in range(size):
         rows.whitening[first + i] *= factor
 
 
-def weigh_units(system: Problem, rows: Rows, b: Integer, u: Integer, factor: Real) -> None:
+def weigh_units(problem: Problem, rows: Rows, b: Integer, u: Integer, factor: Real) -> None:
     """The same for unit ``u`` of all rows of a block."""
     for row in range(rows.data.blocks[b].rows):
-        weigh_unit(system, rows, b, row, system.blocks[b].units[u], factor)
+        weigh_unit(problem, rows, b, row, problem.blocks[b].units[u], factor)
 
 
-def leave_out(system: Problem, rows: Rows, bench: Bench, kappa: Reals) -> None:
+def leave_out(problem: Problem, rows: Rows, work: ConsensusWork, kappa: Reals) -> None:
     """Take out the units that do not agree, and set κ of the others; a loss sees the tails itself, so it has 1."""
-    units = bench.units
+    units = work.units
     n = 0
     first = 0
-    for b in range(system.residual_blocks):
-        block = system.blocks[b]
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
         count = block.unit_count
-        if bench.rules.ruled[b].first_level >= 0:
+        if work.rules.ruled[b].first_level >= 0:
             for row in range(rows.data.blocks[b].rows):
                 for u in range(count):
                     unit = block.units[u]
-                    if units.inside[n] == 0:
-                        weigh_unit(system, rows, b, row, unit, 0.0)
+                    if units.inlier[n] == 0:
+                        weigh_unit(problem, rows, b, row, unit, 0.0)
                         rows.data.count -= units.components[n]
                     elif unit.loss == NO_LOSS:
                         kappa[first + u] = consistency(units.limits[n] / units.noise[n], units.components[n])
@@ -67,36 +67,36 @@ def factor_of_loss(group: Integer, dimension: Integer, units: Units) -> Real:
     variance = 1.0
     rounding = 0.0
     for u in range(units.count):
-        total += units.inside[u] * units.components[u]
+        total += units.inlier[u] * units.components[u]
         if units.group[u] == group:
-            count += units.inside[u] * units.components[u]
+            count += units.inlier[u] * units.components[u]
             variance = units.noise[u]
-            if units.inside[u] == 1:
+            if units.inlier[u] == 1:
                 rounding = max(units.rounding[u], rounding)
     if count == 0 or total <= dimension or variance <= rounding:
         return 1.0
     return sqrt(variance)
 
 
-def scale_losses(system: Problem, rows: Rows, bench: Bench, factors: Reals) -> None:
+def scale_losses(problem: Problem, rows: Rows, work: ConsensusWork, factors: Reals) -> None:
     """Weights of blocks with a loss and unknown noise, by the noise that the units that agree show."""
-    for b in range(system.residual_blocks):
-        block = system.blocks[b]
-        own = bench.rules.ruled[b]
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
+        own = work.rules.ruled[b]
         lossy = block.units[0].loss != NO_LOSS
         if own.first_level >= 0 and own.group != STATED and lossy:
-            factor = factor_of_loss(own.group, system.n, bench.units)
+            factor = factor_of_loss(own.group, problem.n, work.units)
             factors[block.noise] = factor
             for u in range(block.unit_count):
-                weigh_units(system, rows, b, u, 1.0 / factor)
+                weigh_units(problem, rows, b, u, 1.0 / factor)
 
 
-def come_to_agreement(
+def begin_by_consensus(
     kept: Integer,
     scalars: Integer,
     wide: Problem,
     rows: Rows,
-    bench: Bench,
+    work: ConsensusWork,
     start: Reals,
     kappa: Reals,
     factors: Reals,
@@ -106,29 +106,29 @@ def come_to_agreement(
     ``kept`` 1: what does not agree is left out (`:robust`). ``scalars``: residuals of the units that are ruled.
     ``wide`` is the problem with room for all rows in one chunk, ``rows`` those of a solve.
     """
-    bench.verdict.agreed = 0
+    work.verdict.agreed = 0
     n = wide.n
-    if n == 0 or scalars == 0 or (kept == 1 and bench.rules.startless == 0 and scalars <= n):
+    if n == 0 or scalars == 0 or (kept == 1 and work.rules.startless == 0 and scalars <= n):
         return 0
-    own = bench.rows
+    own = work.rows
     own.constants = rows.constants
     own.data = rows.data
     own.parameters = rows.parameters
     own.whitening = rows.whitening
     own.index = rows.index
     own.columns = rows.columns
-    bench.starts = start
-    bench.shared = 0
-    agree(wide, bench)
-    if bench.verdict.agreed == 1:
-        copied(wide.numbers, bench.here.point, start)
-        scale_losses(wide, rows, bench, factors)
+    work.starts = start
+    work.shared = 0
+    find_consensus(wide, work)
+    if work.verdict.agreed == 1:
+        copied(wide.numbers, work.here.point, start)
+        scale_losses(wide, rows, work, factors)
         if kept == 1:
-            leave_out(wide, rows, bench, kappa)
-    return bench.units.count
+            leave_out(wide, rows, work, kappa)
+    return work.units.count
 
 
-def inform(system: Problem, kappa: ConstantReals, work: Work) -> Integer:
+def inform(problem: Problem, kappa: ConstantReals, work: Work) -> Integer:
     """The covariance (n, n) at the end of a solve, with the information that is left of the units; 1: there is one.
 
     The weights are multiplied by √κ, so that nothing but the covariance should be asked for afterwards.
@@ -136,15 +136,15 @@ def inform(system: Problem, kappa: ConstantReals, work: Work) -> Integer:
     answer = work.answer
     rows = work.rows
     first = 0
-    for b in range(system.residual_blocks):
-        count = system.blocks[b].unit_count
+    for b in range(problem.residual_blocks):
+        count = problem.blocks[b].unit_count
         for u in range(count):
             if kappa[first + u] != 1.0:
-                weigh_units(system, rows, b, u, sqrt(kappa[first + u]))
+                weigh_units(problem, rows, b, u, sqrt(kappa[first + u]))
         first += count
-    load_rows(system, rows)
-    sweep(system, answer.numbers, 0, 0, rows, rows.constants, answer.triangle)
+    load_rows(problem, rows)
+    sweep(problem, answer.numbers, 0, 0, rows, rows.constants, answer.triangle)
     count = 0
     if work.penalised == 1:
-        count = constraint_count(system, rows.data)
-    return set_covariance(system, answer.triangle, answer.sides, count, work.held, work, answer.covariance) < 1e300
+        count = constraint_count(problem, rows.data)
+    return set_covariance(problem, answer.triangle, answer.sides, count, work.held, work, answer.covariance) < 1e300

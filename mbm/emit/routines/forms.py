@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from mbm.target.solver.consensus_description import SIGHTS, Rules
+from mbm.target.solver.consensus_records import SIGHTS, Rules
 from mbm.target.solver.description import Problem
 from mbm.target.solver.workspace import Rows
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
@@ -28,7 +28,7 @@ def known_unit(
 
 
 def known_units(
-    system: Problem,
+    problem: Problem,
     rows: Rows,
     rules: Rules,
     map_places: ConstantIntegers,
@@ -36,11 +36,11 @@ def known_units(
     sign: Real,
     forms: Reals,
 ) -> None:
-    """``forms`` of all units (units, width); lines of sight are of length 1, turned by ``sign``."""
+    """``forms`` of all units (units, width); lines of sight are of length 1, reflected by ``sign``."""
     width = rules.form_width
     units = 0
-    for b in range(system.residual_blocks):
-        block = system.blocks[b]
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
         first = rules.ruled[b].first_level
         count = block.parameters
         part = rows.data.blocks[b]

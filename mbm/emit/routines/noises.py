@@ -18,10 +18,10 @@ SQUARES = 2
 FOUND = 3
 
 
-def rescale(system: Problem, rows: Rows, group: Integer, ratio: Reals) -> None:
+def rescale(problem: Problem, rows: Rows, group: Integer, ratio: Reals) -> None:
     """Divide the weights of a group by the change of its factor, ``ratio`` (groups,)."""
-    for b in range(system.residual_blocks):
-        block = system.blocks[b]
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
         if block.noise == group:
             part = rows.data.blocks[b]
             first = part.weights
@@ -39,7 +39,7 @@ def quadratic_form(n: Integer, matrix: ConstantReals, vector: ConstantReals) -> 
 
 
 def share_of_group(
-    system: Problem,
+    problem: Problem,
     rows: Rows,
     point: ConstantReals,
     covariance: ConstantReals,
@@ -53,20 +53,20 @@ def share_of_group(
     ``kappa`` is the share of its variance that a unit of each kind has left, where limits cut its tails off. The
     redundancy is that of Förstner (1979).
     """
-    n = system.n
-    line = scratch[row_scratch(system) :]
+    n = problem.n
+    line = scratch[row_scratch(problem) :]
     for i in range(FOUND):
         found[i] = 0.0
     kinds = 0
-    for b in range(system.residual_blocks):
-        block = system.blocks[b]
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
         lines = block.outputs
         if block.noise == group:
             for row in range(rows.data.blocks[b].rows):
-                evaluate_row(system, rows, point, b, row, scratch, line, line[lines:])
+                evaluate_row(problem, rows, point, b, row, scratch, line, line[lines:])
                 for u in range(block.unit_count):
                     unit = block.units[u]
-                    if takes_part(system, rows, b, row, unit) == 1:
+                    if takes_part(problem, rows, b, row, unit) == 1:
                         for i in range(unit.first, unit.last):
                             leverage = quadratic_form(n, covariance, line[lines + i * n :])
                             found[SCATTER] += line[i] * line[i] / kappa[kinds + u]
@@ -76,7 +76,7 @@ def share_of_group(
 
 
 def factors_left(
-    system: Problem,
+    problem: Problem,
     rows: Rows,
     numbers: ConstantReals,
     covariance: ConstantReals,
@@ -84,11 +84,11 @@ def factors_left(
     spare: Reals,
 ) -> Real:
     """The factors by which the residuals say that the noise is still wrong, into ``spare``; how far they are from 1."""
-    groups = system.noises
+    groups = problem.noises
     found = spare[groups:]
     change = 0.0
     for g in range(groups):
-        share_of_group(system, rows, numbers, covariance, kappa, g, spare[groups + FOUND :], found)
+        share_of_group(problem, rows, numbers, covariance, kappa, g, spare[groups + FOUND :], found)
         spare[g] = 1.0
         if found[REDUNDANCY] > LEAST_REDUNDANCY and found[SCATTER] > 0.0:
             spare[g] = sqrt(found[SCATTER] / found[REDUNDANCY])
@@ -97,7 +97,7 @@ def factors_left(
 
 
 def solve_noises(
-    system: Problem, start: ConstantReals, work: Work, kappa: ConstantReals, factors: Reals, spare: Reals
+    problem: Problem, start: ConstantReals, work: Work, kappa: ConstantReals, factors: Reals, spare: Reals
 ) -> None:
     """A solve, again and again with the factors of the noise that its residuals show until these settle.
 
@@ -105,32 +105,32 @@ def solve_noises(
     """
     rows = work.rows
     numbers = work.answer.numbers
-    groups = system.noises
+    groups = problem.noises
     for g in range(groups):
         factors[g] = 1.0
-    for i in range(system.numbers):
+    for i in range(problem.numbers):
         numbers[i] = start[i]
     rounds = 0
     change = 1.0
     going = 1
     while going == 1:
-        start_solve(system, rows.data, 0, numbers, work)
-        go_on(system, system.iterations + 1, work)
-        finish_solve(system, work)
+        start_solve(problem, rows.data, 0, numbers, work)
+        go_on(problem, problem.iterations + 1, work)
+        finish_solve(problem, work)
         going = 0
         if groups > 0 and work.answer.states[REASON] != NOT_FINITE_AT_START:
             if change > SETTLED_FACTORS and rounds < NOISE_ROUNDS:
                 going = 1  # also where the factors settle now: the last solve is one with the last of them
             rounds += 1
-            change = factors_left(system, rows, numbers, work.answer.covariance, kappa, spare)
+            change = factors_left(problem, rows, numbers, work.answer.covariance, kappa, spare)
             if going == 1:
                 for g in range(groups):
                     factors[g] = factors[g] * spare[g]
-                    rescale(system, rows, g, spare)
+                    rescale(problem, rows, g, spare)
 
 
 def spread_of_group(
-    system: Problem,
+    problem: Problem,
     rows: Rows,
     numbers: ConstantReals,
     covariance: ConstantReals,
@@ -140,5 +140,5 @@ def spread_of_group(
     spare: Reals,
 ) -> Real:
     """`SCATTER` or `SQUARES` of a group (-1: of all that has none), at the end of a solve."""
-    share_of_group(system, rows, numbers, covariance, kappa, group, spare[FOUND:], spare)
+    share_of_group(problem, rows, numbers, covariance, kappa, group, spare[FOUND:], spare)
     return fabs(spare[what])  # it is not negative

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mbm.target.decisions import MANY_CONNECTED
 from mbm.target.records import view
-from mbm.target.solver.consensus_description import Rules, take_sizes
+from mbm.target.solver.consensus_records import Rules, take_sizes
 from mbm.target.solver.description import DataSet, Problem
 from mbm.target.words import ConstantIntegers, Integer, Integers
 
@@ -13,21 +13,21 @@ def side_by_side(numbers: ConstantIntegers, size: Integer, copy: Integers) -> No
     """A problem (size,) with room for all rows in one chunk, as consensus takes them."""
     for i in range(size):
         copy[i] = numbers[i]
-    system = view(Problem, numbers)
+    problem = view(Problem, numbers)
     wide = view(Problem, copy)
-    if wide.chunk < system.most_residuals:
-        wide.chunk = (system.most_residuals + 3) // 4 * 4
-    for b in range(system.residual_blocks + system.constraint_blocks):
-        block = system.blocks[b]
+    if wide.chunk < problem.most_residuals:
+        wide.chunk = (problem.most_residuals + 3) // 4 * 4
+    for b in range(problem.residual_blocks + problem.constraint_blocks):
+        block = problem.blocks[b]
         lines = block.outputs
         needed = (lines + block.nonzero_count) * (wide.chunk // lines + 1)
         if needed > wide.most_outputs:
             wide.most_outputs = needed
 
 
-def widest_row(system: Problem, b: Integer) -> Integer:
+def widest_row(problem: Problem, b: Integer) -> Integer:
     """The longest of the four lines that a row of a block has."""
-    block = system.blocks[b]
+    block = problem.blocks[b]
     found = 0
     if block.parameters > found:
         found = block.parameters
@@ -67,9 +67,9 @@ def lowest_label(count: Integer, line: ConstantIntegers, label: ConstantIntegers
     return found
 
 
-def connected(system: Problem, data: DataSet, columns: ConstantIntegers, label: Integers) -> Integer:
+def connected(problem: Problem, data: DataSet, columns: ConstantIntegers, label: Integers) -> Integer:
     """1 if the equations connect all free coordinates, and these are few; ``label`` (n,) is scratch."""
-    n = system.n
+    n = problem.n
     if n > MANY_CONNECTED:
         return 0
     for j in range(n):
@@ -77,8 +77,8 @@ def connected(system: Problem, data: DataSet, columns: ConstantIntegers, label: 
     changed = 1
     while changed == 1:
         changed = 0
-        for b in range(system.residual_blocks + system.constraint_blocks):
-            block = system.blocks[b]
+        for b in range(problem.residual_blocks + problem.constraint_blocks):
+            block = problem.blocks[b]
             part = data.blocks[b]
             lines = part.rows
             if block.columns == 0 and lines > 1:

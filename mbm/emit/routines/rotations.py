@@ -24,8 +24,8 @@ def within_turn(angle: Real, lower: Real, upper: Real) -> Real:
     found = angle
     if isfinite(lower) and isfinite(upper):
         middle = (lower + upper) / 2.0
-        turned = angle - middle + pi
-        found = middle + turned - 2.0 * pi * floor(turned / (2.0 * pi)) - pi
+        reflected = angle - middle + pi
+        found = middle + reflected - 2.0 * pi * floor(reflected / (2.0 * pi)) - pi
     return found
 
 

@@ -28,30 +28,30 @@ def whiten_row(
             target[(first + i) * stride] = total
 
 
-def takes_part(system: Problem, rows: Rows, b: Integer, row: Integer, unit: Unit) -> Integer:
+def takes_part(problem: Problem, rows: Rows, b: Integer, row: Integer, unit: Unit) -> Integer:
     """Whether a unit counts: its first weight is not 0."""
-    step = system.blocks[b].weights
+    step = problem.blocks[b].weights
     found = 0
     if rows.whitening[rows.data.blocks[b].weights + row * step + unit.weights] != 0.0:
         found = 1
     return found
 
 
-def row_scratch(system: Problem) -> Integer:
+def row_scratch(problem: Problem) -> Integer:
     """Reals of scratch that `evaluate_row` wants."""
     found = 0
-    for b in range(system.residual_blocks):
-        block = system.blocks[b]
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
         lines = block.outputs
         size = block.variables + block.parameters + lines + block.nonzero_count
-        size += lines * system.n
+        size += lines * problem.n
         if size > found:
             found = size
     return found
 
 
 def evaluate_row(
-    system: Problem,
+    problem: Problem,
     rows: Rows,
     point: ConstantReals,
     b: Integer,
@@ -61,8 +61,8 @@ def evaluate_row(
     jacobian: Reals,
 ) -> None:
     """Row ``row`` of block ``b``: whitened residuals (outputs,) and Jacobian (outputs, n)."""
-    n = system.n
-    block = system.blocks[b]
+    n = problem.n
+    block = problem.blocks[b]
     part = rows.data.blocks[b]
     variables = block.variables
     wide = block.parameters
@@ -92,7 +92,7 @@ def evaluate_row(
 
 
 def all_rows(
-    system: Problem,
+    problem: Problem,
     rows: Rows,
     point: ConstantReals,
     slopes: Integer,
@@ -101,12 +101,12 @@ def all_rows(
     target: Reals,
 ) -> None:
     """Residuals (m,), or with ``slopes`` 1 their Jacobian (m, n); ``line`` holds one row of either."""
-    n = system.n
+    n = problem.n
     first = 0
-    for b in range(system.residual_blocks):
-        lines = system.blocks[b].outputs
+    for b in range(problem.residual_blocks):
+        lines = problem.blocks[b].outputs
         for row in range(rows.data.blocks[b].rows):
-            evaluate_row(system, rows, point, b, row, scratch, line, line[lines:])
+            evaluate_row(problem, rows, point, b, row, scratch, line, line[lines:])
             for i in range(lines):
                 if slopes == 0:
                     target[first + i] = line[i]

@@ -37,11 +37,11 @@ def same_loss(constants: ConstantReals, unit: Unit, other: Unit) -> Integer:
     return 1 if constants[a] == constants[b] and constants[a + 1] == constants[b + 1] else 0
 
 
-def first_with_loss(system: Problem, constants: ConstantReals, number: Integer, own: Integer) -> Integer:
+def first_with_loss(problem: Problem, constants: ConstantReals, number: Integer, own: Integer) -> Integer:
     """Whether no unit before unit ``own`` of block ``number`` has the same loss."""
-    unit = system.blocks[number].units[own]
-    for b in range(system.residual_blocks):
-        block = system.blocks[b]
+    unit = problem.blocks[number].units[own]
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
         for u in range(block.unit_count):
             if b == number and u == own:
                 return 1
@@ -88,7 +88,7 @@ def add_to_pool(
 
 
 def pool(
-    system: Problem,
+    problem: Problem,
     rows: Rows,
     point: ConstantReals,
     loss: Unit,
@@ -97,22 +97,22 @@ def pool(
     scratch: Reals,
 ) -> None:
     """The sums over all units with the loss of the unit ``loss``, and A (n, n)."""
-    n = system.n
-    line = scratch[row_scratch(system) :]
+    n = problem.n
+    line = scratch[row_scratch(problem) :]
     for i in range(SUMS):
         sums[i] = 0.0
     for i in range(n * n):
         information[i] = 0.0
-    for b in range(system.residual_blocks):
-        block = system.blocks[b]
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
         lines = block.outputs
         stated = 1 if block.noise < 0 else 0
         for u in range(block.unit_count):
             unit = block.units[u]
             if same_loss(rows.constants, unit, loss) == 1:
                 for row in range(rows.data.blocks[b].rows):
-                    if takes_part(system, rows, b, row, unit) == 1:
-                        evaluate_row(system, rows, point, b, row, scratch, line, line[lines:])
+                    if takes_part(problem, rows, b, row, unit) == 1:
+                        evaluate_row(problem, rows, point, b, row, scratch, line, line[lines:])
                         slopes = line[lines + unit.first * n :]
                         add_to_pool(unit, n, rows.constants, stated, line[unit.first :], slopes, sums, information)
 
@@ -200,7 +200,7 @@ def freed_of(n: Integer, sides: ConstantIntegers, matrix: Reals) -> None:
 
 
 def sandwich(
-    system: Problem,
+    problem: Problem,
     rows: Rows,
     point: ConstantReals,
     sides: ConstantIntegers,
@@ -214,7 +214,7 @@ def sandwich(
     ``rank`` below the number of coordinates: it is that in the ``directions`` (rank, n); -1: in all.
     ``spare``: four matrices (n, n), a vector (n,), `SUMS` sums, and what a row wants.
     """
-    n = system.n
+    n = problem.n
     curvature = spare[0:]
     spread = spare[n * n :]
     inverse = spare[2 * n * n :]
@@ -227,12 +227,12 @@ def sandwich(
         spread[i] = 0.0
     good = 1
     for around in range(2):
-        for b in range(system.residual_blocks):
-            block = system.blocks[b]
+        for b in range(problem.residual_blocks):
+            block = problem.blocks[b]
             for u in range(block.unit_count):
                 unit = block.units[u]
-                if first_with_loss(system, rows.constants, b, u) == 1:
-                    pool(system, rows, point, unit, sums, information, scratch)
+                if first_with_loss(problem, rows.constants, b, u) == 1:
+                    pool(problem, rows, point, unit, sums, information, scratch)
                     slope = 1.0
                     if unit.loss != NO_LOSS:
                         slope = curvature_left(sums)

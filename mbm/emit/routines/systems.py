@@ -1,6 +1,6 @@
-"""The arrays ``system`` and ``constants`` of the solver, completed for the data at hand.
+"""The arrays ``problem`` and ``constants`` of the solver, completed for the data at hand.
 
-What does not depend on data stands in ``system`` already: the blocks with their units and nonzeros.
+What does not depend on data stands in ``problem`` already: the blocks with their units and nonzeros.
 """
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ from mbm.target.solver.description import BOUNDS_AT, NO_LOSS, NUMBER, TOLERANCE,
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 
-def set_capacities(system: Problem, data: DataSet) -> Integer:
+def set_capacities(problem: Problem, data: DataSet) -> Integer:
     """Capacities for the rows of one data set; the residuals that count (m,)."""
-    system.most_residuals = 4
-    system.most_inputs = 0
-    system.most_weights = 0
-    system.most_multipliers = 0
-    system.most_outputs = 0
+    problem.most_residuals = 4
+    problem.most_inputs = 0
+    problem.most_weights = 0
+    problem.most_multipliers = 0
+    problem.most_outputs = 0
     count = 0
-    for b in range(system.residual_blocks + system.constraint_blocks):
-        block = system.blocks[b]
+    for b in range(problem.residual_blocks + problem.constraint_blocks):
+        block = problem.blocks[b]
         rows = data.blocks[b].rows
         outputs = block.outputs
-        system.most_residuals += rows * outputs
-        system.most_inputs += rows * (block.variables + block.parameters)
-        wide = system.chunk // outputs * (outputs + block.nonzero_count)
-        if wide > system.most_outputs:
-            system.most_outputs = wide
-        if b < system.residual_blocks:
-            system.most_weights += rows * block.weights
+        problem.most_residuals += rows * outputs
+        problem.most_inputs += rows * (block.variables + block.parameters)
+        wide = problem.chunk // outputs * (outputs + block.nonzero_count)
+        if wide > problem.most_outputs:
+            problem.most_outputs = wide
+        if b < problem.residual_blocks:
+            problem.most_weights += rows * block.weights
             count += rows * outputs
         else:
-            system.most_weights += 2 * rows * outputs
-            system.most_multipliers += rows * outputs
+            problem.most_weights += 2 * rows * outputs
+            problem.most_multipliers += rows * outputs
     return count
 
 
@@ -61,13 +61,13 @@ def set_coordinates(
     column: ConstantIntegers,
 ) -> None:
     """The tables of free coordinates and of pieces, behind the first ``prefix`` integers."""
-    system = view(Problem, numbers)
-    system.numbers = offsets[count]
-    free = system.n
+    problem = view(Problem, numbers)
+    problem.numbers = offsets[count]
+    free = problem.n
     numbers[slot(Problem, "number_of")] = prefix
     numbers[slot(Problem, "positive")] = prefix + free
     numbers[slot(Problem, "components")] = prefix + 2 * free
-    system.component_count = 0
+    problem.component_count = 0
     for u in range(count):
         own = u * UNKNOWN
         for m in range(members[u]):
@@ -80,13 +80,13 @@ def set_coordinates(
                 coordinate = first + unknowns[part + PART_COORDINATE]
                 if kind == NUMBER:
                     if column[coordinate] >= 0:
-                        system.number_of[column[coordinate]] = place
-                        system.positive[column[coordinate]] = unknowns[own + UNKNOWN_POSITIVE]
+                        problem.number_of[column[coordinate]] = place
+                        problem.positive[column[coordinate]] = unknowns[own + UNKNOWN_POSITIVE]
                 else:
-                    set_component(system, kind, place, column[coordinate:])
+                    set_component(problem, kind, place, column[coordinate:])
 
 
-def set_component(system: Problem, kind: Integer, place: Integer, column: ConstantIntegers) -> None:
+def set_component(problem: Problem, kind: Integer, place: Integer, column: ConstantIntegers) -> None:
     """A quaternion, direction or scale whose numbers begin at ``place``, if some of its coordinates are free."""
     size = 1
     tangents = 1
@@ -100,11 +100,11 @@ def set_component(system: Problem, kind: Integer, place: Integer, column: Consta
     for t in range(tangents):
         if column[t] >= 0:
             some = 1
-            system.number_of[column[t]] = -1
-            system.positive[column[t]] = 0
+            problem.number_of[column[t]] = -1
+            problem.positive[column[t]] = 0
     if some == 1:
-        piece = system.components[system.component_count]
-        system.component_count += 1
+        piece = problem.components[problem.component_count]
+        problem.component_count += 1
         piece.kind = kind
         piece.number_0 = place
         piece.number_1 = place + 1 if size > 1 else 0
@@ -116,7 +116,7 @@ def set_component(system: Problem, kind: Integer, place: Integer, column: Consta
 
 
 def set_constants(
-    system: Problem,
+    problem: Problem,
     constants: Reals,
     coordinates: Integer,
     column: ConstantIntegers,
@@ -126,23 +126,23 @@ def set_constants(
     losses: ConstantReals,
 ) -> None:
     """Tolerance, bounds of the free coordinates, and the parameters of the losses behind them."""
-    free = system.n
+    free = problem.n
     for i in range(BOUNDS_AT):
         constants[i] = 0.0
     constants[TOLERANCE] = tolerance
-    system.boxed = 0
+    problem.boxed = 0
     for c in range(coordinates):
         if column[c] >= 0:
             constants[BOUNDS_AT + column[c]] = lower[c]
             constants[BOUNDS_AT + free + column[c]] = upper[c]
-            positive = system.positive[column[c]] == 1
+            positive = problem.positive[column[c]] == 1
             if isfinite(lower[c]) or isfinite(upper[c]) or positive:
-                system.boxed = 1
-    if system.boxed == 1:
-        system.direct = 0
+                problem.boxed = 1
+    if problem.boxed == 1:
+        problem.direct = 0
     number = 0
-    for b in range(system.residual_blocks):
-        block = system.blocks[b]
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
         for u in range(block.unit_count):
             unit = block.units[u]
             if unit.loss != NO_LOSS:

@@ -103,7 +103,7 @@ def loss_solver(problem: Problem, stack: Stack, first: Assembled, points: Floats
     from the residuals of the fits that follow.
     """
     from mbm.solution.robust.binding import without_losses
-    from mbm.target.solver import consensus_description as c
+    from mbm.target.solver import consensus_records as c
 
     plain = replace(stack, equations=without_losses(stack.equations))
     consensus = Consensus(kind=ConsensusKind.LMEDS)
@@ -251,7 +251,7 @@ def _kept(
     """What agrees in each solve, and the solves (K,) in which that is plainly so; ``estimated``: some noise is."""
     from mbm.solution.robust.consensus import LEAST_SHARE
     from mbm.solution.robust.units import consistency
-    from mbm.target.solver import consensus_description as c
+    from mbm.target.solver import consensus_records as c
 
     stack, count = ruled.stack, len(which)
     outputs: list[Mask | None] = []

@@ -20,7 +20,7 @@ from mbm.solution.robust.binding import without_losses
 from mbm.solution.settings import Settings
 from mbm.solution.starting import with_idle_ones
 from mbm.solution.types import Floats
-from mbm.target.solver import consensus_description as c
+from mbm.target.solver import consensus_records as c
 from mbm.values import dataclass
 
 KEPT = "consensus"

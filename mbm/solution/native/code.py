@@ -132,12 +132,12 @@ def _consensus_text() -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Described:
-    """``system`` and ``constants`` of equations with up to ``rows`` rows in each group; ``united`` is their code."""
+    """``system`` and ``constants`` of equations with up to ``rows`` rows in each group; ``fused`` is their code."""
 
     rows: tuple[int, ...]
     system: NDArray[np.int64]
     constants: NDArray[np.float64]
-    united: object = field(repr=False)
+    fused: object = field(repr=False)
 
 
 class NativeCode:

@@ -15,7 +15,7 @@ from mbm.solution.native.system import AT_A_TIME, NativeSystem, never
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.target.records import blank, put, view
 from mbm.target.records import inside as inside_of
-from mbm.target.solver import consensus_description as c
+from mbm.target.solver import consensus_records as c
 from mbm.target.solver import description as of
 from mbm.target.solver.description import LANES
 from mbm.values import dataclass
@@ -117,8 +117,8 @@ def _room(system: NativeSystem, rules: Rules, most: list[int]) -> Room:
     return Room(
         header=header,
         table=table,
-        reals=int(c.bench_reals(asked)),
-        integers=int(c.bench_integers(asked)),
+        reals=int(c.consensus_reals(asked)),
+        integers=int(c.consensus_integers(asked)),
         held=(system.system, rules),
     )
 
@@ -173,30 +173,30 @@ def consensus_many(
     points, states = np.zeros((count, numbers)), np.zeros((count, c.ANSWERS), dtype=np.int64)
     inside, limits, variances = np.zeros(total, dtype=np.int64), np.zeros(total), np.zeros(total)
     code.expect(count * TRIALS * system.expected)
-    every = blank(c.Agreements)
+    every = blank(c.ConsensusBatch)
     rows = system.rows
-    put(every, c.Agreements, problem=room.header, data=rows.data, stride=int(rows.data.shape[1]), units_at=units_at)
-    put(every, c.Agreements, forms=known, starts=begun, numbers=points, verdicts=states)
-    put(every, c.Agreements, inside=inside, limits=limits, noise=variances)
+    put(every, c.ConsensusBatch, problem=room.header, data=rows.data, stride=int(rows.data.shape[1]), units_at=units_at)
+    put(every, c.ConsensusBatch, forms=known, starts=begun, numbers=points, verdicts=states)
+    put(every, c.ConsensusBatch, inlier=inside, limits=limits, noise=variances)
 
     def ready() -> tuple[NDArray[Any], ...]:
         """The data sets with the scratch of one thread, and what they refer to."""
-        mine, bench = every.copy(), blank(c.Bench)
+        mine, work = every.copy(), blank(c.ConsensusWork)
         reals, integers = np.zeros(room.reals), np.zeros(room.integers, dtype=np.int64)
-        put(bench, c.Bench, rules=table, levels=rules.levels, reals=reals, integers=integers)
-        system.hand(inside_of(bench, c.Bench, "rows"))
-        put(mine, c.Agreements, bench=bench)
-        return mine, bench, reals, integers
+        put(work, c.ConsensusWork, rules=table, levels=rules.levels, reals=reals, integers=integers)
+        system.hand(inside_of(work, c.ConsensusWork, "rows"))
+        put(mine, c.ConsensusBatch, work=work)
+        return mine, work, reals, integers
 
     def part(first: int, last: int) -> None:
         mine, *_held = ready()
-        routine = code.routine("agree_many", object)
+        routine = code.routine("consensus_many", object)
         step = int(max(AT_A_TIME / (TRIALS * system.expected), 1))
         end = first
         while end < last and not stopped():
             begin = end
             end = min(begin + step, last)
-            put(mine, c.Agreements, first=begin, last=end)
+            put(mine, c.ConsensusBatch, first=begin, last=end)
             routine(mine)
 
     cut = False
@@ -231,7 +231,7 @@ def _by_and_by(code: SolverCode, ready: tuple[NDArray[Any], ...], most: int, sto
 
     Whether it was interrupted.
     """
-    routine = code.routine("agree_by_and_by", int, int, int, object)
+    routine = code.routine("consensus_in_portions", int, int, int, object)
     left = routine(most, 1, 0, ready[0])
     while left > 0 and not stopped():
         left = routine(most, 0, 0, ready[0])

@@ -21,7 +21,7 @@ from mbm.solution.closed_forms.pose_from_points import Sights
 from mbm.solution.closed_forms.types import ClosedForm
 from mbm.solution.native.consensus_rules import NO_FORM, Form
 from mbm.solution.types import Floats
-from mbm.target.solver import consensus_description as c
+from mbm.target.solver import consensus_records as c
 from mbm.values import dataclass
 
 DRAWS = 6

@@ -12,7 +12,7 @@ from mbm.solution.robust.units import CUT, limits, medians
 from mbm.solution.types import Floats, Indices
 from mbm.target.decisions import FEW_STARTS, STATED
 from mbm.target.records import put, slots_of
-from mbm.target.solver import consensus_description as c
+from mbm.target.solver import consensus_records as c
 from mbm.target.solver.consensus_scores import GNC, LMEDS, MSAC, RANSAC
 from mbm.values import dataclass
 

@@ -28,7 +28,7 @@ TRIANGULAR = 1e-14
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class United:
+class Fused:
     """A function for the rows of some groups.
 
     ``table`` is what `description.UNITED_AT` points to, ``reals`` counts the parameters and weights of the rows. The
@@ -162,13 +162,13 @@ def system_arrays(
     direct: bool,
     strict: bool = True,
     summed_from: int = 0,
-    united: United | None = None,
+    fused: Fused | None = None,
 ) -> tuple[Indices, Floats]:
     """``system`` and ``constants`` for the groups of ``equations`` with up to ``most_rows`` rows each.
 
     ``addresses`` are those of values, Jacobian and sums (0: none) of each group's kernel, in the order of the groups,
     then constraints; ``summed_from`` is the number of rows from which
-    the sums are taken, ``united`` the function for the rows of some groups.
+    the sums are taken, ``fused`` the function for the rows of some groups.
     """
     layout, n = equations.layout, equations.dimension
     groups = (*equations.groups, *equations.constraints)
@@ -213,10 +213,10 @@ def system_arrays(
         (of.Problem.summed_from, summed_from),
     ):
         header[at] = value
-    if united is not None:
-        header[slot(of.Problem, "united")] = blocks_at + blocks.size + sum(table.size for table in tail)
-        header[of.Problem.united_reals] = united.reals
-        tail.append(united.table)
+    if fused is not None:
+        header[slot(of.Problem, "fused")] = blocks_at + blocks.size + sum(table.size for table in tail)
+        header[of.Problem.fused_reals] = fused.reals
+        tail.append(fused.table)
     system = np.concatenate([header, numbers, equations.positive, pieces.ravel(), blocks.ravel(), *tail])
     return system.astype(np.int64), np.ascontiguousarray(np.concatenate([*constants, *losses]), dtype=np.float64)
 

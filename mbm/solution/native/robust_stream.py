@@ -24,7 +24,7 @@ from mbm.solution.robust.units import consistency
 from mbm.solution.settings import Settings
 from mbm.solution.starting import with_idle_ones
 from mbm.solution.types import Floats, Indices, Mask
-from mbm.target.solver import consensus_description as c
+from mbm.target.solver import consensus_records as c
 from mbm.target.solver import description as of
 from mbm.values import dataclass
 

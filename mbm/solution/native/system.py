@@ -282,7 +282,7 @@ def system_of(
     own: tuple[object, ...] = ()
     if often:
         # Loaded by streams only, so that one solve begins at once.
-        from mbm.solution.native.uniting import places_of, unitable, united_rows
+        from mbm.solution.native.fusing import fused_rows, places_of, unitable
 
         together = unitable(groups, rows)
         own = (together, places_of(groups, together))
@@ -295,7 +295,7 @@ def system_of(
             code, [g if r >= least and summable(g) else None for g, r in zip(groups, room, strict=True)]
         )
         addresses = [(kernels.values_address(k), kernels.jacobian_address(k), sums[k]) for k in range(len(groups))]
-        united = united_rows(equations, together, code.store) if any(together) else None
+        fused = fused_rows(equations, together, code.store) if any(together) else None
         system, constants = system_arrays(
             equations,
             addresses,
@@ -305,9 +305,9 @@ def system_of(
             direct=direct,
             strict=strict,
             summed_from=least,
-            united=united,
+            fused=fused,
         )
-        known = code.systems[key] = Described(rows=tuple(room), system=system, constants=constants, united=united)
+        known = code.systems[key] = Described(rows=tuple(room), system=system, constants=constants, fused=fused)
     return NativeSystem(
         system=known.system,
         constants=known.constants,

@@ -40,7 +40,7 @@ from mbm.target.decisions import (
     WIDE,
     WIDE_STEPS,
 )
-from mbm.target.solver.consensus_draw import FEWEST_TRIALS, trials_for_share
+from mbm.target.solver.consensus_sample import FEWEST_TRIALS, trials_for_share
 from mbm.values import dataclass
 
 

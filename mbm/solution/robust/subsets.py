@@ -16,7 +16,7 @@ import numpy as np
 from mbm.solution.robust.units import Units
 from mbm.solution.types import Floats, Indices
 from mbm.target.decisions import MEMORY
-from mbm.target.solver.consensus_draw import (
+from mbm.target.solver.consensus_sample import (
     FIRST_FACTOR,
     FIRST_JUMP,
     FIRST_MODULUS,
@@ -54,7 +54,7 @@ def minimal_subsets(jacobian: Floats, units: Units, asked: int | None, seed: int
     """Subsets (T, k) of units, each of full rank as far as all units together have it; -1 fills shorter ones up.
 
     ``jacobian`` (m, n) of the whitened residuals at a generic point. All subsets, in lexical order, where they are no
-    more than the trials; else drawn with the generator of `mbm.target.solver.consensus_draw`, started by ``seed``.
+    more than the trials; else drawn with the generator of `mbm.target.solver.consensus_sample`, started by ``seed``.
     """
     rows = unit_rows(jacobian, units)
     rank = independent_columns(jacobian[units.of_row >= 0]) if units.count else 0
@@ -119,7 +119,7 @@ def _states(seed: int, trials: int) -> Indices:
 
 
 def _orders(states: Indices, units: int) -> Iterator[Indices]:
-    """The unit (trials,) that each trial looks at first, second, …; as `consensus_draw.subset_drawn` draws them."""
+    """The unit (trials,) that each trial looks at first, second, …; as `consensus_draw.subset_sampled` draws them."""
     first, second = states
     whole = units <= WHOLE_ORDER
     order = np.tile(np.arange(units), (len(first), 1)) if whole else np.empty((0, 0), dtype=np.int64)

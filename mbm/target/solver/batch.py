@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mbm.target.decisions import PUSHED
 from mbm.target.records import Reference, record, view
+from mbm.target.solver.active_bounds import release_inactive
 from mbm.target.solver.beginning import begin, constraint_count, solve_directly
 from mbm.target.solver.constraints import begin_rounds, next_round, set_held
 from mbm.target.solver.covariance import set_covariance, undetermined
@@ -36,10 +37,9 @@ from mbm.target.solver.description import (
 )
 from mbm.target.solver.equations import load_rows, residuals_at_point
 from mbm.target.solver.linear_algebra import copied, dot, filled
-from mbm.target.solver.pushing import release_idle
 from mbm.target.solver.sweeps import sweep
 from mbm.target.solver.trust_region import iterate
-from mbm.target.solver.workspace import Answer, Place, Work, share_out
+from mbm.target.solver.workspace import Answer, Linearisation, Work, share_out
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers
 
 SURE = 1e4
@@ -64,7 +64,7 @@ class Solves:
 
 
 def start_solve(
-    system: Problem,
+    problem: Problem,
     data: DataSet,
     loaded: Integer,
     start: ConstantReals,
@@ -72,28 +72,28 @@ def start_solve(
 ) -> None:
     """Everything at the start of a solve; ``loaded`` 1: the rows of the data set are in ``work`` already."""
     if work.shared == 0:
-        share_out(system, work)
+        share_out(problem, work)
     work.rows.data = data
     if loaded == 0:
-        load_rows(system, work.rows)
+        load_rows(problem, work.rows)
     work.here = work.first
     work.other = work.second
-    copied(system.numbers, start, work.here.point)
+    copied(problem.numbers, start, work.here.point)
     work.iterations = 0
     work.evaluations = 0
     work.round = 0
     work.penalised = 0
     work.tolerance = work.rows.constants[TOLERANCE]
-    if system.constraint_blocks > 0:
-        begin_rounds(system, work)
+    if problem.constraint_blocks > 0:
+        begin_rounds(problem, work)
     else:
-        begin(system, work)
-        if system.direct == 1 and work.stop != NOT_FINITE_AT_START and work.stop != UNSURE:
-            solve_directly(system, work)
+        begin(problem, work)
+        if problem.direct == 1 and work.stop != NOT_FINITE_AT_START and work.stop != UNSURE:
+            solve_directly(problem, work)
 
 
 def go_on(
-    system: Problem,
+    problem: Problem,
     most: Integer,
     work: Work,
 ) -> Integer:
@@ -101,45 +101,45 @@ def go_on(
     last = work.iterations + most
     going = 1
     while going == 1:
-        while work.stop == RUNNING and work.iterations < system.iterations:
+        while work.stop == RUNNING and work.iterations < problem.iterations:
             if work.iterations >= last:
                 return 0
-            iterate(system, work)
+            iterate(problem, work)
         if work.stop == RUNNING:
             work.stop = MAX_ITERATIONS
         going = 0
-        if system.constraint_blocks > 0 and work.penalised == 1:
-            going = next_round(system, work)
+        if problem.constraint_blocks > 0 and work.penalised == 1:
+            going = next_round(problem, work)
     return 1
 
 
-def set_sides(system: Problem, constants: ConstantReals, place: Place, sides: Integers) -> None:
+def set_sides(problem: Problem, constants: ConstantReals, place: Linearisation, sides: Integers) -> None:
     """-1 and +1 for coordinates held at their lower and upper bound, else 0.
 
     A `positive` coordinate whose undamped step still goes all the way to zero is at its lower bound.
     """
-    n = system.n
+    n = problem.n
     for j in range(n):
         sides[j] = 0
         if place.free[j] == 0.0 and place.x[j] >= constants[BOUNDS_AT + n + j]:
             sides[j] = 1
         if place.free[j] == 0.0 and place.x[j] <= constants[BOUNDS_AT + j]:
             sides[j] = -1
-        if system.positive[j] != 0 and place.stopped[j] != 0.0 and place.full[j] < 0.0:
+        if problem.positive[j] != 0 and place.stopped[j] != 0.0 and place.full[j] < 0.0:
             sides[j] = -1
 
 
-def lossy(system: Problem) -> Integer:
+def lossy(problem: Problem) -> Integer:
     """1 where some unit has a loss."""
-    for b in range(system.residual_blocks):
-        block = system.blocks[b]
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
         for u in range(block.unit_count):
             if block.units[u].loss != NO_LOSS:
                 return 1
     return 0
 
 
-def finish_solve(system: Problem, work: Work) -> None:
+def finish_solve(problem: Problem, work: Work) -> None:
     """The answer of a solve that has ended."""
     answer = work.answer
     results = answer.results
@@ -147,9 +147,9 @@ def finish_solve(system: Problem, work: Work) -> None:
     sides = answer.sides
     triangle = answer.triangle
     covariance = answer.covariance
-    n = system.n
+    n = problem.n
     here = work.here
-    copied(system.numbers, here.point, answer.numbers)
+    copied(problem.numbers, here.point, answer.numbers)
     states[REASON] = work.stop
     states[STEPS] = work.iterations
     states[EVALUATIONS] = work.evaluations
@@ -158,11 +158,11 @@ def finish_solve(system: Problem, work: Work) -> None:
     results[OFFSET] = here.offset
     results[COST] = here.cost
     results[VIOLATION] = 0.0
-    filled(system.most_multipliers, 0.0, answer.multipliers)
+    filled(problem.most_multipliers, 0.0, answer.multipliers)
     copied((n + 1) * (n + 1), here.triangle, triangle)
     residuals = work.rows.residuals
     point = here.point
-    count = constraint_count(system, work.rows.data)
+    count = constraint_count(problem, work.rows.data)
     if work.stop == NOT_FINITE_AT_START:
         for j in range(n):
             sides[j] = 0
@@ -174,25 +174,25 @@ def finish_solve(system: Problem, work: Work) -> None:
         work.rank = 0
         work.loose = 0
         return
-    set_sides(system, work.rows.constants, here, sides)
+    set_sides(problem, work.rows.constants, here, sides)
     if work.penalised == 1:
-        size = residuals_at_point(system, work.rows, point, 1, 0, residuals)
+        size = residuals_at_point(problem, work.rows, point, 1, 0, residuals)
         results[COST] = dot(size, residuals, residuals)
-        sweep(system, point, 0, 0, work.rows, work.rows.constants, triangle)
+        sweep(problem, point, 0, 0, work.rows, work.rows.constants, triangle)
         results[VIOLATION] = work.worst
-        set_held(system, results[COST], work)
+        set_held(problem, results[COST], work)
         copied(count, work.multipliers, answer.multipliers)
     else:
         if LANES > 1 and here.squared_condition > SURE:
-            sweep(system, point, 0, 0, work.rows, work.rows.constants, triangle)
+            sweep(problem, point, 0, 0, work.rows, work.rows.constants, triangle)
         # constraints push as well, and say so themselves
-        release_idle(n, triangle, here.x, results[COST], sides)
+        release_inactive(n, triangle, here.x, results[COST], sides)
     results[PLAIN_COST] = results[COST]
-    if lossy(system) == 1:
-        size = residuals_at_point(system, work.rows, point, 0, 0, residuals)
+    if lossy(problem) == 1:
+        size = residuals_at_point(problem, work.rows, point, 0, 0, residuals)
         results[PLAIN_COST] = dot(size, residuals, residuals)
     count = count if work.penalised == 1 else 0
-    results[CONDITION] = set_covariance(system, triangle, sides, count, work.held, work, covariance)
+    results[CONDITION] = set_covariance(problem, triangle, sides, count, work.held, work, covariance)
     states[FREEDOM] = work.rows.data.count - work.rank
     if work.penalised == 1 and states[FREEDOM] <= 0 and results[COST] > PUSHED * PUSHED:
         # Residuals are perpendicular to all columns at a minimum: what remains of so few leaves a column too many.
@@ -202,24 +202,24 @@ def finish_solve(system: Problem, work: Work) -> None:
 
 def solve_many(solves: Solves) -> None:
     """Solves of a batch, each from beginning to end, with the scratch of one thread."""
-    system = solves.problem
+    problem = solves.problem
     work = solves.work
     every = solves.answers
     answer = work.answer
-    n = system.n
-    stride = DATA_HEAD + DATA_BLOCK * (system.residual_blocks + system.constraint_blocks)
+    n = problem.n
+    stride = DATA_HEAD + DATA_BLOCK * (problem.residual_blocks + problem.constraint_blocks)
     work.loaded = -1
     for k in range(solves.first, solves.last):
         own = view(DataSet, solves.data[solves.which[k] * stride :])
         loaded = 1 if work.loaded == solves.which[k] else 0
-        start_solve(system, own, loaded, solves.starts[k * system.numbers :], work)
+        start_solve(problem, own, loaded, solves.starts[k * problem.numbers :], work)
         work.loaded = solves.which[k]
-        answer.numbers = every.numbers[k * system.numbers :]
+        answer.numbers = every.numbers[k * problem.numbers :]
         answer.results = every.results[k * RESULTS :]
         answer.states = every.states[k * STATES :]
         answer.sides = every.sides[k * n :]
         answer.triangle = every.triangle[k * (n + 1) * (n + 1) :]
         answer.covariance = every.covariance[k * n * n :]
-        answer.multipliers = every.multipliers[k * system.most_multipliers :]
-        go_on(system, system.iterations + 1, work)
-        finish_solve(system, work)
+        answer.multipliers = every.multipliers[k * problem.most_multipliers :]
+        go_on(problem, problem.iterations + 1, work)
+        finish_solve(problem, work)

@@ -17,8 +17,8 @@ from mbm.target.solver.description import (
 )
 from mbm.target.solver.equations import residuals_at_point
 from mbm.target.solver.linear_algebra import dot, filled
+from mbm.target.solver.linearisation import arrive
 from mbm.target.solver.manifolds import coordinates_of, place_coordinates, retract
-from mbm.target.solver.places import arrive
 from mbm.target.solver.steps import project
 from mbm.target.solver.sweeps import set_triangle, summed, sweep
 from mbm.target.solver.trust_region import factor_there
@@ -26,43 +26,43 @@ from mbm.target.solver.workspace import Work
 from mbm.target.words import Integer
 
 
-def constraint_count(system: Problem, data: DataSet) -> Integer:
+def constraint_count(problem: Problem, data: DataSet) -> Integer:
     """Constraint values of a data set."""
     found = 0
-    for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
-        lines = system.blocks[b].outputs
+    for b in range(problem.residual_blocks, problem.residual_blocks + problem.constraint_blocks):
+        lines = problem.blocks[b].outputs
         found += lines * data.blocks[b].rows
     return found
 
 
 def begin(
-    system: Problem,
+    problem: Problem,
     work: Work,
 ) -> None:
     """Everything where the iteration is, put into the bounds; `stop` says whether it is the end already."""
-    n = system.n
+    n = problem.n
     place = work.here
     point = place.point
     x = work.x
-    if system.boxed == 1:
-        coordinates_of(system, point, x)
-        project(system, work.rows.constants, x)
-        place_coordinates(system, x, point)
+    if problem.boxed == 1:
+        coordinates_of(problem, point, x)
+        project(problem, work.rows.constants, x)
+        place_coordinates(problem, x, point)
     work.curvature_known = 0
     work.patience = 0
     work.residuals_here = 0
-    work.count = work.rows.data.count + work.penalised * constraint_count(system, work.rows.data)
+    work.count = work.rows.data.count + work.penalised * constraint_count(problem, work.rows.data)
     work.stop = RUNNING
     work.evaluations += 1
     residuals = work.rows.residuals
-    count = residuals_at_point(system, work.rows, point, 1, work.penalised, residuals)
+    count = residuals_at_point(problem, work.rows, point, 1, work.penalised, residuals)
     place.cost = dot(count, residuals, residuals)
     triangle = place.triangle
     if LANES > 1:
-        work.summed = summed(system, work.rows.data)
-        set_triangle(system, place, work)
+        work.summed = summed(problem, work.rows.data)
+        set_triangle(problem, place, work)
     else:
-        sweep(system, point, 0, work.penalised, work.rows, work.rows.constants, triangle)
+        sweep(problem, point, 0, work.penalised, work.rows, work.rows.constants, triangle)
     total = place.cost
     for i in range((n + 1) * (n + 1)):
         total += fabs(triangle[i])
@@ -71,9 +71,9 @@ def begin(
         work.stop = NOT_FINITE_AT_START
         place.deficient = 0
         return
-    arrive(system, place, 0, 0, work)
+    arrive(problem, place, 0, 0, work)
     work.stop = place.ending
-    if system.strict == 1 and place.deficient > 0:
+    if problem.strict == 1 and place.deficient > 0:
         work.stop = UNSURE
     size = 0.0
     coordinates = place.x
@@ -82,12 +82,12 @@ def begin(
     size = sqrt(size)
     length = sqrt(place.cost)
     work.radius = size if size > UNSCALED * length else length
-    if system.linear == 1 and work.penalised == 0:
+    if problem.linear == 1 and work.penalised == 0:
         work.radius = inf
 
 
 def solve_directly(
-    system: Problem,
+    problem: Problem,
     work: Work,
 ) -> None:
     """The minimum of affine equations in one step, with refinement."""
@@ -97,21 +97,21 @@ def solve_directly(
     for tries in range(1 + REFINEMENTS):
         here = work.here
         point = work.trial
-        retract(system, here.point, here.full, point)
+        retract(problem, here.point, here.full, point)
         work.tried = work.trial
         work.residuals_tried = (work.residuals_here + 1) % 3
-        residuals = work.rows.residuals[work.residuals_tried * system.most_residuals :]
-        count = residuals_at_point(system, work.rows, point, 1, 0, residuals)
+        residuals = work.rows.residuals[work.residuals_tried * problem.most_residuals :]
+        count = residuals_at_point(problem, work.rows, point, 1, 0, residuals)
         work.evaluations += 1
         cost = dot(count, residuals, residuals)
         work.cost_tried = cost
         finite = 1 if isfinite(cost) else 0
         if finite == 0 or cost > here.cost + here.cost_rounding:
             break
-        if factor_there(system, work) == 0:
+        if factor_there(problem, work) == 0:
             break
         there = work.other
-        arrive(system, there, 1, 0, work)
+        arrive(problem, there, 1, 0, work)
         if tries > 0 and not there.length < here.length:
             break
         work.here = there
@@ -121,5 +121,5 @@ def solve_directly(
     work.stop = ONE_STEP
     if moved == 0 and finite == 0:
         work.stop = NO_FINITE_STEP
-    if system.strict == 1 and work.here.deficient > 0:
+    if problem.strict == 1 and work.here.deficient > 0:
         work.stop = UNSURE

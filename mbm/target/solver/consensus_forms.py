@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from math import atan2, fabs, isfinite, sqrt
 
-from mbm.target.solver.consensus_description import AS_EULER_ANGLES, AS_QUATERNION, SPHERES, Bench
+from mbm.target.solver.consensus_records import AS_EULER_ANGLES, AS_QUATERNION, SPHERES, ConsensusWork
 from mbm.target.solver.description import Problem
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.solver.manifolds import quaternion_of_matrix
@@ -68,32 +68,34 @@ def put_motion(
         point[table[first + i]] = pose[9 + i]
 
 
-def points_in_closed_form(system: Problem, count: Integer, base: ConstantReals, bench: Bench, target: Reals) -> Integer:
+def points_in_closed_form(
+    problem: Problem, count: Integer, base: ConstantReals, work: ConsensusWork, target: Reals
+) -> Integer:
     """How many points (up to 4, N) fit the chosen units (count,) in closed form, other numbers being those of base."""
-    wide = bench.rules.form_width
-    about = bench.rules.about
-    forms = bench.forms
-    chosen = bench.chosen
-    numbers = system.numbers
-    scratch = bench.form_scratch
+    wide = work.rules.form_width
+    about = work.rules.about
+    forms = work.forms
+    chosen = work.chosen
+    numbers = problem.numbers
+    scratch = work.form_scratch
     for k in range(count):
         for i in range(wide):
             if not isfinite(forms[chosen[k] * wide + i]):
                 return 0
     found = 0
-    if bench.rules.form == SPHERES:
+    if work.rules.form == SPHERES:
         m = about[0] + about[1]
         if count != m:
             return 0
         for k in range(m):
             copied(wide, forms[chosen[k] * wide :], scratch[48 + k * wide :])
-        order = bench.form_order
+        order = work.form_order
         found = places_from_spheres(about[0], about[1], about[2], scratch[48:], scratch, order, scratch[96:])
         for k in range(found):
             copied(numbers, base, target[k * numbers :])
             for i in range(m):
                 target[k * numbers + about[3 + i]] = scratch[k * m + i]
-        if bench.one_side == 1 and found == 2:
+        if work.one_side == 1 and found == 2:
             found = 1
             first = 0.0
             second = 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mbm.target.solver.consensus_description import Units
+from mbm.target.solver.consensus_records import Units
 from mbm.target.words import ConstantReals, Integer, Real, Reals
 
 

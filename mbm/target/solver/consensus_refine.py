@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import fabs, isfinite, sqrt
 
 from mbm.target.decisions import CANDIDATE_DAMPING, CANDIDATE_REGULARISATION
-from mbm.target.solver.consensus_description import NO_CANDIDATE, Bench, Fit
+from mbm.target.solver.consensus_records import NO_CANDIDATE, ConsensusWork, Fit
 from mbm.target.solver.consensus_rows import (
     linearised,
     moved,
@@ -14,7 +14,7 @@ from mbm.target.solver.consensus_rows import (
     unruled_square,
     weigh_columns,
 )
-from mbm.target.solver.consensus_rules import GIVEN, TRUNCATED, judged
+from mbm.target.solver.consensus_weights import GIVEN, TRUNCATED, objective_of
 from mbm.target.solver.description import Problem
 from mbm.target.solver.linear_algebra import cholesky, dot
 from mbm.target.words import ConstantReals, Integer, Real, Reals
@@ -29,19 +29,19 @@ NEAR = 0.1
 """The same where they have the same units inside: the next fit, to these, leads from both to one point."""
 
 
-def weighted_step(system: Problem, count: Integer, damping: Real, chunk: Reals, bench: Bench) -> Real:
+def weighted_step(problem: Problem, count: Integer, damping: Real, chunk: Reals, work: ConsensusWork) -> Real:
     """The Marquardt step by the weights of the rows, and the decrease of the weighted sum of squares it promises.
 
     Both are 0 where something is not finite. The diagonal of the normal equations, as roots, stays in `scale`.
     """
-    n = system.n
-    stride = system.chunk
-    weighted = bench.weighted
-    normal = bench.normal
-    gradient = bench.gradient
-    scale = bench.scale
-    step = bench.step
-    weigh_columns(n + 1, stride, count, bench.by_row, chunk, weighted)
+    n = problem.n
+    stride = problem.chunk
+    weighted = work.weighted
+    normal = work.normal
+    gradient = work.gradient
+    scale = work.scale
+    step = work.step
+    weigh_columns(n + 1, stride, count, work.by_row, chunk, weighted)
     finite = 1
     for i in range(n):
         gradient[i] = dot(count, weighted[i * stride :], chunk[n * stride :])
@@ -81,7 +81,7 @@ def weighted_step(system: Problem, count: Integer, damping: Real, chunk: Reals, 
     return lowered if isfinite(lowered) else 0.0
 
 
-def same_inside(units: Integer, weights: ConstantReals, squares: ConstantReals, limits: ConstantReals) -> Integer:
+def same_inliers(units: Integer, weights: ConstantReals, squares: ConstantReals, limits: ConstantReals) -> Integer:
     """Whether units count (U,) just where their squared norms are within their limits."""
     different = 0
     for u in range(units):
@@ -89,29 +89,31 @@ def same_inside(units: Integer, weights: ConstantReals, squares: ConstantReals, 
     return different == 0
 
 
-def candidate_alike(rule: Integer, last: Integer, objective: Real, fit: Fit, system: Problem, bench: Bench) -> Integer:
+def candidate_alike(
+    rule: Integer, last: Integer, objective: Real, fit: Fit, problem: Problem, work: ConsensusWork
+) -> Integer:
     """Which of the first ``last`` candidates the point leads to for sure, `NO_CANDIDATE` if none.
 
-    Candidates are ends by the limits in the bench.
+    Candidates are ends by the limits in the work.
     """
-    units = bench.units
+    units = work.units
     weights = units.weights
     point = fit.point
     squares = fit.squares
     for k in range(last):
-        other = bench.candidates[k * system.numbers :]
-        theirs = bench.candidate_squares[k * units.count :]
-        if fabs(bench.objectives[k] - objective) < NEAR:
+        other = work.candidates[k * problem.numbers :]
+        theirs = work.candidate_squares[k * units.count :]
+        if fabs(work.objectives[k] - objective) < NEAR:
             near = ALIKE
             along = 1e-3
-            if rule == TRUNCATED and same_inside(units.count, weights, theirs, units.limits) == 1:
+            if rule == TRUNCATED and same_inliers(units.count, weights, theirs, units.limits) == 1:
                 near = NEAR
                 along = 0.1
             away = 0.0
-            for j in range(system.n):
-                place = system.number_of[j]
+            for j in range(problem.n):
+                place = problem.number_of[j]
                 if place >= 0:
-                    difference = bench.scale[j] * (other[place] - point[place])
+                    difference = work.scale[j] * (other[place] - point[place])
                     away += along * difference * difference
             for u in range(units.count):
                 if weights[u] > 0.0:
@@ -122,50 +124,52 @@ def candidate_alike(rule: Integer, last: Integer, objective: Real, fit: Fit, sys
     return NO_CANDIDATE
 
 
-def measure(system: Problem, count: Integer, fit: Fit, bench: Bench) -> Real:
+def measure(problem: Problem, count: Integer, fit: Fit, work: ConsensusWork) -> Real:
     """The squared norms of the units at a fit, and the sum of squares that no rule touches."""
-    residuals = fit.chunk[system.n * system.chunk :]
-    unit_squares(bench.units, residuals, fit.squares)
-    return unruled_square(count, residuals, bench)
+    residuals = fit.chunk[problem.n * problem.chunk :]
+    unit_squares(work.units, residuals, fit.squares)
+    return unruled_square(count, residuals, work)
 
 
-def refined(rule: Integer, iterations: Integer, still: Real, last: Integer, system: Problem, bench: Bench) -> Integer:
+def refined(
+    rule: Integer, iterations: Integer, still: Real, last: Integer, problem: Problem, work: ConsensusWork
+) -> Integer:
     """Where the fit is after fits to the units that the rule picks, anew at every step; its squares follow it.
 
     Steps end where they promise less than ``still``. `objective` is that at the end, never above that at the start,
     infinite where there is no value. If the point comes to one of the first ``last`` candidates it stays there and the
     number of that is given.
     """
-    count = linearised(system, bench.rows, bench.here.point, bench.here.chunk)
-    rest = measure(system, count, bench.here, bench)
-    objective = judged(rule, bench.here.squares, rest, bench)
+    count = linearised(problem, work.rows, work.here.point, work.here.chunk)
+    rest = measure(problem, count, work.here, work)
+    objective = objective_of(rule, work.here.squares, rest, work)
     damping = CANDIDATE_DAMPING
     alike = NO_CANDIDATE
     if isfinite(objective):
-        alike = candidate_alike(rule, last, objective, bench.here, system, bench)
+        alike = candidate_alike(rule, last, objective, work.here, problem, work)
     done = 0
     while isfinite(objective) and damping < 1e6 and done < iterations and alike == NO_CANDIDATE:
         done += 1
-        here = bench.here
-        there = bench.there
-        spread_weights(bench.units, count, bench.by_row)
-        promise = weighted_step(system, count, damping, here.chunk, bench)
+        here = work.here
+        there = work.there
+        spread_weights(work.units, count, work.by_row)
+        promise = weighted_step(problem, count, damping, here.chunk, work)
         enough = still * objective if rule == GIVEN else still
         if not promise > enough:
             break
-        moved(system, bench.rows.constants, here.point, bench.step, there.point)
-        linearised(system, bench.rows, there.point, there.chunk)
-        rest_there = measure(system, count, there, bench)
-        lower = judged(rule, there.squares, rest_there, bench)
+        moved(problem, work.rows.constants, here.point, work.step, there.point)
+        linearised(problem, work.rows, there.point, there.chunk)
+        rest_there = measure(problem, count, there, work)
+        lower = objective_of(rule, there.squares, rest_there, work)
         if lower < objective:
             objective = lower
             rest = rest_there
-            bench.here = there
-            bench.there = here
+            work.here = there
+            work.there = here
             damping = max(damping * 0.1, 1e-12)
-            alike = candidate_alike(rule, last, objective, there, system, bench)
+            alike = candidate_alike(rule, last, objective, there, problem, work)
         else:
-            judged(rule, here.squares, rest, bench)
+            objective_of(rule, here.squares, rest, work)
             damping = max(damping * 30.0, 1e-4)
-    bench.objective = objective
+    work.objective = objective
     return alike

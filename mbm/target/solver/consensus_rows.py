@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import inf, isfinite
 
-from mbm.target.solver.consensus_description import Bench, Units
+from mbm.target.solver.consensus_records import ConsensusWork, Units
 from mbm.target.solver.description import BOUNDS_AT, LANES, Problem
 from mbm.target.solver.equations import gather, groups_of, residuals_at_point, weights_width, whiten_values
 from mbm.target.solver.linear_algebra import copied, filled
@@ -14,18 +14,18 @@ from mbm.target.solver.workspace import Rows
 from mbm.target.words import ConstantReals, Integer, Real, Reals, call_kernel, distinct_arrays
 
 
-def linearised(system: Problem, rows: Rows, point: ConstantReals, chunk: Reals) -> Integer:
+def linearised(problem: Problem, rows: Rows, point: ConstantReals, chunk: Reals) -> Integer:
     """Whitened residuals and derivatives without losses: ``chunk`` holds n columns of J and one of r, CHUNK apart.
 
     How many numbers of a column are taken is given, a multiple of 4. Constraints are left out.
     """
-    n = system.n
-    stride = system.chunk
+    n = problem.n
+    stride = problem.chunk
     inputs = 0
     whitening = 0
     there = 0
-    for b in range(system.residual_blocks):
-        block = system.blocks[b]
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
         part = rows.data.blocks[b]
         groups = groups_of(part.rows)
         lines = block.outputs * LANES
@@ -35,10 +35,10 @@ def linearised(system: Problem, rows: Rows, point: ConstantReals, chunk: Reals) 
             weights = rows.weights[whitening:]
             for column in range(n):
                 filled(groups * lines, 0.0, chunk[column * stride + there :])
-            scatter(system, block, part, 0, groups, rows, weights, chunk[there:])
+            scatter(problem, block, part, 0, groups, rows, weights, chunk[there:])
             every = block.outputs + block.nonzero_count
             whiten_values(block, groups, every, rows.outputs, weights, chunk[n * stride + there :])
-            whiten_matrices(system, block, groups, weights, chunk[there:])
+            whiten_matrices(problem, block, groups, weights, chunk[there:])
         there += groups * lines
         inputs += groups * LANES * (block.variables + block.parameters)
         whitening += groups * LANES * weights_width(block)
@@ -70,20 +70,20 @@ def unit_squares(units: Units, residuals: ConstantReals, squares: Reals) -> None
         squares[u] = total if isfinite(total) else inf
 
 
-def squares_at(system: Problem, point: ConstantReals, bench: Bench, squares: Reals) -> None:
+def squares_at(problem: Problem, point: ConstantReals, work: ConsensusWork, squares: Reals) -> None:
     """The same at a point."""
-    rows = bench.rows
-    residuals_at_point(system, rows, point, 0, 0, rows.residuals)
-    unit_squares(bench.units, rows.residuals, squares)
+    rows = work.rows
+    residuals_at_point(problem, rows, point, 0, 0, rows.residuals)
+    unit_squares(work.units, rows.residuals, squares)
 
 
-def unruled_square(count: Integer, residuals: ConstantReals, bench: Bench) -> Real:
+def unruled_square(count: Integer, residuals: ConstantReals, work: ConsensusWork) -> Real:
     """The sum of the squares that no rule touches; infinite if one is not finite."""
     total = 0.0
-    if bench.units.simple == 1:
+    if work.units.simple == 1:
         return total
     for i in range(count):
-        if bench.ruled[i] == 0.0:
+        if work.ruled[i] == 0.0:
             total += residuals[i] * residuals[i]
     return total if isfinite(total) else inf
 
@@ -113,12 +113,12 @@ def weigh_columns(
             target[column * stride + i] = weight * value
 
 
-def moved(system: Problem, constants: ConstantReals, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
+def moved(problem: Problem, constants: ConstantReals, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
     """The point after a step (n,), put back inside the bounds."""
-    retract(system, point, step, target)
-    n = system.n
+    retract(problem, point, step, target)
+    n = problem.n
     for j in range(n):
-        place = system.number_of[j]
+        place = problem.number_of[j]
         if place >= 0:
             if target[place] < constants[BOUNDS_AT + j]:
                 target[place] = constants[BOUNDS_AT + j]

@@ -95,7 +95,7 @@ def truncated(units: Integer, width: Real, squares: ConstantReals, limits: Const
 
 
 @distinct_arrays
-def inside_count(units: Integer, squares: ConstantReals, limits: ConstantReals) -> Integer:
+def inlier_count(units: Integer, squares: ConstantReals, limits: ConstantReals) -> Integer:
     """The units whose squared norms are within their ``limits`` (U,)."""
     count = 0
     for u in range(units):
@@ -106,4 +106,4 @@ def inside_count(units: Integer, squares: ConstantReals, limits: ConstantReals) 
 
 def outlier_count(units: Integer, squares: ConstantReals, limits: ConstantReals, sum_of_squares: Real) -> Real:
     """The number of outliers, and a share below 1 for how far the others are off: their truncated sum of squares."""
-    return float(units - inside_count(units, squares, limits)) + sum_of_squares / (float(units) + 1.0)
+    return float(units - inlier_count(units, squares, limits)) + sum_of_squares / (float(units) + 1.0)

@@ -16,7 +16,7 @@ from mbm.target.decisions import (
     REGULARISATION,
     REVISIONS,
 )
-from mbm.target.solver.consensus_description import Bench
+from mbm.target.solver.consensus_records import ConsensusWork
 from mbm.target.solver.consensus_rows import linearised, moved
 from mbm.target.solver.description import BOUNDS_AT, Problem
 from mbm.target.solver.equations import load_rows
@@ -35,19 +35,19 @@ def copied_integers(n: Integer, a: ConstantIntegers, target: Integers) -> None:
         target[i] = a[i]
 
 
-def add_row(system: Problem, b: Integer, row: Integer, only: Integer, bench: Bench) -> None:
+def add_row(problem: Problem, b: Integer, row: Integer, only: Integer, work: ConsensusWork) -> None:
     """One more row of block b behind those of the subset; all its units count (``only`` -1), or one of them."""
-    rows = bench.rows
-    block = system.blocks[b]
+    rows = work.rows
+    block = problem.blocks[b]
     part = rows.data.blocks[b]
-    mine = bench.desk.data.blocks[b]
+    mine = work.subset_rows.data.blocks[b]
     done = mine.rows
     wide = block.parameters
     heavy = block.weights
-    own = bench.subset_parameters[mine.parameters + done * wide :]
+    own = work.subset_parameters[mine.parameters + done * wide :]
     copied(wide, rows.parameters[part.parameters + row * wide :], own)
     theirs = rows.whitening[part.weights + row * heavy :]
-    here = bench.subset_whitening[mine.weights + done * heavy :]
+    here = work.subset_whitening[mine.weights + done * heavy :]
     if only < 0:
         copied(heavy, theirs, here)
     else:
@@ -61,61 +61,61 @@ def add_row(system: Problem, b: Integer, row: Integer, only: Integer, bench: Ben
     step = block.index
     if step > 0 or done == 0:
         first = part.index + row * step
-        copied_integers(block.variables, rows.index[first:], bench.subset_index[mine.index + done * step :])
+        copied_integers(block.variables, rows.index[first:], work.subset_index[mine.index + done * step :])
     step = block.columns
     if step > 0 or done == 0:
         first = part.columns + row * step
-        copied_integers(block.tangents, rows.columns[first:], bench.subset_columns[mine.columns + done * step :])
+        copied_integers(block.tangents, rows.columns[first:], work.subset_columns[mine.columns + done * step :])
     mine.rows = done + 1
 
 
-def gather_subset(system: Problem, count: Integer, bench: Bench) -> None:
-    """The rows of the chosen units (count,), and all that no rule acts on, as a data set of its own, on the desk."""
-    subset = bench.desk.data
-    units = bench.units
+def gather_subset(problem: Problem, count: Integer, work: ConsensusWork) -> None:
+    """The rows of the chosen units (count,), and all that no rule acts on, as a data set of its own."""
+    subset = work.subset_rows.data
+    units = work.units
     subset.count = 0
     wide = 0
     heavy = 0
     variables = 0
     tangents = 0
-    for b in range(system.residual_blocks):
-        block = system.blocks[b]
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
         mine = subset.blocks[b]
         mine.parameters = wide
         mine.weights = heavy
         mine.index = variables
         mine.columns = tangents
         mine.rows = 0
-        if bench.rules.ruled[b].first_level >= 0:
+        if work.rules.ruled[b].first_level >= 0:
             for k in range(count):
-                unit = bench.chosen[k]
+                unit = work.chosen[k]
                 if units.block[unit] == b:
-                    add_row(system, b, units.row[unit], units.equation[unit], bench)
+                    add_row(problem, b, units.row[unit], units.equation[unit], work)
         else:
-            for row in range(bench.rows.data.blocks[b].rows):
-                add_row(system, b, row, -1, bench)
+            for row in range(work.rows.data.blocks[b].rows):
+                add_row(problem, b, row, -1, work)
         rows = mine.rows
         wide += rows * block.parameters
         heavy += rows * block.weights
         variables += block.variables + rows * block.index
         tangents += block.tangents + rows * block.columns
-    for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
+    for b in range(problem.residual_blocks, problem.residual_blocks + problem.constraint_blocks):
         mine = subset.blocks[b]
         mine.parameters = 0
         mine.weights = 0
         mine.index = 0
         mine.columns = 0
         mine.rows = 0
-    load_rows(system, bench.desk)
+    load_rows(problem, work.subset_rows)
 
 
-def normal_equations(system: Problem, count: Integer, chunk: ConstantReals, bench: Bench) -> Integer:
+def normal_equations(problem: Problem, count: Integer, chunk: ConstantReals, work: ConsensusWork) -> Integer:
     """``JᵀJ`` and ``Jᵀr`` of a chunk, columns scaled by the largest norms they have had; 0 where not all is finite."""
-    n = system.n
-    stride = system.chunk
-    normal = bench.normal
-    gradient = bench.gradient
-    scale = bench.scale
+    n = problem.n
+    stride = problem.chunk
+    normal = work.normal
+    gradient = work.gradient
+    scale = work.scale
     for i in range(n):
         gradient[i] = dot(count, chunk[i * stride :], chunk[n * stride :])
         if not isfinite(gradient[i]):
@@ -172,23 +172,23 @@ def solve_free(
             step[i] = total / factor[i * n + i] if good == 1 else 0.0
 
 
-def bounded_step(system: Problem, damping: Real, point: ConstantReals, bench: Bench) -> Real:
+def bounded_step(problem: Problem, damping: Real, point: ConstantReals, work: ConsensusWork) -> Real:
     """The damped step inside of the bounds; the largest slope along a coordinate that is free to move is given."""
-    n = system.n
-    constants = bench.desk.constants
-    gradient = bench.gradient
-    scale = bench.scale
-    hold = bench.hold
-    here = bench.coordinates
-    step = bench.step
-    normal = bench.normal
-    factor = bench.basis
-    coordinates_of(system, point, here)
+    n = problem.n
+    constants = work.subset_rows.constants
+    gradient = work.gradient
+    scale = work.scale
+    hold = work.hold
+    here = work.coordinates
+    step = work.step
+    normal = work.normal
+    factor = work.basis
+    coordinates_of(problem, point, here)
     slope = 0.0
     for i in range(n):
         hold[i] = 0.0
         step[i] = 0.0
-        if system.number_of[i] >= 0:
+        if problem.number_of[i] >= 0:
             if here[i] <= constants[BOUNDS_AT + i] and gradient[i] >= 0.0:
                 hold[i] = 1.0
             if here[i] >= constants[BOUNDS_AT + n + i] and gradient[i] <= 0.0:
@@ -199,11 +199,11 @@ def bounded_step(system: Problem, damping: Real, point: ConstantReals, bench: Be
         solve_free(n, damping, normal, gradient, hold, factor, step)
         beyond = 0
         for i in range(n):
-            if hold[i] == 0.0 and system.number_of[i] >= 0:
+            if hold[i] == 0.0 and problem.number_of[i] >= 0:
                 by = scale[i] if scale[i] > 0.0 else 1.0
                 down = (constants[BOUNDS_AT + i] - here[i]) * by
                 up = (constants[BOUNDS_AT + n + i] - here[i]) * by
-                if system.positive[i] == 1:
+                if problem.positive[i] == 1:
                     down = max(down, (POSITIVE_KEPT - 1.0) * here[i] * by)
                 if step[i] < down:
                     step[i] = down
@@ -218,19 +218,19 @@ def bounded_step(system: Problem, damping: Real, point: ConstantReals, bench: Be
     return slope
 
 
-def fitted_to_subset(system: Problem, start: ConstantReals, bench: Bench, target: Reals) -> None:
-    """The point (N,) that the start leads to with the rows on the desk; never worse than the start."""
-    n = system.n
-    right = n * system.chunk
-    desk = bench.desk
-    step = bench.step
-    scale = bench.scale
-    here = bench.first
-    there = bench.second
-    copied(system.numbers, start, here.point)
+def fitted_to_subset(problem: Problem, start: ConstantReals, work: ConsensusWork, target: Reals) -> None:
+    """The point (N,) that the start leads to with the rows of the subset; never worse than the start."""
+    n = problem.n
+    right = n * problem.chunk
+    subset_rows = work.subset_rows
+    step = work.step
+    scale = work.scale
+    here = work.first
+    there = work.second
+    copied(problem.numbers, start, here.point)
     for i in range(n):
         scale[i] = 0.0
-    count = linearised(system, desk, start, here.chunk)
+    count = linearised(problem, subset_rows, start, here.chunk)
     residuals = here.chunk[right:]
     cost = dot(count, residuals, residuals)
     damping = FIRST_DAMPING
@@ -238,23 +238,23 @@ def fitted_to_subset(system: Problem, start: ConstantReals, bench: Bench, target
     for _ in range(FIT_STEPS):
         if not isfinite(cost) or not damping <= HOPELESS_DAMPING:
             break
-        if normal_equations(system, count, here.chunk, bench) == 0:
+        if normal_equations(problem, count, here.chunk, work) == 0:
             break
-        slope = bounded_step(system, damping, here.point, bench)
+        slope = bounded_step(problem, damping, here.point, work)
         promise = 0.0
         for i in range(n):
-            image = 0.0
+            projected = 0.0
             for j in range(n):
-                image += bench.normal[i * n + j] * step[j]
-            promise -= step[i] * (image + 2.0 * bench.gradient[i])
+                projected += work.normal[i * n + j] * step[j]
+            promise -= step[i] * (projected + 2.0 * work.gradient[i])
         if slope * slope <= SMALL * cost or cost <= SMALL * float(count):
             break
         last = damping <= FIRST_DAMPING and promise >= 0.0 and promise <= SMALL * cost
         for i in range(n):
             if scale[i] > 0.0:
                 step[i] = step[i] / scale[i]
-        moved(system, desk.constants, here.point, step, there.point)
-        linearised(system, desk, there.point, there.chunk)
+        moved(problem, subset_rows.constants, here.point, step, there.point)
+        linearised(problem, subset_rows, there.point, there.chunk)
         residuals = there.chunk[right:]
         lower = dot(count, residuals, residuals)
         share = (cost - lower) / promise if promise > 0.0 else -1.0
@@ -270,4 +270,4 @@ def fitted_to_subset(system: Problem, start: ConstantReals, bench: Bench, target
             growth *= 2.0
         if last:
             break
-    copied(system.numbers, here.point, target)
+    copied(problem.numbers, here.point, target)

@@ -6,7 +6,7 @@ from math import fabs, isfinite, sqrt
 
 from mbm.target.decisions import CONSENSUS_ROUNDING
 from mbm.target.records import view
-from mbm.target.solver.consensus_description import LEVEL, Bench, Level
+from mbm.target.solver.consensus_records import LEVEL, ConsensusWork, Level
 from mbm.target.solver.description import LANES, Problem
 from mbm.target.solver.equations import groups_of
 from mbm.target.solver.linear_algebra import filled
@@ -14,25 +14,25 @@ from mbm.target.solver.manifolds import coordinates_of
 from mbm.target.words import ConstantReals
 
 
-def list_units(system: Problem, bench: Bench) -> None:
+def list_units(problem: Problem, work: ConsensusWork) -> None:
     """The units of a data set, in order."""
-    units = bench.units
+    units = work.units
     n = 0
     there = 0
     scalars = 0
     simple = 1
-    filled(system.chunk, 0.0, bench.ruled)
-    for b in range(system.residual_blocks):
-        block = system.blocks[b]
-        rows = bench.rows.data.blocks[b].rows
+    filled(problem.chunk, 0.0, work.ruled)
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
+        rows = work.rows.data.blocks[b].rows
         lines = block.outputs
-        own = bench.rules.ruled[b]
+        own = work.rules.ruled[b]
         if own.first_level >= 0:
             for row in range(rows):
                 for u in range(block.unit_count):
                     unit = block.units[u]
                     size = unit.last - unit.first
-                    level = view(Level, bench.levels[(own.first_level + u) * LEVEL :])
+                    level = view(Level, work.levels[(own.first_level + u) * LEVEL :])
                     place = there + (row // LANES * lines + unit.first) * LANES + row % LANES
                     units.components[n] = size
                     units.group[n] = own.group
@@ -47,7 +47,7 @@ def list_units(system: Problem, bench: Bench) -> None:
                     if size != 1 or place != n:
                         simple = 0
                     for i in range(size):
-                        bench.ruled[place + i * LANES] = 1.0
+                        work.ruled[place + i * LANES] = 1.0
                     scalars += size
                     n += 1
         elif rows > 0:
@@ -59,14 +59,14 @@ def list_units(system: Problem, bench: Bench) -> None:
     units.scalars = scalars
 
 
-def judge_rounding(system: Problem, point: ConstantReals, bench: Bench) -> None:
-    """The squared norms (U,) that the arithmetic alone makes, from ``[J r]`` at the point, as it is in the bench."""
-    n = system.n
-    stride = system.chunk
-    units = bench.units
-    chunk = bench.here.chunk
-    size = bench.coordinates
-    coordinates_of(system, point, size)
+def set_rounding(problem: Problem, point: ConstantReals, work: ConsensusWork) -> None:
+    """The squared norms (U,) that the arithmetic alone makes, from ``[J r]`` at the point, as it is in the work."""
+    n = problem.n
+    stride = problem.chunk
+    units = work.units
+    chunk = work.here.chunk
+    size = work.coordinates
+    coordinates_of(problem, point, size)
     for u in range(units.count):
         place = units.place[u]
         largest = 0.0
@@ -79,14 +79,14 @@ def judge_rounding(system: Problem, point: ConstantReals, bench: Bench) -> None:
         units.rounding[u] = CONSENSUS_ROUNDING * largest * (CONSENSUS_ROUNDING * largest)
 
 
-def norm_directions(system: Problem, bench: Bench) -> None:
-    """Rows of the units' Jacobian in the bench, columns scaled to norm 1, then each row to norm 1: (scalars, n)."""
-    n = system.n
-    stride = system.chunk
-    units = bench.units
-    chunk = bench.here.chunk
-    norms = bench.coordinates
-    directions = bench.directions
+def norm_directions(problem: Problem, work: ConsensusWork) -> None:
+    """Rows of the units' Jacobian in the work, columns scaled to norm 1, then each row to norm 1: (scalars, n)."""
+    n = problem.n
+    stride = problem.chunk
+    units = work.units
+    chunk = work.here.chunk
+    norms = work.coordinates
+    directions = work.directions
     for j in range(n):
         norms[j] = 0.0
     for u in range(units.count):

@@ -8,15 +8,15 @@ from mbm.target.decisions import EPSILON, ROUNDING_ERRORS
 from mbm.target.solver.beginning import constraint_count
 from mbm.target.solver.description import LANES, Block, Problem
 from mbm.target.solver.equations import gather, groups_of, portion
+from mbm.target.solver.fused import separate_rows
 from mbm.target.solver.linear_algebra import filled
-from mbm.target.solver.united import rows_apart
-from mbm.target.solver.workspace import Place, Work
+from mbm.target.solver.workspace import Linearisation, Work
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Reals, call_kernel, distinct_arrays
 
 
 @distinct_arrays
 def add_slopes(
-    system: Problem,
+    problem: Problem,
     block: Block,
     columns: ConstantIntegers,
     first: Integer,
@@ -26,7 +26,7 @@ def add_slopes(
     slopes: Reals,
 ) -> None:
     """Values and derivatives of the constraints of one portion: row by row, output by output."""
-    n = system.n
+    n = problem.n
     lines = block.outputs
     width = lines + block.nonzero_count
     for row in range(rows):
@@ -43,27 +43,27 @@ def add_slopes(
 
 
 def linearise(
-    system: Problem,
+    problem: Problem,
     point: ConstantReals,
     work: Work,
 ) -> None:
     """Values and slopes of all constraints at a point."""
-    n = system.n
+    n = problem.n
     rows = work.rows
-    filled(constraint_count(system, rows.data) * n, 0.0, work.slopes)
+    filled(constraint_count(problem, rows.data) * n, 0.0, work.slopes)
     inputs = 0
     done = 0
-    for b in range(system.residual_blocks + system.constraint_blocks):
-        block = system.blocks[b]
+    for b in range(problem.residual_blocks + problem.constraint_blocks):
+        block = problem.blocks[b]
         part = rows.data.blocks[b]
-        count = rows_apart(system, rows, b) if LANES > 1 else part.rows
+        count = separate_rows(problem, rows, b) if LANES > 1 else part.rows
         width = (block.variables + block.parameters) * LANES
-        if b >= system.residual_blocks:
+        if b >= problem.residual_blocks:
             gather(block, count, rows.index[part.index :], point, rows.inputs[inputs:])
             columns = rows.columns[part.columns :]
             first = 0
             while first < count:
-                own = portion(system, block) * LANES
+                own = portion(problem, block) * LANES
                 if first + own > count:
                     own = count - first
                 call_kernel(
@@ -71,7 +71,7 @@ def linearise(
                 )
                 # fmt: off
                 add_slopes(
-                    system, block, columns, first, own, rows.outputs, work.values[done:], work.slopes[done * n :]
+                    problem, block, columns, first, own, rows.outputs, work.values[done:], work.slopes[done * n :]
                 )
                 # fmt: on
                 done += own * block.outputs
@@ -79,18 +79,18 @@ def linearise(
         inputs += groups_of(count) * width
 
 
-def set_units(system: Problem, place: Place, first: Integer, work: Work) -> None:
+def set_units(problem: Problem, place: Linearisation, first: Integer, work: Work) -> None:
     """Units and roundings of the constraints at a place; at ``first`` its norms alone are the measure."""
-    n = system.n
+    n = problem.n
     norms = place.norms
     units = work.units
-    for c in range(constraint_count(system, work.rows.data)):
+    for c in range(constraint_count(problem, work.rows.data)):
         square = 0.0
         terms = fabs(work.values[c])
         longest = 0.0
         for j in range(n):
             slope = fabs(work.slopes[c * n + j])
-            size = fabs(place.x[j]) if system.number_of[j] >= 0 else 1.0
+            size = fabs(place.x[j]) if problem.number_of[j] >= 0 else 1.0
             terms += slope * size
             if slope > longest:
                 longest = slope

@@ -14,9 +14,9 @@ from mbm.target.solver.beginning import begin, constraint_count
 from mbm.target.solver.constraint_values import linearise, set_units
 from mbm.target.solver.description import FLAT, INFEASIBLE, LANES, NOT_FINITE_AT_START, TOLERANCE, Problem
 from mbm.target.solver.equations import groups_of, weights_width
+from mbm.target.solver.fused import separate_rows
+from mbm.target.solver.kkt import polish
 from mbm.target.solver.linear_algebra import filled
-from mbm.target.solver.polishing import polish
-from mbm.target.solver.united import rows_apart
 from mbm.target.solver.workspace import Work
 from mbm.target.words import Integer, Real
 
@@ -33,15 +33,15 @@ TIGHTER = 0.03
 """Standard deviations to which each round after the first is solved."""
 
 
-def set_penalties(system: Problem, work: Work) -> None:
+def set_penalties(problem: Problem, work: Work) -> None:
     """Factors and shifts of the penalties, where the kernels' weights stand."""
     weight = work.weight
     whitening = 0
     done = 0
-    for b in range(system.residual_blocks + system.constraint_blocks):
-        block = system.blocks[b]
-        rows = rows_apart(system, work.rows, b) if LANES > 1 else work.rows.data.blocks[b].rows
-        if b >= system.residual_blocks:
+    for b in range(problem.residual_blocks + problem.constraint_blocks):
+        block = problem.blocks[b]
+        rows = separate_rows(problem, work.rows, b) if LANES > 1 else work.rows.data.blocks[b].rows
+        if b >= problem.residual_blocks:
             lines = block.outputs
             own = work.rows.weights[whitening:]
             for row in range(groups_of(rows) * LANES):
@@ -57,15 +57,15 @@ def set_penalties(system: Problem, work: Work) -> None:
         whitening += groups_of(rows) * weights_width(block) * LANES
 
 
-def update_multipliers(system: Problem, work: Work) -> Real:
+def update_multipliers(problem: Problem, work: Work) -> Real:
     """The multipliers that the penalties amount to, and the largest violation in units beyond rounding."""
     weight = work.weight
     units = work.units
     values = work.values
     worst = 0.0
     done = 0
-    for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
-        block = system.blocks[b]
+    for b in range(problem.residual_blocks, problem.residual_blocks + problem.constraint_blocks):
+        block = problem.blocks[b]
         lines = block.outputs
         count = lines * work.rows.data.blocks[b].rows
         for k in range(count):
@@ -88,45 +88,45 @@ def update_multipliers(system: Problem, work: Work) -> Real:
 
 
 def begin_rounds(
-    system: Problem,
+    problem: Problem,
     work: Work,
 ) -> None:
     """The first round, from the point where the iteration is."""
     place = work.here
     work.round = 0
-    filled(constraint_count(system, work.rows.data), 0.0, work.multipliers)
+    filled(constraint_count(problem, work.rows.data), 0.0, work.multipliers)
     work.penalised = 0
-    begin(system, work)
+    begin(problem, work)
     # Coordinates that the constraints alone determine leave the residuals deficient: that is no reason to end.
     if work.stop == NOT_FINITE_AT_START:
         return
-    linearise(system, place.point, work)
-    set_units(system, place, 1, work)
+    linearise(problem, place.point, work)
+    set_units(problem, place, 1, work)
     work.penalised = 1
     work.weight = FIRST_WEIGHT
     work.worst = 1e300
     work.tolerance = LOOSE if work.rows.constants[TOLERANCE] < LOOSE else work.rows.constants[TOLERANCE]
-    set_penalties(system, work)
-    begin(system, work)
+    set_penalties(problem, work)
+    begin(problem, work)
 
 
 def next_round(
-    system: Problem,
+    problem: Problem,
     work: Work,
 ) -> Integer:
     """What follows on a round that has ended: 1 where another one has begun, 0 where it is the end."""
     if work.stop > FLAT:
         return 0
     here = work.here
-    linearise(system, here.point, work)
+    linearise(problem, here.point, work)
     work.evaluations += 1
-    set_units(system, here, 0, work)
-    worst = update_multipliers(system, work)
+    set_units(problem, here, 0, work)
+    worst = update_multipliers(problem, work)
     work.round += 1
-    if polish(system, work) == 1:
+    if polish(problem, work) == 1:
         return 0
-    linearise(system, here.point, work)
-    set_units(system, here, 0, work)
+    linearise(problem, here.point, work)
+    set_units(problem, here, 0, work)
     settled = work.tolerance <= work.rows.constants[TOLERANCE] and work.stop != FLAT
     stalled = not worst <= SHRINKS * work.worst
     over = settled and (worst <= EXACT or (stalled and worst <= MET and work.weight >= ENOUGH))
@@ -143,16 +143,16 @@ def next_round(
     work.tolerance *= TIGHTER
     if work.tolerance < work.rows.constants[TOLERANCE]:
         work.tolerance = work.rows.constants[TOLERANCE]
-    set_penalties(system, work)
-    begin(system, work)
+    set_penalties(problem, work)
+    begin(problem, work)
     return 1
 
 
-def set_held(system: Problem, cost: Real, work: Work) -> None:
+def set_held(problem: Problem, cost: Real, work: Work) -> None:
     """Mark the constraints that hold the estimates, by their units; the others have no multiplier."""
     done = 0
-    for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
-        block = system.blocks[b]
+    for b in range(problem.residual_blocks, problem.residual_blocks + problem.constraint_blocks):
+        block = problem.blocks[b]
         lines = block.outputs
         count = lines * work.rows.data.blocks[b].rows
         for k in range(count):

@@ -8,10 +8,10 @@ from __future__ import annotations
 from math import inf, sqrt
 
 from mbm.target.decisions import decided_rank
-from mbm.target.solver.deficient import set_determined, singular_values
 from mbm.target.solver.description import Problem
 from mbm.target.solver.linear_algebra import append_rows, copied, dot, filled, inverted_upper
-from mbm.target.solver.tangent import along_surface, from_surface, turn_constraints
+from mbm.target.solver.null_space import from_null_space, reflect_constraints, to_null_space
+from mbm.target.solver.rank_deficient import set_determined, singular_values
 from mbm.target.solver.workspace import Work
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 
@@ -20,7 +20,7 @@ SURE = 1e9
 
 
 def set_covariance(
-    system: Problem,
+    problem: Problem,
     triangle: ConstantReals,
     sides: ConstantIntegers,
     holding: Integer,
@@ -36,7 +36,7 @@ def set_covariance(
     ``triangle`` (n + 1, n + 1) of ``[J r]``; ``sides`` (n,) not 0 where a bound holds a coordinate. Of
     the first constraints, as many as ``holding`` says, hold where ``held[k]`` is their unit; 0: it does not.
     """
-    n = system.n
+    n = problem.n
     scale = work.scale
     part = work.part
     reflections = work.reflections
@@ -50,8 +50,8 @@ def set_covariance(
             count += 1
     filled(n * n, 0.0, covariance)
     set_scales(n, count, chosen, triangle, holding, held, work.slopes, scale)
-    turned = turn_constraints(n, count, chosen, scale, holding, held, work.slopes, reflections)
-    width = count - turned
+    reflected = reflect_constraints(n, count, chosen, scale, holding, held, work.slopes, reflections)
+    width = count - reflected
     if width == n:
         for i in range(n):
             for k in range(i, n):
@@ -59,7 +59,7 @@ def set_covariance(
     else:
         filled(n, 0.0, work.along)
         filled(n, 0.0, work.right)
-        set_reduced(n, count, turned, triangle, work)
+        set_reduced(n, count, reflected, triangle, work)
     filled(n, 0.0, work.touched)
     work.rank = width
     work.loose = 0
@@ -69,14 +69,14 @@ def set_covariance(
         singular_values(width, small, part, inverse, singular)
         rank = decided_rank(width, singular)
         if rank < width:
-            set_determined(system, count, turned, rank, scale, singular, work, covariance)
+            set_determined(problem, count, reflected, rank, scale, singular, work, covariance)
             return inf
         condition_of(count, width, small, part, inverse)
-    if turned > 0:
-        turn_back(count, turned, reflections, work.line, part, inverse)
+    if reflected > 0:
+        back_from_null_space(count, reflected, reflections, work.line, part, inverse)
     for i in range(count):
         for k in range(i + 1):
-            first = i if turned == 0 else 0
+            first = i if reflected == 0 else 0
             value = dot(width - first, inverse[i * width + first :], inverse[k * width + first :])
             value /= scale[i] * scale[k]
             covariance[chosen[i] * n + chosen[k]] = value
@@ -84,16 +84,16 @@ def set_covariance(
     return condition
 
 
-def turn_back(
-    count: Integer, turned: Integer, reflections: ConstantReals, line: Reals, spare: Reals, inverse: Reals
+def back_from_null_space(
+    count: Integer, reflected: Integer, reflections: ConstantReals, line: Reals, spare: Reals, inverse: Reals
 ) -> None:
     """The inverse triangle (width, width) along the surface as lines (count, width) of the chosen coordinates."""
-    width = count - turned
+    width = count - reflected
     for k in range(width):
         filled(count, 0.0, line)
         for i in range(k + 1):
-            line[turned + i] = inverse[i * width + k]
-        from_surface(count, turned, reflections, line)
+            line[reflected + i] = inverse[i * width + k]
+        from_null_space(count, reflected, reflections, line)
         for i in range(count):
             spare[i * width + k] = line[i]
     copied(count * width, spare, inverse)
@@ -124,22 +124,22 @@ def set_scales(
             scale[k] = 1.0
 
 
-def set_reduced(n: Integer, count: Integer, turned: Integer, triangle: ConstantReals, work: Work) -> None:
-    """`small` (w + 1, w + 1), w = count - turned: the triangle of the chosen columns, scaled, along the surface.
+def set_reduced(n: Integer, count: Integer, reflected: Integer, triangle: ConstantReals, work: Work) -> None:
+    """`small` (w + 1, w + 1), w = count - reflected: the triangle of the chosen columns, scaled, along the surface.
 
-    Its last column stands for `right` (n,) after the movement `along` (turned,) towards the surface.
+    Its last column stands for `right` (n,) after the movement `along` (reflected,) towards the surface.
     """
-    width = count - turned
+    width = count - reflected
     line = work.line
     rows = work.small_rows
     for i in range(n):
         for k in range(count):
             j = work.chosen[k]
             line[k] = triangle[i * (n + 1) + j] / work.scale[k] if i <= j else 0.0
-        along_surface(count, turned, work.reflections, line)
+        to_null_space(count, reflected, work.reflections, line)
         for k in range(width):
-            rows[k * n + i] = line[turned + k]
-        rows[width * n + i] = work.right[i] + dot(turned, line, work.along)
+            rows[k * n + i] = line[reflected + k]
+        rows[width * n + i] = work.right[i] + dot(reflected, line, work.along)
     filled((width + 1) * (width + 1), 0.0, work.small)
     append_rows(width + 1, n, n, rows, work.small)
 

@@ -1,8 +1,8 @@
 """How equations are handed to the solver: flat arrays of integers and reals, and where things stand in them.
 
-One **system** is what a batch of solves has in common. It is described by two arrays:
+One **problem** is what a batch of solves has in common. It is described by two arrays:
 
-* ``system`` (integers): the header below, then tables at the offsets that the header gives;
+* ``problem`` (integers): the header below, then tables at the offsets that the header gives;
 * ``constants`` (reals): the settings below, then lower and upper bounds of the n free coordinates (``BOUNDS_AT``,
   n + n; infinite where there is none), then for each unit with a loss its parameter and its shape (two reals).
 
@@ -43,7 +43,7 @@ A batch is handed over as `batch.Solves`, with `workspace.Work` as the scratch o
 floats or integers, contiguous.
 
 Everything is in SI, angles in radians; quaternions (w, x, y, z). Scratch sizes come from `workspace.work_reals` and
-`workspace.work_integers` of the ``system`` array. Results do not depend on how a batch is cut into calls.
+`workspace.work_integers` of the ``problem`` array. Results do not depend on how a batch is cut into calls.
 """
 
 from __future__ import annotations
@@ -132,19 +132,19 @@ class Component:
 
 
 @record
-class United:
+class Fused:
     """One function for all rows of some blocks, of data sets that have just these rows and none of weight 0."""
 
     values: Integer
     """Address of the function that gives the m whitened residuals."""
     jacobian: Integer
     """Address of the one that gives the columns of their derivatives, then the residuals, m numbers each. Both are
-    reached by ``call_united(address, point, data, target, stride)``: ``data`` are for each united block the
+    reached by ``call_fused(address, point, data, target, stride)``: ``data`` are for each fused block the
     parameters of its rows, row by row, then their weights; columns begin ``stride`` apart."""
     residuals: Integer
     """m; they come before those of all other blocks."""
     rows: ConstantIntegers = behind()
-    """Here begins for each block of residuals how many rows are united; 0: the block is not."""
+    """Here begins for each block of residuals how many rows are fused; 0: the block is not."""
 
 
 @record
@@ -197,9 +197,9 @@ class Problem:
     noises: Integer
     """Groups of blocks whose noise has an unknown factor, for callers that estimate it: a solve itself takes the
     weights as they are. 0 where one factor is common to all residuals: the estimates do not depend on it."""
-    united: Records[United] = table()
-    """The blocks whose rows are united in one function, where there are `united_reals`."""
-    united_reals: Integer
+    fused: Records[Fused] = table()
+    """The blocks whose rows are fused in one function, where there are `fused_reals`."""
+    fused_reals: Integer
     """Their parameters and weights, in all."""
     summed_from: Integer
     """Rows of a block from which its normal equations are summed, where it has `normal`."""
@@ -232,7 +232,7 @@ NONZERO = slots_of(Nonzero)
 PIECE = slots_of(Component)
 DATA_HEAD = slots_of(DataSet)
 DATA_BLOCK = slots_of(DataBlock)
-UNITED = slots_of(United)
+FUSED = slots_of(Fused)
 
 NUMBER = 0
 SCALE = 1

@@ -8,15 +8,15 @@ row repeat it with weight 0.
 from __future__ import annotations
 
 from mbm.target.solver.description import LANES, NO_LOSS, Block, Problem
+from mbm.target.solver.fused import first_separate, fuse, fused_rows, separate_rows
 from mbm.target.solver.losses import root_factor
-from mbm.target.solver.united import first_apart, rows_apart, unite, united_rows
 from mbm.target.solver.workspace import Rows
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, call_kernel, distinct_arrays
 
 
-def portion(system: Problem, block: Block) -> Integer:
+def portion(problem: Problem, block: Block) -> Integer:
     """How many kernel blocks go through at a time: as many as fill a chunk."""
-    return system.chunk // (LANES * block.outputs)
+    return problem.chunk // (LANES * block.outputs)
 
 
 def groups_of(rows: Integer) -> Integer:
@@ -59,16 +59,18 @@ def load_block(
 
 
 @distinct_arrays
-def load_rows(system: Problem, rows: Rows) -> None:
+def load_rows(problem: Problem, rows: Rows) -> None:
     """Everything of a data set that does not depend on the point, as the kernels and the whitening take it."""
     if LANES > 1:
-        unite(system, rows)
+        fuse(problem, rows)
     inputs = 0
     whitening = 0
-    for b in range(first_apart(system, rows) if LANES > 1 else 0, system.residual_blocks + system.constraint_blocks):
-        block = system.blocks[b]
+    for b in range(
+        first_separate(problem, rows) if LANES > 1 else 0, problem.residual_blocks + problem.constraint_blocks
+    ):
+        block = problem.blocks[b]
         part = rows.data.blocks[b]
-        count = rows_apart(system, rows, b) if LANES > 1 else part.rows
+        count = separate_rows(problem, rows, b) if LANES > 1 else part.rows
         load_block(
             block,
             count,
@@ -188,7 +190,7 @@ def root_values(constants: ConstantReals, block: Block, groups: Integer, residua
 
 
 def residuals_at_point(
-    system: Problem,
+    problem: Problem,
     rows: Rows,
     point: ConstantReals,
     lossy: Integer,
@@ -202,17 +204,18 @@ def residuals_at_point(
     inputs = 0
     whitening = 0
     outputs = rows.outputs
-    done = united_rows(system, rows, 0, point, 0, target) if LANES > 1 else 0
+    done = fused_rows(problem, rows, 0, point, 0, target) if LANES > 1 else 0
     for b in range(
-        first_apart(system, rows) if LANES > 1 else 0, system.residual_blocks + penalised * system.constraint_blocks
+        first_separate(problem, rows) if LANES > 1 else 0,
+        problem.residual_blocks + penalised * problem.constraint_blocks,
     ):
-        block = system.blocks[b]
+        block = problem.blocks[b]
         part = rows.data.blocks[b]
-        count = rows_apart(system, rows, b) if LANES > 1 else part.rows
+        count = separate_rows(problem, rows, b) if LANES > 1 else part.rows
         width = (block.variables + block.parameters) * LANES
         heavy = weights_width(block) * LANES
         gather(block, count, rows.index[part.index :], point, rows.inputs[inputs:])
-        most = portion(system, block)
+        most = portion(problem, block)
         first = 0
         while first < groups_of(count):
             groups = most
@@ -220,7 +223,7 @@ def residuals_at_point(
                 groups = groups_of(count) - first
             call_kernel(block.values, rows.inputs[inputs + first * width :], outputs, groups)
             whitening_here = rows.weights[whitening + first * heavy :]
-            if b < system.residual_blocks:
+            if b < problem.residual_blocks:
                 whiten_values(block, groups, block.outputs, outputs, whitening_here, target[done:])
                 if lossy == 1:
                     root_values(rows.constants, block, groups, target[done:])

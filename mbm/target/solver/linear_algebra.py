@@ -111,14 +111,20 @@ def times_transposed(n: Integer, factor: ConstantReals, x: ConstantReals, target
 
 @distinct_arrays
 def damped_triangle(
-    n: Integer, factor: ConstantReals, image: ConstantReals, damping: Real, triangle: Reals, right: Reals, row: Reals
+    n: Integer,
+    factor: ConstantReals,
+    projected: ConstantReals,
+    damping: Real,
+    triangle: Reals,
+    right: Reals,
+    row: Reals,
 ) -> None:
-    """The triangle S with ``SᵀS = AᵀA + damping I``, and ``right`` with ``Sᵀ right = Aᵀ image`` (Moré 1978, Givens).
+    """The triangle S with ``SᵀS = AᵀA + damping I``, and ``right`` with ``Sᵀ right = Aᵀ projected`` (Moré 1978).
 
     ``row`` (n,) is scratch.
     """
     copied(n * n, factor, triangle)
-    copied(n, image, right)
+    copied(n, projected, right)
     root = sqrt(damping)
     for j in range(n):
         for k in range(j, n):

@@ -21,7 +21,7 @@ def part_of_step(column: Integer, step: ConstantReals) -> Real:
 
 
 @distinct_arrays
-def turned(piece: Component, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
+def reflected(piece: Component, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
     """A unit quaternion after a rotation vector: ``q Exp(ω)``, of length 1 afterwards."""
     x = part_of_step(piece.column_0, step)
     y = part_of_step(piece.column_1, step)
@@ -80,39 +80,39 @@ def swung(piece: Component, point: ConstantReals, step: ConstantReals, target: R
 
 
 @distinct_arrays
-def retract(system: Problem, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
+def retract(problem: Problem, point: ConstantReals, step: ConstantReals, target: Reals) -> None:
     """The point (N,) after a step (n,) of the free coordinates."""
-    copied(system.numbers, point, target)
-    for j in range(system.n):
-        place = system.number_of[j]
+    copied(problem.numbers, point, target)
+    for j in range(problem.n):
+        place = problem.number_of[j]
         if place >= 0:
             target[place] = point[place] + step[j]
-    for k in range(system.component_count):
-        piece = system.components[k]
+    for k in range(problem.component_count):
+        piece = problem.components[k]
         if piece.kind == SCALE:
             place = piece.number_0
             target[place] = point[place] * exp(part_of_step(piece.column_0, step))
         elif piece.kind == QUATERNION:
-            turned(piece, point, step, target)
+            reflected(piece, point, step, target)
         else:
             swung(piece, point, step, target)
 
 
 @distinct_arrays
-def coordinates_of(system: Problem, point: ConstantReals, target: Reals) -> None:
+def coordinates_of(problem: Problem, point: ConstantReals, target: Reals) -> None:
     """The numbers that steps add to (n,), 0 for rotations, directions and scales."""
-    for j in range(system.n):
-        place = system.number_of[j]
+    for j in range(problem.n):
+        place = problem.number_of[j]
         target[j] = 0.0
         if place >= 0:
             target[j] = point[place]
 
 
 @distinct_arrays
-def place_coordinates(system: Problem, coordinates: ConstantReals, point: Reals) -> None:
+def place_coordinates(problem: Problem, coordinates: ConstantReals, point: Reals) -> None:
     """Put coordinates (n,) into the point; rotations, directions and scales stay."""
-    for j in range(system.n):
-        place = system.number_of[j]
+    for j in range(problem.n):
+        place = problem.number_of[j]
         if place >= 0:
             point[place] = coordinates[j]
 

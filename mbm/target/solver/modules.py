@@ -5,7 +5,7 @@ from __future__ import annotations
 from mbm.target.chi_square import chi_square_tails
 from mbm.target.from_python import module_of
 from mbm.target.solver.batch import finish_solve, go_on, solve_many, start_solve
-from mbm.target.solver.consensus import agree_by_and_by, agree_many
+from mbm.target.solver.consensus import consensus_in_portions, consensus_many
 from mbm.target.tree import Module
 
 
@@ -17,4 +17,4 @@ def solver_module(lanes: int) -> Module:
 
 def consensus_module(lanes: int) -> Module:
     """Consensus likewise: beside the solver, for few problems ask it."""
-    return module_of("consensus", (agree_many, agree_by_and_by), constants={"LANES": lanes})
+    return module_of("consensus", (consensus_many, consensus_in_portions), constants={"LANES": lanes})

@@ -15,16 +15,16 @@ from mbm.target.solver.linear_algebra import cholesky, dot, filled, solve_transp
 from mbm.target.solver.manifolds import retract
 from mbm.target.solver.steps import chosen_columns, down_of, norm_of, up_of
 from mbm.target.solver.sweeps import sweep
-from mbm.target.solver.workspace import Place, Work
+from mbm.target.solver.workspace import Linearisation, Work
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 
 
-def newton_step(system: Problem, place: Place, work: Work) -> Integer:
+def newton_step(problem: Problem, place: Linearisation, work: Work) -> Integer:
     """Newton's step as the undamped one of the place; 0 where the Hessian is indefinite or the step leaves the box."""
-    n = system.n
+    n = problem.n
     full = place.full
     factor = work.part
-    image = work.part_image
+    projected = work.part_projected
     chosen = work.chosen
     count = 0
     for j in range(n):
@@ -34,34 +34,34 @@ def newton_step(system: Problem, place: Place, work: Work) -> Integer:
             count += 1
     if count == 0:
         return 0
-    chosen_columns(n, place.factor, place.image, count, work)
+    chosen_columns(n, place.factor, place.projected, count, work)
     for j in range(count):
         if factor[j * count + j] == 0.0:
             return 0
     inner = work.inner
-    set_inner(system, count, chosen, sqrt(place.cost), place.scale, factor, work, inner)
+    set_inner(problem, count, chosen, sqrt(place.cost), place.scale, factor, work, inner)
     if cholesky(count, inner) == 0:
         return 0
     for i in range(count):
-        image[i] = (image[i] - dot(i, inner[i * count :], image)) / inner[i * count + i]
-    gain = dot(count, image, image)
+        projected[i] = (projected[i] - dot(i, inner[i * count :], projected)) / inner[i * count + i]
+    gain = dot(count, projected, projected)
     for back in range(count):
         i = count - 1 - back
-        total = image[i]
+        total = projected[i]
         for k in range(i + 1, count):
-            total -= inner[k * count + i] * image[k]
-        image[i] = total / inner[i * count + i]
-    solve_upper(count, factor, image)
-    length = norm_of(count, image)
+            total -= inner[k * count + i] * projected[k]
+        projected[i] = total / inner[i * count + i]
+    solve_upper(count, factor, projected)
+    length = norm_of(count, projected)
     if not isfinite(length) or not isfinite(gain):
         return 0
     for k in range(count):
         at = chosen[k]
-        full[at] = -image[k] / place.scale[at]
-        low = down_of(system, work.rows.constants, place.x, at)
-        high = up_of(system, work.rows.constants, place.x, at)
+        full[at] = -projected[k] / place.scale[at]
+        low = down_of(problem, work.rows.constants, place.x, at)
+        high = up_of(problem, work.rows.constants, place.x, at)
         beyond = full[at] < low or full[at] > high
-        if system.boxed == 1 and beyond:
+        if problem.boxed == 1 and beyond:
             return 0
     place.predicted = gain
     place.length = length
@@ -69,7 +69,7 @@ def newton_step(system: Problem, place: Place, work: Work) -> Integer:
 
 
 def set_inner(
-    system: Problem,
+    problem: Problem,
     count: Integer,
     chosen: ConstantIntegers,
     weight: Real,
@@ -79,7 +79,7 @@ def set_inner(
     inner: Reals,
 ) -> None:
     """``I + A⁻ᵀ C A⁻¹`` (count, count) with the second-order term C in scaled coordinates."""
-    n = system.n
+    n = problem.n
     for i in range(count):
         for k in range(count):
             value = work.curvature[chosen[i] * n + chosen[k]]
@@ -96,17 +96,17 @@ def set_inner(
 
 
 def set_curvature(
-    system: Problem,
+    problem: Problem,
     work: Work,
 ) -> Integer:
     """The second-order term at the place of the iteration, by forward differences; 0 where it is not finite."""
-    n = system.n
+    n = problem.n
     place = work.here
     curvature = work.curvature
     step = work.shift
     there = work.gradient_shifted
     point = work.trial
-    residuals = work.rows.residuals[work.residuals_here * system.most_residuals :]
+    residuals = work.rows.residuals[work.residuals_here * problem.most_residuals :]
     freedom = float(work.here.freedom)
     spread = sqrt(place.cost / (freedom if freedom > 1.0 else 1.0))
     total = 0.0
@@ -115,8 +115,8 @@ def set_curvature(
         step[j] = DIFFERENCE * spread / place.scale[j]
         if LEAST_DIFFERENCE * fabs(place.x[j]) > step[j]:
             step[j] = LEAST_DIFFERENCE * fabs(place.x[j])
-        retract(system, place.point, step, point)
-        sweep(system, point, 1, work.penalised, work.rows, residuals, there)
+        retract(problem, place.point, step, point)
+        sweep(problem, point, 1, work.penalised, work.rows, residuals, there)
         for k in range(n):
             gradient = 0.0
             for i in range(k + 1):

@@ -37,7 +37,7 @@ def add_plain_to_column(groups: Integer, rows: Integer, width: Integer, values: 
 
 @distinct_arrays
 def scatter(
-    system: Problem,
+    problem: Problem,
     block: Block,
     part: DataBlock,
     first: Integer,
@@ -63,7 +63,7 @@ def scatter(
         if block.columns == 0:
             column = columns[nonzero.tangent]
             if column >= 0:
-                place = column * system.chunk + line
+                place = column * problem.chunk + line
                 if weight >= 0:
                     add_to_column(groups, lines * LANES, width, heavy, values, whitening[weight:], chunk[place:])
                 else:
@@ -80,11 +80,11 @@ def scatter(
                         if weight >= 0:
                             factor = whitening[group * heavy + weight + lane]
                             value = factor * value if factor != 0.0 else 0.0
-                        chunk[column * system.chunk + group * lines * LANES + line + lane] += value
+                        chunk[column * problem.chunk + group * lines * LANES + line + lane] += value
 
 
 @distinct_arrays
-def whiten_matrices(system: Problem, block: Block, groups: Integer, whitening: ConstantReals, chunk: Reals) -> None:
+def whiten_matrices(problem: Problem, block: Block, groups: Integer, whitening: ConstantReals, chunk: Reals) -> None:
     """Rows of units whose weights are matrices, in place: upper or lower triangular ones, so that it can be."""
     lines = block.outputs
     heavy = block.weights
@@ -92,9 +92,9 @@ def whiten_matrices(system: Problem, block: Block, groups: Integer, whitening: C
         unit = block.units[u]
         size = unit.last - unit.first
         if unit.matrix != 0:
-            for column in range(system.n):
+            for column in range(problem.n):
                 for group in range(groups):
-                    place = column * system.chunk + (group * lines + unit.first) * LANES
+                    place = column * problem.chunk + (group * lines + unit.first) * LANES
                     for lane in range(LANES):
                         whiten_unit(
                             size,
@@ -125,7 +125,7 @@ def whiten_unit(size: Integer, kind: Integer, weights: ConstantReals, values: Re
 
 @distinct_arrays
 def penalise_slopes(
-    system: Problem,
+    problem: Problem,
     block: Block,
     groups: Integer,
     whitening: ConstantReals,
@@ -141,14 +141,14 @@ def penalise_slopes(
                 place = (group * lines + i) * LANES + lane
                 if block.equality[i] == 0 and penalties[place] <= 0.0:
                     factor = 0.0
-                for column in range(system.n):
-                    at = column * system.chunk + place
+                for column in range(problem.n):
+                    at = column * problem.chunk + place
                     chunk[at] = factor * chunk[at] if factor != 0.0 else 0.0
 
 
 @distinct_arrays
 def root_slopes(
-    system: Problem,
+    problem: Problem,
     constants: ConstantReals,
     block: Block,
     groups: Integer,
@@ -170,8 +170,8 @@ def root_slopes(
                     square = square_of(size, own)
                     factor = root_factor(unit.loss, square, scale, shape)
                     change = 2.0 * root_slope(unit.loss, square, scale, shape, factor)
-                    for column in range(system.n):
-                        rows = chunk[column * system.chunk + place :]
+                    for column in range(problem.n):
+                        rows = chunk[column * problem.chunk + place :]
                         along = 0.0
                         for i in range(size):
                             along += own[i * LANES] * rows[i * LANES]

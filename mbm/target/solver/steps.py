@@ -1,7 +1,8 @@
 """Steps: undamped, damped to a length (Marquardt's), and inside hard bounds.
 
-They need the scaled triangle A (n, n) and ``image`` = Qᵀr (n,) alone: ``‖J p + r‖² = ‖A s + image‖² + rest`` for a step
-``s = scale · p``. Moré (1978); Stark and Parker (1995) for the bounds. The rules are those of `solution.solvers`.
+They need the scaled triangle A (n, n) and ``projected`` = Qᵀr (n,) alone: ``‖J p + r‖² = ‖A s + projected‖² + c``
+for a step ``s = scale · p``. Moré (1978); Stark and Parker (1995) for the bounds. The rules are those of
+`solution.solvers`.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from mbm.target.solver.linear_algebra import (
     times_transposed,
     times_upper,
 )
-from mbm.target.solver.workspace import Place, Work
+from mbm.target.solver.workspace import Linearisation, Work
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, distinct_arrays
 
 INDEPENDENT = 1e-11
@@ -35,9 +36,9 @@ def norm_of(n: Integer, a: ConstantReals) -> Real:
 
 
 @distinct_arrays
-def undamped_step(n: Integer, factor: ConstantReals, image: ConstantReals, step: Reals) -> None:
+def undamped_step(n: Integer, factor: ConstantReals, projected: ConstantReals, step: Reals) -> None:
     """The Gauss-Newton step in scaled coordinates (n,)."""
-    copied(n, image, step)
+    copied(n, projected, step)
     solve_upper(n, factor, step)
     for j in range(n):
         step[j] = -step[j]
@@ -47,7 +48,7 @@ def undamped_step(n: Integer, factor: ConstantReals, image: ConstantReals, step:
 def marquardt_step(
     n: Integer,
     factor: ConstantReals,
-    image: ConstantReals,
+    projected: ConstantReals,
     radius: Real,
     step: Reals,
     triangle: Reals,
@@ -55,11 +56,11 @@ def marquardt_step(
     row: Reals,
 ) -> None:
     """The undamped step where it is short enough, else the one of length ``radius`` (within 10 %), scaled."""
-    undamped_step(n, factor, image, step)
+    undamped_step(n, factor, projected, step)
     length = norm_of(n, step)
     if length <= 1.1 * radius:
         return
-    times_transposed(n, factor, image, right)
+    times_transposed(n, factor, projected, right)
     ceiling = norm_of(n, right) / radius
     copied(n, step, row)
     solve_transposed(n, factor, row)
@@ -70,7 +71,7 @@ def marquardt_step(
     if damping > ceiling:
         damping = ceiling
     for tries in range(13):
-        damped_triangle(n, factor, image, damping, triangle, right, row)
+        damped_triangle(n, factor, projected, damping, triangle, right, row)
         copied(n, right, step)
         solve_upper(n, triangle, step)
         length = norm_of(n, step)
@@ -87,38 +88,38 @@ def marquardt_step(
         step[j] = -step[j]
 
 
-def down_of(system: Problem, constants: ConstantReals, x: ConstantReals, j: Integer) -> Real:
+def down_of(problem: Problem, constants: ConstantReals, x: ConstantReals, j: Integer) -> Real:
     """Largest movement down (≤ 0) of a coordinate in one step."""
     found = constants[BOUNDS_AT + j] - x[j]
-    if system.positive[j] != 0 and found < (POSITIVE_KEPT - 1.0) * x[j]:
+    if problem.positive[j] != 0 and found < (POSITIVE_KEPT - 1.0) * x[j]:
         found = (POSITIVE_KEPT - 1.0) * x[j]
     return found
 
 
-def up_of(system: Problem, constants: ConstantReals, x: ConstantReals, j: Integer) -> Real:
+def up_of(problem: Problem, constants: ConstantReals, x: ConstantReals, j: Integer) -> Real:
     """Largest movement up (≥ 0) of a coordinate."""
-    return constants[BOUNDS_AT + system.n + j] - x[j]
+    return constants[BOUNDS_AT + problem.n + j] - x[j]
 
 
 @distinct_arrays
-def project(system: Problem, constants: ConstantReals, x: Reals) -> None:
+def project(problem: Problem, constants: ConstantReals, x: Reals) -> None:
     """The nearest point of the box; a `positive` coordinate that is not becomes 1 (or half its upper bound)."""
-    n = system.n
+    n = problem.n
     for j in range(n):
         upper = constants[BOUNDS_AT + n + j]
         if x[j] < constants[BOUNDS_AT + j]:
             x[j] = constants[BOUNDS_AT + j]
         if x[j] > upper:
             x[j] = upper
-        if system.positive[j] != 0 and x[j] <= 0.0:
+        if problem.positive[j] != 0 and x[j] <= 0.0:
             x[j] = 0.5 * upper if isfinite(upper) else 1.0
 
 
 @distinct_arrays
-def land(system: Problem, constants: ConstantReals, vector: ConstantReals, stopped: ConstantReals, x: Reals) -> None:
+def land(problem: Problem, constants: ConstantReals, vector: ConstantReals, stopped: ConstantReals, x: Reals) -> None:
     """Where a step led, put into the box; a coordinate that it put on a bound stands on it to the last bit."""
-    n = system.n
-    project(system, constants, x)
+    n = problem.n
+    project(problem, constants, x)
     for j in range(n):
         if stopped[j] != 0.0:
             bound = constants[BOUNDS_AT + n + j]
@@ -129,8 +130,8 @@ def land(system: Problem, constants: ConstantReals, vector: ConstantReals, stopp
 
 
 @distinct_arrays
-def chosen_columns(n: Integer, factor: ConstantReals, image: ConstantReals, count: Integer, work: Work) -> None:
-    """The triangle (count, count) and the image of the chosen columns of A alone, as `part` and `part_image`."""
+def chosen_columns(n: Integer, factor: ConstantReals, projected: ConstantReals, count: Integer, work: Work) -> None:
+    """The triangle (count, count) of the chosen columns of A alone and its Qᵀr, as `part` and `part_projected`."""
     width = count + 1
     rows = work.small_rows
     triangle = work.small
@@ -138,12 +139,12 @@ def chosen_columns(n: Integer, factor: ConstantReals, image: ConstantReals, coun
     for k in range(count):
         for i in range(n):
             rows[k * n + i] = factor[i * n + work.chosen[k]] if i <= work.chosen[k] else 0.0
-    copied(n, image, rows[count * n :])
+    copied(n, projected, rows[count * n :])
     append_rows(width, n, n, rows, triangle)
     for i in range(count):
         for k in range(count):
             work.part[i * count + k] = triangle[i * width + k]
-        work.part_image[i] = triangle[i * width + count]
+        work.part_projected[i] = triangle[i * width + count]
 
 
 @distinct_arrays
@@ -164,11 +165,11 @@ def turn_into(n: Integer, k: Integer, row: Reals, other: Reals, end: Reals, othe
 
 
 @distinct_arrays
-def without_dependent(n: Integer, factor: Reals, image: Reals) -> Integer:
+def without_dependent(n: Integer, factor: Reals, projected: Reals) -> Integer:
     """Columns of a scaled triangle that are as good as dependent (`INDEPENDENT`) get the diagonal 0; how many.
 
-    Such a column takes no part in a step. What its row says of the columns behind it is turned into their own rows
-    (Givens), and with it what the row says of the ``image`` (n,): else it would be lost with the column.
+    Such a column takes no part in a step. What its row says of the columns behind it is reflected into their own rows
+    (Givens), and with it what the row says of the ``projected`` (n,): else it would be lost with the column.
     """
     longest = 0.0
     for j in range(n):
@@ -183,17 +184,17 @@ def without_dependent(n: Integer, factor: Reals, image: Reals) -> Integer:
             factor[j * n + j] = 0.0
             found += 1
             for k in range(j + 1, n):
-                turn_into(n, k, factor[j * n :], factor[k * n :], image[j:], image[k:])
+                turn_into(n, k, factor[j * n :], factor[k * n :], projected[j:], projected[k:])
     return found
 
 
-def step_of_part(count: Integer, radius: Real, limited: Integer, image: ConstantReals, work: Work) -> None:
+def step_of_part(count: Integer, radius: Real, limited: Integer, projected: ConstantReals, work: Work) -> None:
     """The step of the columns chosen (`part`) into `part_step`, damped where ``limited``."""
     if limited == 1:
         marquardt_step(
             count,
             work.part,
-            image,
+            projected,
             radius,
             work.part_step,
             work.damped,
@@ -201,12 +202,12 @@ def step_of_part(count: Integer, radius: Real, limited: Integer, image: Constant
             work.row,
         )
     else:
-        undamped_step(count, work.part, image, work.part_step)
+        undamped_step(count, work.part, projected, work.part_step)
 
 
 def boxed_step(
-    system: Problem,
-    place: Place,
+    problem: Problem,
+    place: Linearisation,
     radius: Real,
     limited: Integer,
     work: Work,
@@ -214,7 +215,7 @@ def boxed_step(
     stopped: Reals,
 ) -> None:
     """The step restricted to the box: what leaves it first is put on its bound, until nothing does."""
-    n = system.n
+    n = problem.n
     factor = place.factor
     scale = place.scale
     x = place.x
@@ -223,7 +224,7 @@ def boxed_step(
     trial = work.part_step
     chosen = work.chosen
     copied(n, place.free, moving)
-    copied(n, place.image, rest)
+    copied(n, place.projected, rest)
     filled(n, 0.0, vector)
     filled(n, 0.0, stopped)
     remaining = radius
@@ -236,24 +237,24 @@ def boxed_step(
         if count == 0 or not remaining > 0.0:
             break
         part = work.part
-        part_image = work.part_image
+        part_projected = work.part_projected
         if count == n:
             copied(n * n, factor, part)
-            copied(n, rest, part_image)
+            copied(n, rest, part_projected)
         else:
             chosen_columns(n, factor, rest, count, work)
-            without_dependent(count, part, part_image)
-        step_of_part(count, remaining, limited, part_image, work)
-        first = first_to_leave(system, work.rows.constants, x, scale, count, chosen, trial)
+            without_dependent(count, part, part_projected)
+        step_of_part(count, remaining, limited, part_projected, work)
+        first = first_to_leave(problem, work.rows.constants, x, scale, count, chosen, trial)
         if first < 0:
             for k in range(count):
                 vector[chosen[k]] = trial[k] / scale[chosen[k]]
             break
         at = chosen[first]
         vector[at] = (
-            down_of(system, work.rows.constants, x, at)
+            down_of(problem, work.rows.constants, x, at)
             if trial[first] < 0.0
-            else up_of(system, work.rows.constants, x, at)
+            else up_of(problem, work.rows.constants, x, at)
         )
         stopped[at] = 1.0
         moving[at] = 0.0
@@ -266,11 +267,11 @@ def boxed_step(
                     taken += scale[j] * vector[j] * scale[j] * vector[j]
             left = radius * radius - taken
             remaining = sqrt(left) if left > 0.0 else 0.0
-    judge_step(system, place, vector, work)
+    judge_step(problem, place, vector, work)
 
 
 def first_to_leave(
-    system: Problem,
+    problem: Problem,
     constants: ConstantReals,
     x: ConstantReals,
     scale: ConstantReals,
@@ -284,8 +285,8 @@ def first_to_leave(
     for k in range(count):
         at = chosen[k]
         value = trial[k] / scale[at]
-        low = down_of(system, constants, x, at)
-        high = up_of(system, constants, x, at)
+        low = down_of(problem, constants, x, at)
+        high = up_of(problem, constants, x, at)
         if value < low or value > high:
             share = low / value if value < 0.0 else high / value
             if found < 0 or share < least:
@@ -294,13 +295,13 @@ def first_to_leave(
     return found
 
 
-def judge_step(system: Problem, place: Place, vector: ConstantReals, work: Work) -> None:
+def judge_step(problem: Problem, place: Linearisation, vector: ConstantReals, work: Work) -> None:
     """Promise and scaled length of any step ``vector`` (n,)."""
-    n = system.n
+    n = problem.n
     scaled = work.scaled
     moved = work.moved
     for j in range(n):
         scaled[j] = place.scale[j] * vector[j]
     times_upper(n, place.factor, scaled, moved)
-    work.step_predicted = -(dot(n, moved, moved) + 2.0 * dot(n, moved, place.image))
+    work.step_predicted = -(dot(n, moved, moved) + 2.0 * dot(n, moved, place.projected))
     work.step_length = norm_of(n, scaled)

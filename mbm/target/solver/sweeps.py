@@ -12,11 +12,11 @@ from mbm.target.solver.equations import (
     weights_width,
     whiten_values,
 )
+from mbm.target.solver.fused import first_separate, fused_rows, separate_rows
 from mbm.target.solver.linear_algebra import append_rows, dot, filled
 from mbm.target.solver.normal_equations import add_products, add_sums, rooted
 from mbm.target.solver.slopes import penalise_slopes, root_slopes, scatter, whiten_matrices
-from mbm.target.solver.united import first_apart, rows_apart, united_rows
-from mbm.target.solver.workspace import Place, Rows, Work
+from mbm.target.solver.workspace import Linearisation, Rows, Work
 from mbm.target.words import ConstantReals, Integer, Reals, call_kernel, distinct_arrays
 
 HARMLESS = 1e6
@@ -44,7 +44,7 @@ def settle_chunk(
 
 
 def whiten_portion(
-    system: Problem,
+    problem: Problem,
     rows: Rows,
     block: Block,
     groups: Integer,
@@ -54,13 +54,13 @@ def whiten_portion(
 ) -> None:
     """What of a portion of observations is not whitened yet, and losses."""
     whiten_values(block, groups, block.outputs + block.nonzero_count, rows.outputs, weights, right)
-    whiten_matrices(system, block, groups, weights, chunk)
-    root_slopes(system, rows.constants, block, groups, right, chunk)
+    whiten_matrices(problem, block, groups, weights, chunk)
+    root_slopes(problem, rows.constants, block, groups, right, chunk)
     root_values(rows.constants, block, groups, right)
 
 
 def sweep(
-    system: Problem,
+    problem: Problem,
     point: ConstantReals,
     mode: Integer,
     penalised: Integer,
@@ -73,31 +73,31 @@ def sweep(
     ``mode`` 0: ``target`` becomes their triangular factor (n + 1, n + 1); 1: the product ``Jᵀ vector`` (n,) with a
     vector of residuals; 2: the upper triangle of ``[J r]ᵀ [J r]``, without its last number, is added to zeros there.
     """
-    n = system.n
-    stride = system.chunk
+    n = problem.n
+    stride = problem.chunk
     inputs = 0
     whitening = 0
     outputs = rows.outputs
     chunk = rows.chunk
     filled((n + 1) * (n + 1) if mode == 0 else n, 0.0, target)
-    there = united_rows(system, rows, 1, point, stride, chunk) if LANES > 1 else 0
+    there = fused_rows(problem, rows, 1, point, stride, chunk) if LANES > 1 else 0
     settled = 0
-    begin = first_apart(system, rows) if LANES > 1 else 0
-    for b in range(begin, system.residual_blocks + penalised * system.constraint_blocks):
-        block = system.blocks[b]
+    begin = first_separate(problem, rows) if LANES > 1 else 0
+    for b in range(begin, problem.residual_blocks + penalised * problem.constraint_blocks):
+        block = problem.blocks[b]
         part = rows.data.blocks[b]
-        count = rows_apart(system, rows, b) if LANES > 1 else part.rows
+        count = separate_rows(problem, rows, b) if LANES > 1 else part.rows
         lines = block.outputs * LANES
         width = (block.variables + block.parameters) * LANES
         heavy = weights_width(block) * LANES
         gather(block, count, rows.index[part.index :], point, rows.inputs[inputs:])
         first = 0
-        if LANES > 1 and mode == 2 and block.normal != 0 and count >= system.summed_from:
+        if LANES > 1 and mode == 2 and block.normal != 0 and count >= problem.summed_from:
             first = groups_of(count)
             weights = rows.weights[whitening:]
             add_sums(n, block, part, first, rows, rows.inputs[inputs:], weights, target)
         while first < groups_of(count):
-            groups = portion(system, block)
+            groups = portion(problem, block)
             if first + groups > groups_of(count):
                 groups = groups_of(count) - first
             if there + groups * lines > stride:
@@ -108,14 +108,14 @@ def sweep(
             weights = rows.weights[whitening + first * heavy :]
             for column in range(n):
                 filled(groups * lines, 0.0, chunk[column * stride + there :])
-            scatter(system, block, part, first, groups, rows, weights, chunk[there:])
+            scatter(problem, block, part, first, groups, rows, weights, chunk[there:])
             right = chunk[n * stride + there :]
-            if b < system.residual_blocks:
-                whiten_portion(system, rows, block, groups, weights, right, chunk[there:])
+            if b < problem.residual_blocks:
+                whiten_portion(problem, rows, block, groups, weights, right, chunk[there:])
             else:
                 every = block.outputs + block.nonzero_count
                 penalise_values(block, groups, every, outputs, weights, right)
-                penalise_slopes(system, block, groups, weights, right, chunk[there:])
+                penalise_slopes(problem, block, groups, weights, right, chunk[there:])
             there += groups * lines
             first += groups
         inputs += groups_of(count) * width
@@ -124,26 +124,26 @@ def sweep(
         settle_chunk(n + 1, there, stride, mode, vector[settled:], chunk, target)
 
 
-def summed(system: Problem, data: DataSet) -> Integer:
+def summed(problem: Problem, data: DataSet) -> Integer:
     """1 where some block has rows enough for sums of products to be worth while."""
-    for b in range(system.residual_blocks):
-        block = system.blocks[b]
-        if block.normal != 0 and data.blocks[b].rows >= system.summed_from:
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
+        if block.normal != 0 and data.blocks[b].rows >= problem.summed_from:
             return 1
     return 0
 
 
 def set_triangle(
-    system: Problem,
-    place: Place,
+    problem: Problem,
+    place: Linearisation,
     work: Work,
 ) -> None:
     """The triangle of a place whose point and cost are known: from sums of products while the condition allows it."""
-    n = system.n
+    n = problem.n
     triangle = place.triangle
     if work.summed == 1:
         filled((n + 1) * (n + 1), 0.0, triangle)
-        sweep(system, place.point, 2, work.penalised, work.rows, work.rows.constants, triangle)
+        sweep(problem, place.point, 2, work.penalised, work.rows, work.rows.constants, triangle)
         lower = work.lower
         upper = work.inner
         inverse = work.inverse
@@ -152,4 +152,4 @@ def set_triangle(
             return
         work.summed = 0
     place.squared_condition = 0.0
-    sweep(system, place.point, 0, work.penalised, work.rows, work.rows.constants, triangle)
+    sweep(problem, place.point, 0, work.penalised, work.rows, work.rows.constants, triangle)

@@ -22,28 +22,28 @@ from mbm.target.decisions import (
 )
 from mbm.target.solver.description import FLAT, LANES, NO_FINITE_STEP, ROUNDING, RUNNING, UNSURE, Problem
 from mbm.target.solver.linear_algebra import copied
+from mbm.target.solver.linearisation import arrive, judge
 from mbm.target.solver.newton import set_curvature
-from mbm.target.solver.places import arrive, judge
 from mbm.target.solver.sweeps import set_triangle, sweep
-from mbm.target.solver.trials import same_point, shortening, step_within, try_step
+from mbm.target.solver.trial_steps import same_point, shortening, step_within, try_step
 from mbm.target.solver.workspace import Work
 from mbm.target.step_control import radius_after, remaining
 from mbm.target.words import Integer, Real
 
 
 def factor_there(
-    system: Problem,
+    problem: Problem,
     work: Work,
 ) -> Integer:
     """The trial point as the other place, with its triangle; 0 where that is not finite."""
-    n = system.n
+    n = problem.n
     there = work.other
-    copied(system.numbers, work.tried, there.point)
+    copied(problem.numbers, work.tried, there.point)
     there.cost = work.cost_tried
     if LANES > 1:
-        set_triangle(system, there, work)
+        set_triangle(problem, there, work)
     else:
-        sweep(system, there.point, 0, work.penalised, work.rows, work.rows.constants, there.triangle)
+        sweep(problem, there.point, 0, work.penalised, work.rows, work.rows.constants, there.triangle)
     total = 0.0
     for i in range((n + 1) * (n + 1)):
         total += there.triangle[i]
@@ -51,7 +51,7 @@ def factor_there(
 
 
 def arrive_there(
-    system: Problem,
+    problem: Problem,
     share: Real,
     work: Work,
 ) -> None:
@@ -61,9 +61,9 @@ def arrive_there(
     """
     here = work.here
     there = work.other
-    arrive(system, there, 1, work.curvature_known, work)
+    arrive(problem, there, 1, work.curvature_known, work)
     if share < 0.0 and not there.offset <= OFFSET_DECREASE * here.offset:
-        no_better(system, work)
+        no_better(problem, work)
         return
     if share >= 0.0:
         work.radius = radius_after(share, work.radius, work.step_length, work.undamped)
@@ -73,17 +73,17 @@ def arrive_there(
     work.stop = there.ending
     if work.patience > 0:
         work.patience -= 1
-    if system.strict == 1 and there.deficient > 0:
+    if problem.strict == 1 and there.deficient > 0:
         work.stop = UNSURE
     if work.stop != RUNNING or there.offset <= SLOW_OFFSET * here.offset or work.patience > 0:
         return
     if there.offset < NEAR_OFFSET:
-        few = float(system.n + 2)
+        few = float(problem.n + 2)
         if remaining(there.offset, here.offset, work.tolerance) <= few:
             return
     elif here.cost - there.cost > CREEP * here.cost:
         return
-    take_curvature(system, work)
+    take_curvature(problem, work)
     longest = REACH * work.radius
     if there.length < longest:
         longest = there.length
@@ -92,25 +92,25 @@ def arrive_there(
 
 
 def take_curvature(
-    system: Problem,
+    problem: Problem,
     work: Work,
 ) -> None:
     """The second-order term at the place of the iteration, and the place judged anew with it."""
     place = work.here
-    work.curvature_known = set_curvature(system, work)
-    judge(system, place, work.curvature_known, work)
+    work.curvature_known = set_curvature(problem, work)
+    judge(problem, place, work.curvature_known, work)
     work.patience = PATIENCE if place.offset >= NEAR_OFFSET else 0
     work.stop = place.ending
 
 
-def no_better(system: Problem, work: Work) -> None:
+def no_better(problem: Problem, work: Work) -> None:
     """No better point: the end, unless the second-order term was too inexact for the last digits."""
     if work.curvature_known == 0:
         work.stop = ROUNDING
         return
     place = work.here
     work.curvature_known = 0
-    judge(system, place, 0, work)
+    judge(problem, place, 0, work)
     if place.length > work.radius:
         work.radius = place.length
     work.patience = NEVER
@@ -118,26 +118,26 @@ def no_better(system: Problem, work: Work) -> None:
 
 
 def stuck(
-    system: Problem,
+    problem: Problem,
     work: Work,
 ) -> None:
     """No trial was accepted: the end, unless Newton's step shows a way that Gauss-Newton's did not."""
     place = work.here
     if place.predicted <= UNDECIDED * place.cost_rounding:
-        no_better(system, work)
+        no_better(problem, work)
     elif work.finite == 0:
         work.stop = NO_FINITE_STEP
     elif work.patience > 0:
         work.stop = FLAT
     else:
-        take_curvature(system, work)
+        take_curvature(problem, work)
         work.patience = PATIENCE
         if place.length > work.radius:
             work.radius = place.length
 
 
 def iterate(
-    system: Problem,
+    problem: Problem,
     work: Work,
 ) -> None:
     """Trial steps until one is accepted, or none can be; the cost never grows by more than its rounding."""
@@ -147,9 +147,9 @@ def iterate(
     work.finite = 1
     work.iterations += 1
     for _ in range(TRIAL_POINTS):
-        step_within(system, radius, work)
-        try_step(system, work)
-        if same_point(system, work.tried, here.point) == 1:
+        step_within(problem, radius, work)
+        try_step(problem, work)
+        if same_point(problem, work.tried, here.point) == 1:
             break
         shorter = work.step_length if work.step_length < radius else radius
         work.finite = 1 if isfinite(work.cost_tried) else 0
@@ -167,15 +167,15 @@ def iterate(
         elif work.undamped == 1 and actual >= -here.cost_rounding:
             acceptable = 1
         if acceptable == 1:
-            if factor_there(system, work) == 0:
+            if factor_there(problem, work) == 0:
                 work.finite = 0
                 radius = 0.25 * shorter
                 continue
             work.radius = radius
-            arrive_there(system, share, work)
+            arrive_there(problem, share, work)
             return
         if not decided:
             break
-        radius = shortening(system, here, work.step, actual, work) * shorter
+        radius = shortening(problem, here, work.step, actual, work) * shorter
     work.radius = radius
-    stuck(system, work)
+    stuck(problem, work)

@@ -18,10 +18,10 @@ class Rows:
     index: ConstantIntegers
     columns: ConstantIntegers
     """Brought by the caller, as `description` says."""
-    united: Integer
-    """1: the united rows are loaded, 0: blocks are taken one by one."""
-    united_data: Reals = sized("united_reals")
-    """Parameters and weights of the united rows."""
+    fused: Integer
+    """1: the fused rows are loaded, 0: blocks are taken one by one."""
+    fused_data: Reals = sized("fused_reals")
+    """Parameters and weights of the fused rows."""
     inputs: Reals = sized("most_inputs")
     """What the kernels take."""
     outputs: Reals = sized("most_outputs")
@@ -35,7 +35,7 @@ class Rows:
 
 
 @record
-class Place:
+class Linearisation:
     """A linearisation point: a point with all that depends on it alone."""
 
     cost: Real
@@ -69,7 +69,7 @@ class Place:
     """1 for coordinates that a bound stopped in the undamped step."""
     free: Reals = sized("n")
     """1 for coordinates free to move."""
-    image: Reals = sized("n")
+    projected: Reals = sized("n")
     """``Qᵀ r``: with the scaled triangle all that the rows say about steps."""
     norms: Reals = sized("n")
     """Norms of the columns."""
@@ -109,11 +109,11 @@ class Work:
     integers: Integers
     shared: Integer
     """1: the arrays here are parts of them, as the problem wants it."""
-    first: Place
-    second: Place
-    here: Reference[Place]
+    first: Linearisation
+    second: Linearisation
+    here: Reference[Linearisation]
     """Where the iteration is."""
-    other: Reference[Place]
+    other: Reference[Linearisation]
 
     radius: Real
     cost_tried: Real
@@ -155,21 +155,21 @@ class Work:
     tried: Reals
     """The trial point that counts: one of the next two."""
     trial: Reals = sized("numbers")
-    bent_trial: Reals = sized("numbers")
+    corrected_trial: Reals = sized("numbers")
 
     step: Reals = sized("n")
     """The step tried."""
     step_stopped: Reals = sized("n")
     """1 for coordinates that a bound stopped in it."""
     scaled: Reals = sized("n")
-    bent: Reals = sized("n")
+    corrected: Reals = sized("n")
     """The step with the curvature answered."""
     gradient: Reals = sized("n")
     row: Reals = sized("n")
     right: Reals = sized("n")
     moving: Reals = sized("n")
     rest: Reals = sized("n")
-    part_image: Reals = sized("n")
+    part_projected: Reals = sized("n")
     part_step: Reals = sized("n")
     moved: Reals = sized("n")
     back: Reals = sized("n")
@@ -212,17 +212,17 @@ class Work:
     """Derivatives of the constraints."""
 
 
-def work_reals(system: Problem) -> Integer:
+def work_reals(problem: Problem) -> Integer:
     """Reals of scratch that a thread needs."""
-    return reals_in(Work, system)
+    return reals_in(Work, problem)
 
 
-def work_integers(system: Problem) -> Integer:
+def work_integers(problem: Problem) -> Integer:
     """Integers of scratch that a thread needs."""
-    return integers_in(Work, system)
+    return integers_in(Work, problem)
 
 
-def share_out(system: Problem, work: Work) -> None:
+def share_out(problem: Problem, work: Work) -> None:
     """Let the arrays in ``work`` be parts of its `work_reals` reals and `work_integers` integers."""
-    lay_out(work, system, work.reals, work.integers)
+    lay_out(work, problem, work.reals, work.integers)
     work.shared = 1

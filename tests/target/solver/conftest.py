@@ -30,7 +30,7 @@ FUNCTIONS = {
 
 KERNELS = "static void call_kernel(long address, const double *inputs, double *outputs, long blocks)\n"
 KERNELS += "{ ((void (*)(const double *, double *, long))address)(inputs, outputs, blocks); }\n"
-KERNELS += "static void call_united(long address, const double *point, const double *data, double *target,\n"
+KERNELS += "static void call_fused(long address, const double *point, const double *data, double *target,\n"
 KERNELS += "long stride)\n"
 KERNELS += "{ ((void (*)(const double *, const double *, double *, long))address)(point, data, target, stride); }\n"
 KERNELS += "static void call_normal(long address, const double *inputs, const double *weights, const double *losses,\n"

@@ -13,17 +13,17 @@ from scipy.stats import hypergeom
 from mbm.solution.robust.estimators.msac import MSAC
 from mbm.solution.robust.estimators.ransac import RANSAC
 from mbm.solution.robust.subsets import first_states, minimal_subsets, unit_rows
-from mbm.target.solver.consensus_draw import (
+from mbm.target.solver.consensus_order import median, selected
+from mbm.target.solver.consensus_sample import (
     combinations_of,
     drawn_below,
     jump_to_next_trial,
     next_combination,
     rank_of_all,
-    subset_drawn,
+    subset_sampled,
     trials_for_share,
 )
-from mbm.target.solver.consensus_order import median, selected
-from mbm.target.solver.consensus_scores import inside_count, least_median, outlier_count, truncated
+from mbm.target.solver.consensus_scores import inlier_count, least_median, outlier_count, truncated
 from tests.robust.scenes import scalar_units
 
 NUMBERS = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=40)
@@ -40,7 +40,7 @@ def test_subsets_are_those_of_the_general_path(count):
     order, basis = np.zeros(count, dtype=np.int64), np.zeros(20)
     state, chosen = np.array(first_states(7)), np.zeros(4, dtype=np.int64)
     for subset in expected:
-        assert subset_drawn(state.copy(), count, 4, first, rows.ravel(), order, basis, chosen) == 4
+        assert subset_sampled(state.copy(), count, 4, first, rows.ravel(), order, basis, chosen) == 4
         np.testing.assert_array_equal(chosen, subset)
         jump_to_next_trial(state)
     assert rank_of_all(count, 4, first, rows.ravel(), basis) == 4
@@ -94,7 +94,7 @@ def test_scores_are_those_of_the_general_path(seed, count):
         expected = MSAC.scores(squares[None], units, 3, width * limits)[0]
         found = truncated(count, width, squares, limits)
         assert found == pytest.approx(expected, rel=1e-13)  # sums of up to 23 terms in another order
-    assert inside_count(count, squares, limits) == (squares <= limits).sum()
+    assert inlier_count(count, squares, limits) == (squares <= limits).sum()
     outliers = outlier_count(count, squares, limits, truncated(count, 1.0, squares, limits))
     assert outliers == pytest.approx(RANSAC.scores(squares[None], units, 3, limits)[0], rel=1e-13)
 

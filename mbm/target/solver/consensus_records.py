@@ -94,7 +94,7 @@ class Rules:
     most_outputs: Integer
     most_weights: Integer
     most_residuals: Integer
-    united_reals: Integer
+    fused_reals: Integer
     trials: ConstantIntegers = table()
     """Trials by the size of the subsets, 0 … n."""
     ruled: Records[RuledBlock] = table()
@@ -136,7 +136,7 @@ class Units:
     """The equation of the unit in its row."""
     first: Integers = sized("most_units + 1")
     """The first of the unit's rows among the directions."""
-    inside: Integers = sized("most_units")
+    inlier: Integers = sized("most_units")
     """1 for inliers."""
     medians: Reals = sized("most_units")
     cuts: Reals = sized("most_units")
@@ -162,11 +162,11 @@ class Fit:
 
 
 @record
-class Bench:
+class ConsensusWork:
     """What one thread needs for consensus.
 
-    The caller brings what comes before ``units``, with ``reals`` and ``integers`` of the sizes `bench_reals` and
-    `bench_integers`, and of ``rows`` what belongs to the problem.
+    The caller brings what comes before ``units``, with ``reals`` and ``integers`` of the sizes `consensus_reals` and
+    `consensus_integers`, and of ``rows`` what belongs to the problem.
     """
 
     rules: Reference[Rules]
@@ -185,7 +185,7 @@ class Bench:
     """1: the arrays here are parts of them."""
 
     units: Units
-    desk: Rows
+    subset_rows: Rows
     """The rows of a subset, as a data set of its own."""
     first: Fit
     second: Fit
@@ -201,7 +201,7 @@ class Bench:
     trials_wanted: Integer
     trials_made: Integer
     points_made: Integer
-    most_inside: Integer
+    most_inliers: Integer
     """Units that the best of the trials explains."""
     every_subset: Integer
     """1: trials are all subsets there are, one after the other."""
@@ -258,19 +258,19 @@ class Bench:
     """Numbers of the best trials (LISTS, CANDIDATES) …"""
     listed: Integers = sized(f"{LISTS}")
     """… and how many there are in each list."""
-    subset: Integers = sized(f"{DATA_HEAD} + {DATA_BLOCK} * blocks")
+    subset_data: Integers = sized(f"{DATA_HEAD} + {DATA_BLOCK} * blocks")
     """The data set of a subset."""
     subset_index: Integers = sized("most_rows")
     subset_columns: Integers = sized("most_rows")
 
 
 @record
-class Agreements:
+class ConsensusBatch:
     """Data sets ``first … last``, and what they agree on."""
 
     problem: Reference[Problem]
     """With a chunk no smaller than its residuals."""
-    bench: Reference[Bench]
+    work: Reference[ConsensusWork]
     """The scratch of one thread."""
     first: Integer
     last: Integer
@@ -286,44 +286,44 @@ class Agreements:
     """(data sets, N)"""
     verdicts: Integers
     """(data sets, ANSWERS)"""
-    inside: Integers
+    inlier: Integers
     limits: Reals
     noise: Reals
 
 
-def take_sizes(system: Problem, rules: Rules) -> None:
+def take_sizes(problem: Problem, rules: Rules) -> None:
     """The sizes of a problem among the rules."""
-    rules.blocks = system.residual_blocks + system.constraint_blocks
-    rules.numbers = system.numbers
-    rules.n = system.n
-    rules.chunk = system.chunk
-    rules.most_inputs = system.most_inputs
-    rules.most_outputs = system.most_outputs
-    rules.most_weights = system.most_weights
-    rules.most_residuals = system.most_residuals
-    rules.united_reals = system.united_reals
+    rules.blocks = problem.residual_blocks + problem.constraint_blocks
+    rules.numbers = problem.numbers
+    rules.n = problem.n
+    rules.chunk = problem.chunk
+    rules.most_inputs = problem.most_inputs
+    rules.most_outputs = problem.most_outputs
+    rules.most_weights = problem.most_weights
+    rules.most_residuals = problem.most_residuals
+    rules.fused_reals = problem.fused_reals
 
 
-def bench_reals(rules: Rules) -> Integer:
+def consensus_reals(rules: Rules) -> Integer:
     """Reals of scratch that a thread needs."""
-    return reals_in(Bench, rules)
+    return reals_in(ConsensusWork, rules)
 
 
-def bench_integers(rules: Rules) -> Integer:
+def consensus_integers(rules: Rules) -> Integer:
     """Integers of scratch that a thread needs."""
-    return integers_in(Bench, rules)
+    return integers_in(ConsensusWork, rules)
 
 
-def share_out_bench(bench: Bench) -> None:
-    """Let the arrays of the bench be parts of its reals and integers."""
-    lay_out(bench, bench.rules, bench.reals, bench.integers)
-    bench.here = bench.first
-    bench.there = bench.second
-    desk = bench.desk
-    desk.constants = bench.rows.constants
-    desk.data = view(DataSet, bench.subset)
-    desk.parameters = bench.subset_parameters
-    desk.whitening = bench.subset_whitening
-    desk.index = bench.subset_index
-    desk.columns = bench.subset_columns
-    bench.shared = 1
+def share_out_consensus(work: ConsensusWork) -> None:
+    """Let the arrays of the work be parts of its reals and integers."""
+    lay_out(work, work.rules, work.reals, work.integers)
+    work.here = work.first
+    work.there = work.second
+    subset_rows = work.subset_rows
+    subset_rows.constants = work.rows.constants
+    subset_rows.data = view(DataSet, work.subset_data)
+    subset_rows.parameters = work.subset_parameters
+    subset_rows.whitening = work.subset_whitening
+    subset_rows.index = work.subset_index
+    subset_rows.columns = work.subset_columns
+    work.shared = 1

@@ -14,9 +14,9 @@ from mbm.target.solver.beginning import constraint_count
 from mbm.target.solver.covariance import set_reduced, set_scales
 from mbm.target.solver.description import Problem
 from mbm.target.solver.linear_algebra import cholesky, dot, filled, solve_transposed, solve_upper
+from mbm.target.solver.null_space import REPEATED, from_null_space, reflect_constraints, to_null_space
 from mbm.target.solver.steps import without_dependent
-from mbm.target.solver.tangent import REPEATED, along_surface, from_surface, turn_constraints
-from mbm.target.solver.workspace import Place, Work
+from mbm.target.solver.workspace import Linearisation, Work
 from mbm.target.step_control import relative_offset
 from mbm.target.words import Integer, Reals
 
@@ -28,19 +28,19 @@ IMAGE_THERE = 10
 """Vectors of scratch: of the coordinates that may move, one after the other."""
 
 
-def choose_free(system: Problem, place: Place, work: Work) -> Integer:
+def choose_free(problem: Problem, place: Linearisation, work: Work) -> Integer:
     """The coordinates that no bound holds, and how many they are."""
     count = 0
-    for j in range(system.n):
+    for j in range(problem.n):
         if place.free[j] != 0.0:
             work.chosen[count] = j
             count += 1
     return count
 
 
-def turn_place(
-    system: Problem,
-    place: Place,
+def set_null_space(
+    problem: Problem,
+    place: Linearisation,
     count: Integer,
     work: Work,
 ) -> Integer:
@@ -48,7 +48,7 @@ def turn_place(
 
     Then y in `along`, and the multipliers in `forces`.
     """
-    n = system.n
+    n = problem.n
     chosen = work.chosen
     triangle = place.triangle
     held = work.held
@@ -58,9 +58,9 @@ def turn_place(
     gradient = work.gradient
     reflections = work.reflections
     lower = work.lower
-    holding = constraint_count(system, work.rows.data)
+    holding = constraint_count(problem, work.rows.data)
     set_scales(n, count, chosen, triangle, holding, held, slopes, scale)
-    turned = turn_constraints(n, count, chosen, scale, holding, held, slopes, reflections)
+    reflected = reflect_constraints(n, count, chosen, scale, holding, held, slopes, reflections)
     found = 0
     for c in range(holding):
         work.forces[c] = 0.0
@@ -68,11 +68,11 @@ def turn_place(
             for k in range(count):
                 line[k] = slopes[c * n + chosen[k]] / scale[k]
             length = sqrt(dot(count, line, line))
-            along_surface(count, turned, reflections, line)
-            if found < turned and fabs(line[found]) > REPEATED * length:
+            to_null_space(count, reflected, reflections, line)
+            if found < reflected and fabs(line[found]) > REPEATED * length:
                 work.along[found] = (-work.values[c] - dot(found, line, work.along)) / line[found]
-                for k in range(turned):
-                    lower[found * turned + k] = line[k]
+                for k in range(reflected):
+                    lower[found * reflected + k] = line[k]
                 found += 1
             else:
                 held[c] = 0.0
@@ -81,7 +81,7 @@ def turn_place(
         for i in range(chosen[k] + 1):
             total += triangle[i * (n + 1) + chosen[k]] * triangle[i * (n + 1) + n]
         gradient[k] = total / scale[k]
-    along_surface(count, turned, reflections, gradient)
+    to_null_space(count, reflected, reflections, gradient)
     last = found
     for back in range(holding):
         c = holding - 1 - back
@@ -89,26 +89,26 @@ def turn_place(
             last -= 1
             total = -gradient[last]
             for k in range(last + 1, found):
-                total -= lower[k * turned + last] * line[k]
-            line[last] = total / lower[last * turned + last]
+                total -= lower[k * reflected + last] * line[k]
+            line[last] = total / lower[last * reflected + last]
             work.forces[c] = line[last]
     return found
 
 
-def surface_step(
-    system: Problem,
+def kkt_step(
+    problem: Problem,
     count: Integer,
-    turned: Integer,
+    reflected: Integer,
     curved: Integer,
-    place: Place,
+    place: Linearisation,
     work: Work,
 ) -> Integer:
-    """The step of a place that `turn_place` has seen, its length and offset; 0 where it is not determined.
+    """The step of a place that `set_null_space` has seen, its length and offset; 0 where it is not determined.
 
     ``curved`` 1: with the second-order term.
     """
-    n = system.n
-    width = count - turned
+    n = problem.n
+    width = count - reflected
     line = work.line
     along = work.along
     there = work.right
@@ -116,30 +116,30 @@ def surface_step(
     small = work.small
     for i in range(n):
         there[i] = place.triangle[i * (n + 1) + n]
-    set_reduced(n, count, turned, place.triangle, work)
+    set_reduced(n, count, reflected, place.triangle, work)
     for i in range(width):
         for k in range(width):
             factor[i * width + k] = small[i * (width + 1) + k]
         line[i] = -small[i * (width + 1) + width]
     if without_dependent(width, factor, line) > 0:
         return 0
-    if curved == 1 and bent_right(system, count, turned, work) == 0:
+    if curved == 1 and corrected_right(problem, count, reflected, work) == 0:
         return 0
     solve_upper(width, factor, line)
     for k in range(width):
-        along[turned + k] = line[k]
-    from_surface(count, turned, work.reflections, along)
-    set_step(system, count, width, place, work)
+        along[reflected + k] = line[k]
+    from_null_space(count, reflected, work.reflections, along)
+    set_step(problem, count, width, place, work)
     return 1
 
 
-def bent_right(system: Problem, count: Integer, turned: Integer, work: Work) -> Integer:
+def corrected_right(problem: Problem, count: Integer, reflected: Integer, work: Work) -> Integer:
     """The right side in `line` with the second-order term S: ``(I + T⁻ᵀ Zᵀ S Z T⁻¹)⁻¹ (-t - T⁻ᵀ Zᵀ S Y y)``.
 
     0 where the Hessian on the surface is not positive definite.
     """
-    n = system.n
-    width = count - turned
+    n = problem.n
+    width = count - reflected
     line = work.line
     gradient = work.gradient
     factor = work.part
@@ -147,15 +147,15 @@ def bent_right(system: Problem, count: Integer, turned: Integer, work: Work) -> 
     for i in range(count):
         for k in range(count):
             inner[i * count + k] = work.curvature[work.chosen[i] * n + work.chosen[k]] / (work.scale[i] * work.scale[k])
-        along_surface(count, turned, work.reflections, inner[i * count :])
+        to_null_space(count, reflected, work.reflections, inner[i * count :])
     transposed(count, inner)
     for i in range(count):
-        along_surface(count, turned, work.reflections, inner[i * count :])
+        to_null_space(count, reflected, work.reflections, inner[i * count :])
     for i in range(width):
-        gradient[i] = dot(turned, inner[(turned + i) * count :], work.along)
+        gradient[i] = dot(reflected, inner[(reflected + i) * count :], work.along)
     for i in range(width):
         for k in range(width):
-            inner[i * width + k] = inner[(turned + i) * count + turned + k]
+            inner[i * width + k] = inner[(reflected + i) * count + reflected + k]
     for i in range(width):
         solve_transposed(width, factor, inner[i * width :])
     transposed(width, inner)
@@ -186,14 +186,14 @@ def transposed(n: Integer, matrix: Reals) -> None:
 
 
 def set_step(
-    system: Problem,
+    problem: Problem,
     count: Integer,
     width: Integer,
-    place: Place,
+    place: Linearisation,
     work: Work,
 ) -> None:
     """The scaled step in `along` as that of the place: in all coordinates, its length, offset and rounding."""
-    n = system.n
+    n = problem.n
     chosen = work.chosen
     full = place.full
     scale = work.scale
@@ -202,7 +202,7 @@ def set_step(
     terms = 0.0
     for k in range(count):
         full[chosen[k]] = along[k] / scale[k]
-        size = fabs(place.x[chosen[k]]) if system.number_of[chosen[k]] >= 0 else 1.0
+        size = fabs(place.x[chosen[k]]) if problem.number_of[chosen[k]] >= 0 else 1.0
         terms += scale[k] * size * scale[k] * size
     inside = 0.0
     for i in range(n):

@@ -23,14 +23,14 @@ from mbm.target.solver.linear_algebra import (
 from mbm.target.solver.manifolds import coordinates_of, place_coordinates, retract
 from mbm.target.solver.steps import boxed_step, judge_step, land, marquardt_step
 from mbm.target.solver.sweeps import sweep
-from mbm.target.solver.workspace import Place, Work
+from mbm.target.solver.workspace import Linearisation, Work
 from mbm.target.step_control import shortened
 from mbm.target.words import ConstantReals, Integer, Real
 
 
-def step_within(system: Problem, radius: Real, work: Work) -> None:
+def step_within(problem: Problem, radius: Real, work: Work) -> None:
     """The step inside the radius: `step`, `step_stopped`, its promise and length."""
-    n = system.n
+    n = problem.n
     place = work.here
     vector = work.step
     stopped = work.step_stopped
@@ -42,113 +42,113 @@ def step_within(system: Problem, radius: Real, work: Work) -> None:
         work.step_predicted = place.predicted
         work.step_length = place.length
         return
-    if system.boxed == 1:
-        boxed_step(system, place, radius, 1, work, vector, stopped)
+    if problem.boxed == 1:
+        boxed_step(problem, place, radius, 1, work, vector, stopped)
         return
     filled(n, 0.0, stopped)
-    marquardt_step(n, place.factor, place.image, radius, vector, work.damped, work.right, work.row)
+    marquardt_step(n, place.factor, place.projected, radius, vector, work.damped, work.right, work.row)
     for j in range(n):
         vector[j] /= place.scale[j]
-    judge_step(system, place, vector, work)
+    judge_step(problem, place, vector, work)
 
 
-def bend_step(
-    system: Problem,
+def correct_step(
+    problem: Problem,
     work: Work,
 ) -> Integer:
-    """The step with the curvature answered that showed at its end: `bent`; 0 where the answer is too long.
+    """The step with the curvature answered that showed at its end: `corrected`; 0 where the answer is too long.
 
     Half the geodesic acceleration of Transtrum and Sethna (2012), from the trial point instead of an extra one.
     """
-    n = system.n
+    n = problem.n
     place = work.here
     factor = place.factor
-    image = place.image
+    projected = place.projected
     scale = place.scale
     scaled = work.scaled
-    bent = work.bent
+    corrected = work.corrected
     moved = work.moved
-    residuals = work.rows.residuals[work.residuals_tried * system.most_residuals :]
-    sweep(system, place.point, 1, work.penalised, work.rows, residuals, work.gradient)
+    residuals = work.rows.residuals[work.residuals_tried * problem.most_residuals :]
+    sweep(problem, place.point, 1, work.penalised, work.rows, residuals, work.gradient)
     for j in range(n):
         scaled[j] = scale[j] * work.step[j]
     times_upper(n, factor, scaled, moved)
     size = dot(n, scaled, scaled)
     damping = 0.0
     if size > 0.0:
-        damping = -(dot(n, moved, moved) + dot(n, moved, image)) / size
+        damping = -(dot(n, moved, moved) + dot(n, moved, projected)) / size
         if not damping > 0.0:
             damping = 0.0
     for j in range(n):
-        moved[j] += image[j]
+        moved[j] += projected[j]
     times_transposed(n, factor, moved, work.back)
     for j in range(n):
-        bent[j] = work.gradient[j] / scale[j] - work.back[j]
+        corrected[j] = work.gradient[j] / scale[j] - work.back[j]
     triangle = work.damped
-    damped_triangle(n, factor, image, damping, triangle, work.right, work.row)
-    solve_transposed(n, triangle, bent)
-    solve_upper(n, triangle, bent)
+    damped_triangle(n, factor, projected, damping, triangle, work.right, work.row)
+    solve_transposed(n, triangle, corrected)
+    solve_upper(n, triangle, corrected)
     most = BEND * work.step_length
-    if not dot(n, bent, bent) <= most * most:
+    if not dot(n, corrected, corrected) <= most * most:
         return 0
     for j in range(n):
-        bent[j] = (scaled[j] - bent[j]) / scale[j]
+        corrected[j] = (scaled[j] - corrected[j]) / scale[j]
     return 1
 
 
 def try_step(
-    system: Problem,
+    problem: Problem,
     work: Work,
 ) -> None:
     """Evaluate the step, and once more with the curvature answered where it brought too little."""
     place = work.here
     vector = work.step
     point = work.trial
-    retract(system, place.point, vector, point)
-    if system.boxed == 1:
+    retract(problem, place.point, vector, point)
+    if problem.boxed == 1:
         x = work.x
-        coordinates_of(system, point, x)
-        land(system, work.rows.constants, vector, work.step_stopped, x)
-        place_coordinates(system, x, point)
+        coordinates_of(problem, point, x)
+        land(problem, work.rows.constants, vector, work.step_stopped, x)
+        place_coordinates(problem, x, point)
     work.tried = work.trial
     work.residuals_tried = (work.residuals_here + 1) % 3
-    residuals = work.rows.residuals[work.residuals_tried * system.most_residuals :]
-    count = residuals_at_point(system, work.rows, point, 1, work.penalised, residuals)
+    residuals = work.rows.residuals[work.residuals_tried * problem.most_residuals :]
+    count = residuals_at_point(problem, work.rows, point, 1, work.penalised, residuals)
     work.evaluations += 1
     cost = dot(count, residuals, residuals)
     work.cost_tried = cost
-    if not isfinite(cost) or system.boxed == 1 or not work.step_predicted > UNDECIDED * place.cost_rounding:
+    if not isfinite(cost) or problem.boxed == 1 or not work.step_predicted > UNDECIDED * place.cost_rounding:
         return
     if place.cost - cost >= CURVED_SHARE * work.step_predicted:
         return
-    if bend_step(system, work) == 0:
+    if correct_step(problem, work) == 0:
         return
-    curved = work.bent_trial
-    retract(system, place.point, work.bent, curved)
-    there = work.rows.residuals[((work.residuals_here + 2) % 3) * system.most_residuals :]
-    count = residuals_at_point(system, work.rows, curved, 1, work.penalised, there)
+    curved = work.corrected_trial
+    retract(problem, place.point, work.corrected, curved)
+    there = work.rows.residuals[((work.residuals_here + 2) % 3) * problem.most_residuals :]
+    count = residuals_at_point(problem, work.rows, curved, 1, work.penalised, there)
     work.evaluations += 1
     lower = dot(count, there, there)
     if lower < cost:
         work.cost_tried = lower
-        work.tried = work.bent_trial
+        work.tried = work.corrected_trial
         work.residuals_tried = (work.residuals_here + 2) % 3
 
 
-def same_point(system: Problem, a: ConstantReals, b: ConstantReals) -> Integer:
+def same_point(problem: Problem, a: ConstantReals, b: ConstantReals) -> Integer:
     """1 where two points are equal to the last bit."""
-    for i in range(system.numbers):
+    for i in range(problem.numbers):
         if a[i] != b[i]:
             return 0
     return 1
 
 
-def shortening(system: Problem, place: Place, vector: ConstantReals, actual: Real, work: Work) -> Real:
+def shortening(problem: Problem, place: Linearisation, vector: ConstantReals, actual: Real, work: Work) -> Real:
     """MINPACK's shortening after a growing cost: half of where the parabola through slope and value is least."""
     if actual >= 0.0:
         return shortened(0.0, actual)
-    n = system.n
+    n = problem.n
     for j in range(n):
         work.scaled[j] = place.scale[j] * vector[j]
     times_upper(n, place.factor, work.scaled, work.moved)
-    return shortened(dot(n, work.moved, place.image), actual)
+    return shortened(dot(n, work.moved, place.projected), actual)

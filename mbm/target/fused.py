@@ -1,7 +1,7 @@
 """Rows of several programs as one straight-line program: what they have in common is computed once.
 
 Blocks of one to three rows, such as a row for each feature of a drawing or a prior, would fill few lanes each and call
-a function each. United, they share the sine of an angle that all of them turn by, and leave whitened residuals and the
+a function each. Fused, they share the sine of an angle that all of them turn by, and leave whitened residuals and the
 columns of the Jacobian where the solver wants them.
 """
 
@@ -34,7 +34,7 @@ class Part:
     weights: int
 
 
-def united(parts: Sequence[Part], numbers: int, columns: int) -> Program:
+def fused(parts: Sequence[Part], numbers: int, columns: int) -> Program:
     """The rows of all parts as one program.
 
     Inputs are the ``numbers`` of the point, then for each part the parameters of its rows, row by row, and their

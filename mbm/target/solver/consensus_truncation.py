@@ -6,7 +6,7 @@ from math import fabs
 
 from mbm.target.chi_square import consistency
 from mbm.target.decisions import LEAST_KEPT, ROUNDED, SECANTS
-from mbm.target.solver.consensus_description import Units
+from mbm.target.solver.consensus_records import Units
 from mbm.target.words import ConstantReals, Integer, Integers, Real
 
 
@@ -21,7 +21,7 @@ def share_left(units: Units, group: Integer, wide: Integer, variance: Real) -> R
     last_size = 0
     left = 1.0
     for u in range(units.count):
-        if units.group[u] == group and units.inside[u] == 1:
+        if units.group[u] == group and units.inlier[u] == 1:
             limit = units.limits[u] / variance
             if wide == 1:
                 limit = max(limit, units.reaches[u])

@@ -11,16 +11,16 @@ from __future__ import annotations
 from math import fabs, inf, isfinite, sqrt
 
 from mbm.target.decisions import DIFFERENCE, EXACT, LEAST_DIFFERENCE, MET, POLISH, SETTLED, SLOW_KKT
+from mbm.target.solver.active_set import change_active, largest_violation, pushes_on_bounds, set_active
 from mbm.target.solver.beginning import constraint_count
+from mbm.target.solver.constraint_manifold import choose_free, kkt_step, set_null_space
 from mbm.target.solver.constraint_values import linearise, set_units
 from mbm.target.solver.description import BOUNDS_AT, ROUNDING, RUNNING, SMALL_OFFSET, TOLERANCE, Problem
 from mbm.target.solver.equations import residuals_at_point
 from mbm.target.solver.linear_algebra import copied, dot, filled
 from mbm.target.solver.manifolds import coordinates_of, retract
-from mbm.target.solver.surface import choose_free, surface_step, turn_place
 from mbm.target.solver.sweeps import sweep
-from mbm.target.solver.working import change_working, largest_violation, pushes_on_bounds, set_working
-from mbm.target.solver.workspace import Place, Work
+from mbm.target.solver.workspace import Linearisation, Work
 from mbm.target.words import ConstantReals, Integer, Real, Reals
 
 STEPS_AT_MOST = 20
@@ -30,20 +30,20 @@ CLOSE = 0.3
 
 
 def set_place(
-    system: Problem,
-    place: Place,
+    problem: Problem,
+    place: Linearisation,
     work: Work,
 ) -> Integer:
     """Residuals, without penalties, and constraints at the point of a place; 0 where something is not finite."""
-    n = system.n
+    n = problem.n
     triangle = place.triangle
     point = place.point
     residuals = work.rows.residuals
-    coordinates_of(system, point, place.x)
-    count = residuals_at_point(system, work.rows, point, 1, 0, residuals)
+    coordinates_of(problem, point, place.x)
+    count = residuals_at_point(problem, work.rows, point, 1, 0, residuals)
     place.cost = dot(count, residuals, residuals)
-    sweep(system, point, 0, 0, work.rows, residuals, triangle)
-    linearise(system, point, work)
+    sweep(problem, point, 0, 0, work.rows, residuals, triangle)
+    linearise(problem, point, work)
     work.evaluations += 1
     total = place.cost
     for j in range(n):
@@ -52,24 +52,24 @@ def set_place(
             square += triangle[i * (n + 1) + j] * triangle[i * (n + 1) + j]
         place.norms[j] = sqrt(square)
         total += place.norms[j]
-    for c in range(constraint_count(system, work.rows.data)):
+    for c in range(constraint_count(problem, work.rows.data)):
         total += fabs(work.values[c])
         for j in range(n):
             total += fabs(work.slopes[c * n + j])
     if not isfinite(total):
         return 0
-    set_units(system, place, 0, work)
+    set_units(problem, place, 0, work)
     return 1
 
 
-def set_surface_curvature(
-    system: Problem,
+def set_lagrangian_curvature(
+    problem: Problem,
     count: Integer,
-    place: Place,
+    place: Linearisation,
     work: Work,
 ) -> Integer:
-    """``Σ r ∇²r + Σ λ ∇²c`` at a place that `turn_place` has seen, by forward differences; 0: it is not finite."""
-    n = system.n
+    """``Σ r ∇²r + Σ λ ∇²c`` at a place that `set_null_space` has seen, by forward differences; 0: it is not finite."""
+    n = problem.n
     step = work.shift
     there = work.gradient_shifted
     curvature = work.curvature
@@ -80,7 +80,7 @@ def set_surface_curvature(
     if spread < 1e-3:
         spread = 1e-3
     filled(n * n, 0.0, curvature)
-    set_gradient(system, place.point, residuals, work, work.gradient)
+    set_gradient(problem, place.point, residuals, work, work.gradient)
     total = 0.0
     for k in range(count):
         j = work.chosen[k]
@@ -88,9 +88,9 @@ def set_surface_curvature(
         step[j] = DIFFERENCE * spread / work.scale[k]
         if LEAST_DIFFERENCE * fabs(place.x[j]) > step[j]:
             step[j] = LEAST_DIFFERENCE * fabs(place.x[j])
-        retract(system, place.point, step, point)
-        linearise(system, point, work)
-        set_gradient(system, point, residuals, work, there)
+        retract(problem, place.point, step, point)
+        linearise(problem, point, work)
+        set_gradient(problem, point, residuals, work, there)
         for i in range(n):
             curvature[j * n + i] = (there[i] - work.gradient[i]) / step[j]
             total += fabs(curvature[j * n + i])
@@ -100,44 +100,44 @@ def set_surface_curvature(
             value = 0.5 * (curvature[i * n + k] + curvature[k * n + i])
             curvature[i * n + k] = value
             curvature[k * n + i] = value
-    linearise(system, place.point, work)
+    linearise(problem, place.point, work)
     return 1 if isfinite(total) else 0
 
 
 def set_gradient(
-    system: Problem,
+    problem: Problem,
     point: ConstantReals,
     residuals: ConstantReals,
     work: Work,
     gradient: Reals,
 ) -> None:
     """``Jᵀ r + Σ λ ∇c`` (n,) with the slopes at a point, residuals and multipliers as they are given."""
-    n = system.n
-    sweep(system, point, 1, 0, work.rows, residuals, gradient)
-    for c in range(constraint_count(system, work.rows.data)):
+    n = problem.n
+    sweep(problem, point, 1, 0, work.rows, residuals, gradient)
+    for c in range(constraint_count(problem, work.rows.data)):
         for j in range(n):
             gradient[j] += work.forces[c] * work.slopes[c * n + j]
 
 
-def move(system: Problem, place: Place, work: Work) -> Integer:
+def move(problem: Problem, place: Linearisation, work: Work) -> Integer:
     """The step of a place taken; 0 where that leaves the bounds."""
-    n = system.n
+    n = problem.n
     point = work.trial
     x = place.x
-    retract(system, place.point, place.full, point)
-    copied(system.numbers, point, place.point)
-    coordinates_of(system, point, x)
+    retract(problem, place.point, place.full, point)
+    copied(problem.numbers, point, place.point)
+    coordinates_of(problem, point, x)
     for j in range(n):
         if place.free[j] != 0.0:
             if x[j] < work.rows.constants[BOUNDS_AT + j] or x[j] > work.rows.constants[BOUNDS_AT + n + j]:
                 return 0
-            if system.positive[j] != 0 and not x[j] > 0.0:
+            if problem.positive[j] != 0 and not x[j] > 0.0:
                 return 0
     return 1
 
 
 def ending_of(
-    constants: ConstantReals, place: Place, steps: Integer, fresh: Integer, before: Real, worst: Real
+    constants: ConstantReals, place: Linearisation, steps: Integer, fresh: Integer, before: Real, worst: Real
 ) -> Integer:
     """Why the steps end at a place, `RUNNING`: they do not, -1: they lead nowhere.
 
@@ -155,70 +155,70 @@ def ending_of(
     return RUNNING
 
 
-def begin_on_surface(system: Problem, place: Place, work: Work) -> Integer:
+def begin_kkt(problem: Problem, place: Linearisation, work: Work) -> Integer:
     """A place where the iteration is, and which constraints hold there; how many coordinates may move."""
-    n = system.n
+    n = problem.n
     here = work.here
-    copied(system.numbers, here.point, place.point)
+    copied(problem.numbers, here.point, place.point)
     copied(n, here.free, place.free)
     filled(n, 0.0, place.stopped)
-    set_working(system, work)
-    return choose_free(system, place, work)
+    set_active(problem, work)
+    return choose_free(problem, place, work)
 
 
 def polish(
-    system: Problem,
+    problem: Problem,
     work: Work,
 ) -> Integer:
     """1: the solve is at its end, at a point on the surface near that of the iteration; 0: nothing has happened."""
     place = work.other
-    count = begin_on_surface(system, place, work)
+    count = begin_kkt(problem, place, work)
     before = inf
     curved = 0
     fresh = 0
     steps = 0
     for _ in range(STEPS_AT_MOST):
-        if set_place(system, place, work) == 0:
+        if set_place(problem, place, work) == 0:
             return 0
-        turned = turn_place(system, place, count, work)
-        if surface_step(system, count, turned, curved, place, work) == 0:
+        reflected = set_null_space(problem, place, count, work)
+        if kkt_step(problem, count, reflected, curved, place, work) == 0:
             return 0
-        worst = largest_violation(system, work)
+        worst = largest_violation(problem, work)
         ending = ending_of(work.rows.constants, place, steps, fresh, before, worst)
         if ending < 0:
             return 0
         if ending != RUNNING:
             nothing = work.rows.constants[TOLERANCE] * (1.0 + sqrt(place.cost))
-            if change_working(system, nothing, work) == 0:
-                if pushes_on_bounds(system, nothing, place, work) == 0:
+            if change_active(problem, nothing, work) == 0:
+                if pushes_on_bounds(problem, nothing, place, work) == 0:
                     return 0
-                arrive_on_surface(system, ending, worst, work)
+                arrive_kkt(problem, ending, worst, work)
                 return 1
             steps = 0
-            turned = turn_place(system, place, count, work)
-            if surface_step(system, count, turned, curved, place, work) == 0:
+            reflected = set_null_space(problem, place, count, work)
+            if kkt_step(problem, count, reflected, curved, place, work) == 0:
                 return 0
         if steps == 0 and not (place.offset <= CLOSE or place.length <= CLOSE):
             return 0
         fresh = 0
         if steps > 0 and not place.offset <= SLOW_KKT * before:
-            if set_surface_curvature(system, count, place, work) == 0:
+            if set_lagrangian_curvature(problem, count, place, work) == 0:
                 return 0
             curved = 1
             fresh = 1
-            turned = turn_place(system, place, count, work)
-            if surface_step(system, count, turned, curved, place, work) == 0:
+            reflected = set_null_space(problem, place, count, work)
+            if kkt_step(problem, count, reflected, curved, place, work) == 0:
                 return 0
         before = place.offset
         steps += 1
         work.iterations += 1
-        if move(system, place, work) == 0:
+        if move(problem, place, work) == 0:
             return 0
     return 0
 
 
-def arrive_on_surface(
-    system: Problem,
+def arrive_kkt(
+    problem: Problem,
     ending: Integer,
     worst: Real,
     work: Work,
@@ -229,4 +229,4 @@ def arrive_on_surface(
     work.here = there
     work.stop = ending
     work.worst = worst
-    copied(constraint_count(system, work.rows.data), work.forces, work.multipliers)
+    copied(constraint_count(problem, work.rows.data), work.forces, work.multipliers)

@@ -6,20 +6,20 @@ from math import sqrt
 
 from mbm.target.chi_square import consistency
 from mbm.target.decisions import APART, AS_GOOD, CONTRADICTED, REFINING_STEPS, SETTLING_ROUNDS, STATED, STILL
-from mbm.target.solver.consensus_description import Bench
 from mbm.target.solver.consensus_joint import joined
-from mbm.target.solver.consensus_laws import mark_inliers
 from mbm.target.solver.consensus_order import robust_variance, variances_at
+from mbm.target.solver.consensus_records import ConsensusWork
 from mbm.target.solver.consensus_refine import refined
-from mbm.target.solver.consensus_rules import TRUNCATED
+from mbm.target.solver.consensus_truncation import mark_inliers
+from mbm.target.solver.consensus_weights import TRUNCATED
 from mbm.target.solver.description import Problem
 from mbm.target.solver.linear_algebra import copied
 from mbm.target.words import Integer
 
 
-def contradicted(system: Problem, bench: Bench) -> Integer:
+def contradicted(problem: Problem, work: ConsensusWork) -> Integer:
     """Whether the inliers with stated noise scatter by more than that."""
-    units = bench.units
+    units = work.units
     total = 0
     expected = 0.0
     summed = 0.0
@@ -27,89 +27,89 @@ def contradicted(system: Problem, bench: Bench) -> Integer:
     last_size = 0
     left = 1.0
     for u in range(units.count):
-        if units.inside[u] == 1 and units.group[u] == STATED:
+        if units.inlier[u] == 1 and units.group[u] == STATED:
             if units.cuts[u] != last_cut or units.components[u] != last_size:
                 last_cut = units.cuts[u]
                 last_size = units.components[u]
                 left = consistency(last_cut, last_size)
             total += units.components[u]
             expected += float(units.components[u]) * left
-            summed += bench.here.squares[u]
-    freedom = float(total - system.n)
+            summed += work.here.squares[u]
+    freedom = float(total - problem.n)
     if not freedom > 0.0:
         return 0
     excess = summed / freedom * float(total) / expected - 1.0
     return excess > CONTRADICTED * sqrt(2.0 / freedom)
 
 
-def renew_variances(system: Problem, bench: Bench) -> None:
+def renew_variances(problem: Problem, work: ConsensusWork) -> None:
     """The noise at the present squares: of unknown groups, and of stated ones that the data contradict."""
-    units = bench.units
-    squares = bench.here.squares
-    variances_at(units, system.n, bench.rules.groups, squares, bench.sorted, bench.fresh)
+    units = work.units
+    squares = work.here.squares
+    variances_at(units, problem.n, work.rules.groups, squares, work.sorted, work.fresh)
     wide = -1.0
-    if contradicted(system, bench) == 1:
-        wide = max(robust_variance(units, system.n, squares, STATED, bench.sorted), 1.0)
+    if contradicted(problem, work) == 1:
+        wide = max(robust_variance(units, problem.n, squares, STATED, work.sorted), 1.0)
     for u in range(units.count):
         if units.group[u] != STATED:
-            units.variances[u] = bench.fresh[u]
+            units.variances[u] = work.fresh[u]
         elif wide > 0.0:
             units.variances[u] = wide
 
 
-def set_limits(bench: Bench) -> None:
+def set_limits(work: ConsensusWork) -> None:
     """Limits (U,) from cuts and variances."""
-    units = bench.units
+    units = work.units
     for u in range(units.count):
         units.limits[u] = units.cuts[u] * units.variances[u]
 
 
-def settled(system: Problem, bench: Bench) -> None:
-    """The point where fit, scale and inliers agree with one another, from the variances in the bench."""
-    units = bench.units
+def at_fixed_point(problem: Problem, work: ConsensusWork) -> None:
+    """The point where fit, scale and inliers agree with one another, from the variances in the work."""
+    units = work.units
     for u in range(units.count):
-        units.inside[u] = -1
+        units.inlier[u] = -1
     for _ in range(SETTLING_ROUNDS):
-        set_limits(bench)
-        refined(TRUNCATED, REFINING_STEPS, STILL, 0, system, bench)
-        if mark_inliers(units.count, bench.here.squares, units.limits, units.inside) == 1:
+        set_limits(work)
+        refined(TRUNCATED, REFINING_STEPS, STILL, 0, problem, work)
+        if mark_inliers(units.count, work.here.squares, units.limits, units.inlier) == 1:
             break
-        renew_variances(system, bench)
-    set_limits(bench)
+        renew_variances(problem, work)
+    set_limits(work)
 
 
-def finished(system: Problem, bench: Bench) -> Integer:
-    """The fixed point reached from where the fit is, and the variances in the bench; how many units are inside.
+def finished(problem: Problem, work: ConsensusWork) -> Integer:
+    """The fixed point reached from where the fit is, and the variances in the work; how many units are inside.
 
     Limits and inliers hold at it; `noise` is the variance of the noise.
     """
-    units = bench.units
-    settled(system, bench)
-    mark_inliers(units.count, bench.here.squares, units.limits, units.inside)
+    units = work.units
+    at_fixed_point(problem, work)
+    mark_inliers(units.count, work.here.squares, units.limits, units.inlier)
     copied(units.count, units.variances, units.noise)
-    if bench.rules.groups > 0:
-        joined(system, bench)
+    if work.rules.groups > 0:
+        joined(problem, work)
     count = 0
     for u in range(units.count):
-        count += units.inside[u]
+        count += units.inlier[u]
     return count
 
 
-def rival(best: Integer, last: Integer, bench: Bench) -> Integer:
+def rival(best: Integer, last: Integer, work: ConsensusWork) -> Integer:
     """Whether another of the first ``last`` candidates is as good, at a place that contradicts the best one's inliers.
 
-    Inliers are judged by the cuts and variances in the bench.
+    Inliers are judged by the cuts and variances in the work.
     """
-    units = bench.units
-    own = bench.candidate_squares[best * units.count :]
-    lowest = bench.objectives[best]
+    units = work.units
+    own = work.candidate_squares[best * units.count :]
+    lowest = work.objectives[best]
     here = 0.0
     for u in range(units.count):
         if own[u] <= units.cuts[u] * units.variances[u]:
             here += own[u]
     for k in range(last):
-        if bench.objectives[k] < lowest + AS_GOOD:
-            theirs = bench.candidate_squares[k * units.count :]
+        if work.objectives[k] < lowest + AS_GOOD:
+            theirs = work.candidate_squares[k * units.count :]
             there = 0.0
             for u in range(units.count):
                 if own[u] <= units.cuts[u] * units.variances[u]:

@@ -89,7 +89,7 @@ def unit_added(
     return rank
 
 
-def subset_drawn(
+def subset_sampled(
     state: Integers,
     units: Integer,
     n: Integer,

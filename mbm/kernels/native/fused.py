@@ -1,4 +1,4 @@
-"""Rows that are united in one straight line, as machine code."""
+"""Rows that are fused in one straight line, as machine code."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LEVEL = 2
 
 
 def united_code(program: Program, numbers: int, residuals: int, store: Store | None) -> Library:
-    """The functions ``values`` and ``jacobian`` of what `mbm.target.united.united` gives, see `straight_line`.
+    """The functions ``values`` and ``jacobian`` of what `mbm.target.fused.fused` gives, see `straight_line`.
 
     Args:
         program: its last column of ``residuals`` outputs are the values.

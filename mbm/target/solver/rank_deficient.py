@@ -11,7 +11,7 @@ from math import fabs, inf, sqrt
 from mbm.target.decisions import EPSILON, SHARE
 from mbm.target.solver.description import Problem
 from mbm.target.solver.linear_algebra import copied, dot, filled
-from mbm.target.solver.tangent import from_surface
+from mbm.target.solver.null_space import from_null_space
 from mbm.target.solver.workspace import Work
 from mbm.target.words import ConstantReals, Integer, Real, Reals
 
@@ -78,9 +78,9 @@ def singular_values(width: Integer, small: ConstantReals, lines: Reals, right: R
 
 
 def set_determined(
-    system: Problem,
+    problem: Problem,
     count: Integer,
-    turned: Integer,
+    reflected: Integer,
     rank: Integer,
     scale: ConstantReals,
     singular: ConstantReals,
@@ -92,8 +92,8 @@ def set_determined(
     `inverse` has the right singular vectors along the surface; `part` becomes a factor of the
     covariance, ``rank`` rows (n,), with the free directions below it, `loose` rows.
     """
-    n = system.n
-    width = count - turned
+    n = problem.n
+    width = count - reflected
     chosen = work.chosen
     factor = work.part
     line = work.line
@@ -101,8 +101,8 @@ def set_determined(
     filled(n * n, 0.0, factor)
     for a in range(width):
         filled(count, 0.0, line)
-        copied(width, work.inverse[a * width :], line[turned:])
-        from_surface(count, turned, work.reflections, line)
+        copied(width, work.inverse[a * width :], line[reflected:])
+        from_null_space(count, reflected, work.reflections, line)
         for k in range(count):
             if a < rank:
                 factor[a * n + chosen[k]] = line[k] / (singular[a] * scale[k])
@@ -124,9 +124,9 @@ def set_determined(
             covariance[i * n + k] = total
 
 
-def determines(system: Problem, gradient: ConstantReals, work: Work) -> Integer:
+def determines(problem: Problem, gradient: ConstantReals, work: Work) -> Integer:
     """1 where a quantity with the ``gradient`` (n,) does not feel the free directions of the last covariance."""
-    n = system.n
+    n = problem.n
     loose = work.part[work.rank * n :]
     length = 0.0
     along = 0.0
@@ -138,9 +138,9 @@ def determines(system: Problem, gradient: ConstantReals, work: Work) -> Integer:
     return 1 if along <= SHARE * SHARE * length else 0
 
 
-def mask_undetermined(system: Problem, work: Work, covariance: Reals) -> None:
+def mask_undetermined(problem: Problem, work: Work, covariance: Reals) -> None:
     """NaN for what the free directions of the last covariance touch."""
-    n = system.n
+    n = problem.n
     for i in range(n):
         for k in range(n):
             if work.touched[i] != 0.0 or work.touched[k] != 0.0:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import mbm
+from mbm.solution.native.fusing import MOST_RESIDUALS, unitable
 from mbm.solution.native.system import system_of
-from mbm.solution.native.uniting import MOST_RESIDUALS, unitable
 from mbm.target.solver import description as of
 
 PLACES = "(unknowns (p (vector 2) :init [0.4 0.3]) (h angle :init 20deg) (s :init 1.1))"
@@ -38,7 +38,7 @@ TABLE = {"x": X, "y": 1.1 * np.exp(0.5 * X) + 0.01 * np.cos(40.0 * X)}
 
 
 def systems(both, name):
-    """The system with united rows, that without, and the start of the last minimum that the problem asks for."""
+    """The system with fused rows, that without, and the start of the last minimum that the problem asks for."""
     text = f"(problem p (data t external) {PROBLEMS[name]})"
     text = text if "observe t" in text else text.replace("(data t external)", "")
     given = {"t": TABLE} if "observe t" in text else {}
@@ -49,8 +49,8 @@ def systems(both, name):
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_same_ends(both, name):
     together, apart, start = systems(both, name)
-    assert together.system[of.Problem.united_reals] > 0
-    assert apart.system[of.Problem.united_reals] == 0
+    assert together.system[of.Problem.fused_reals] > 0
+    assert apart.system[of.Problem.fused_reals] == 0
     one, two = together.one(start), apart.one(start)
     assert two.clean[0]
     assert one.clean[0]

@@ -10,15 +10,15 @@ from math import fabs
 from mbm.target.decisions import EXACT
 from mbm.target.solver.beginning import constraint_count
 from mbm.target.solver.description import BOUNDS_AT, Problem
-from mbm.target.solver.workspace import Place, Work
+from mbm.target.solver.workspace import Linearisation, Work
 from mbm.target.words import Integer, Real
 
 
-def set_working(system: Problem, work: Work) -> None:
+def set_active(problem: Problem, work: Work) -> None:
     """`held`: the units of the equations, and of the inequalities that have a multiplier."""
     done = 0
-    for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
-        block = system.blocks[b]
+    for b in range(problem.residual_blocks, problem.residual_blocks + problem.constraint_blocks):
+        block = problem.blocks[b]
         lines = block.outputs
         count = lines * work.rows.data.blocks[b].rows
         for k in range(count):
@@ -29,12 +29,12 @@ def set_working(system: Problem, work: Work) -> None:
         done += count
 
 
-def largest_violation(system: Problem, work: Work) -> Real:
+def largest_violation(problem: Problem, work: Work) -> Real:
     """Of the equations and of the inequalities that hold like them: in units, beyond rounding."""
     worst = 0.0
     done = 0
-    for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
-        block = system.blocks[b]
+    for b in range(problem.residual_blocks, problem.residual_blocks + problem.constraint_blocks):
+        block = problem.blocks[b]
         lines = block.outputs
         count = lines * work.rows.data.blocks[b].rows
         for k in range(count):
@@ -47,7 +47,7 @@ def largest_violation(system: Problem, work: Work) -> Real:
     return worst
 
 
-def change_working(system: Problem, nothing: Real, work: Work) -> Integer:
+def change_active(problem: Problem, nothing: Real, work: Work) -> Integer:
     """1 where another inequality holds from now on: the most overstepped one does; or else the one does not any more
     whose multiplier is the most negative, beyond ``nothing`` standard deviations. 0: all signs are right.
     """
@@ -59,8 +59,8 @@ def change_working(system: Problem, nothing: Real, work: Work) -> Integer:
     most = EXACT
     least = -nothing
     done = 0
-    for b in range(system.residual_blocks, system.residual_blocks + system.constraint_blocks):
-        block = system.blocks[b]
+    for b in range(problem.residual_blocks, problem.residual_blocks + problem.constraint_blocks):
+        block = problem.blocks[b]
         lines = block.outputs
         count = lines * work.rows.data.blocks[b].rows
         for k in range(count):
@@ -85,19 +85,19 @@ def change_working(system: Problem, nothing: Real, work: Work) -> Integer:
 
 
 def pushes_on_bounds(
-    system: Problem,
+    problem: Problem,
     nothing: Real,
-    place: Place,
+    place: Linearisation,
     work: Work,
 ) -> Integer:
     """1 where nothing pulls coordinates away from the bounds that hold them, beyond ``nothing`` standard deviations."""
-    n = system.n
+    n = problem.n
     for j in range(n):
         if place.free[j] == 0.0:
             slope = 0.0
             for i in range(j + 1):
                 slope += place.triangle[i * (n + 1) + j] * place.triangle[i * (n + 1) + n]
-            for c in range(constraint_count(system, work.rows.data)):
+            for c in range(constraint_count(problem, work.rows.data)):
                 slope += work.forces[c] * work.slopes[c * n + j]
             low = place.x[j] <= work.rows.constants[BOUNDS_AT + j] and slope >= -nothing * place.norms[j]
             high = place.x[j] >= work.rows.constants[BOUNDS_AT + n + j] and slope <= nothing * place.norms[j]

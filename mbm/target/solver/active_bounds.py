@@ -12,7 +12,7 @@ from mbm.target.decisions import IDLE, ROUNDED_PUSH
 from mbm.target.words import ConstantReals, Integer, Integers, Real
 
 
-def release_idle(n: Integer, triangle: ConstantReals, x: ConstantReals, cost: Real, sides: Integers) -> None:
+def release_inactive(n: Integer, triangle: ConstantReals, x: ConstantReals, cost: Real, sides: Integers) -> None:
     """``sides`` (n,) become 0 where the slope ``Jᵀ r`` is nothing beside the length of its column and ``cost`` = rᵀ r.
 
     ``triangle`` (n + 1, n + 1) of ``[J r]``; ``x`` (n,) are the coordinates.

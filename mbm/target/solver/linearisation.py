@@ -15,15 +15,15 @@ from mbm.target.solver.linear_algebra import filled, times_transposed
 from mbm.target.solver.manifolds import coordinates_of
 from mbm.target.solver.newton import newton_step
 from mbm.target.solver.steps import boxed_step, norm_of, undamped_step, without_dependent
-from mbm.target.solver.workspace import Place, Work
+from mbm.target.solver.workspace import Linearisation, Work
 from mbm.target.step_control import relative_offset
 from mbm.target.words import ConstantReals, Integer, Reals, distinct_arrays
 
 
 @distinct_arrays
-def set_metric(system: Problem, x: ConstantReals, peak: ConstantReals, scale: Reals) -> None:
+def set_metric(problem: Problem, x: ConstantReals, peak: ConstantReals, scale: Reals) -> None:
     """The scale of each coordinate (n,) > 0, from the largest norms that the columns have had."""
-    n = system.n
+    n = problem.n
     most = 0.0
     least = peak[0] * fabs(x[0])
     for j in range(n):
@@ -46,27 +46,29 @@ def set_metric(system: Problem, x: ConstantReals, peak: ConstantReals, scale: Re
                 scale[j] = 1.0
     curved = 0.0
     for j in range(n):
-        if system.number_of[j] < 0 and scale[j] > curved:
+        if problem.number_of[j] < 0 and scale[j] > curved:
             curved = scale[j]
     for j in range(n):
-        if system.number_of[j] < 0 and scale[j] < ROUNDED_ROTATION * curved:
+        if problem.number_of[j] < 0 and scale[j] < ROUNDED_ROTATION * curved:
             scale[j] = curved
 
 
 @distinct_arrays
-def set_factor(n: Integer, triangle: ConstantReals, scale: ConstantReals, factor: Reals, image: Reals) -> Integer:
-    """The scaled triangle and the image; how many columns are as good as dependent on those before them."""
+def set_factor(n: Integer, triangle: ConstantReals, scale: ConstantReals, factor: Reals, projected: Reals) -> Integer:
+    """The scaled triangle and Qᵀr; how many columns are as good as dependent on those before them."""
     for j in range(n):
         for i in range(n):
             factor[i * n + j] = triangle[i * (n + 1) + j] / scale[j] if i <= j else 0.0
-        image[j] = triangle[j * (n + 1) + n]
-    return without_dependent(n, factor, image)
+        projected[j] = triangle[j * (n + 1) + n]
+    return without_dependent(n, factor, projected)
 
 
 @distinct_arrays
-def set_free(system: Problem, constants: ConstantReals, x: ConstantReals, gradient: ConstantReals, free: Reals) -> None:
+def set_free(
+    problem: Problem, constants: ConstantReals, x: ConstantReals, gradient: ConstantReals, free: Reals
+) -> None:
     """Mark coordinates that are not at a bound which the descent direction would leave."""
-    n = system.n
+    n = problem.n
     for j in range(n):
         low = x[j] <= constants[BOUNDS_AT + j] and gradient[j] >= 0.0
         high = x[j] >= constants[BOUNDS_AT + n + j] and gradient[j] <= 0.0
@@ -74,19 +76,19 @@ def set_free(system: Problem, constants: ConstantReals, x: ConstantReals, gradie
 
 
 def arrive(
-    system: Problem,
-    place: Place,
+    problem: Problem,
+    place: Linearisation,
     reached: Integer,
     curved: Integer,
     work: Work,
 ) -> None:
     """Everything at a place whose point, cost and triangle are known; ``reached`` 1: from where the iteration is."""
-    n = system.n
+    n = problem.n
     x = place.x
     norms = place.norms
     peak = place.peak
     triangle = place.triangle
-    coordinates_of(system, place.point, x)
+    coordinates_of(problem, place.point, x)
     deficient = 0
     for j in range(n):
         square = 0.0
@@ -101,28 +103,28 @@ def arrive(
         for j in range(n):
             if old[j] > peak[j]:
                 peak[j] = old[j]
-    set_metric(system, x, peak, place.scale)
+    set_metric(problem, x, peak, place.scale)
     terms = 0.0
     for j in range(n):
-        size = fabs(x[j]) if system.number_of[j] >= 0 else 1.0
+        size = fabs(x[j]) if problem.number_of[j] >= 0 else 1.0
         terms += norms[j] * size * norms[j] * size
     noise = ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(place.cost))
     place.rounding = noise
     place.cost_rounding = 2.0 * noise * sqrt(place.cost) + noise * noise
-    deficient += set_factor(n, triangle, place.scale, place.factor, place.image)
+    deficient += set_factor(n, triangle, place.scale, place.factor, place.projected)
     place.deficient = deficient
     filled(n, 1.0, place.free)
-    if system.boxed == 1:
+    if problem.boxed == 1:
         gradient = work.gradient
-        times_transposed(n, place.factor, place.image, gradient)
-        set_free(system, work.rows.constants, x, gradient, place.free)
-    judge(system, place, curved, work)
+        times_transposed(n, place.factor, place.projected, gradient)
+        set_free(problem, work.rows.constants, x, gradient, place.free)
+    judge(problem, place, curved, work)
 
 
-def judge(system: Problem, place: Place, curved: Integer, work: Work) -> None:
+def judge(problem: Problem, place: Linearisation, curved: Integer, work: Work) -> None:
     """The undamped step at a place (Newton's where ``curved``), its offset, and why the iteration ends there if so."""
-    n = system.n
-    set_full_step(system, place, curved, work)
+    n = problem.n
+    set_full_step(problem, place, curved, work)
     norms = place.norms
     moving = 0
     movement = 0.0
@@ -131,7 +133,7 @@ def judge(system: Problem, place: Place, curved: Integer, work: Work) -> None:
         if place.free[j] != 0.0:
             moving += 1
         movement += norms[j] * place.full[j] * norms[j] * place.full[j]
-        size = fabs(place.x[j]) if system.number_of[j] >= 0 else 1.0
+        size = fabs(place.x[j]) if problem.number_of[j] >= 0 else 1.0
         terms += norms[j] * size * norms[j] * size
     rank = n - place.deficient
     if rank > moving:
@@ -154,28 +156,28 @@ def judge(system: Problem, place: Place, curved: Integer, work: Work) -> None:
     place.ending = ending
 
 
-def set_full_step(system: Problem, place: Place, curved: Integer, work: Work) -> None:
+def set_full_step(problem: Problem, place: Linearisation, curved: Integer, work: Work) -> None:
     """The undamped step of a place, its promise and length."""
-    n = system.n
+    n = problem.n
     full = place.full
-    image = place.image
+    projected = place.projected
     filled(n, 0.0, place.stopped)
-    if curved == 1 and newton_step(system, place, work) == 1:
+    if curved == 1 and newton_step(problem, place, work) == 1:
         return
-    if system.boxed == 1:
+    if problem.boxed == 1:
         promised = work.step_predicted
         length = work.step_length
-        boxed_step(system, place, inf, 0, work, full, place.stopped)
+        boxed_step(problem, place, inf, 0, work, full, place.stopped)
         place.predicted = work.step_predicted
         place.length = work.step_length
         work.step_predicted = promised
         work.step_length = length
         return
-    undamped_step(n, place.factor, image, full)
+    undamped_step(n, place.factor, projected, full)
     inside = 0.0
     for j in range(n):
         if place.factor[j * n + j] != 0.0:
-            inside += image[j] * image[j]
+            inside += projected[j] * projected[j]
     place.predicted = inside
     place.length = norm_of(n, full)
     for j in range(n):

@@ -8,28 +8,28 @@ from __future__ import annotations
 from math import inf, isfinite, sqrt
 
 from mbm.target.decisions import ABSOLUTE_ROUNDS, CONTROL_GROWTH, GRADUATED_FITS, GRADUATED_ROUNDS, STILL
-from mbm.target.solver.consensus_description import Bench
 from mbm.target.solver.consensus_order import median, robust_variance
+from mbm.target.solver.consensus_records import ConsensusWork
 from mbm.target.solver.consensus_refine import refined
-from mbm.target.solver.consensus_rules import GIVEN
+from mbm.target.solver.consensus_weights import GIVEN
 from mbm.target.solver.description import Problem
 from mbm.target.words import Integer, Real
 
 
-def widen_limits(system: Problem, fresh: Integer, bench: Bench) -> None:
+def widen_limits(problem: Problem, fresh: Integer, work: ConsensusWork) -> None:
     """Limits by the noise at the present squares; smaller ones stay unless ``fresh`` is 1."""
-    units = bench.units
-    for group in range(-1, bench.rules.groups):
+    units = work.units
+    for group in range(-1, work.rules.groups):
         variance = 1.0
         if group >= 0:
-            variance = robust_variance(units, system.n, bench.here.squares, group, bench.sorted)
+            variance = robust_variance(units, problem.n, work.here.squares, group, work.sorted)
         for u in range(units.count):
             if units.group[u] == group:
                 wide = units.cuts[u] * variance
                 units.limits[u] = wide if fresh == 1 else min(units.limits[u], wide)
 
 
-def graduated_weight(square: Real, limit: Real, control: Real) -> Real:
+def gnc_weight(square: Real, limit: Real, control: Real) -> Real:
     """The weight of the truncated loss made smooth (eq. 14 of the paper)."""
     if square <= control / (control + 1.0) * limit:
         return 1.0
@@ -39,25 +39,25 @@ def graduated_weight(square: Real, limit: Real, control: Real) -> Real:
     return min(max(between, 0.0), 1.0)
 
 
-def graduated(absolute: Integer, system: Problem, bench: Bench) -> None:
+def gnc_fit(absolute: Integer, problem: Problem, work: ConsensusWork) -> None:
     """The fit where weights have become 0 or 1, begun at least squares or least absolute deviations."""
-    units = bench.units
+    units = work.units
     weights = units.weights
     limits = units.limits
     for u in range(units.count):
         weights[u] = 1.0
-    refined(GIVEN, GRADUATED_FITS, STILL, 0, system, bench)
+    refined(GIVEN, GRADUATED_FITS, STILL, 0, problem, work)
     for _ in range(absolute * ABSOLUTE_ROUNDS):
         for u in range(units.count):
-            bench.sorted[u] = sqrt(bench.here.squares[u])
-        least = 1e-3 * median(units.count, bench.sorted) + 1e-300
+            work.sorted[u] = sqrt(work.here.squares[u])
+        least = 1e-3 * median(units.count, work.sorted) + 1e-300
         for u in range(units.count):
-            weights[u] = 1.0 / max(sqrt(bench.here.squares[u]), least)
-        refined(GIVEN, 1, STILL, 0, system, bench)
-    widen_limits(system, 1, bench)
+            weights[u] = 1.0 / max(sqrt(work.here.squares[u]), least)
+        refined(GIVEN, 1, STILL, 0, problem, work)
+    widen_limits(problem, 1, work)
     control = inf
     for u in range(units.count):
-        square = bench.here.squares[u]
+        square = work.here.squares[u]
         if isfinite(square):
             control = min(limits[u] / max(2.0 * square - limits[u], 1e-300), control)
     if not (control > 0.0 and isfinite(control)):
@@ -65,11 +65,11 @@ def graduated(absolute: Integer, system: Problem, bench: Bench) -> None:
     for _ in range(GRADUATED_ROUNDS):
         decided = 1
         for u in range(units.count):
-            weights[u] = graduated_weight(bench.here.squares[u], limits[u], control)
+            weights[u] = gnc_weight(work.here.squares[u], limits[u], control)
             if weights[u] >= 1e-6 and weights[u] <= 1.0 - 1e-6:
                 decided = 0
-        refined(GIVEN, 1, STILL, 0, system, bench)
-        widen_limits(system, 0, bench)
+        refined(GIVEN, 1, STILL, 0, problem, work)
+        widen_limits(problem, 0, work)
         if decided == 1:
             break
         control = control * CONTROL_GROWTH

@@ -9,8 +9,8 @@ from __future__ import annotations
 from math import inf, isfinite, log
 
 from mbm.target.decisions import STATED
-from mbm.target.solver.consensus_description import Bench
 from mbm.target.solver.consensus_order import selected
+from mbm.target.solver.consensus_records import ConsensusWork
 from mbm.target.solver.consensus_scores import rank_of_half
 from mbm.target.words import ConstantReals, Integer, Real, Reals, distinct_arrays
 
@@ -24,11 +24,11 @@ GIVEN = 2
 """Weights as they are."""
 
 
-def trimmed_mean(group: Integer, squares: ConstantReals, bench: Bench) -> Real:
+def trimmed_mean(group: Integer, squares: ConstantReals, work: ConsensusWork) -> Real:
     """The mean of a group's better half; `threshold` (3,): its largest norm, ties of it that count, its units."""
-    units = bench.units
-    values = bench.sorted
-    threshold = bench.threshold
+    units = work.units
+    values = work.sorted
+    threshold = work.threshold
     count = 0
     for u in range(units.count):
         if units.group[u] == group:
@@ -39,7 +39,7 @@ def trimmed_mean(group: Integer, squares: ConstantReals, bench: Bench) -> Real:
     threshold[2] = float(count)
     if count == 0:
         return 1.0
-    half = rank_of_half(count, bench.size)
+    half = rank_of_half(count, work.size)
     middle = selected(count, half - 1, values)
     total = 0.0
     ties = 0.0
@@ -75,12 +75,12 @@ def truncated_weights(
     return (s0 + s1) + (s2 + s3)
 
 
-def judged(rule: Integer, squares: ConstantReals, rest: Real, bench: Bench) -> Real:
-    """The objective at squared norms (U,), with the weights (U,) of the units there put down in the bench.
+def objective_of(rule: Integer, squares: ConstantReals, rest: Real, work: ConsensusWork) -> Real:
+    """The objective at squared norms (U,), with the weights (U,) of the units there put down in the work.
 
     ``rest`` is the sum of squares that no rule touches.
     """
-    units = bench.units
+    units = work.units
     weights = units.weights
     limits = units.limits
     total = rest
@@ -96,9 +96,9 @@ def judged(rule: Integer, squares: ConstantReals, rest: Real, bench: Bench) -> R
         if units.group[u] == STATED:
             total += min(squares[u], limits[u])
             weights[u] = 1.0 if squares[u] <= limits[u] else 0.0
-    threshold = bench.threshold
-    for group in range(bench.rules.groups):
-        mean = trimmed_mean(group, squares, bench)
+    threshold = work.threshold
+    for group in range(work.rules.groups):
+        mean = trimmed_mean(group, squares, work)
         ties = threshold[1]
         for u in range(units.count):
             if units.group[u] == group:

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
+from mbm.target.fused import Part, fused
 from mbm.target.merged import reduced
 from mbm.target.program import Instruction, Operator, Program
-from mbm.target.united import Part, united
 
 TURN = Program(
     values=9,
@@ -80,7 +80,7 @@ def turned(rows: int, columns: tuple[int, int] = (0, 1)) -> Part:
 
 def test_residuals_and_columns_are_those_of_the_rows() -> None:
     point, data = [0.3, 1.7, -0.4], [0.5, 0.9, 2.0, 3.0]
-    found = evaluated(united([turned(2)], 3, 3), point + data)
+    found = evaluated(fused([turned(2)], 3, 3), point + data)
     slopes = [1.7 * math.cos(0.3), math.sin(0.3), 0.0]
     wanted = [weight * slope for slope in slopes for weight in data[2:]]
     wanted += [weight * (1.7 * math.sin(0.3) - p) for p, weight in zip(data[:2], data[2:], strict=True)]
@@ -88,7 +88,7 @@ def test_residuals_and_columns_are_those_of_the_rows() -> None:
 
 
 def test_what_rows_have_in_common_is_computed_once() -> None:
-    program = united([turned(3), turned(1)], 3, 3)
+    program = fused([turned(3), turned(1)], 3, 3)
     operators = [each.operator for each in program.instructions]
     assert operators.count(Operator.SIN) == operators.count(Operator.COS) == 1
     assert operators.count(Operator.SUB) == 4
@@ -105,7 +105,7 @@ def test_whitening_by_a_matrix_and_outputs_that_are_zero() -> None:
         whitening=(((0, 0),), ((2, 0), (3, 1))),
         weights=4,
     )
-    program = united([part], 3, 2)
+    program = fused([part], 3, 2)
     assert program.outputs[:2] == (-1, -1)  # no row varies with the first coordinate
     found = evaluated(program, [0.0, 0.0, 3.0, 7.0, 0.5, 100.0, 0.25, 4.0])
     assert found == [0.0, 0.0, 3.0, 1.5, 4.5, 2.25]
@@ -113,9 +113,9 @@ def test_whitening_by_a_matrix_and_outputs_that_are_zero() -> None:
 
 def test_two_tangents_of_one_coordinate_add_up_and_fixed_ones_are_left_out() -> None:
     point, data = [0.3, 1.7, -0.4], [0.5, 2.0]
-    both = evaluated(united([turned(1, (0, 0))], 3, 1), point + data)
+    both = evaluated(fused([turned(1, (0, 0))], 3, 1), point + data)
     assert both[0] == pytest.approx(2.0 * (1.7 * math.cos(0.3) + math.sin(0.3)), rel=1e-15)  # two roundings
-    fixed = united([turned(1, (-1, 0))], 3, 1)
+    fixed = fused([turned(1, (-1, 0))], 3, 1)
     assert Operator.COS not in [each.operator for each in fixed.instructions]
     assert evaluated(fixed, point + data)[0] == 2.0 * math.sin(0.3)
 

@@ -13,10 +13,10 @@ def turned(solver, slopes, held, scale):
     n = len(scale)
     reflections = np.zeros((n, n))
     chosen = np.arange(n)
-    count = solver("turn_constraints", n, n, chosen, scale, len(held), held, slopes, reflections)
+    count = solver("reflect_constraints", n, n, chosen, scale, len(held), held, slopes, reflections)
     basis = np.eye(n)
     for row in basis:  # rows become Qᵀ e
-        solver("along_surface", n, count, reflections, row)
+        solver("to_null_space", n, count, reflections, row)
     return basis, count, reflections
 
 
@@ -30,7 +30,7 @@ def test_the_surface_is_perpendicular_to_all_constraints_that_hold(solver):
     np.testing.assert_allclose(slopes[[0, 2]] / scale @ along, np.zeros((2, 3)), rtol=0, atol=CLOSE * 20)
     back = basis.copy()
     for row in back:
-        solver("from_surface", 5, count, reflections, row)
+        solver("from_null_space", 5, count, reflections, row)
     np.testing.assert_allclose(back, np.eye(5), rtol=0, atol=CLOSE)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import fabs, isfinite, sqrt
 
 from mbm.target.decisions import MIRRORED
-from mbm.target.solver.consensus_description import SPHERES, Rules
+from mbm.target.solver.consensus_records import SPHERES, Rules
 from mbm.target.words import ConstantReals, Integer, Real, Reals
 
 SWEEPS = 12

@@ -1,4 +1,4 @@
-"""Which groups of equations have their rows united in one function, that function, and the table that says so.
+"""Which groups of equations have their rows fused in one function, that function, and the table that says so.
 
 Worth while for streams: compiling it takes as long as thousands of small solves.
 """
@@ -12,25 +12,25 @@ import numpy as np
 
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import Group
-from mbm.solution.native.packing import United, triangle_kind
+from mbm.solution.native.packing import Fused, triangle_kind
 from mbm.solution.types import Indices
+from mbm.target.fused import Part, fused
 from mbm.target.solver import description as of
-from mbm.target.united import Part, united
 
 if TYPE_CHECKING:
     from mbm.kernels.store import Store
 
 FEW_ROWS = 3
-"""Rows of a group that are united at most: more fill the lanes of its own kernel."""
+"""Rows of a group that are fused at most: more fill the lanes of its own kernel."""
 
 MOST_RESIDUALS = 64
 MOST_OPERATIONS = 2_000
-"""Residuals and operations of united rows at most: straight lines take a tenth of a millisecond an operation to
+"""Residuals and operations of fused rows at most: straight lines take a tenth of a millisecond an operation to
 compile, and beyond the nearest cache they are no faster than loops."""
 
 
 def unitable(groups: Sequence[Group], rows: Sequence[int]) -> tuple[int, ...]:
-    """How many rows of each group, of which a data set has ``rows`` at most, are united: all or none."""
+    """How many rows of each group, of which a data set has ``rows`` at most, are fused: all or none."""
     found = []
     residuals = operations = 0
     for group, count in zip(groups, rows, strict=True):
@@ -48,14 +48,14 @@ def unitable(groups: Sequence[Group], rows: Sequence[int]) -> tuple[int, ...]:
 
 
 def places_of(groups: Sequence[Group], rows: Sequence[int]) -> tuple[bytes, ...]:
-    """Which numbers and coordinates the rows that are united vary with."""
+    """Which numbers and coordinates the rows that are fused vary with."""
     chosen = [group for group, count in zip(groups, rows, strict=False) if count]
     return tuple(part.tobytes() for group in chosen for part in (group.places, group.touched))
 
 
-def united_rows(equations: Assembled, rows: Sequence[int], store: Store | None) -> United | None:
+def fused_rows(equations: Assembled, rows: Sequence[int], store: Store | None) -> Fused | None:
     """The function for so many rows of each group; None where there are none, or an operation has no code."""
-    from mbm.kernels.native.united import united_code
+    from mbm.kernels.native.fused import united_code
     from mbm.target.vectors import NoPrinterError
 
     if not any(rows):
@@ -67,15 +67,15 @@ def united_rows(equations: Assembled, rows: Sequence[int], store: Store | None) 
     residuals = sum(part.rows * part.outputs for part in parts)
     numbers = len(equations.layout.start)
     try:
-        library = united_code(united(parts, numbers, equations.dimension), numbers, residuals, store)
+        library = united_code(fused(parts, numbers, equations.dimension), numbers, residuals, store)
     except NoPrinterError:
         return None
-    head = np.zeros(of.UNITED, dtype=np.int64)
-    head[of.United.values] = library.address("values")
-    head[of.United.jacobian] = library.address("jacobian")
-    head[of.United.residuals] = residuals
+    head = np.zeros(of.FUSED, dtype=np.int64)
+    head[of.Fused.values] = library.address("values")
+    head[of.Fused.jacobian] = library.address("jacobian")
+    head[of.Fused.residuals] = residuals
     reals = sum(part.rows * (part.parameters + part.weights) for part in parts)
-    return United(table=np.concatenate([head, np.array(counts, dtype=np.int64)]), reals=reals, library=library)
+    return Fused(table=np.concatenate([head, np.array(counts, dtype=np.int64)]), reals=reals, library=library)
 
 
 def _part(group: Group, rows: int, column: Indices) -> Part:

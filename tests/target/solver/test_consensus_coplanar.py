@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mbm.target.records import put, slots_of, view
-from mbm.target.solver import consensus_description as c
-from mbm.target.solver.consensus_planes import MOMENTS, one_sided, smallest_share
+from mbm.target.solver import consensus_records as c
+from mbm.target.solver.consensus_coplanar import MOMENTS, one_sided, smallest_share
 
 
 @pytest.mark.parametrize("d", [1, 2, 3])
