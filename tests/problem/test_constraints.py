@@ -261,5 +261,5 @@ def test_what_a_for_repeats_is_wrong_once(monkeypatch):
     monkeypatch.setattr(evaluator, "closest", lambda *given: (looked.append(given), plain(*given))[1])
     text = """(problem p (unknowns (a :init 1)) (observe o (= 1 a))
       (constraints (for (i 1 30000) (for (j first 30000) (normal a j 1)))))"""
-    (found,) = mbm.loads(text).diagnostics()
+    (found,) = mbm.loads(text).check()
     assert (found.code.name, len(looked)) == ("unknown-name", 1)
