@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import mbm
+from mbm.language import evaluator
 
 EXACT = 1e-9
 """Linear problems: the optimum is known to far more digits than it is asked for."""
@@ -251,3 +252,14 @@ def test_curved_constraints_of_an_image_of_a_circle(solve, method):
     np.testing.assert_allclose(found.covariance.matrix, 0.01 * np.outer(tangent, tangent), atol=1e-9)
     assert found.first.dof == 1
     assert found.first.method == method
+
+
+def test_what_a_for_repeats_is_wrong_once(monkeypatch):
+    """The name is looked for among those there are once, not 30,000 times."""
+    looked = []
+    plain = evaluator.closest
+    monkeypatch.setattr(evaluator, "closest", lambda *given: (looked.append(given), plain(*given))[1])
+    text = """(problem p (unknowns (a :init 1)) (observe o (= 1 a))
+      (constraints (for (i 1 30000) (for (j first 30000) (normal a j 1)))))"""
+    (found,) = mbm.loads(text).check()
+    assert (found.code.name, len(looked)) == ("unknown-name", 1)

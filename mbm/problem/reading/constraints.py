@@ -83,9 +83,14 @@ def _unrolled(work: Workspace, form: Form, variables: tuple[tuple[str, int], ...
         work.evaluator.budget.check_length(count, form)
         work.evaluator.budget.spend(max(0, count), form)
         counter = header.items[0].name
+        wrong: set[int] = set()  # once, not thousands of times
         for i in range(first, last + 1):
-            for inner in form.items[2:]:
-                found.extend(_unrolled(work, inner, (*variables, (counter, i))))
+            for number, inner in enumerate(form.items[2:]):
+                if number not in wrong:
+                    before = len(work.diagnostics)
+                    found.extend(_unrolled(work, inner, (*variables, (counter, i))))
+                    if len(work.diagnostics) > before:
+                        wrong.add(number)
     return found
 
 
