@@ -10,7 +10,7 @@ import pytest
 import mbm
 from mbm.kernels.eliminated import eliminated_kernel
 from mbm.kernels.types import Kernel
-from tests.target.test_united import evaluated
+from tests.target.test_fused import evaluated
 
 
 def kernel_of(equation: str, unknowns: str = "(a :init 1) (b :init 1)", noise: str = "") -> Kernel:

@@ -1,4 +1,4 @@
-"""What a problem asks of consensus → the arrays that the native consensus takes (`consensus_description`)."""
+"""What a problem asks of consensus → the arrays that the native consensus takes (`consensus_records`)."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ def boxed(solver, radius, limited, upper):
     work = Scratch(system)
     work.record.rows.constants = constants
     place = work.record.first
-    place.scale[:n], place.image[:n], place.free[:n] = [2.0, 1.0], [-200.0, -50.0], 1.0
+    place.scale[:n], place.projected[:n], place.free[:n] = [2.0, 1.0], [-200.0, -50.0], 1.0
     place.factor[: n * n] = np.diag([0.5, 1.0]).ravel()
     vector, stopped = np.zeros(n), np.zeros(n)
     solver("boxed_step", system, FirstPlace(work), radius, limited, work, vector, stopped)
