@@ -62,13 +62,18 @@ def definition(function: Function) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
+def _class_name(record: Record) -> str:
+    """As Python names classes."""
+    return record.name.title().replace("_", "")
+
+
 def struct(record: Record) -> str:
     """A record that is no view on an array, as a class."""
-    lines = [f"class {record.name.title()}:", f'    """{record.doc}"""', "", "    def __init__(self):"]
+    lines = [f"class {_class_name(record)}:", f'    """{record.doc}"""', "", "    def __init__(self):"]
     for member in record.members:
         value = {Type.REAL: "0.0", Type.INTEGER: "0"}.get(member.type) if isinstance(member.type, Type) else None
         if member.held is Held.INSIDE and isinstance(member.type, Record):
-            value = f"{member.type.name.title()}()"
+            value = f"{_class_name(member.type)}()"
         lines.append(f"        self.{member.name} = {value}")
     return "\n".join(lines)
 

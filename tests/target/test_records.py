@@ -18,6 +18,7 @@ from mbm.target.records import (
     blank,
     integers_in,
     lay_out,
+    put,
     reals_in,
     record,
     sized,
@@ -59,12 +60,21 @@ class Point:
 
 
 @record
+class Scale:
+    """What a part counts."""
+
+    factor: Real
+    shift: Real
+
+
+@record
 class Room:
     """All there is."""
 
     sizes: Reference[Sizes]
     reals: Reals
     integers: Integers
+    scales: Records[Scale]
     first: Point
     second: Point
     here: Reference[Point]
@@ -115,7 +125,9 @@ def go(room: Room, times: Integer, out: Reals) -> Integer:
         there = room.there
         there.cost = 0.0
         for b in range(sizes.count):
-            there.cost += weigh(sizes, b, here) + float(sizes.rest[0])
+            scale = room.scales[b]
+            there.cost += scale.factor * weigh(sizes, b, here) + float(sizes.rest[0])
+            room.scales[b].shift += 1.0
             if sizes.parts[b].last > sizes.parts[b].first + 2:
                 there.cost -= 0.25
         for i in range(sizes.n):
@@ -127,7 +139,7 @@ def go(room: Room, times: Integer, out: Reals) -> Integer:
         room.there = here
     for i in range(sizes.n):
         out[i] = room.here.x[i]
-    out[sizes.n] = room.total
+    out[sizes.n] = room.total + room.scales[1].shift
     return room.here.steps + room.order[0] + room.first.steps
 
 
@@ -145,9 +157,15 @@ def sizes_array():
     return np.array([*head, *parts[0], *parts[1], *chosen, *weights[0], *weights[1]], dtype=np.int64)
 
 
+def scales_array():
+    """Of each part: factor and shift."""
+    return np.array([1.0, 0.25, 1.0, 0.5])
+
+
 def as_it_stands():
     """What Python makes of the text."""
     sizes, room = view(Sizes, sizes_array()), Room()
+    room.scales = Records(Scale, scales_array())
     room.reals = np.zeros(room_reals(sizes))
     room.integers = np.zeros(room_integers(sizes), dtype=np.int64)
     begin(sizes, room)
@@ -161,7 +179,8 @@ def by_address(address):
     array, out, memory = sizes_array(), np.zeros(4), blank(Room)
     reals = np.zeros(ctypes.CFUNCTYPE(whole, pointer)(address("room_reals"))(array.ctypes.data))
     integers = np.zeros(ctypes.CFUNCTYPE(whole, pointer)(address("room_integers"))(array.ctypes.data), dtype=np.int64)
-    memory[1], memory[2] = reals.ctypes.data, integers.ctypes.data
+    scales = scales_array()
+    put(memory, Room, reals=reals, integers=integers, scales=scales)
     ctypes.CFUNCTYPE(None, pointer, pointer)(address("begin"))(array.ctypes.data, memory.ctypes.data)
     go_on = ctypes.CFUNCTYPE(whole, pointer, whole, pointer)(address("go"))
     return go_on(memory.ctypes.data, 3, out.ctypes.data), out
@@ -170,7 +189,7 @@ def by_address(address):
 def test_python_finds_what_is_computed_by_hand():
     state, out = as_it_stands()
     # 2·4 + 3·6 + 5·6 + 7·8 + 2·7 = 126 from the first point; x becomes the reversed one plus an eighth of it
-    assert out[3] > 126.0
+    assert out[3] > 126.0 + 0.5 + 3.0  # and the shift, one more each time
     assert state == 3 + 3 + 2
 
 
@@ -179,6 +198,7 @@ def test_printed_python():
     exec(python.PRELUDE + python.text(MODULE), names)  # noqa: S102 - its own text
     sizes, room, out = sizes_array(), names["Room"](), np.zeros(4)
     room.reals, room.integers = np.zeros(names["room_reals"](sizes)), np.zeros(names["room_integers"](sizes), dtype=int)
+    room.scales = scales_array()
     names["begin"](sizes, room)
     state = names["go"](room, 3, out)
     assert (state, out.tolist()) == (as_it_stands()[0], as_it_stands()[1].tolist())
@@ -205,13 +225,14 @@ MAIN = """
 int main(void)
 {
     static long sizes[] = {%s};
-    static double reals[100], out[4];
+    static double reals[100], out[4], scales[] = {%s};
     static long integers[100];
     static struct room room;
     long state;
 
     room.reals = reals;
     room.integers = integers;
+    room.scales = (struct scale *)scales;
     if (room_reals((struct sizes *)sizes) > 100 || room_integers((struct sizes *)sizes) > 100)
         return 1;
     begin((struct sizes *)sizes, &room);
@@ -226,7 +247,7 @@ def test_c_with_every_warning_and_sanitizer(tmp_path):
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         pytest.skip("there is no C compiler here")
-    main = MAIN % ", ".join(str(value) for value in sizes_array())
+    main = MAIN % tuple(", ".join(str(value) for value in each) for each in (sizes_array(), scales_array()))
     (tmp_path / "r.c").write_text(c.PRELUDE + c.text(MODULE) + main)
     flags = ["-std=c99", "-O1", "-g", "-Wall", "-Wextra", "-pedantic", "-Werror", "-Wno-unused-function"]
     sanitizers = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
@@ -240,8 +261,8 @@ def test_c_with_every_warning_and_sanitizer(tmp_path):
 def test_c_reads_as_written():
     text = c.text(MODULE)
     assert (
-        "struct room {\n    struct sizes *sizes;\n    double *reals;\n    long *integers;\n    struct point first;"
-        in text
+        "struct room {\n    struct sizes *sizes;\n    double *reals;\n    long *integers;\n    struct scale *scales;\n"
+        "    struct point first;" in text
     )
     assert "there->x[i] = here->x[sizes->n - 1L - i] + 0.125 * there->cost;" in text
     assert "room->first.x[i] = (double)chosen_of_sizes(sizes)[i];" in text
@@ -257,8 +278,8 @@ def test_the_class_has_the_places_of_its_fields_and_an_instance_what_stands_ther
     sizes.count = 1
     assert array[Sizes.count] == 1
     assert sizes.parts[1].last == 3
-    # two points of four slots, three references, three arrays and a number
-    assert slots_of(Room) == 2 * 4 + 3 + 3 + 1
+    # two points of four slots, three references, four arrays and a number
+    assert slots_of(Room) == 2 * 4 + 3 + 4 + 1
     assert reals_in(Room, sizes) == 2 * (3 + 9)
     assert integers_in(Room, sizes) == 4
 

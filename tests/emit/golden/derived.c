@@ -480,7 +480,8 @@ static int prepare(struct frame *f, const derived_data *data,
     }
     c = free_coordinates(UNKNOWNS, 1, f->members, f->firsts, f->used, f->fixed, f->column);
     renumber(f->columns_used, f->column, f->columns);
-    set_coordinates((long *)f->system, 52, c, UNKNOWNS, 1, f->members, f->offsets,
+    f->system->n = c;
+    set_coordinates((long *)f->system, 52, UNKNOWNS, 1, f->members, f->offsets,
         f->firsts, f->column);
     f->data_set->count = set_capacities(f->system, f->data_set);
     set_constants(f->system, f->constants, count, f->column, f->lower, f->upper, TOLERANCE, LOSSES);
