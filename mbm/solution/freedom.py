@@ -32,12 +32,12 @@ def _pivots(null_space: Floats) -> list[int]:
     """
     n, k = null_space.shape
     factor = np.zeros((k, n))
-    products = null_space @ null_space.T
-    left = products.diagonal()
+    left = np.einsum("nk,nk->n", null_space, null_space)
     pivots: list[int] = []
     for done in range(k):
         pivot = int(np.argmax(left >= (1.0 - TIED) * left.max()))
-        factor[done] = (products[pivot] - factor[:done, pivot] @ factor[:done]) / np.sqrt(left[pivot])
+        column = null_space @ null_space[pivot] - factor[:done, pivot] @ factor[:done]
+        factor[done] = column / np.sqrt(left[pivot])
         left = left - np.square(factor[done])
         pivots.append(pivot)
         left[pivots] = 0.0

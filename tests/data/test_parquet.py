@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 
 import numpy as np
@@ -32,3 +33,31 @@ def test_without_pyarrow_the_extra_is_named(tmp_path, monkeypatch):
         READERS["parquet"].read(path)
     (fault,) = caught.value.diagnostics
     assert (fault.code.name, fault.hint) == ("missing-extra", 'install them with `pip install "mbm[tables]"`')
+
+
+DAMAGED = """
+import sys
+from pathlib import Path
+from mbm.data.readers.parquet import read
+from mbm.text.types import MbmError
+
+whole, file = Path(sys.argv[1]).read_bytes(), Path(sys.argv[2])
+footer = int.from_bytes(whole[-8:-4], "little")
+for place in range(len(whole) - 8 - footer, len(whole)):
+    for change in (1, 4, 128):
+        file.write_bytes(whole[:place] + bytes([(whole[place] + change) % 256]) + whole[place + 1 :])
+        try:
+            read(file)
+        except MbmError:
+            pass
+print("to the end")
+"""
+
+
+def test_no_damage_to_a_footer_ends_the_process(tmp_path):
+    """Each byte of the metadata is changed in turn: tables or diagnostics, and no exception that nobody catches."""
+    table = pa.table({"x": [1.0, 2.0, 3.0], "name": ["a", "b", None]})
+    parquet.write_table(table, tmp_path / "whole.parquet")
+    command = [sys.executable, "-c", DAMAGED, str(tmp_path / "whole.parquet"), str(tmp_path / "damaged.parquet")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.strip()) == (0, "to the end"), done.stderr

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mbm.solution.covariance import covariance, propagate
+from mbm.solution.freedom import free_combinations
 from mbm.solution.observability import observability
 from tests.solution.nist import Regression
 from tests.solution.nist_typed import TYPED
@@ -156,3 +157,11 @@ def test_free_combinations_span_the_null_space():
         for c in observed.combinations
     ]
     assert all(own)
+
+
+def test_few_directions_of_very_many_unknowns_take_little_memory():
+    """100,000 unknowns would be 80 GB as a square; two of the directions move ten unknowns each."""
+    null_space = np.zeros((100_000, 2))
+    null_space[10:20, 0] = null_space[99_000:99_010, 1] = 10**-0.5
+    found = free_combinations(null_space, np.ones(100_000), np.ones(100_000))
+    assert [c.indices for c in found] == [tuple(range(10, 20)), tuple(range(99_000, 99_010))]
