@@ -168,8 +168,8 @@ def consensus_many(
     known = np.zeros(1) if forms is None else np.ascontiguousarray(forms, dtype=np.float64)
     begun = np.ascontiguousarray(starts, dtype=np.float64)
     room = (rooms or Rooms()).of(system, rules)
-    table = room.table.copy()
-    table[c.Rules.startless] = startless
+    room = replace(room, table=room.table.copy())
+    room.table[c.Rules.startless] = startless
     points, states = np.zeros((count, numbers)), np.zeros((count, c.ANSWERS), dtype=np.int64)
     inside, limits, variances = np.zeros(total, dtype=np.int64), np.zeros(total), np.zeros(total)
     code.expect(count * TRIALS * system.expected)
@@ -179,17 +179,8 @@ def consensus_many(
     put(every, c.ConsensusBatch, forms=known, starts=begun, numbers=points, verdicts=states)
     put(every, c.ConsensusBatch, inlier=inside, limits=limits, noise=variances)
 
-    def ready() -> tuple[NDArray[Any], ...]:
-        """The data sets with the scratch of one thread, and what they refer to."""
-        mine, work = every.copy(), blank(c.ConsensusWork)
-        reals, integers = np.zeros(room.reals), np.zeros(room.integers, dtype=np.int64)
-        put(work, c.ConsensusWork, rules=table, levels=rules.levels, reals=reals, integers=integers)
-        system.hand(inside_of(work, c.ConsensusWork, "rows"))
-        put(mine, c.ConsensusBatch, work=work)
-        return mine, work, reals, integers
-
     def part(first: int, last: int) -> None:
-        mine, *_held = ready()
+        mine, *_held = _ready(system, room, rules, every)
         routine = code.routine("consensus_many", object)
         step = int(max(AT_A_TIME / (TRIALS * system.expected), 1))
         end = first
@@ -201,7 +192,8 @@ def consensus_many(
 
     cut = False
     if count == 1 and stopped is not never:
-        cut = _by_and_by(code, ready(), int(max(AT_A_TIME / system.expected, 1)), stopped)
+        most = int(max(AT_A_TIME / system.expected, 1))
+        cut = _by_and_by(code, _ready(system, room, rules, every), most, stopped)
     else:
         _shared(part, count, workers)
     return ConsensusEnds(
@@ -212,6 +204,16 @@ def consensus_many(
         variances=variances,
         cut_short=cut,
     )
+
+
+def _ready(system: NativeSystem, room: Room, rules: Rules, every: Indices) -> tuple[NDArray[Any], ...]:
+    """A batch with the scratch of one thread, and what they refer to."""
+    mine, work = every.copy(), blank(c.ConsensusWork)
+    reals, integers = np.zeros(room.reals), np.zeros(room.integers, dtype=np.int64)
+    put(work, c.ConsensusWork, rules=room.table, levels=rules.levels, reals=reals, integers=integers)
+    system.hand(inside_of(work, c.ConsensusWork, "rows"))
+    put(mine, c.ConsensusBatch, work=work)
+    return mine, work, reals, integers
 
 
 def _shared(work: Callable[[int, int], None], count: int, workers: int) -> None:
