@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mbm.kernels.native.sources import source_digest
 from mbm.kernels.types import Kernel, KernelSet
+from mbm.target.records import address
 from mbm.target.solver.description import LANES
 from mbm.values import dataclass
 
@@ -45,7 +46,7 @@ class Routine:
 
     def __call__(self, *arguments: NDArray[Any] | int) -> int:
         """Call it; arrays are of 64-bit numbers, contiguous, and stay with the caller."""
-        plain = [a if isinstance(a, int) else a.ctypes.data for a in arguments]
+        plain = [a if isinstance(a, int) else address(a) for a in arguments]
         found: int = self.function(*plain)
         return found
 

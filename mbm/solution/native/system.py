@@ -16,7 +16,7 @@ from mbm.solution.native.packing import Rows, rows_of, structure_of, system_arra
 from mbm.solution.native.summing import sum_addresses, summable
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices
-from mbm.target.records import blank, inside, put, slot, view
+from mbm.target.records import address, blank, inside, put, slot, view
 from mbm.target.solver import description as of
 from mbm.target.solver import workspace as workspace
 from mbm.target.solver.batch import Solves
@@ -86,13 +86,18 @@ class NativeSystem:
     rows: Rows
     code: SolverCode
     held: object = field(repr=False)
+    scratch_sizes: tuple[int, int] | None = None
+    """Reals and integers that a thread needs; None: they are still to be worked out."""
     _given: tuple[int, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         rows = self.rows
+        if self.scratch_sizes is None:
+            problem = view(of.Problem, self.system)
+            object.__setattr__(self, "scratch_sizes", (int(work_reals(problem)), int(work_integers(problem))))
         arrays = (self.constants, rows.parameters, rows.weights, rows.index, rows.columns)
         # Where they begin; asking for that takes longer than a small solve.
-        object.__setattr__(self, "_given", tuple(array.ctypes.data for array in arrays))
+        object.__setattr__(self, "_given", tuple(address(array) for array in arrays))
 
     @property
     def dimension(self) -> int:
@@ -172,13 +177,13 @@ class NativeSystem:
 
     def hand(self, rows: Indices) -> None:
         """Let `Rows` in memory have what belongs to the system."""
-        for name, address in zip(_GIVEN, self._given, strict=True):
-            rows[slot(workspace.Rows, name)] = address
+        for name, begin in zip(_GIVEN, self._given, strict=True):
+            rows[slot(workspace.Rows, name)] = begin
 
     def scratch(self, parameters: Floats | None = None) -> tuple[NDArray[Any], ...]:
         """What one thread needs beside, as `Work`, and the arrays that it refers to; with other ``parameters``."""
-        problem = view(of.Problem, self.system)
-        reals, integers = np.empty(int(work_reals(problem))), np.empty(int(work_integers(problem)), dtype=np.int64)
+        count, whole = self.scratch_sizes or (0, 0)
+        reals, integers = np.empty(count), np.empty(whole, dtype=np.int64)
         work = blank(Work)
         put(work, Work, reals=reals, integers=integers)
         self.hand(inside(work, Work, "rows"))
