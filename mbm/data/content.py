@@ -27,11 +27,11 @@ PER_ROW = 48
 COMPRESSED = (".gz", ".bz2", ".xz")
 """Endings of compressed files; the ending before it tells the format."""
 
-LISTED, BLANKS = b",", b" \t"
+LISTED, BLANKS = b",", b" \t\v\f\x1c\x1d\x1e\x1f"
 """What stands between the cells of a line: each of these characters ends one, or any number of them do."""
 
-LINE_ENDS = b"\n\r\v\f\x1c\x1d\x1e"
-"""Where lines end for `str.splitlines`, as far as these are ASCII."""
+LINE_ENDS = b"\n\r"
+"""Where lines end."""
 
 _AT_ONCE = 1 << 22
 
@@ -89,6 +89,12 @@ def _packed_stream(content: bytes, ending: str) -> BufferedIOBase:
     if ending == ".gz":
         return gzip.GzipFile(fileobj=BytesIO(content))
     return bz2.BZ2File(BytesIO(content)) if ending == ".bz2" else lzma.LZMAFile(BytesIO(content))
+
+
+def lines_in(text: str) -> list[str]:
+    """The lines as editors count them: `str.splitlines` also ends them at form feeds and separators of paragraphs."""
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    return lines if lines[-1] else lines[:-1]
 
 
 def read_text(path: Path, *, between: bytes = LISTED) -> tuple[str, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
+from mbm.data.content import lines_in
 from mbm.problem.tables import Numbers
 
 MEASURED: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -25,7 +26,7 @@ def with_measurements(text: str, rows: Sequence[int], columns: Mapping[str, Numb
 
     The information of an edge stays as the file has it.
     """
-    lines = text.splitlines()
+    lines = lines_in(text)
     for position, row in enumerate(rows):
         words = lines[row - 1].split()
         names = MEASURED.get(words[0] if words else "")

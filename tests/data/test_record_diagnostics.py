@@ -18,6 +18,8 @@ EDGE = f"EDGE_SE2 0 1 1 0 0{INFORMATION}"
 CASES = [
     ("short-row", "tum", f"{POSE}2 1 2\n", 2, "z", "row 2 has 3 cells, but there are 8 columns"),
     ("long-row", "tum", f"# t\n{POSE.strip()} 9\n", 2, None, "row 2 has 9 cells"),
+    ("short-row", "tum", f"# a\u2028b\n{POSE}2 1\x0c2\n", 3, "z", "row 3 has 3 cells"),
+    ("short-row", "tum", f"{POSE.strip()}\r{POSE.strip()}\r\n2 1\x1c2\x85\n", 3, "z", "row 3 has 3 cells"),
     ("malformed-record", "tum", f"{POSE}2 1 2 3 0 0 zero 1\n", 2, "qz", "`qz` is `zero`, no number"),
     ("malformed-record", "tum", f"{POSE}2 1 2 3 0 0 1_0 1\n", 2, "qz", "`qz` is `1_0`, no number"),
     ("short-row", "kitti", "1 0 0 0 0 1 0 0 0 0 1\n", 1, "t3", "row 1 has 11 cells"),

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.data.columns import row_numbers
-from mbm.data.content import BLANKS, read_text
+from mbm.data.content import BLANKS, lines_in, read_text
 from mbm.data.readers import faults as format_faults
 from mbm.data.readers.fields import number_columns, numbers_of
 from mbm.data.types import ManyReader, RawTable
@@ -96,7 +96,7 @@ def _check_references(observations: Numbers, counts: tuple[int, int], text: str,
 
 def _lines(text: str) -> NDArray[np.int64]:
     """For each field the number of its line."""
-    counts = [len(line.split()) for line in text.splitlines()]
+    counts = [len(line.split()) for line in lines_in(text)]
     return np.repeat(np.arange(1, len(counts) + 1, dtype=np.int64), counts)
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mbm.data import faults
 from mbm.data.cells import frozen
+from mbm.data.content import lines_in
 from mbm.data.readers import faults as format_faults
 from mbm.problem.tables import Column, Numbers, reads_as_number
 from mbm.text.types import DataPlace, Diagnostic, MbmError
@@ -27,7 +28,7 @@ def lines_of(text: str, *, separator: str | None = None) -> list[Line]:
     ``separator`` None: blanks and tabulators, any number of them.
     """
     found = []
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(lines_in(text), start=1):
         stripped = line.strip()
         if stripped and not stripped.startswith("#"):
             found.append((number, stripped.split(separator)))
