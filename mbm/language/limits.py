@@ -26,7 +26,7 @@ class Limits:
     total_steps: int = 10 * steps
     list_length: int = 100_000
     files: int = 200
-    equations: int = 4_000
+    equations: int = 2_000
     operations: int = 64_000
 
 

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
 from mbm.expression.algebra import UndefinedValueError, apply
@@ -18,7 +18,7 @@ from mbm.expression.inference import Declared, Inference
 from mbm.expression.nodes import Component, Constant, LiteralMember, Number, Operation
 from mbm.expression.units import parse_unit
 from mbm.text.printer import print_form
-from mbm.text.types import Source, Span
+from mbm.text.types import MbmError, Source, Span
 from tests.expression.texts import COLUMNS, expression
 
 PLACE = Span(source=Source("here", "here"), start=0, end=4)
@@ -65,7 +65,11 @@ EXPRESSIONS = st.recursive(
 @given(node=EXPRESSIONS)
 def test_printed_expression_reads_back_to_the_same_numbers(node):
     text = printed(node)
-    again = expression(text)
+    try:
+        again = expression(text)
+    except MbmError as error:  # `(/ (sin 1) 0)`: reading folds the numbers that the tree left alone, and says so
+        assert error.diagnostics[0].code.name == "undefined-value"
+        reject()
     columns = {"x": np.array([0.3, -2.0, 7.5]), "y": np.array([1.25, 0.0, -4.0]), "z": np.array([2.0, 2.0, -1.0])}
     first, second = (np.asarray(evaluate((n,), lambda leaf: columns[leaf.name])[0], dtype=float) for n in (node, again))
     # Reading folds what the tree left alone (`(* 1 (sin 2))`), by the C library instead of NumPy: a last place each,
