@@ -18,7 +18,7 @@ class Limits:
 
     ``steps`` bounds one evaluation (of a clause, for one group of rows), ``total_steps`` all of them together,
     ``equations`` and ``operations`` bound what is derived, compiled and reported: an operation takes about a tenth of
-    a millisecond, an equation as much as ten of them, a condition as three, so that all of them take some five seconds.
+    a millisecond, an equation as much as twenty, a condition as three, so that all of them take some five seconds.
     """
 
     depth: int = 3000

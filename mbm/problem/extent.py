@@ -12,7 +12,7 @@ from mbm.problem import faults
 from mbm.problem.types import Block, Derived
 from mbm.text.types import MbmError, Span
 
-EQUATION, CHOICE = 10, 3
+EQUATION, CHOICE = 20, 3
 """Operations that an equation counts for by itself, and a condition or a choice by one: so much longer they take."""
 
 _CHOICES = CONDITIONS | {Operation.IF}
