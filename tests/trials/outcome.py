@@ -182,7 +182,7 @@ def _faults_of_document(found: Outcome, folder: Path) -> list[str]:
         diagnostics = [*diagnostics, *solve.get("diagnostics", ())]
     errors = [d for d in diagnostics if d["severity"] == "error"]
     # What goes wrong with another output, once the document is out, is said on standard error.
-    elsewhere = found.status == 2 and "error[" in found.err
+    elsewhere = found.status == 2 and "error[not-writable]" in found.err
     if found.status == 2 and not errors and not elsewhere:
         wrong.append("exit status 2 without an error")
     if "solves" in document and not elsewhere and (found.status == 0) != (document["status"] == "ok"):
