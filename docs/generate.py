@@ -16,7 +16,7 @@ import mbm
 from mbm.data.columns import MOST_COLUMNS
 from mbm.expression.units import REFUSED, UNITS
 from mbm.files import memory
-from mbm.language.limits import Limits
+from mbm.language import limits as language_limits
 from mbm.language.vocabulary import (
     arithmetic,
     comparison,
@@ -104,8 +104,9 @@ do not change it.
 """
 BOUNDS_INTRODUCTION = f"""A problem is data that somebody else may have written, so what mbm takes for it is bounded.
 What goes beyond a bound ends with a diagnostic that says the limit, before memory is taken. Bounds of memory follow
-`{memory.VARIABLE}`, as in `{memory.VARIABLE}=8GB mbm solve …`; the others are the same on every machine, so that a
-problem that is read here is read everywhere.
+`{memory.VARIABLE}`, as in `{memory.VARIABLE}=8GB mbm solve …`; what may be written out follows
+`{language_limits.VARIABLE}`, as in `{language_limits.VARIABLE}=4 mbm solve …` for four times as much, which takes four
+times as long. The others are the same on every machine, so that a problem that is read here is read everywhere.
 
 """
 
@@ -202,7 +203,7 @@ def diagnostics() -> str:
 
 def bounds() -> str:
     """What bounds the work on one problem, with the diagnostic that tells it, and what to do then."""
-    limits = Limits()
+    limits = language_limits.Limits()
     usual = f"{memory.USUAL / 1e9:g} GB, or 1/{memory.SHARE} of the machine's memory if that is less"
     rows: tuple[tuple[str, str, str, str], ...] = (
         ("a problem file, in bytes", _count(LARGEST_TEXT), "text-too-large", "measurements in data files"),

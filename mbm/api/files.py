@@ -89,10 +89,10 @@ def check(
     program = loaded.program
     if problem is None and not loaded.names and (program.models or program.functions or program.constants):
         return ()  # a file of definitions, for others to use
-    found: list[Diagnostic] = []
+    found: dict[Diagnostic, None] = {}
     for name in (problem,) if problem is not None else loaded.names or (None,):
         chosen = loaded if name is None else loaded.named(name)
-        found.extend(d for d in chosen.diagnostics(inputs, strict_units=strict_units) if d not in found)
+        found.update(dict.fromkeys(chosen.diagnostics(inputs, strict_units=strict_units)))
     return tuple(found)
 
 

@@ -84,7 +84,9 @@ class _Drafting:
         self.names = Identifiers(TAKEN)
         self.name = self.names.made(self.problem.name, *PROBLEM_FORMS, words=frozenset())
         self.places = Places(found, self.names)
-        self.pairs = tuple(zip(kernels.kernels, model.blocks, strict=True))
+        self.pairs: dict[tuple[Purpose, int], list[tuple[Kernel, ResidualBlock]]] = {}
+        for kernel, block in zip(kernels.kernels, model.blocks, strict=True):
+            self.pairs.setdefault((kernel.purpose, kernel.owner), []).append((kernel, block))
         self.position = {u.name: i for i, u in enumerate(self.problem.unknowns)}
 
     def whole(self, version: str) -> Blueprint:
@@ -227,7 +229,7 @@ class _Drafting:
 
     def _block(self, number: int, block: Block) -> BlockShape:
         identifier = self.names.made(block.name, "function.{name}_rows", *CASE_FORMS)
-        mine = [(k, b) for k, b in self.pairs if k.purpose is Purpose.EQUATION and k.owner == number]
+        mine = self.pairs.get((Purpose.EQUATION, number), ())
         distinct: tuple[ColumnValue, ...] = ()
         table = None if block.table is None else self.places.own_table(block.table)
         if block.table is not None and table is not None:
@@ -272,7 +274,7 @@ class _Drafting:
 
     def _derived(self, number: int, derived: Derived) -> DerivedShape:
         identifier = self.names.made(derived.name, *DERIVED_FORMS)
-        mine = [(k, b) for k, b in self.pairs if k.purpose is Purpose.DERIVED and k.owner == number]
+        mine = self.pairs.get((Purpose.DERIVED, number), ())
         return DerivedShape(
             name=Foreign(derived.name),
             identifier=identifier,

@@ -93,6 +93,12 @@ TOO_MANY_STEPS = Code(
     "Evaluation took more steps than the limit: most likely a loop over far too many values.",
     "Put the repetition into a data table: rows cost nothing to compile.",
 )
+BAD_WORK_BOUND = Code(
+    "bad-work-bound",
+    "The environment variable `MBM_WORK` says how many times as much as usual may be written out, and holds something"
+    " else.",
+    "Write a number, such as `MBM_WORK=4`.",
+)
 LIST_TOO_LONG = Code(
     "list-too-long",
     "A list, vector or range is longer than the limit.",
@@ -311,6 +317,12 @@ def too_many_in_all(place: Place | None, limit: int) -> Diagnostic:
         code=TOO_MANY_STEPS, message=f"all evaluations together took more than {limit} steps; they were stopped here",
         place=place, hint="each value of a static column (an index, a part's name) makes a group of rows of its own",
     )  # fmt: skip
+
+
+def bad_work_bound(variable: str, text: str) -> Diagnostic:
+    """``text`` stands where a number is wanted."""
+    message = f"`{variable}` is `{shown(text)}`, which is no number"
+    return Diagnostic(code=BAD_WORK_BOUND, message=message, hint=f"write it as in `{variable}=4`")
 
 
 def list_too_long(place: Place | None, length: int, limit: int) -> Diagnostic:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,8 +19,9 @@ class Limits:
     """Bounds of one compilation. The defaults let any sensible problem through and end a runaway within a second.
 
     ``steps`` bounds one evaluation (of a clause, for one group of rows), ``total_steps`` all of them together,
-    ``equations`` and ``operations`` bound what is derived, compiled and reported: an operation takes about a tenth of
-    a millisecond, an equation as much as twenty, a condition as three, so that all of them take some five seconds.
+    ``equations`` and ``operations`` bound what is derived, compiled and reported: an operation takes about a quarter
+    of a millisecond, an equation as much as twenty, a condition as three, so that all of them take some five seconds;
+    the environment variable `VARIABLE` allows more of them.
     """
 
     depth: int = 3000
@@ -26,9 +29,24 @@ class Limits:
     total_steps: int = 10 * steps
     list_length: int = 100_000
     files: int = 200
-    equations: int = 2_000
-    operations: int = 64_000
+    equations: int = 750
+    operations: int = 16_000
 
+    def written_out(self) -> tuple[int, int]:
+        """The equations, and the operations in them, that may be written out, with what `VARIABLE` allows.
+
+        Raises:
+            MbmError: bad-work-bound, `VARIABLE` states no number.
+
+        """
+        times = _stated_work()
+        return int(self.equations * times), int(self.operations * times)
+
+
+VARIABLE = "MBM_WORK"
+"""Environment variable: how many times as much as usual may be written out, such as ``4``."""
+
+_STATED = re.compile(r"\s*(\d{1,6}(?:\.\d{1,6})?)\s*", re.ASCII)
 
 STEPS_PER_EVALUATION = 16
 """What it takes to evaluate a clause at all: to make its scope, its block of equations."""
@@ -55,6 +73,16 @@ def recursion_room(limits: Limits) -> Iterator[None]:
         yield
     finally:
         sys.setrecursionlimit(before)
+
+
+def _stated_work() -> float:
+    text = os.environ.get(VARIABLE)
+    if text is None or not text.strip():
+        return 1.0
+    stated = _STATED.fullmatch(text)
+    if stated is None:
+        raise MbmError(faults.bad_work_bound(VARIABLE, text))
+    return float(stated[1])
 
 
 class Budget:

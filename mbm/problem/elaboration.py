@@ -131,6 +131,7 @@ class Workspace:
         columns: dict[str, None] = {}
         pending: list[tuple[Static, np.ndarray]] = [((), every)]
         found: list[tuple[Static, T]] = []
+        most, _ = self.evaluator.budget.limits.written_out()
         while pending:
             static, rows = pending.pop()
             self.evaluator.budget.reset(span)
@@ -140,8 +141,7 @@ class Workspace:
             except StaticColumnNeeded as need:
                 columns[need.column.name] = None
                 pending.extend(reversed(self._split(table, static, rows, need)))
-            if len(found) + len(pending) > self.evaluator.budget.limits.equations:
-                most = self.evaluator.budget.limits.equations
+            if len(found) + len(pending) > most:
                 raise MbmError(faults.too_many_static_values(span, table.name, most))
         if columns:
             self.reads.grouped(table.name, columns, when)

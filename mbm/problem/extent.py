@@ -22,7 +22,7 @@ class Extent:
     """Equations and operations so far. Local to one elaboration."""
 
     def __init__(self, limits: Limits) -> None:
-        self._limits = limits
+        self._most_equations, self._most_operations = limits.written_out()
         self._equations = 0
         self._operations = 0
 
@@ -50,11 +50,11 @@ class Extent:
 
         """
         self._equations += equations
-        if self._equations > self._limits.equations:
-            raise MbmError(faults.too_many_equations(span, self._limits.equations))
+        if self._equations > self._most_equations:
+            raise MbmError(faults.too_many_equations(span, self._most_equations))
 
     def _operate(self, nodes: tuple[Expression, ...], span: Span) -> None:
         made = [node.operation for node in postorder(nodes) if isinstance(node, Apply)]
         self._operations += len(made) + (CHOICE - 1) * sum(operation in _CHOICES for operation in made)
-        if self._operations > self._limits.operations:
-            raise MbmError(faults.too_many_operations(span, self._limits.operations))
+        if self._operations > self._most_operations:
+            raise MbmError(faults.too_many_operations(span, self._most_operations))

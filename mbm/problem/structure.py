@@ -18,6 +18,7 @@ from mbm.problem.kinds import Relation
 from mbm.problem.rows import rows_of
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import EquationCase, Problem
+from mbm.text.faults import worth_reading
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 
@@ -33,14 +34,13 @@ def structural_warnings(problem: Problem, tables: Mapping[str, Table]) -> list[D
     mentions = list(_mentions(problem, tables))
     mentioned = {scalar for scalars in mentions for scalar in scalars}
     names = {scalar[0] for scalar in mentioned}
-    found = [faults.unmentioned(u.span, u.name) for u in problem.unknowns if u.name not in names]
+    found = list(worth_reading([faults.unmentioned(u.span, u.name) for u in problem.unknowns if u.name not in names]))
     if len(mentions) >= MAXIMUM_EQUATIONS or any(u.fixed is not None for u in problem.unknowns):
         return found
     left = sorted({scalar[0] for scalar in _unmatched(mentions, sorted(mentioned, key=repr))})
-    for name in left:
-        unknown = problem.unknown(name)
-        found.append(faults.too_few_equations(unknown.span, name, len(mentions), len(mentioned)))
-    return found
+    spans = {unknown.name: unknown.span for unknown in problem.unknowns}
+    too_few = [faults.too_few_equations(spans[name], name, len(mentions), len(mentioned)) for name in left]
+    return [*found, *worth_reading(too_few)]
 
 
 def _mentions(problem: Problem, tables: Mapping[str, Table]) -> Iterator[frozenset[Scalar]]:

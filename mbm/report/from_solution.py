@@ -39,6 +39,7 @@ from mbm.solution.search import Alternative as OtherMinimum
 from mbm.solution.solution import DerivedSolution, Failure, Skipped, Solution
 from mbm.solution.types import NoiseState, Reason
 from mbm.text.types import Diagnostic
+from mbm.values import dataclass
 
 _NO_NOISE = "the noise is unknown, and without redundancy the residuals cannot tell it"
 _FREE = "the data do not determine it"
@@ -176,35 +177,76 @@ def _reasons(solution: Solution) -> Mapping[str, str]:
 
 
 def _estimates(solution: Solution, how: Shown, unknown: str | None) -> tuple[Estimate, ...]:
+    each = _Each.of(solution, unknown)
     pairs = zip(solution.layout.entries, how.unknowns, strict=True)
-    return tuple(_estimate(solution, entry, quantity, unknown) for entry, quantity in pairs)
+    return tuple(_estimate(solution, entry, quantity, each) for entry, quantity in pairs)
 
 
-def _estimate(solution: Solution, entry: Entry, quantity: Quantity, unknown: str | None) -> Estimate:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Each:
+    """Per coordinate (M,): sigma, NaN where there is none; whether it is fixed, held by a bound, and why no sigma is.
+
+    ``unused``: no equation mentions it; ``estimable``: the data determine it; ``unknown``: why nothing has a sigma.
+    """
+
+    sigma: Floats
+    fixed: Mask
+    bound: Mask
+    unused: Mask
+    estimable: Mask
+    unknown: str | None
+
+    @staticmethod
+    def of(solution: Solution, unknown: str | None) -> _Each:
+        """What holds for the coordinates of ``solution``."""
+        count = len(solution.layout.number)
+        sigma = np.full(count, np.nan)
+        bound, unused, estimable = (np.zeros(count, dtype=bool) for _ in range(3))
+        bound[solution.free] = solution.minimum.at_bound != 0
+        if unknown is None:
+            sigma[solution.free] = solution.covariance.sigma
+            unused[solution.unused] = True
+            estimable[solution.free] = solution.observability.estimable
+        return _Each(
+            sigma=sigma,
+            fixed=solution.layout.fixed,
+            bound=bound,
+            unused=unused,
+            estimable=estimable,
+            unknown=unknown,
+        )
+
+    def why_missing(self, place: slice) -> str | None:
+        """Why numbers at ``place`` have no sigma; several causes are all named."""
+        missing = np.isnan(self.sigma[place]) & ~self.fixed[place] & ~self.bound[place]
+        if self.unknown is not None or not bool(missing.any()):
+            return self.unknown if bool(missing.any()) else None
+        used, estimable = ~self.unused[place], self.estimable[place]
+        causes = (
+            (_UNUSED, missing & ~used),
+            (_FREE, missing & used & ~estimable),
+            (_NO_NOISE, missing & used & estimable),
+        )
+        return ", or ".join(sentence for sentence, which in causes if bool(which.any()))
+
+
+def _estimate(solution: Solution, entry: Entry, quantity: Quantity, each: _Each) -> Estimate:
     leading = () if entry.keys is None else (entry.members,)
     numbers = solution.numbers[entry.range].copy()
     if entry.unknown.kind is UnknownKind.ANGLE:
         numbers = wrapped(numbers)
     place = entry.coordinates
     shape = (*leading, *(entry.unknown.shape if not entry.unknown.dimension else (entry.unknown.freedom,)))
-    count = len(solution.layout.number)
-    sigma = np.full(count, np.nan)
-    bound = np.zeros(count, dtype=bool)
-    bound[solution.free] = solution.minimum.at_bound != 0
-    if unknown is None:
-        sigma[solution.free] = solution.covariance.sigma
-    fixed = solution.layout.fixed[place]
-    missing = np.zeros(count, dtype=bool)
-    missing[place] = np.isnan(sigma[place]) & ~fixed & ~bound[place]
+    bound = each.bound[place]
     return Estimate(
         quantity=quantity,
         value=numbers.reshape((*leading, *entry.unknown.shape)),
-        sigma=sigma[place].reshape(shape),
-        fixed=fixed.reshape(shape),
+        sigma=each.sigma[place].reshape(shape),
+        fixed=each.fixed[place].reshape(shape),
         keys=entry.keys,
         per=entry.unknown.family.rows if entry.unknown.family is not None else None,
-        at_bound=bound[place].reshape(shape) if bool(bound[place].any()) else None,
-        reason=_why_missing(solution, missing, unknown),
+        at_bound=bound.reshape(shape) if bool(bound.any()) else None,
+        reason=each.why_missing(place),
     )
 
 
@@ -217,24 +259,6 @@ def _alternative(solution: Solution, how: Shown, other: OtherMinimum) -> Alterna
         estimates=_estimates(there, how, _NOT_THE_BEST),
         remark=_MIRRORED if other.mirrored else None,
     )
-
-
-def _why_missing(solution: Solution, missing: Mask, unknown: str | None) -> str | None:
-    """Why the numbers that ``missing`` (M,) picks have no sigma; several causes are all named."""
-    if not bool(missing.any()):
-        return None
-    if unknown is not None:
-        return unknown
-    unused = np.zeros(len(missing), dtype=bool)
-    unused[solution.unused] = True
-    estimable = np.zeros(len(missing), dtype=bool)
-    estimable[solution.free] = solution.observability.estimable
-    causes = (
-        (_UNUSED, missing & unused),
-        (_FREE, missing & ~unused & ~estimable),
-        (_NO_NOISE, missing & ~unused & estimable),
-    )
-    return ", or ".join(sentence for sentence, which in causes if bool(which.any()))
 
 
 def wrapped(angles: Floats) -> Floats:

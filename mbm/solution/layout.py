@@ -82,6 +82,10 @@ class Layout:
         """The place of an unknown."""
         return self.by_name[name]
 
+    def number_of(self) -> dict[str, int]:
+        """Which of the unknowns each is, by name."""
+        return {name: number for number, name in enumerate(self.by_name)}
+
     def owner(self, coordinate: int) -> Entry:
         """The unknown that a coordinate belongs to."""
         return self.entries[bisect_right(self.entries, coordinate, key=lambda e: e.first) - 1]

@@ -6,6 +6,7 @@ Equal subexpressions become one object on the way, so that later stages find the
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from fractions import Fraction
 
 import sympy
@@ -97,6 +98,11 @@ _OPERATIONS: Mapping[Operation, Callable[..., sympy.Basic]] = {
 }
 
 
+def as_written() -> AbstractContextManager[None]:
+    """Within, SymPy leaves expressions as they are made. Once for many: it empties its caches where that changes."""
+    return sympy.evaluate(False)  # type: ignore[no-any-return]
+
+
 class Converter:
     """Converts expressions; remembers the symbol of every input. One for each block, so that its inputs are its own."""
 
@@ -110,7 +116,7 @@ class Converter:
 
     def convert(self, roots: tuple[Expression, ...]) -> tuple[sympy.Expr, ...]:
         """``roots`` in SymPy; numbers are exact where they were written exactly."""
-        with sympy.evaluate(False):
+        with as_written():
             for node in postorder(roots):
                 if id(node) not in self._memo:
                     made = self._leaf(node) if not isinstance(node, Apply) else self._apply(node)

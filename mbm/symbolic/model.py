@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from mbm.expression.nodes import Column, Component, Expression
 from mbm.problem.manifold import Piece
 from mbm.problem.types import Block, Derived, Problem, Unknown
-from mbm.symbolic.conversion import Converter
+from mbm.symbolic.conversion import Converter, as_written
 from mbm.symbolic.types import Chart, ColumnInput, ConstantInput, Purpose, ResidualBlock, Slot, SymbolicModel
 from mbm.text.types import Span
 
@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 def symbolic_model(problem: Problem) -> SymbolicModel:
     """The residual blocks of all observations and priors, and the derived quantities, of ``problem``."""
     unknowns = {u.name: u for u in problem.unknowns}
-    blocks = [b for i, block in enumerate(problem.blocks) for b in _equations(i, block, unknowns)]
-    derived = [b for i, each in enumerate(problem.derived) for b in _derived(i, each, unknowns)]
+    with as_written():
+        blocks = [b for i, block in enumerate(problem.blocks) for b in _equations(i, block, unknowns)]
+        derived = [b for i, each in enumerate(problem.derived) for b in _derived(i, each, unknowns)]
     return SymbolicModel(name=problem.name, blocks=(*blocks, *derived))
 
 

@@ -52,6 +52,7 @@ ELSEWHERE = {
     "text-too-large": "bad/test_made.py",
     "too-long-to-print": "bad/test_made.py",
     "bad-memory-bound": "data/test_bound_diagnostics.py",
+    "bad-work-bound": "data/test_bound_diagnostics.py",
     "too-many-columns": "data/test_bound_diagnostics.py",
     "too-many-files": "data/test_bound_diagnostics.py",
     "too-much-memory": "data/test_bound_diagnostics.py",

@@ -119,27 +119,39 @@ def test_the_memory_bound_can_be_set(checked, tmp_path, monkeypatch):
     assert "MBM_MEMORY=4GB" in said
 
 
-SUM, CHOICES = "(sum (i 1 20000) (* a i))", "(sum (i 1 {}) (if (< a i) (* a i) 1))"
+SUM, CHOICES = "(sum (i 1 7500) (* a i))", "(sum (i 1 {}) (if (< a i) (* a i) 1))"
 
 
 @pytest.mark.parametrize(
     ("terms", "refused"),
     [
-        ([SUM], False),  # 40,000 operations, and ten for the equation
+        ([SUM], False),  # 15,000 operations, and twenty for the equation
         ([SUM, SUM], True),
-        ([CHOICES.format(5000)], False),  # as many: a condition and a choice count for three each
-        ([CHOICES.format(9000)], True),  # 36,000 operations, of which 18,000 count for three
-        (["a"] * 1900, False),
-        (["a"] * 2001, True),
-        ([f"(* {'a ' * 16})"] * 1900, True),  # 28,500 operations in 1,900 equations
+        ([CHOICES.format(1900)], False),  # as many: a condition and a choice count for three each
+        ([CHOICES.format(3000)], True),  # 12,000 operations, of which 6,000 count for three
+        (["a"] * 740, False),
+        (["a"] * 751, True),
+        ([f"(* {'a ' * 16})"] * 740, True),  # 11,100 operations in 740 equations
     ],
-    ids=["a-sum", "two-sums", "5000-choices", "9000-choices", "1900-equations", "2001-equations", "both"],
+    ids=["a-sum", "two-sums", "1900-choices", "3000-choices", "740-equations", "751-equations", "both"],
 )
 def test_what_is_written_out_is_bounded(terms, refused, tmp_path, capfd):
     equations = " ".join(f"(observe (= 1 {term}) :sigma 1)" for term in terms)
     (tmp_path / "p.mbm").write_text(f"(problem p (unknowns (a :init 1)) {equations})")
     assert run(["check", str(tmp_path / "p.mbm")]) == (2 if refused else 0)
     assert ("error[too-much-to-compile]" in capfd.readouterr().err) == refused
+
+
+def test_more_may_be_written_out_where_somebody_says_so(tmp_path, capfd, monkeypatch):
+    (tmp_path / "p.mbm").write_text(f"(problem p (unknowns (a :init 1)) (observe (= 1 (+ {SUM} {SUM})) :sigma 1))")
+    said = {}
+    for stated in ("", "1", "2.5", "many"):
+        monkeypatch.setenv("MBM_WORK", stated)
+        assert run(["check", str(tmp_path / "p.mbm")]) == (0 if stated == "2.5" else 2)
+        said[stated] = capfd.readouterr().err
+    assert "more than 16,000 operations" in said["1"]
+    assert "MBM_WORK=4" in said[""]
+    assert "error[bad-work-bound]: `MBM_WORK` is `many`, which is no number" in said["many"]
 
 
 def test_a_column_of_nothing_is_looked_at_once(checked, tmp_path, monkeypatch):

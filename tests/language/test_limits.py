@@ -63,7 +63,7 @@ def test_all_groups_of_rows_share_one_budget():
 
 
 def test_two_hundred_groups_of_rows_are_no_runaway():
-    text = "(problem p (data t external) (unknowns (a (vector 200))) (observe t (= y (sum (i 1 100) (* (a j) i)))))"
+    text = "(problem p (data t external) (unknowns (a (vector 200))) (observe t (= y (sum (i 1 20) (* (a j) i)))))"
     data = {"t": {"j": list(range(1, 201)), "y": [1.0] * 200}}
     assert diagnostics(text, data=data) == ()
 

@@ -38,13 +38,14 @@ NO_EQUATIONS = Code("no-equations", "The problem has neither observations nor pr
 TOO_MANY_STATIC_VALUES = Code(
     "too-many-static-values",
     "A column decides what the equations are, and it has more distinct values than can be compiled.",
-    "Use the column as a family's key or as a number, which costs nothing.",
+    "Use the column as a family's key or as a number, which costs nothing, or let mbm take longer: `MBM_WORK=4 mbm"
+    " solve …` allows four times as many.",
 )
 TOO_MUCH_TO_COMPILE = Code(
     "too-much-to-compile",
     "The problem writes out more equations, or longer ones, than are derived and compiled for one problem.",
     "Put what is repeated into a table: `(observe TABLE …)`, `:over TABLE` and `:per TABLE` hold for all of its rows"
-    " and are compiled once.",
+    " and are compiled once. Or let mbm take longer: `MBM_WORK=4 mbm solve …` allows four times as much.",
 )
 DEPENDS_ON_UNKNOWN = Code(
     "depends-on-unknown",
@@ -204,7 +205,7 @@ def too_many_static_values(span: Span, table: str, limit: int) -> Diagnostic:
     return Diagnostic(
         code=TOO_MANY_STATIC_VALUES,
         message=f"the rows of `{table}` fall into more than {limit} groups that each need their own equations",
-        place=span, hint="use the column as a family's key or as a number",
+        place=span, hint="use the column as a family's key or as a number, or allow more, by `MBM_WORK=4`",
     )  # fmt: skip
 
 
@@ -213,7 +214,7 @@ def too_many_equations(span: Span, limit: int) -> Diagnostic:
     return Diagnostic(
         code=TOO_MUCH_TO_COMPILE,
         message=f"up to here the problem has more than {limit:,} equations that are each compiled", place=span,
-        hint="put what is repeated into a table: its rows share one equation",
+        hint="put what is repeated into a table: its rows share one equation; or allow more, by `MBM_WORK=4`",
     )  # fmt: skip
 
 
@@ -222,7 +223,7 @@ def too_many_operations(span: Span, limit: int) -> Diagnostic:
     return Diagnostic(
         code=TOO_MUCH_TO_COMPILE,
         message=f"up to here the equations of the problem hold more than {limit:,} operations", place=span,
-        hint="put what is repeated into a table: its rows share one equation",
+        hint="put what is repeated into a table: its rows share one equation; or allow more, by `MBM_WORK=4`",
     )  # fmt: skip
 
 

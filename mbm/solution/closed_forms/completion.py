@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -48,8 +48,7 @@ def completions(situation: Situation, forms: Iterable[ClosedForm]) -> tuple[Comp
         if not steps:
             finished.append(replace(each, recognised=recognised))
         for numbers, used in steps[: max(room, 1)]:
-            note = () if used in each.used else (used,)
-            open_ones.append(Completion(numbers=numbers, used=(*each.used, *note)))
+            open_ones.append(Completion(numbers=numbers, used=tuple(dict.fromkeys((*each.used, *used)))))
     return tuple(sorted(finished, key=lambda c: int(np.isnan(c.numbers).sum())))
 
 
@@ -64,41 +63,78 @@ def plans(situation: Situation, forms: Iterable[ClosedForm]) -> Iterator[Plan]:
                 yield plan
 
 
-def _steps(situation: Situation, forms: tuple[ClosedForm, ...]) -> tuple[list[tuple[Floats, str]], bool]:
+Step = tuple[Floats, tuple[str, ...]]
+"""Numbers (N,) of which more are known, and the closed forms that gave these, in words."""
+
+
+def _steps(situation: Situation, forms: tuple[ClosedForm, ...]) -> tuple[list[Step], bool]:
     """The numbers after the first closed form that gives any, and whether there is one that gives none before it.
 
-    One vector for each of its solutions, best first.
+    One vector for each of its solutions, best first. Where there is one, closed forms for unknowns that no equation
+    links with those before are taken in the same step: what they give does not depend on the order.
     """
     if not bool(np.isnan(situation.numbers).any()):
         return [], False
     recognised = False
+    numbers, used = situation.numbers, list[str]()
+    part: Mapping[str, int] = {}
+    done: set[int] = set()
     for plan in plans(situation, forms):
-        if plan.form.joint:
-            whole = plan.form.solve(plan, np.arange(len(plan.rows))[None])[0]
-            answers = [w for w in whole if bool(np.isfinite(w).any())]
-            if answers:
-                return [(_filled(situation, plan, answer), plan.description) for answer in answers], recognised
-            recognised = True
+        parts = {part[entry.unknown.name] for entry in plan.candidate.entries} if done else set()
+        if done and (plan.form.joint or parts & done):
             continue
-        solved = solutions(plan)
-        known = finite(solved, 2)
-        if not bool(known.any()):
+        answers = _answers(plan)
+        if not answers:
             recognised = True
-            continue
-        found = []
-        for rank in range(solved.shape[1] if plan.candidate.members == 1 else 1):
-            if bool(known[:, rank].any()):
-                numbers = situation.numbers.copy()
-                numbers[plan.candidate.places[known[:, rank]]] = solved[known[:, rank], rank]
-                found.append((numbers, plan.description))
-        return found, recognised
-    return [], recognised
+        elif len(answers) > 1 or plan.form.joint:
+            if done:
+                break
+            return [(_filled(numbers, *answer), (plan.description,)) for answer in answers], recognised
+        else:
+            numbers = _filled(numbers, *answers[0])
+            used.append(plan.description)
+            part = part or linked_parts(situation)
+            done.update(part[entry.unknown.name] for entry in plan.candidate.entries)
+    return [(numbers, tuple(used))] if done else [], recognised
 
 
-def _filled(situation: Situation, plan: Plan, answer: Floats) -> Floats:
-    numbers = situation.numbers.copy()
-    numbers[plan.candidate.places.ravel()] = answer
-    return numbers
+def _answers(plan: Plan) -> list[tuple[Indices, Floats]]:
+    """The solutions of a closed form, best first: places in the vector of all numbers, and values.
+
+    Of a family, the best solution of each member.
+    """
+    if plan.form.joint:
+        whole = plan.form.solve(plan, np.arange(len(plan.rows))[None])[0]
+        return [(plan.candidate.places.ravel(), w) for w in whole if bool(np.isfinite(w).any())]
+    solved = solutions(plan)
+    known = finite(solved, 2)
+    ranks = range(solved.shape[1] if plan.candidate.members == 1 else 1)
+    each = [(plan.candidate.places[known[:, rank]], solved[known[:, rank], rank]) for rank in ranks]
+    return [(places, values) for places, values in each if places.size]
+
+
+def _filled(numbers: Floats, places: Indices, values: Floats) -> Floats:
+    filled = numbers.copy()
+    filled[places] = values
+    return filled
+
+
+def linked_parts(situation: Situation) -> dict[str, int]:
+    """Unknowns by name → a number, the same for unknowns that measured equations link, also by way of others."""
+    number_of = situation.layout.number_of()
+    above = list(range(len(number_of)))
+
+    def top(number: int) -> int:
+        while above[number] != number:
+            above[number] = above[above[number]]
+            number = above[number]
+        return number
+
+    for group in situation.observations():
+        linked = [top(number_of[slot.unknown]) for slot in group.kernel.variables]
+        for number in linked:
+            above[top(number)] = top(linked[0])
+    return {name: top(number) for name, number in number_of.items()}
 
 
 def solutions(plan: Plan) -> Floats:

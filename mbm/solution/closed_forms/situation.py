@@ -6,7 +6,7 @@ member, and all members are probed at once, since their rows do not meet.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field, replace
 from typing import TypeVar
 
@@ -219,12 +219,23 @@ class Situation:
     """The observations of one solve and what is known so far: ``numbers`` (N,), NaN where a value is wanted.
 
     Closed forms are given at most so many rows of a group for each member; all of them if ``most`` is None.
+    ``mentioning`` has, for each unknown of the layout, the groups of measured equations that mention it.
     """
 
     layout: Layout
     groups: tuple[Group, ...] = field(repr=False)
     numbers: Floats = field(repr=False)
     most: int | None = None
+    mentioning: tuple[tuple[Group, ...], ...] = field(default=(), repr=False)
+
+    def __post_init__(self) -> None:
+        if not self.mentioning:
+            found: list[list[Group]] = [[] for _ in self.layout.entries]
+            number_of = self.layout.number_of()
+            for group in self.observations():
+                for entry in {number_of[slot.unknown] for slot in group.kernel.variables}:
+                    found[entry].append(group)
+            object.__setattr__(self, "mentioning", tuple(map(tuple, found)))
 
     @property
     def thins(self) -> bool:
@@ -239,8 +250,9 @@ class Situation:
         """What may be determined on its own: what single rows mention, the fewest numbers first; then all together."""
         missing = np.isnan(self.numbers)
         found: dict[tuple[int, ...], list[Indices]] = {}
+        number_of = self.layout.number_of()
         for group in self.observations():
-            for entries, members in _supports(group, missing, self.layout):
+            for entries, members in _supports(group, missing, self.layout, number_of):
                 found.setdefault(entries, []).append(members)
         size = {key: sum(self.layout.entries[e].unknown.size for e in key) for key in found}
         for key in sorted(found, key=lambda k: (size[k], k)):
@@ -278,22 +290,24 @@ class Situation:
         every = np.hstack(places)
         if not bool(np.isnan(self.numbers[every]).all()):
             return None
-        lines = tuple(self._lines(every))
+        lines = tuple(self._lines(entries, every))
         return Candidate(situation=self, entries=owners, places=every, coordinates=np.hstack(coordinates), lines=lines)
 
     def observations(self) -> tuple[Group, ...]:
         """Groups of measured equations; priors take no part in starts."""
         return tuple(g for g in self.groups if g.role is BlockRole.OBSERVATION and g.rows)
 
-    def _lines(self, places: Indices) -> Iterator[tuple[Group, Indices, Indices]]:
+    def _lines(self, entries: tuple[int, ...], places: Indices) -> Iterator[tuple[Group, Indices, Indices]]:
         """Rows of each group whose unknown numbers are all of one member, or of all of them, and that member."""
+        groups = {group.number: group for entry in entries for group in self.mentioning[entry]}
         owner = np.full(len(self.numbers), -1, dtype=np.int64)
         owner[places] = np.arange(len(places))[:, None]
         if len(places) > 1:
             found, times = np.unique(places, return_counts=True)
             owner[found[times > 1]] = -2
         missing = np.isnan(self.numbers)
-        for group in self.observations():
+        for number in sorted(groups):
+            group = groups[number]
             absent = missing[group.index]
             owners = np.where(absent, owner[group.index], -2)
             highest = owners.max(axis=1, initial=-2)
@@ -311,10 +325,11 @@ class Situation:
         return tuple(entries)
 
 
-def _supports(group: Group, missing: Mask, layout: Layout) -> Iterator[tuple[tuple[int, ...], Indices]]:
+def _supports(
+    group: Group, missing: Mask, layout: Layout, number_of: Mapping[str, int]
+) -> Iterator[tuple[tuple[int, ...], Indices]]:
     """The unknowns (by number) that rows of a group miss values of, with the members (K, unknowns) they do it for."""
     absent = missing[group.index]
-    number_of = {entry.unknown.name: i for i, entry in enumerate(layout.entries)}
     owners = [number_of[slot.unknown] for slot in group.kernel.variables]
     for pattern in _distinct(absent):
         if not bool(pattern.any()):

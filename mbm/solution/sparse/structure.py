@@ -62,22 +62,18 @@ Values = Sequence[Floats]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Structure:
-    """``free`` (n,) are the padded columns of the estimated coordinates, ``columns`` the number of all.
+    """``free`` (n,) are the estimated coordinates among the padded columns, of which there are ``columns``.
 
     There are ``count`` residuals; those that ``rows`` picks make up the problem (None: all), the others are zero.
     """
 
     families: tuple[BlockFamily, ...]
     pieces: tuple[Piece, ...]
+    columns: int
     free: Indices
     count: int
     rows: Indices | None = None
     _indices: tuple[Indices, ...] = field(repr=False, default=())
-
-    @property
-    def columns(self) -> int:
-        """Number of padded columns."""
-        return sum(f.members * f.size for f in self.families)
 
     @property
     def dead(self) -> Mask:
@@ -132,7 +128,13 @@ def structure(
     """The structure of ``count`` residuals; ``free`` (n,) are the padded columns that are estimated."""
     indices = tuple(_columns(families, piece) for piece in pieces)
     return Structure(
-        families=tuple(families), pieces=tuple(pieces), free=free, count=count, rows=rows, _indices=indices
+        families=tuple(families),
+        pieces=tuple(pieces),
+        columns=sum(family.members * family.size for family in families),
+        free=free,
+        count=count,
+        rows=rows,
+        _indices=indices,
     )
 
 
