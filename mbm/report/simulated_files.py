@@ -26,6 +26,8 @@ from mbm.values import dataclass
 
 TRUTH = "truth.json"
 GRAPH = "g2o"
+USE = "use"
+"""The head of a form that names a file of definitions."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -260,8 +262,10 @@ def _place_of(written: str, folder: PurePosixPath) -> str:
 
 
 def _used(source: Source) -> Iterator[Text]:
+    if USE not in source.text:
+        return  # reading a long text once more takes seconds
     for form in read(source):
-        if isinstance(form, Sequence) and form.head == "use" and len(form.items) == 2:
+        if isinstance(form, Sequence) and form.head == USE and len(form.items) == 2:
             written = form.items[1]
             if isinstance(written, Text):
                 yield written
