@@ -131,9 +131,12 @@ class Diagnostic:
 
 
 class MbmError(Exception):
-    """The problem, the data or the call is wrong; ``diagnostics`` says how, in the order found."""
+    """The problem, the data or the call is wrong; ``diagnostics`` says how, in the order found: one at least."""
 
     def __init__(self, *diagnostics: Diagnostic) -> None:
+        if not diagnostics:
+            message = "an error without a diagnostic"
+            raise ValueError(message)
         super().__init__("; ".join(f"{d.code.name}: {d.message}" for d in diagnostics))
         self.diagnostics: tuple[Diagnostic, ...] = diagnostics
 

@@ -53,7 +53,7 @@ def number_table(lines: Sequence[Line], names: tuple[str, ...], path: str) -> Nu
 def numbers_of(fields: Sequence[str]) -> Numbers | None:
     """All fields as numbers, shape (n,), or None if one is something else."""
     together = "".join(fields)
-    if "_" in together or not together.isascii():
+    if ("_" in together or not together.isascii()) and not all(map(reads_as_number, fields)):
         return None
     try:
         return np.fromiter(map(float, fields), dtype=np.float64, count=len(fields))

@@ -59,7 +59,11 @@ class Past:
     spoilt: int
 
 
-NOTHING = Past(last=lambda: None, spoilt=-1)
+def _past(last: Solution | None, spoilt: int) -> Past:
+    return Past(last=lambda: last, spoilt=spoilt)
+
+
+NOTHING = _past(None, -1)
 """Before the first window."""
 
 
@@ -133,7 +137,7 @@ class Together:
         """
         found: dict[int, Solution | Failure | Skipped] = {}
         clean, columns = columns.clean.copy(), self._unchallenged(which, columns)
-        spoilt = past.spoilt
+        spoilt, searched = past.spoilt, which.start
         plain = self.settings.robust is None and not estimated_on_the_way(self.problem)
         for place in range(len(which)):
             number = which.start + place
@@ -147,7 +151,9 @@ class Together:
                 if not columns.clean[place]:
                     found[number] = self.solution(number, columns, place)
                 continue
-            found[number] = apart(self.sets.selection(number), self._last(number, columns, which, found, past))
+            last = self._last(range(searched, number), columns, which.start, found, past)
+            searched, past = number, _past(last, past.spoilt)
+            found[number] = apart(self.sets.selection(number), last)
             clean[place] = False
             if self.before is not None and not _alike(found[number], columns.points[place]):
                 spoilt = _behind(self.before, number)
@@ -170,26 +176,26 @@ class Together:
             places=self.places[which.start : which.stop],
             corrections=lambda: _corrections(self.stack, which, columns),
         )
-        end = which.stop
-        return block, Past(last=lambda: self._last(end, columns, which, found, past), spoilt=spoilt)
+        behind = range(searched, which.stop)
+        return block, Past(last=lambda: self._last(behind, columns, which.start, found, past), spoilt=spoilt)
 
     def _last(
         self,
-        number: int,
+        before: range,
         columns: Columns,
-        which: range,
+        first: int,
         found: Mapping[int, Solution | Failure | Skipped],
         past: Past,
     ) -> Solution | None:
-        """The solution of the window before one in or just behind a block that has such a thing; None without one."""
+        """The last solution of the windows ``before``, in a block that begins with ``first``; else of the past."""
         if self.before is None:
             return None
-        for earlier in range(number - 1, which.start - 1, -1):
+        for earlier in reversed(before):
             if self.before[earlier] == NOT_SOLVED:
                 continue
             known = found.get(earlier)
             if known is None:
-                return self.solution(earlier, columns, earlier - which.start)
+                return self.solution(earlier, columns, earlier - first)
             if isinstance(known, Solution) and np.isfinite(known.minimum.cost):
                 return known
         return past.last()
