@@ -15,6 +15,8 @@ STIRLING_FROM = 64
 
 TERMS = 100000
 SMALL = 1e-300
+ROUNDED_TO_ONE = 4e-16
+"""Distance from 1 of a factor that changes nothing any more: rounding leaves two units of the last place of some."""
 
 
 def log_gamma_of_half(dof: Integer) -> Real:
@@ -57,6 +59,8 @@ def chi_square_tail(value: Real, dof: Integer) -> Real:
             if term < total * 1e-17:
                 break
         return min(max(1.0 - front * total, 0.0), 1.0)
+    if front <= 0.0:
+        return 0.0
     b = x + 1.0 - a
     c = 1.0 / SMALL
     d = 1.0 / b
@@ -72,7 +76,7 @@ def chi_square_tail(value: Real, dof: Integer) -> Real:
         if not fabs(c) > SMALL:
             c = SMALL
         product = product * (d * c)
-        if fabs(d * c - 1.0) < 1e-16:
+        if fabs(d * c - 1.0) < ROUNDED_TO_ONE:
             break
     return front * product
 

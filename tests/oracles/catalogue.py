@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
-from tests.oracles.kinds import Kind, Tables
+from tests.oracles.kinds import Answer, Kind, Tables
 from tests.oracles.numerics import arctan2, wrapped
+from tests.oracles.turns import quaternion, rotate, turn_between, turned_and_moved
 
 
 def one(**columns: np.ndarray) -> Tables:
@@ -60,10 +62,6 @@ def bearings(generator):
 def seen_from(p, tables):
     d = tables["d"]
     return wrapped(arctan2(d["y"] - p[2], d["x"] - p[1]) - p[0] - d["t"]) / 0.01
-
-
-def turned_and_moved(found, wanted):
-    return np.array([wrapped(found[0] - wanted[0]), *(found[1:] - wanted[1:])])
 
 
 def growth(generator):
@@ -137,6 +135,45 @@ def moved(x, tables):
     return np.concatenate([u - d["u"], v - d["v"]]) / 0.05
 
 
+def some_wrong(generator, rows=11, wrong=3):
+    """As `ranges`: gross errors in the first rows, in the others at most one and a half standard deviations."""
+    d = dict(ranges(generator, noise=0.0, rows=rows)["d"])
+    d["r"] = d["r"] + 0.05 * generator.uniform(-1.5, 1.5, rows)
+    d["r"][:wrong] += 0.05 * generator.uniform(12, 30, wrong) * generator.choice([-1, 1], wrong)
+    return one(**d)
+
+
+def right_ones(x, tables):
+    return distances(x, tables)[3:]
+
+
+def with_product(answer: Answer) -> Answer:
+    """The derived quantity behind the estimates."""
+    if answer.derived is None or not len(answer.derived):
+        return replace(answer, status="without the derived quantity")
+    (value, sigma), sigmas = answer.derived[0], answer.sigmas
+    return replace(
+        answer,
+        values=np.append(answer.values, value),
+        sigmas=None if sigmas is None else np.append(sigmas, sigma),
+    )
+
+
+def by_values(answer: Answer) -> Answer:
+    """Without standard deviations, which count what the choice of rows costs: simulation is their oracle."""
+    return replace(answer, sigmas=None)
+
+
+def sum_and_slope(answer: Answer) -> Answer:
+    """Of two unknowns of which the data see the sum, that; they themselves have no standard deviation."""
+    a, b, slope = answer.values
+    if answer.sigmas is not None and not np.isnan(answer.sigmas[:2]).all():
+        return replace(answer, status="a standard deviation of what is free")
+    said = ("unobservable", "the data do not determine all unknowns")
+    status = "converged" if answer.status in said else f"{answer.status}, where something is free"
+    return replace(answer, values=np.array([a + b, slope]), sigmas=None, status=status)
+
+
 SLOPED = "(observe d (= y (+ {a} (* {b} x))) :sigma %s)"
 PLACE = "(observe d (= r (distance {p} [x y])) :sigma 0.05%s)"
 CURVED = "(observe d (= y (exp (+ (* {a} x) {b}))) :sigma 0.05)"
@@ -151,27 +188,6 @@ def straight(x, tables, sigma=None):
 
 def with_priors(x, tables):
     return np.concatenate([straight(x, tables), [(x[0] - 2) / 0.05, (x[1] + 1) / 0.1]])
-
-
-def quaternion(q, step):
-    """A unit quaternion turned by a small rotation vector on its right: R·Exp(ω), to the second order of ω."""
-    w, v = q[0], q[1:]
-    half = np.asarray(step) / 2
-    found = np.concatenate([[w - v @ half], v + w * half + np.cross(v, half)])
-    return found / np.sqrt(found @ found)
-
-
-def turn_between(found, wanted):
-    """The small rotation vector from one to the other."""
-    w, v = wanted[0], wanted[1:]
-    there = found[0] * v - w * found[1:] + np.cross(v, found[1:])
-    return -2 * there * np.sign(found @ wanted)
-
-
-def rotate(q, points):
-    w, v = q[0], q[1:]
-    across = np.cross(v, points)
-    return points + 2 * (w * across + np.cross(v, across))
 
 
 def directions(generator):
@@ -360,6 +376,19 @@ KINDS: dict[str, Kind] = {
         clauses="(observe d (= r (distance {p} [masts.x masts.y])) :sigma 0.05 :errors ((masts.x 0.1) (masts.y 0.2)))",
         residuals=from_stations, true=lambda t: np.concatenate([t["masts"]["x"], t["masts"]["y"]]),
         options={"d": ":with (masts mast)", "masts": ":key id"}, given=("d.r",),
+    ),
+    "consensus": Kind(
+        unknowns=NEAR, clauses=PLACE % "", solve=":robust lmeds", draw=some_wrong, residuals=right_ones,
+        start=(0.5, 0.5), given=("d.x", "d.y", "d.r"), told=by_values,
+    ),
+    "something free": Kind(
+        unknowns={"a": ":init 0", "b": ":init 0", "c": ":init 0"}, start=(0, 0), draw=line,
+        clauses="(observe d (= y (+ {a} {b} (* {c} x))) :sigma s)", residuals=straight, told=sum_and_slope,
+    ),
+    "a derived quantity": Kind(
+        unknowns={"a": ":init 2", "k": ":init 0.8", "c": ":init 0"}, start=(2, 0.8, 0, 1.6), draw=decay,
+        clauses="(observe d (= y (+ {c} (* {a} (exp (* -1 {k} x))))) :sigma 0.02) (derive (s (* {a} {k})))",
+        residuals=exponential, equal=lambda x: np.array([x[3] - x[0] * x[1]]), told=with_product, given=None,
     ),
     "a family": Kind(
         unknowns={"b": ":init 0", "o": ":per d.sensor :init 0"}, start=(0, 0, 0, 0), draw=levels, residuals=levelled,

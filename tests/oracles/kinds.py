@@ -17,6 +17,27 @@ SETS = 10
 
 
 @dataclass(frozen=True, kw_only=True)
+class Answer:
+    """What a path says: estimates (N,), standard deviations (n,); None: not said.
+
+    What a bound holds has the standard deviation NaN; 0 says a generated solver, which prints numbers alone.
+    ``derived`` (k, 2) are derived quantities with their standard deviations.
+    """
+
+    values: np.ndarray
+    sigmas: np.ndarray | None
+    status: str
+    cost: float | None = None
+    dof: int | None = None
+    factors: np.ndarray | None = None
+    derived: np.ndarray | None = None
+
+
+def _as_it_is(answer: Answer) -> Answer:
+    return answer
+
+
+@dataclass(frozen=True, kw_only=True)
 class Kind:
     """Random problems that differ in their data only.
 
@@ -29,6 +50,8 @@ class Kind:
     points) are for what is no vector; ``true`` are measured values (k,) to start with, whose true values are further
     arguments of ``residuals``. ``options`` are those of data clauses; what has a key is the same in all data sets.
     ``given`` are the columns that change values only, neither noise nor members; None: data sets differ in more.
+    ``told`` makes of an answer what is compared: where the data leave something free, what they do determine.
+    ``solve`` are options of the solve clause that are part of the problem.
     """
 
     unknowns: Mapping[str, str]
@@ -50,6 +73,8 @@ class Kind:
     true: Callable[[Tables], np.ndarray] | None = None
     options: Mapping[str, str] = field(default_factory=dict)
     given: tuple[str, ...] | None = ("d.x", "d.y")
+    told: Callable[[Answer], Answer] = _as_it_is
+    solve: str = ""
 
     def text(self, more: str = "", *, per: str | None = None) -> str:
         """The problem; ``per``: with one member of each unknown for each value of that column of the first table."""
@@ -58,6 +83,10 @@ class Kind:
         unknowns = " ".join(f"({name}{family} {stated})" for name, stated in self.unknowns.items())
         clauses = self.clauses.format(**{name: f"({name} {per})" if per else name for name in self.unknowns})
         data = " ".join(f"(data {table} external {self.options.get(table, '')})" for table in tables)
+        if self.solve:
+            more = (
+                more.replace("(solve", f"(solve {self.solve}") if "(solve" in more else f"{more} (solve {self.solve})"
+            )
         return f"(problem p {data} (unknowns {unknowns}) {clauses} {more})"
 
     def statement(self, tables: Tables, factors: np.ndarray, base: np.ndarray | None = None) -> Statement:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tests.oracles.kinds import Kind, Tables
+from tests.oracles.kinds import Answer, Kind, Tables
 from tests.oracles.numerics import (
     Minimum,
     Statement,
@@ -19,7 +19,6 @@ from tests.oracles.numerics import (
     polished,
     sizes,
 )
-from tests.oracles.paths import Answer
 
 FAR = 3e-7
 """Standard deviations between two ends of one minimum. The offset is 1e-10 where the next step ends a solve, ten times
@@ -129,6 +128,7 @@ def _at_bound(statement: Statement, end: Minimum) -> np.ndarray:
 
 def faults(kind: Kind, tables: Tables, answer: Answer, wanted: Outside) -> list[str]:
     """What is wrong with an answer: empty where all is as it should be."""
+    answer = kind.told(answer)
     if answer.status != "converged":
         return [f"status {answer.status}"]
     away = kind.apart(answer.values, wanted.x) / wanted.sizes

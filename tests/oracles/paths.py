@@ -7,7 +7,6 @@ import importlib.util
 import re
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,25 +15,10 @@ import mbm
 from mbm import compiler
 from mbm.compiler import Inputs
 from tests.emit.making import run, written
-from tests.oracles.kinds import Kind, Tables
+from tests.oracles.kinds import Answer, Kind, Tables
 
 LARGE = 301
 """Unknowns from which on a problem is large and sparse."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Answer:
-    """What a path says: estimates (N,), standard deviations (n,); None: not said.
-
-    What a bound holds has the standard deviation NaN; 0 says a generated solver, which prints numbers alone.
-    """
-
-    values: np.ndarray
-    sigmas: np.ndarray | None
-    status: str
-    cost: float | None = None
-    dof: int | None = None
-    factors: np.ndarray | None = None
 
 
 def flat(parts) -> np.ndarray:
@@ -54,6 +38,7 @@ def of_report(report) -> Answer:
         cost=report.cost,
         dof=report.dof,
         factors=np.array([np.nan if f is None else f for f in report.noise.values()]),
+        derived=np.array([[float(d.value), float(d.sigma)] for d in report.derived if np.ndim(d.value) == 0]),
     )
 
 
@@ -89,9 +74,9 @@ def together(kind: Kind, sets: Sequence[Tables], clause: str) -> list[Answer]:
     return [of_report(report) for report in solved.solves]
 
 
-def estimator(kind: Kind, sets: Sequence[Tables]) -> list[Answer]:
+def estimator(kind: Kind, sets: Sequence[Tables], clause: str = "") -> list[Answer]:
     """Columns in, numbers out, all data sets at once; and the first by itself, which must be the same to the bit."""
-    function = mbm.loads(kind.text()).compile(data=sets[0]).estimator(*kind.given)
+    function = mbm.loads(kind.text(clause)).compile(data=sets[0]).estimator(*kind.given)
     places = [each.split(".") for each in function.inputs]
     columns = [[each[table][column] for each in sets] for table, column in places]
     found = function.many(*(np.stack(each) for each in columns))
@@ -104,11 +89,11 @@ def estimator(kind: Kind, sets: Sequence[Tables]) -> list[Answer]:
     ]
 
 
-def members(kind: Kind, sets: Sequence[Tables], least: int = 0) -> list[Answer]:
+def members(kind: Kind, sets: Sequence[Tables], least: int = 0, clause: str = "") -> list[Answer]:
     """All data sets as one problem whose unknowns are families; repeated until there are ``least`` numbers."""
     times = -(-least // (len(sets) * len(kind.apart(np.array(kind.start), np.array(kind.start)))))
     many = list(sets) * max(times, 1)
-    solved = mbm.loads(kind.text(per="set")).solve(data=joined(kind, many))
+    solved = mbm.loads(kind.text(clause, per="set")).solve(data=joined(kind, many))
     found = [solved[name] for name in kind.unknowns]
     report = solved.first
     return [
@@ -121,9 +106,9 @@ def members(kind: Kind, sets: Sequence[Tables], least: int = 0) -> list[Answer]:
     ]
 
 
-def generated_python(kind: Kind, sets: Sequence[Tables], folder: Path) -> list[Answer]:
+def generated_python(kind: Kind, sets: Sequence[Tables], folder: Path, clause: str = "") -> list[Answer]:
     """A generated solver in Python, made with the first data set."""
-    written(emitted(kind, sets[0], ""), folder)
+    written(emitted(kind, sets[0], clause), folder)
     spec = importlib.util.spec_from_file_location("oracle_solver", folder / "p.py")
     module = importlib.util.module_from_spec(spec)
     before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
@@ -131,38 +116,42 @@ def generated_python(kind: Kind, sets: Sequence[Tables], folder: Path) -> list[A
         spec.loader.exec_module(module)
     finally:
         sys.dont_write_bytecode = before
-    n = len(kind.apart(np.array(kind.start), np.array(kind.start)))
     answers = []
     for tables in sets:
         found = module.solve(tables)
+        values = flat(found["estimates"][name]["value"] for name in kind.unknowns)
+        n = len(values) if kind.moved is None else len(kind.apart(values, values))
         # true values of measured columns are unknowns behind the others
         sigmas = np.sqrt(np.diag(found["covariance"]))[:n]
         answers.append(
             Answer(
-                values=flat(found["estimates"][name]["value"] for name in kind.unknowns),
+                values=values,
                 sigmas=sigmas,
                 status=found["status"],
                 cost=found["cost"],
                 dof=found["freedom"],
+                derived=np.array([[v.item() for v in each.values()] for each in found.get("derived", {}).values()]),
             )
         )
     return answers
 
 
-def generated_c(kind: Kind, sets: Sequence[Tables], folder: Path) -> list[Answer]:
+def generated_c(kind: Kind, sets: Sequence[Tables], folder: Path, clause: str = "") -> list[Answer]:
     """A generated program in C, of all data sets."""
-    written(emitted(kind, joined(kind, sets), "(for-each set)", "c"), folder)
+    written(emitted(kind, joined(kind, sets), f"(for-each set) {clause}", "c"), folder)
     made = run("make", "all", "CFLAGS=-O1", folder=folder)
     assert made.returncode == 0, made.stdout + made.stderr
     tables = re.findall(r'"(data/.+?)"', (folder / "test.c").read_text())
     found = run("./p", *tables, folder=folder)
-    assert found.returncode == 0, found.stderr
     rows = list(csv.DictReader(found.stdout.splitlines()))
     ends = re.findall(r"(.+): chi2 (.+), (\d+) degrees", found.stderr)
-    assert len(ends) == len(sets)
+    assert len(ends) == len(sets), found.stderr
+    assert found.returncode == int(any(status != "converged" for status, _, _ in ends)), found.stderr
     answers = []
     for number, (status, _, dof) in enumerate(ends):
-        mine = [r for r in rows if float(r["set"]) == number and r["name"].split("[")[0] in kind.unknowns]
+        every = [r for r in rows if float(r["set"]) == number]
+        mine = [r for r in every if r["name"].split("[")[0] in kind.unknowns]
+        others = [r for r in every if r not in mine]
         sigmas = np.array([float(r["sigma"] or np.inf) for r in mine])  # poses and rotations are printed without
         answers.append(
             Answer(
@@ -170,6 +159,7 @@ def generated_c(kind: Kind, sets: Sequence[Tables], folder: Path) -> list[Answer
                 sigmas=None if np.isinf(sigmas).any() else sigmas,
                 status=status,
                 dof=int(dof),
+                derived=np.array([[float(r["value"]), float(r["sigma"] or np.nan)] for r in others]),
             )
         )
     return answers
