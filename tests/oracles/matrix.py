@@ -123,7 +123,10 @@ Every method with every feature on every path: nine random problems each, made f
 standard deviations, costs and degrees of freedom are those of SciPy and Newton's method for each of them (3·10⁻⁷
 standard deviations apart at most, standard deviations to 10⁻⁶), and the standard deviations those of a solve by itself.
 The name of a diagnostic says that mbm refuses, and why; **–** that there is no such problem. **✗** is open: the answer
-is another one, or there is none after two minutes. `tests/oracles/test_matrix.py` holds mbm to this page.
+is another one, or there is none after two minutes. `tests/oracles/test_matrix.py` holds mbm to this page: the usual
+method on its quick paths in every run of the tests, all else in the long one. Of consensus, estimates and costs are
+compared with SciPy (least squares of the rows without gross errors), standard deviations with a solve by itself alone;
+where something is free, what the data determine.
 
 The paths: *single* is a solve of its own; *for-each* and *window* are all data sets in one call; *stream* is the bare
 estimator of `compiled.estimator`; *large* has the data sets as members of families, more than 300 unknowns in one
