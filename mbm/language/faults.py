@@ -97,7 +97,7 @@ BAD_WORK_BOUND = Code(
     "bad-work-bound",
     "The environment variable `MBM_WORK` says how many times as much as usual may be written out, and holds something"
     " else.",
-    "Write a number, such as `MBM_WORK=4`.",
+    "Write a number from 0.01 to a million, such as `MBM_WORK=4`.",
 )
 LIST_TOO_LONG = Code(
     "list-too-long",
@@ -319,9 +319,9 @@ def too_many_in_all(place: Place | None, limit: int) -> Diagnostic:
     )  # fmt: skip
 
 
-def bad_work_bound(variable: str, text: str) -> Diagnostic:
-    """``text`` stands where a number is wanted."""
-    message = f"`{variable}` is `{shown(text)}`, which is no number"
+def bad_work_bound(variable: str, text: str, least: float, most: float) -> Diagnostic:
+    """``text`` stands where a number from ``least`` to ``most`` is wanted."""
+    message = f"`{variable}` is `{shown(text)}`, which is no number from {least:g} to {most:,.0f}"
     return Diagnostic(code=BAD_WORK_BOUND, message=message, hint=f"write it as in `{variable}=4`")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.solution.assembly import Assembled
-from mbm.solution.binding import affine
+from mbm.solution.binding import Group, affine
 from mbm.solution.types import Floats, Mask
 
 
@@ -18,12 +18,20 @@ def affine_coordinates(equations: Assembled, missing: Mask) -> Mask:
     if all(affine(group, allowed) for group in equations.groups):
         return allowed
     found = np.zeros(len(allowed), dtype=bool)
+    touching: dict[int, list[Group]] = {}
+    for group in equations.groups:
+        every = [group.touched.ravel(), *(sampled.coordinates for sampled in group.sampled)]
+        for place in np.unique(np.concatenate(every)).tolist():
+            touching.setdefault(place, []).append(group)
     for entry in layout.entries:
         for component in range(entry.unknown.freedom):
             places = np.arange(entry.coordinates.start + component, entry.coordinates.stop, entry.unknown.freedom)
+            new = places[allowed[places]]
             trial = found.copy()
-            trial[places[allowed[places]]] = True
-            if bool((trial & ~found).any()) and all(affine(group, trial) for group in equations.groups):
+            trial[new] = True
+            # the others are affine in what was found before
+            groups = {group.number: group for place in new.tolist() for group in touching.get(place, ())}
+            if len(new) and all(affine(group, trial) for group in groups.values()):
                 found = trial
     return found
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mbm.text.shown import cut
-from mbm.text.types import Code, DataPlace, Diagnostic, Label, Place, Span
+from mbm.text.types import Code, DataPlace, Diagnostic, Label, Place, Severity, Span
 
 UNCLOSED_BRACKET = Code(
     "unclosed-bracket",
@@ -279,9 +279,10 @@ def worth_reading(found: Sequence[Diagnostic], *, ended: bool = False) -> tuple[
         return tuple(found)
     first = found[MOST_FAULTS]
     count = len(found) - MOST_FAULTS
-    message = f"{count} more {'fault' if count == 1 else 'faults'} from here on"
+    what = "warning" if first.severity is Severity.WARNING else "fault"
+    message = f"{count} more {what if count == 1 else f'{what}s'} from here on"
     if ended:
-        message = f"after {MOST_FAULTS} faults the rest is not looked at"
+        message = f"after {MOST_FAULTS} {what}s the rest is not looked at"
     hint = "mend the ones above first"
     rest = Diagnostic(code=MORE_FAULTS, message=message, place=first.place, hint=hint, severity=first.severity)
     return (*found[:MOST_FAULTS], rest)

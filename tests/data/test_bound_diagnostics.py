@@ -145,13 +145,16 @@ def test_what_is_written_out_is_bounded(terms, refused, tmp_path, capfd):
 def test_more_may_be_written_out_where_somebody_says_so(tmp_path, capfd, monkeypatch):
     (tmp_path / "p.mbm").write_text(f"(problem p (unknowns (a :init 1)) (observe (= 1 (+ {SUM} {SUM})) :sigma 1))")
     said = {}
-    for stated in ("", "1", "2.5", "many"):
+    for stated in ("", "1", "1.2", "2.5", "1e3", "many", "0", "-1", "inf"):
         monkeypatch.setenv("MBM_WORK", stated)
-        assert run(["check", str(tmp_path / "p.mbm")]) == (0 if stated == "2.5" else 2)
+        assert run(["check", str(tmp_path / "p.mbm")]) == (0 if stated in ("2.5", "1e3") else 2)
         said[stated] = capfd.readouterr().err
     assert "more than 16,000 operations" in said["1"]
     assert "MBM_WORK=4" in said[""]
-    assert "error[bad-work-bound]: `MBM_WORK` is `many`, which is no number" in said["many"]
+    assert "MBM_WORK=4.8" in said["1.2"]
+    for stated in ("many", "0", "-1", "inf"):
+        wrong = f"error[bad-work-bound]: `MBM_WORK` is `{stated}`, which is no number from 0.01 to 1,000,000"
+        assert wrong in said[stated]
 
 
 def test_a_column_of_nothing_is_looked_at_once(checked, tmp_path, monkeypatch):

@@ -83,7 +83,7 @@ def test_whole_nanoseconds_are_read_however_they_are_written(tmp_path, stamp, se
     assert found["t"] == [pytest.approx(seconds, rel=2.3e-16)]
 
 
-@pytest.mark.parametrize("blank", [" ", "\t", "\x85", "\u2003", "\u2028"])
+@pytest.mark.parametrize("blank", [" ", "\t", "\x1c", "\x1f", "\x85", "\u2003", "\u2028"])
 def test_blanks_of_any_kind_around_a_number_are_none_of_it(tmp_path, blank):
     """They were no number for the whole file and one for each of its cells: an error that said nothing."""
     found = columns(read("euroc", tmp_path, f"1500000000{blank},{blank}1,2,3,1,0,0,0\n"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbm.language.limits import more_work
 from mbm.text.suggest import closest
 from mbm.text.types import Code, Diagnostic, Source, Span
 
@@ -205,7 +206,7 @@ def too_many_static_values(span: Span, table: str, limit: int) -> Diagnostic:
     return Diagnostic(
         code=TOO_MANY_STATIC_VALUES,
         message=f"the rows of `{table}` fall into more than {limit} groups that each need their own equations",
-        place=span, hint="use the column as a family's key or as a number, or allow more, by `MBM_WORK=4`",
+        place=span, hint=f"use the column as a family's key or as a number, or allow more, by `{more_work()}`",
     )  # fmt: skip
 
 
@@ -214,7 +215,7 @@ def too_many_equations(span: Span, limit: int) -> Diagnostic:
     return Diagnostic(
         code=TOO_MUCH_TO_COMPILE,
         message=f"up to here the problem has more than {limit:,} equations that are each compiled", place=span,
-        hint="put what is repeated into a table: its rows share one equation; or allow more, by `MBM_WORK=4`",
+        hint=f"put what is repeated into a table: its rows share one equation; or allow more, by `{more_work()}`",
     )  # fmt: skip
 
 
@@ -223,7 +224,7 @@ def too_many_operations(span: Span, limit: int) -> Diagnostic:
     return Diagnostic(
         code=TOO_MUCH_TO_COMPILE,
         message=f"up to here the equations of the problem hold more than {limit:,} operations", place=span,
-        hint="put what is repeated into a table: its rows share one equation; or allow more, by `MBM_WORK=4`",
+        hint=f"put what is repeated into a table: its rows share one equation; or allow more, by `{more_work()}`",
     )  # fmt: skip
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from mbm.solution.closed_forms.numerics.finite import finite
-from mbm.solution.closed_forms.situation import Situation
+from mbm.solution.closed_forms.situation import Candidate, Situation, Support
 from mbm.solution.closed_forms.types import ClosedForm, Plan
 from mbm.solution.types import Floats, Indices
 from mbm.values import dataclass
@@ -38,17 +38,19 @@ class Completion:
 
 def completions(situation: Situation, forms: Iterable[ClosedForm]) -> tuple[Completion, ...]:
     """What the closed forms make of the unknown numbers, the better fitting solutions first; at least one."""
-    every = tuple(forms)
-    open_ones = [Completion(numbers=situation.numbers, used=())]
+    every, parts = tuple(forms), linked_parts(situation)
+    open_ones = [(Completion(numbers=situation.numbers, used=()), situation, Tried(parts=parts))]
     finished: list[Completion] = []
     while open_ones:
-        each = open_ones.pop(0)
-        steps, recognised = _steps(situation.with_numbers(each.numbers), every)
+        each, before, tried = open_ones.pop(0)
+        here = before.with_numbers(each.numbers)
+        steps, recognised = _steps(here, every, tried)
         room = MOST_BRANCHES - len(open_ones) - len(finished)
         if not steps:
             finished.append(replace(each, recognised=recognised))
         for numbers, used in steps[: max(room, 1)]:
-            open_ones.append(Completion(numbers=numbers, used=tuple(dict.fromkeys((*each.used, *used)))))
+            more = Completion(numbers=numbers, used=tuple(dict.fromkeys((*each.used, *used))))
+            open_ones.append((more, here, tried if len(steps) == 1 else tried.copied()))
     return tuple(sorted(finished, key=lambda c: int(np.isnan(c.numbers).sum())))
 
 
@@ -56,46 +58,83 @@ def plans(situation: Situation, forms: Iterable[ClosedForm]) -> Iterator[Plan]:
     """The closed forms that fit some of the unknown numbers."""
     every = tuple(forms)
     for candidate in situation.candidates():
-        together = candidate.coupled or candidate.paired
-        for form in every:
-            plan = form.recognises(situation, candidate) if form.joint or not together else None
-            if plan is not None:
-                yield plan
+        yield from _plans_of(candidate, every)
+
+
+def _plans_of(candidate: Candidate, forms: tuple[ClosedForm, ...]) -> Iterator[Plan]:
+    together = candidate.coupled or candidate.paired
+    for form in forms:
+        plan = form.recognises(candidate.situation, candidate) if form.joint or not together else None
+        if plan is not None:
+            yield plan
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Tried:
+    """Candidates that no closed form gave numbers for, and whether one is made for them; ``parts`` as `linked_parts`.
+
+    They are not tried again until more is known of what their equations hold: a chain of n unknowns takes n steps.
+    """
+
+    parts: Mapping[str, int]
+    known: dict[Support, tuple[bytes, bool]] = field(default_factory=dict)
+
+    def copied(self) -> Tried:
+        """For another branch, in which other numbers become known."""
+        return replace(self, known=dict(self.known))
 
 
 Step = tuple[Floats, tuple[str, ...]]
 """Numbers (N,) of which more are known, and the closed forms that gave these, in words."""
 
 
-def _steps(situation: Situation, forms: tuple[ClosedForm, ...]) -> tuple[list[Step], bool]:
+def _steps(situation: Situation, forms: tuple[ClosedForm, ...], tried: Tried) -> tuple[list[Step], bool]:
     """The numbers after the first closed form that gives any, and whether there is one that gives none before it.
 
     One vector for each of its solutions, best first. Where there is one, closed forms for unknowns that no equation
-    links with those before are taken in the same step: what they give does not depend on the order.
+    links with those before are taken in the same step: what they give does not depend on the order. One that takes
+    several unknowns together, or has several solutions, waits for the next step, and all that is linked with it.
     """
     if not bool(np.isnan(situation.numbers).any()):
         return [], False
     recognised = False
     numbers, used = situation.numbers, list[str]()
-    part: Mapping[str, int] = {}
-    done: set[int] = set()
-    for plan in plans(situation, forms):
-        parts = {part[entry.unknown.name] for entry in plan.candidate.entries} if done else set()
-        if done and (plan.form.joint or parts & done):
-            continue
-        answers = _answers(plan)
-        if not answers:
-            recognised = True
-        elif len(answers) > 1 or plan.form.joint:
-            if done:
+    closed: set[int] = set()
+
+    def parts_of(support: Support) -> set[int]:
+        return {tried.parts[situation.layout.entries[entry].unknown.name] for entry in support.entries}
+
+    def wanted(support: Support) -> bool:
+        nonlocal recognised
+        if closed and parts_of(support) & closed:
+            return False
+        state, made = tried.known.get(support, (b"", False))
+        if state != situation.absences(support):
+            return True
+        recognised |= made
+        return False
+
+    for candidate in situation.candidates(wanted):
+        made = False
+        for plan in _plans_of(candidate, forms):
+            if used and plan.form.joint:
+                closed |= parts_of(candidate.support)
                 break
-            return [(_filled(numbers, *answer), (plan.description,)) for answer in answers], recognised
+            answers = _answers(plan)
+            made = True
+            if not answers:
+                continue
+            if len(answers) == 1 and not plan.form.joint:
+                numbers = _filled(numbers, *answers[0])
+                used.append(plan.description)
+            elif not used:
+                return [(_filled(numbers, *answer), (plan.description,)) for answer in answers], recognised
+            closed |= parts_of(candidate.support)
+            break
         else:
-            numbers = _filled(numbers, *answers[0])
-            used.append(plan.description)
-            part = part or linked_parts(situation)
-            done.update(part[entry.unknown.name] for entry in plan.candidate.entries)
-    return [(numbers, tuple(used))] if done else [], recognised
+            recognised |= made
+            tried.known[candidate.support] = (situation.absences(candidate.support), made)
+    return [(numbers, tuple(used))] if used else [], recognised
 
 
 def _answers(plan: Plan) -> list[tuple[Indices, Floats]]:

@@ -9,7 +9,8 @@ import numpy as np
 from mbm.solution.closed_forms.lines_of_sight import directions
 from mbm.solution.closed_forms.numerics.finite import finite
 from mbm.solution.closed_forms.numerics.rays import meeting_points
-from mbm.solution.closed_forms.situation import Candidate, Rows, Situation
+from mbm.solution.closed_forms.rows import Rows
+from mbm.solution.closed_forms.situation import Candidate, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.types import Floats, Indices
 from mbm.values import dataclass

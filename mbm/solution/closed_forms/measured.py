@@ -6,7 +6,8 @@ import numpy as np
 
 from mbm.solution.closed_forms.motions import origin, stepped
 from mbm.solution.closed_forms.numerics.finite import finite
-from mbm.solution.closed_forms.situation import Candidate, Rows, Situation
+from mbm.solution.closed_forms.rows import Rows
+from mbm.solution.closed_forms.situation import Candidate, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.layout import Entry
 from mbm.solution.types import Floats, Indices

@@ -10,7 +10,8 @@ import numpy as np
 
 from mbm.rotations import cross_matrix
 from mbm.solution.closed_forms.frames import Frame, frames_of, some_rotation
-from mbm.solution.closed_forms.situation import AGREEMENT, Candidate, Rows
+from mbm.solution.closed_forms.rows import Rows
+from mbm.solution.closed_forms.situation import AGREEMENT, Candidate
 from mbm.solution.types import Floats, Mask
 from mbm.values import dataclass
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.solution.closed_forms.numerics.spheres import positions, positions_and_offset
-from mbm.solution.closed_forms.situation import AGREEMENT, Candidate, Rows, Situation
+from mbm.solution.closed_forms.rows import Rows
+from mbm.solution.closed_forms.situation import AGREEMENT, Candidate, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.values import dataclass

@@ -11,7 +11,8 @@ from mbm.rotations import nearest
 from mbm.solution.closed_forms.frames import WholeFrame
 from mbm.solution.closed_forms.moved_points import MovedPoints, moved_points
 from mbm.solution.closed_forms.numerics.planes import Knowledge, camera_from_planes, homography
-from mbm.solution.closed_forms.situation import AGREEMENT, Candidate, Rows, Situation
+from mbm.solution.closed_forms.rows import Rows
+from mbm.solution.closed_forms.situation import AGREEMENT, Candidate, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.layout import Entry
 from mbm.solution.types import Floats, Indices

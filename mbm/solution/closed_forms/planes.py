@@ -8,7 +8,8 @@ from enum import Enum
 import numpy as np
 
 from mbm.problem.manifold import Piece
-from mbm.solution.closed_forms.situation import Candidate, Rows, Situation
+from mbm.solution.closed_forms.rows import Rows
+from mbm.solution.closed_forms.situation import Candidate, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.types import Floats, Indices
 from mbm.values import dataclass

@@ -11,7 +11,8 @@ from mbm.problem.types import UnknownKind
 from mbm.solution.binding import Group
 from mbm.solution.closed_forms.motions import inverse, origin, product, stepped
 from mbm.solution.closed_forms.numerics.finite import finite
-from mbm.solution.closed_forms.situation import Candidate, Rows, Situation
+from mbm.solution.closed_forms.rows import Rows
+from mbm.solution.closed_forms.situation import Candidate, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.layout import Entry
 from mbm.solution.types import Floats, Indices

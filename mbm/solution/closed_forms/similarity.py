@@ -7,7 +7,8 @@ import numpy as np
 from mbm.solution.closed_forms.frames import Frame, frames_of, some_rotation
 from mbm.solution.closed_forms.moved_points import moved_points
 from mbm.solution.closed_forms.numerics.alignment import aligned, turned
-from mbm.solution.closed_forms.situation import AGREEMENT, Candidate, Rows, Situation
+from mbm.solution.closed_forms.rows import Rows
+from mbm.solution.closed_forms.situation import AGREEMENT, Candidate, Situation
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.types import Floats, Indices
 from mbm.values import dataclass

@@ -6,19 +6,20 @@ member, and all members are probed at once, since their rows do not meet.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
-from typing import TypeVar
+from hashlib import sha256
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from mbm.problem.types import BlockRole
 from mbm.solution.binding import Group
 from mbm.solution.closed_forms.piece import Piece
+from mbm.solution.closed_forms.rows import Rows
 from mbm.solution.closed_forms.thinning import thinned
 from mbm.solution.layout import Entry, Layout
 from mbm.solution.types import Floats, Indices, Mask
-from mbm.symbolic.types import ColumnInput
 from mbm.values import dataclass
 
 Table = TypeVar("Table", Indices, Mask)
@@ -27,93 +28,16 @@ AGREEMENT = 1e-6
 """How well an equation must agree with what it was recognised as, beside its size."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Rows:
-    """Equations of ``width`` components that hold no unknown numbers but one member's of a candidate; n of them.
+class Support(NamedTuple):
+    """What a candidate is of: the numbers of its unknowns, and whether it is ``paired``."""
 
-    ``member`` (n,) is the member, ``unit`` (n,) the number of the equation among all, ``weight`` (n,) 1/σ² of a
-    component (the mean of several).
-    """
+    entries: tuple[int, ...]
+    paired: bool = False
 
-    columns: Indices = field(repr=False)
-    pieces: tuple[Piece, ...] = field(repr=False)
-    width: int
-    member: Indices = field(repr=False)
-    unit: Indices = field(repr=False)
-    weight: Floats = field(repr=False)
 
-    def __len__(self) -> int:
-        """n."""
-        return len(self.member)
-
-    def values(self, points: Floats) -> Floats:
-        """The equations, not whitened, (n, width), each row with its own numbers (n, s), or all with the same (s,)."""
-        found = np.empty((len(self), self.width))
-        for piece, mine in self._parts():
-            found[mine] = piece.values(self._points(points)[mine])
-        return found
-
-    def slopes(self, points: Floats) -> Floats:
-        """Derivatives (n, width, q) by the coordinates of the candidate's tangent space; points as for ``values``."""
-        return self.linearised(points)[1]
-
-    def linearised(self, points: Floats) -> tuple[Floats, Floats]:
-        """``values`` and ``slopes`` by one evaluation."""
-        coordinates = int(self.columns.max()) + 1
-        values = np.empty((len(self), self.width))
-        slopes = np.empty((len(self), self.width, coordinates))
-        for piece, mine in self._parts():
-            values[mine], slopes[mine] = piece.linearised(self._points(points)[mine], coordinates)
-        return values, slopes
-
-    def probed(self, points: Floats) -> tuple[Floats, Floats]:
-        """``linearised`` with each of the points (K, s) in all rows: (n, K, width) and (n, K, width, q)."""
-        coordinates, count = int(self.columns.max()) + 1, len(points)
-        values = np.empty((len(self), count, self.width))
-        slopes = np.empty((len(self), count, self.width, coordinates))
-        for piece, mine in self._parts():
-            found, steep = piece.probed(points, coordinates)
-            values[mine], slopes[mine] = found.swapaxes(0, 1), steep.swapaxes(0, 1)
-        return values, slopes
-
-    def _points(self, points: Floats) -> Floats:
-        return np.broadcast_to(points, (len(self), points.shape[-1]))
-
-    def _parts(self) -> Iterator[tuple[Piece, slice]]:
-        first = 0
-        for piece in self.pieces:
-            yield piece, slice(first, first + len(piece.lines))
-            first += len(piece.lines)
-
-    def column(self, name: str) -> Floats:
-        """The numbers (n,) of a column that the equations use.
-
-        Raises:
-            LookupError: they use none of this name.
-
-        """
-        found = np.empty(len(self))
-        for piece, mine in self._parts():
-            names = [p.name if isinstance(p, ColumnInput) else None for p in piece.group.kernel.parameters]
-            if name not in names:
-                message = f"the equations use no column `{name}`"
-                raise LookupError(message)
-            found[mine] = piece.group.parameters[piece.lines, names.index(name)]
-        return found
-
-    def of_member(self, member: int) -> Indices:
-        """The rows of one member."""
-        return np.flatnonzero(self.member == member)
-
-    def picked(self, mask: Mask) -> Rows:
-        """Some of the rows."""
-        return replace(
-            self,
-            pieces=tuple(piece.some(mask[mine]) for piece, mine in self._parts()),
-            member=self.member[mask],
-            unit=self.unit[mask],
-            weight=self.weight[mask],
-        )
+def all_of_them(_support: Support) -> bool:
+    """Every candidate is wanted."""
+    return True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -126,11 +50,16 @@ class Candidate:
     """
 
     situation: Situation = field(repr=False)
+    support: Support
     entries: tuple[Entry, ...] = field(repr=False)
     places: Indices = field(repr=False)
     coordinates: Indices = field(repr=False)
     lines: tuple[tuple[Group, Indices, Indices], ...] = field(repr=False)
-    paired: bool = False
+
+    @property
+    def paired(self) -> bool:
+        """As above."""
+        return self.support.paired
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -219,7 +148,8 @@ class Situation:
     """The observations of one solve and what is known so far: ``numbers`` (N,), NaN where a value is wanted.
 
     Closed forms are given at most so many rows of a group for each member; all of them if ``most`` is None.
-    ``mentioning`` has, for each unknown of the layout, the groups of measured equations that mention it.
+    ``mentioning`` has, for each unknown of the layout, the groups of measured equations that mention it. ``absent`` is
+    found when it is asked for: for each group (by number) which of its numbers are missing, as a digest, and of whom.
     """
 
     layout: Layout
@@ -227,6 +157,7 @@ class Situation:
     numbers: Floats = field(repr=False)
     most: int | None = None
     mentioning: tuple[tuple[Group, ...], ...] = field(default=(), repr=False)
+    absent: dict[int, Absent] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         if not self.mentioning:
@@ -244,29 +175,38 @@ class Situation:
 
     def with_numbers(self, numbers: Floats) -> Situation:
         """The same with other knowledge."""
-        return replace(self, numbers=numbers)
+        changed = self._entries_of(np.isnan(numbers) != np.isnan(self.numbers))
+        stale = {group.number for entry in changed for group in self.mentioning[entry]}
+        kept = {number: known for number, known in self.absent.items() if number not in stale}
+        return replace(self, numbers=numbers, absent=kept)
 
-    def candidates(self) -> Iterator[Candidate]:
-        """What may be determined on its own: what single rows mention, the fewest numbers first; then all together."""
+    def candidates(self, wanted: Callable[[Support], bool] = all_of_them) -> Iterator[Candidate]:
+        """What may be determined on its own: what single rows mention, the fewest numbers first; then all together.
+
+        Asked for one after the other; only what is ``wanted`` by then is made.
+        """
         missing = np.isnan(self.numbers)
+        lacking = self._entries_of(missing)
         found: dict[tuple[int, ...], list[Indices]] = {}
-        number_of = self.layout.number_of()
         for group in self.observations():
-            for entries, members in _supports(group, missing, self.layout, number_of):
+            for entries, members in self._absent_of(group).supports:
                 found.setdefault(entries, []).append(members)
         size = {key: sum(self.layout.entries[e].unknown.size for e in key) for key in found}
         for key in sorted(found, key=lambda k: (size[k], k)):
-            candidate = self.candidate(key, _distinct(np.concatenate(found[key])))
+            candidate = self.candidate(key, _distinct(np.concatenate(found[key]))) if wanted(Support(key)) else None
             if candidate is not None:
                 yield candidate
-        for number, entry in enumerate(self.layout.entries):
+        for number in lacking:
+            entry = self.layout.entries[number]
+            if not entry.unknown.dimension or entry.members <= 1:
+                continue
             absent = np.flatnonzero(missing[entry.range].reshape(entry.members, entry.unknown.size).all(axis=1))
-            if entry.unknown.dimension and entry.members > 1 and len(absent):
-                candidate = self.candidate((number,), absent[:, None])
-                if candidate is not None:
-                    yield replace(candidate, lines=(), paired=True)
-        whole = self._together(missing)
-        if whole is not None and whole not in found:
+            paired = Support((number,), paired=True)
+            candidate = self.candidate((number,), absent[:, None]) if len(absent) and wanted(paired) else None
+            if candidate is not None:
+                yield replace(candidate, lines=(), support=paired)
+        whole = self._together(lacking)
+        if whole is not None and whole not in found and wanted(Support(whole)):
             candidate = self.candidate(whole, np.zeros((1, len(whole)), dtype=np.int64))
             if candidate is not None:
                 yield candidate
@@ -291,7 +231,29 @@ class Situation:
         if not bool(np.isnan(self.numbers[every]).all()):
             return None
         lines = tuple(self._lines(entries, every))
-        return Candidate(situation=self, entries=owners, places=every, coordinates=np.hstack(coordinates), lines=lines)
+        return Candidate(
+            situation=self,
+            support=Support(entries),
+            entries=owners,
+            places=every,
+            coordinates=np.hstack(coordinates),
+            lines=lines,
+        )
+
+    def absences(self, support: Support) -> bytes:
+        """Which numbers are missing in the equations that mention the unknowns of a candidate, as a digest."""
+        groups = {group.number: group for entry in support.entries for group in self.mentioning[entry]}
+        return sha256(b"".join(self._absent_of(groups[number]).digest for number in sorted(groups))).digest()
+
+    def _absent_of(self, group: Group) -> Absent:
+        """What the rows of a group miss."""
+        found = self.absent.get(group.number)
+        if found is None:
+            pattern = np.isnan(self.numbers)[group.index]
+            digest = sha256(np.packbits(pattern).tobytes()).digest()
+            supports = tuple(_supports(group, pattern, self.layout, self.layout.number_of()))
+            found = self.absent[group.number] = Absent(digest=digest, supports=supports)
+        return found
 
     def observations(self) -> tuple[Group, ...]:
         """Groups of measured equations; priors take no part in starts."""
@@ -317,19 +279,33 @@ class Situation:
                 kept = rows if self.most is None else rows[thinned(highest[rows], self.most)]
                 yield group, kept, highest[kept]
 
-    def _together(self, missing: Mask) -> tuple[int, ...] | None:
+    def _together(self, lacking: Sequence[int]) -> tuple[int, ...] | None:
         """All unknowns that have missing numbers, if none of them is a family."""
-        entries = [i for i, e in enumerate(self.layout.entries) if bool(missing[e.range].any())]
-        if not entries or any(self.layout.entries[i].members != 1 for i in entries):
-            return None
-        return tuple(entries)
+        families = any(self.layout.entries[i].members != 1 for i in lacking)
+        return None if families or not lacking else tuple(lacking)
+
+    def _entries_of(self, places: Mask) -> list[int]:
+        """The unknowns that have numbers at some ``places`` (N,), ascending."""
+        offsets = np.array([entry.offset for entry in self.layout.entries], dtype=np.int64)
+        found = np.searchsorted(offsets, np.flatnonzero(places), side="right") - 1
+        return np.flatnonzero(np.bincount(found)).tolist()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Absent:
+    """Which numbers the rows of a group miss, as a digest; ``supports`` as `_supports` says."""
+
+    digest: bytes
+    supports: tuple[tuple[tuple[int, ...], Indices], ...] = field(repr=False)
 
 
 def _supports(
-    group: Group, missing: Mask, layout: Layout, number_of: Mapping[str, int]
+    group: Group, absent: Mask, layout: Layout, number_of: Mapping[str, int]
 ) -> Iterator[tuple[tuple[int, ...], Indices]]:
-    """The unknowns (by number) that rows of a group miss values of, with the members (K, unknowns) they do it for."""
-    absent = missing[group.index]
+    """The unknowns (by number) that rows of a group miss values of, with the members (K, unknowns) they do it for.
+
+    ``absent`` (rows, variables) says where.
+    """
     owners = [number_of[slot.unknown] for slot in group.kernel.variables]
     for pattern in _distinct(absent):
         if not bool(pattern.any()):

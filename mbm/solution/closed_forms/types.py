@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import field
 from typing import Any, Protocol
 
-from mbm.solution.closed_forms.situation import Candidate, Rows, Situation
+from mbm.solution.closed_forms.rows import Rows
+from mbm.solution.closed_forms.situation import Candidate, Situation
 from mbm.solution.types import Floats, Indices
 from mbm.values import dataclass
 

@@ -66,7 +66,7 @@ class Interpreted:
 
     def squares(self, layout: Structure, values: Values) -> Floats:
         """Sums by column; where a row has the same member twice, its columns are added before they are squared."""
-        result = np.zeros(layout.columns)
+        places, sums = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
         for piece, part in zip(layout.pieces, values, strict=True):
             for a, first in enumerate(piece.starts):
                 family = layout.families[piece.families[a]]
@@ -78,8 +78,10 @@ class Interpreted:
                     terms = np.einsum("roc,roc->rc", *sides)
                     if a != b:
                         terms = np.where((piece.members[a] == piece.members[b])[:, None], 2.0 * terms, 0.0)
-                    result += np.bincount(columns.reshape(-1), terms.reshape(-1), minlength=layout.columns)
-        return result
+                    places.append(columns.reshape(-1))
+                    sums.append(terms.reshape(-1))
+        found = np.bincount(np.concatenate(places), np.concatenate(sums), minlength=layout.columns)
+        return np.asarray(found, dtype=np.float64)
 
     def image(self, layout: Structure, values: Values, step: Floats) -> Floats:
         """``J step``."""

@@ -89,20 +89,17 @@ class Structure:
         return result
 
     def matrix(self, values: Values) -> Any:
-        """The Jacobian (m, columns) as a SciPy CSR array that shares the memory of ``values``."""
-        from scipy.sparse import csr_array, vstack
+        """The Jacobian (m, columns) as a SciPy CSR array; of one piece it shares the memory of ``values``."""
+        from scipy.sparse import csr_array
 
-        parts, reached = [], 0
-        for piece, found, indices in zip(self.pieces, values, self._indices, strict=True):
-            lines = piece.rows * piece.outputs
-            if piece.first > reached:
-                parts.append(csr_array((piece.first - reached, self.columns)))
-            pointers = np.arange(0, lines * piece.width + 1, piece.width) if piece.width else np.zeros(lines + 1, int)
-            parts.append(csr_array((found.reshape(-1), indices, pointers), shape=(lines, self.columns)))
-            reached = piece.first + lines
-        if reached < self.count:
-            parts.append(csr_array((self.count - reached, self.columns)))
-        return parts[0] if len(parts) == 1 else vstack(parts, format="csr")
+        pointers = np.zeros(self.count + 1, dtype=np.int64)
+        for piece in self.pieces:
+            pointers[1:][piece.residuals] = piece.width
+        np.cumsum(pointers, out=pointers)
+        flat = [found.reshape(-1) for found in values]
+        one = len(flat) == 1
+        data, indices = (flat[0], self._indices[0]) if one else (np.concatenate(flat), np.concatenate(self._indices))
+        return csr_array((data, indices, pointers), shape=(self.count, self.columns))
 
     def estimated(self, values: Values) -> Any:
         """The Jacobian of the residuals that count by the estimated coordinates (m, n), as a SciPy CSR array."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,10 +11,9 @@ import pytest
 
 import mbm
 from mbm.api.files import explain
-from mbm.solution.closed_forms import completion
 from mbm.solution.closed_forms.multilateration import MULTILATERATION
-from mbm.solution.closed_forms.situation import Candidate, Situation
-from mbm.solution.closed_forms.types import ClosedForm, Plan
+from mbm.solution.closed_forms.situation import Candidate, Situation, Support
+from mbm.solution.closed_forms.types import Plan
 from mbm.solution.types import Floats, Indices
 from tests.solution.closed_forms.numerics_cases import cloud, rotation
 
@@ -165,13 +164,13 @@ def separate(count: int) -> str:
 def test_unknowns_that_nothing_links_are_started_in_one_pass(monkeypatch: pytest.MonkeyPatch) -> None:
     """Looking at all equations once more for each of them took minutes for two thousand."""
     passes = []
-    plans = completion.plans
+    candidates = Situation.candidates
 
-    def counted(situation: Situation, forms: Iterable[ClosedForm]) -> Iterator[Plan]:
+    def counted(situation: Situation, wanted: Callable[[Support], bool]) -> Iterator[Candidate]:
         passes.append(situation)
-        return plans(situation, forms)
+        return candidates(situation, wanted)
 
-    monkeypatch.setattr(completion, "plans", counted)
+    monkeypatch.setattr(Situation, "candidates", counted)
     solved = mbm.loads(separate(60)).solve()
     assert [float(value(solved, f"u{i}")) for i in range(60)] == pytest.approx(
         [i / 2 for i in range(60)], abs=CONVERGED
@@ -189,6 +188,29 @@ def test_what_is_linked_is_started_one_after_the_other() -> None:
     assert [float(value(solved, f"c{i}")) for i in range(8)] == pytest.approx(np.cumsum(range(8)), abs=CONVERGED)
     logarithms = 10 * np.log(np.arange(1, 8))
     assert [float(value(solved, f"e{i}")) for i in range(1, 8)] == pytest.approx(logarithms, abs=CONVERGED)
+
+
+def test_a_chain_is_looked_at_link_by_link(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Links behind were tried again after each one: 30 of them made 493 candidates, 700 took minutes."""
+    made = []
+    candidate = Situation.candidate
+
+    def counted(situation: Situation, entries: tuple[int, ...], members: Indices) -> Candidate | None:
+        made.append(entries)
+        return candidate(situation, entries, members)
+
+    monkeypatch.setattr(Situation, "candidate", counted)
+    count = 30
+    links = " ".join(f"(observe (= 0.5 (- c{i} (sin c{i - 1}))) :sigma 1)" for i in range(1, count))
+    alone = " ".join(f"(observe (= 0.5 (+ (sin e{i}) (exp e{i}))) :sigma 1)" for i in range(count))
+    names = " ".join(f"(c{i}) (e{i})" for i in range(count))
+    solved = mbm.loads(f"(problem p (unknowns {names}) (observe (= 0.3 c0) :sigma 1) {links} {alone})").solve()
+    expected = [0.3]
+    while len(expected) < count:
+        expected.append(0.5 + np.sin(expected[-1]))
+    assert [float(value(solved, f"c{i}")) for i in range(count)] == pytest.approx(expected, abs=CONVERGED)
+    # Each link, pairs of them until the first is known, what no closed form is made for once, and all together.
+    assert len(made) <= 6 * count
 
 
 def test_what_nothing_mentions_takes_no_memory_of_all_for_each() -> None:
