@@ -97,7 +97,7 @@ BAD_WORK_BOUND = Code(
     "bad-work-bound",
     "The environment variable `MBM_WORK` says how many times as much as usual may be written out, and holds something"
     " else.",
-    "Write a number from 0.01 to a million, such as `MBM_WORK=4`.",
+    "Write a number, such as `MBM_WORK=4`.",
 )
 LIST_TOO_LONG = Code(
     "list-too-long",

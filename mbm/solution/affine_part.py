@@ -18,11 +18,11 @@ def affine_coordinates(equations: Assembled, missing: Mask) -> Mask:
     if all(affine(group, allowed) for group in equations.groups):
         return allowed
     found = np.zeros(len(allowed), dtype=bool)
-    touching: dict[int, list[Group]] = {}
+    touching: dict[str, list[Group]] = {entry.unknown.name: [] for entry in layout.entries}
     for group in equations.groups:
-        every = [group.touched.ravel(), *(sampled.coordinates for sampled in group.sampled)]
-        for place in np.unique(np.concatenate(every)).tolist():
-            touching.setdefault(place, []).append(group)
+        # times at which tables are sampled may hold any unknown
+        for name in touching if group.sampled else {slot.unknown for slot in group.kernel.tangents}:
+            touching[name].append(group)
     for entry in layout.entries:
         for component in range(entry.unknown.freedom):
             places = np.arange(entry.coordinates.start + component, entry.coordinates.stop, entry.unknown.freedom)
@@ -30,8 +30,7 @@ def affine_coordinates(equations: Assembled, missing: Mask) -> Mask:
             trial = found.copy()
             trial[new] = True
             # the others are affine in what was found before
-            groups = {group.number: group for place in new.tolist() for group in touching.get(place, ())}
-            if len(new) and all(affine(group, trial) for group in groups.values()):
+            if len(new) and all(affine(group, trial) for group in touching[entry.unknown.name]):
                 found = trial
     return found
 
