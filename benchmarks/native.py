@@ -57,10 +57,10 @@ def alignment() -> tuple[Problem, dict[str, dict[str, np.ndarray]]]:
 def report(name: str, problem: Problem, data: dict[str, dict[str, np.ndarray]] | None) -> None:
     """One line."""
     asked = []
-    own = native.native_minimum
-    with mock.patch.object(native, "native_minimum", lambda *a: asked.append(a) or own(*a)):
+    own = native.kernel_minimum
+    with mock.patch.object(native, "kernel_minimum", lambda *a: asked.append(a) or own(*a)):
         problem.solve(data=data)
-    equations, start, settings = asked[0]
+    equations, start, settings, _ = asked[0]
     start = np.array(start)
     system = system_of(equations, settings)
     assert system is not None
@@ -68,7 +68,7 @@ def report(name: str, problem: Problem, data: dict[str, dict[str, np.ndarray]] |
     steps = int(system.one(start).states[0, of.STEPS])
     alone, whole = seconds(lambda: system.one(start)), seconds(lambda: own(equations, start, settings))
     batch, threads = (seconds(lambda w=w: system.solve(points, workers=w)) / BATCH for w in (1, 2))
-    with mock.patch.object(native, "native_minimum", lambda *_: None):
+    with mock.patch.object(native, "kernel_minimum", lambda *_: None):
         general = seconds(lambda: minimise(equations, start, settings))
     print(f"{name:>12} {equations.count:6d} {equations.dimension:4d} {steps:5d}", end="")
     print("".join(f"{1e6 * each:12.1f}" for each in (alone, batch, threads, whole, general)))

@@ -31,16 +31,16 @@ def _readers() -> Mapping[str, Reader | ManyReader]:
     return READERS
 
 
-def _casadi(_store: Store | None) -> Backend:
-    from mbm.kernels.backends.casadi_map import BACKEND
+def _casadi(store: Store | None) -> Backend:
+    from mbm.kernels.backends.casadi_map import CasadiBackend
 
-    return BACKEND
+    return CasadiBackend(store=store)
 
 
-def _numpy(_store: Store | None) -> Backend:
-    from mbm.kernels.backends.numpy_stream import BACKEND
+def _numpy(store: Store | None) -> Backend:
+    from mbm.kernels.backends.numpy_stream import NumpyBackend
 
-    return BACKEND
+    return NumpyBackend(store=store)
 
 
 def _native(store: Store | None) -> Backend:

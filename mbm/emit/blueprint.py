@@ -45,7 +45,18 @@ from mbm.problem.elaborated import Elaborated
 from mbm.problem.kinds import Relation
 from mbm.problem.manifold import Manifold, Piece
 from mbm.problem.naming import PRIOR
-from mbm.problem.types import Block, BlockRole, Derived, Equation, Loss, Problem, RowValues, Unknown, UnknownKind
+from mbm.problem.types import (
+    Block,
+    BlockRole,
+    Derived,
+    Equation,
+    Loss,
+    Problem,
+    Request,
+    RowValues,
+    Unknown,
+    UnknownKind,
+)
 from mbm.symbolic.printing import printed
 from mbm.symbolic.types import Purpose, ResidualBlock, Slot, SymbolicModel
 
@@ -121,7 +132,7 @@ class _Drafting:
             blocks=blocks,
             derived=derived,
             for_each=tuple(map(Foreign, problem.request.for_each)),
-            settings=SolverSettings(max_iterations=problem.request.max_iterations, tolerance=problem.request.tolerance),
+            settings=_settings(problem.request),
             references=self.references,
             given=tuple(self._given(t, plan.name) for t, plan in zip(tables, problem.plans, strict=True)),
             whole=self.answers.whole,
@@ -329,3 +340,7 @@ def _bounded(manifold: Manifold) -> tuple[int, ...]:
     """The coordinates that bounds are stated for: of plain numbers, but not the angle of a plane pose."""
     plain = tuple(c for piece, _, c in manifold.spans() if piece is Piece.NUMBER)
     return plain[1:] if len(plain) > 1 and manifold.labels and plain[0] == 0 else plain
+
+
+def _settings(request: Request) -> SolverSettings:
+    return SolverSettings(method=request.method, max_iterations=request.max_iterations, tolerance=request.tolerance)

@@ -69,6 +69,7 @@ def static_system(blueprint: Blueprint) -> StaticSystem:
     prefix[at.Problem.residual_blocks], prefix[at.Problem.constraint_blocks] = len(measured), len(cases) - len(measured)
     prefix[slot(at.Problem, "blocks")] = at.HEADER
     prefix[at.Problem.iterations] = blueprint.settings.max_iterations
+    prefix[at.Problem.rule] = at.RULES.get(blueprint.settings.method.value, at.MARQUARDT)
     prefix[at.Problem.noises] = 0 if scaled else len(unknown)
     lossy = any(b.loss is not None for b, _ in measured)
     every = [np.ones(len(c.tangents), dtype=bool) for _, c in measured]

@@ -13,7 +13,7 @@ from typing import TypeAlias
 from mbm.emit.answers import Agreement, Floats, Reference, Whole
 from mbm.emit.foreign import Foreign
 from mbm.kernels.types import Kernel
-from mbm.problem.types import BlockRole, Loss, NoiseKind, UnknownKind
+from mbm.problem.types import BlockRole, Loss, Method, NoiseKind, UnknownKind
 from mbm.target.program import Program
 from mbm.values import dataclass
 
@@ -283,8 +283,9 @@ class ConstantShape:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SolverSettings:
-    """How the iteration ends."""
+    """How the iteration goes on, and ends."""
 
+    method: Method
     max_iterations: int
     tolerance: float
 

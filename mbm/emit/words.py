@@ -8,7 +8,10 @@ from mbm.emit.answers import Agreement
 from mbm.emit.foreign import Foreign, Word, listed, told
 from mbm.emit.markdown import code, fenced, prose
 from mbm.emit.types import BlockShape, Blueprint, ColumnValue, Key, UnknownShape
-from mbm.problem.types import BlockRole, NoiseKind
+from mbm.problem.types import BlockRole, Method, NoiseKind
+
+METHODS = {Method.DOGLEG: "Powell's dogleg", Method.GAUSS_NEWTON: "that of Gauss and Newton"}
+"""What the iterations are called that are not Marquardt's."""
 
 MOST_CASES = 3
 """Groups of rows whose equations are printed; the others differ in their static values only."""
@@ -44,7 +47,8 @@ def described(blueprint: Blueprint) -> Iterator[str]:
         yield "begins some standard deviations away from the answer (`start` in `reference.csv`). With other data, say"
         yield "where to begin."
         yield ""
-    yield f"The iteration is Marquardt's in a trust region, for at most {blueprint.settings.max_iterations} iterations."
+    method = METHODS.get(blueprint.settings.method, "Marquardt's")
+    yield f"The iteration is {method} in a trust region, for at most {blueprint.settings.max_iterations} iterations."
     yield ""
 
 

@@ -132,10 +132,14 @@ class MachineCode:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WithoutMachineCode:
-    """What the default backend is where no machine code can be made; ``reason`` says why."""
+    """What the default backend is where no machine code is made; ``reason`` says why.
+
+    ``store`` keeps the solver, which may be machine code all the same.
+    """
 
     reason: str = ""
     name: str = "auto"
+    store: Store | None = None
 
 
 class BackendUnavailableError(Exception):

@@ -11,8 +11,8 @@ import numpy as np
 from mbm.solution.agreement import Agreement
 from mbm.solution.assembly import Assembled
 from mbm.solution.batch import Batch
+from mbm.solution.metric import turning
 from mbm.solution.solvers.batched import Batched
-from mbm.solution.solvers.scaled import turning
 from mbm.solution.twins import Twin, separation, twin_of
 from mbm.solution.types import Floats, Indices, Minimum
 from mbm.target.decisions import DIFFERENCE, ROUNDED_ROTATION

@@ -109,12 +109,10 @@ class Descent:
     def _minimised(self, reached: Batched, columns: Indices, units: Indices | None, iterations: int) -> Batched:
         """The minima of some units over some coordinates, with the work so far: in native code where that can run."""
         settings = self.settings
-        found = None
-        if self.equations.machine_code is not None:
-            # Loaded here, so that problems with one start need not.
-            from mbm.solution.native.starts import native_ends
+        # Loaded here, so that problems with one start need not.
+        from mbm.solution.native.starts import native_ends
 
-            found = native_ends(self.equations, reached.points, columns, units, iterations, settings)
+        found = native_ends(self.equations, reached.points, columns, units, iterations, settings)
         if found is None:
             stack = batch(self.equations, columns=columns, units=units)
             found = minimise_all(stack, reached.points, iterations=iterations, stopped=settings.stopped)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mbm.solution.solvers.scaled import turning
+from mbm.solution.metric import turning
 from mbm.solution.types import Equations, Floats, Mask
 
 

@@ -1,19 +1,21 @@
-"""Equations and a start → a minimum: chooses the solver and turns its crank."""
+"""Equations and a start → a minimum: chooses the solver."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mbm.problem.types import Method
 from mbm.solution import faults
+from mbm.solution.assembly import Assembled
+from mbm.solution.native.minimum import native_minima, native_minimum
+from mbm.solution.native.system import one_step_suits
 from mbm.solution.nudging import SINGULAR, beside
 from mbm.solution.pushing import with_pushed_bounds
 from mbm.solution.settings import Settings
-from mbm.solution.solvers.box import one_step_suits
 from mbm.solution.sparsity import sparse_suits
-from mbm.solution.types import Correctable, Equations, Floats, Minimum, Reason, Solver
+from mbm.solution.types import Correctable, Equations, Floats, Minimum, Reason
 from mbm.text.types import MbmError, Place
 
 if TYPE_CHECKING:
@@ -26,40 +28,25 @@ ROUGH = 20
 ROUGHLY = 0.05
 """Iterations and relative offset of a fit whose end is only a start."""
 
-SPARSE, LINEAR, MARQUARDT = "lm-sparse", "linear", Method.MARQUARDT.value
-"""Names of solvers that nobody asks for by name, and of the one that takes over from methods that only begin."""
+SPARSE, LINEAR = "lm-sparse", "linear"
+"""Names of methods that nobody asks for by name."""
 
 
-def solver_for(equations: Equations, settings: Settings) -> Solver:
-    """The solver that ``settings`` names; `auto` is one step for linear equations without bounds, else Marquardt."""
-    # Here and below: methods that few problems need are loaded by those that do, so that small ones start at once.
-    name = _name(equations, settings)
-    if name == SPARSE:
-        from mbm.solution.sparse.marquardt import SparseMarquardt
-
-        return SparseMarquardt(workers=settings.workers)
-    from mbm.solution.solvers.standard import SOLVERS
-
-    return SOLVERS[name]
-
-
-def _name(equations: Equations, settings: Settings) -> str:
-    """The name of that solver."""
+def solver_name(equations: Equations, settings: Settings) -> str:
+    """The name of the method that ``minimise`` takes: one step for linear equations without bounds, else Marquardt's,
+    where the settings name none that goes on from any start.
+    """
     method = settings.method
+    if method is not Method.CLOSED_FORM and _bound(equations, settings) is not None:
+        from mbm.solution.constrained.solve import method_name
+
+        return method_name(settings)
     if _sparse(equations, settings):
         return SPARSE
     if method is Method.AUTO and one_step_suits(equations):
         return LINEAR
-    return MARQUARDT if method in (Method.AUTO, Method.DIRECT_SEARCH, Method.IPOPT) else method.value
-
-
-def solver_name(equations: Equations, settings: Settings) -> str:
-    """The name of the method that ``minimise`` takes."""
-    if settings.method is Method.CLOSED_FORM or _bound(equations, settings) is None:
-        return _name(equations, settings)
-    from mbm.solution.constrained.solve import method_name
-
-    return method_name(settings)
+    only_begin = (Method.AUTO, Method.DIRECT_SEARCH, Method.IPOPT)
+    return Method.MARQUARDT.value if method in only_begin else method.value
 
 
 def minimise(equations: Equations, start: Floats, settings: Settings, place: Place | None = None) -> Minimum:
@@ -80,16 +67,9 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
         from mbm.solution.implicit.approach import approached
 
         start = approached(equations, start, lambda plain, point: _roughly(plain, point, settings))
-    if _compiled(equations) and _name(equations, settings) in (LINEAR, MARQUARDT):
-        from mbm.solution.native.minimum import native_minimum
-
-        native = native_minimum(equations, start, settings)
-        if native is not None:
-            return with_pushed_bounds(equations, native)
-    solver = solver_for(equations, settings)
-    found = _from(equations, bound, solver, start, settings)
+    found = _from(equations, bound, start, settings)
     if found.reason in SINGULAR and settings.method is not Method.CLOSED_FORM:
-        others = (_from(equations, bound, solver, point, settings) for point in beside(equations, start, settings.seed))
+        others = (_from(equations, bound, point, settings) for point in beside(equations, start, settings.seed))
         found = next((other for other in others if other.reason not in SINGULAR), found)
     return with_pushed_bounds(equations, found)
 
@@ -97,19 +77,17 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
 def minima(equations: Equations, starts: Floats, settings: Settings, place: Place | None = None) -> Iterator[Minimum]:
     """The minimum that each of many starts (T, N) leads to, as `minimise` finds it; native solves are made at once."""
     found: Iterable[Minimum | None] = (None for _ in starts)
-    alone = len(starts) < 2 or getattr(equations, "profiled", False) or not _compiled(equations)
-    if not alone and _name(equations, settings) in (LINEAR, MARQUARDT):
-        from mbm.solution.native.minimum import native_minima
+    alone = len(starts) < 2 or _sparse(equations, settings) or settings.method in (Method.CLOSED_FORM, Method.IPOPT)
+    if not alone and isinstance(equations, Assembled) and not equations.profiled:
+        if equations.constraints:
+            from mbm.solution.constrained.by_kernels import kernel_constrained_minima
 
-        found = native_minima(equations, starts, settings)
+            found = kernel_constrained_minima(equations, starts, settings)
+        else:
+            found = native_minima(equations, starts, settings)
     for start, native in zip(starts, found, strict=True):
-        each = minimise(equations, start, settings, place) if native is None else native
-        yield with_pushed_bounds(equations, each)
-
-
-def _compiled(equations: Equations) -> bool:
-    """Whether there may be machine code for the equations."""
-    return getattr(equations, "machine_code", None) is not None
+        each = native if native is not None and native.reason not in SINGULAR else None
+        yield with_pushed_bounds(equations, each or minimise(equations, start, settings, place))
 
 
 def _sparse(equations: Equations, settings: Settings) -> bool:
@@ -127,30 +105,33 @@ def _bound(equations: Equations, settings: Settings) -> ConstrainedEquations | N
     return for_constrained(equations, settings)
 
 
-def _from(
-    equations: Equations, bound: ConstrainedEquations | None, solver: Solver, start: Floats, settings: Settings
-) -> Minimum:
+def _from(equations: Equations, bound: ConstrainedEquations | None, start: Floats, settings: Settings) -> Minimum:
     """Where the solver gets from the start; ``bound`` are the equations if they have constraints."""
     if settings.method is not Method.CLOSED_FORM and bound is not None:
+        from mbm.solution.constrained.by_kernels import kernel_constrained_minimum
         from mbm.solution.constrained.solve import constrained_minimum
 
-        return constrained_minimum(bound, start, settings)
-    state = solver.init(equations, start, settings.tolerance)
-    reason = solver.finished(state)
-    iterations = 0
-    while reason is None and iterations < settings.max_iterations:
-        if settings.stopped():
-            reason = Reason.INTERRUPTED
-            break
-        state = solver.step(equations, state)
-        iterations += 1
-        reason = solver.finished(state)
-    found = solver.minimum(state, reason or Reason.MAX_ITERATIONS)
+        native = kernel_constrained_minimum(equations, start, settings, _stopped(settings))
+        return constrained_minimum(bound, start, settings) if native is None else native
+    if _sparse(equations, settings):
+        # Here and below: methods that few problems need are loaded by those that do, so that small ones start at once.
+        from mbm.solution.sparse.marquardt import sparse_minimum
+
+        found = sparse_minimum(equations, start, settings)
+    else:
+        found = native_minimum(equations, start, settings, _stopped(settings))
+    if settings.method is Method.CLOSED_FORM and found.bad_row is None:
+        found = replace(found, reason=Reason.CLOSED_FORM)
     if bound is None:
         return found
     from mbm.solution.constrained.solve import with_constraints
 
     return with_constraints(bound, found)
+
+
+def _stopped(settings: Settings) -> Callable[[], bool] | None:
+    """What is asked between iterations; None: nobody may interrupt."""
+    return settings.stopped if settings.interruption is not None else None
 
 
 def _roughly(equations: Equations, start: Floats, settings: Settings) -> Floats:

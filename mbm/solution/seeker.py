@@ -9,7 +9,7 @@ from itertools import islice
 
 import numpy as np
 
-from mbm.problem.types import Method, Problem
+from mbm.problem.types import Problem
 from mbm.solution.agreement import Agreement
 from mbm.solution.assembly import Assembled
 from mbm.solution.basins import Basin, ends_apart, merged, ways_down, without_twins
@@ -23,9 +23,6 @@ from mbm.solution.types import Floats, Minimum
 
 ALONE = 3
 """Up to so many starts each is minimised by itself: a batch pays only for many."""
-
-ITERATIVE = (Method.AUTO, Method.MARQUARDT, Method.DOGLEG, Method.GAUSS_NEWTON)
-"""Methods that a descent of many points at once may stand in for, before they polish its ends."""
 
 POLISHED = 200
 """Distinct ends of a batch that are minimised to the last digits, the lowest first."""
@@ -49,7 +46,7 @@ class Seeker:
         self.iterations = 0
         self.evaluations = 0
         small = equations.count * equations.dimension <= LARGE and equations.dimension <= WIDE
-        moving = settings.method in ITERATIVE
+        moving = settings.iterative
         # Errors in measured columns leave the residuals comparable at the measured values, though not their descent.
         self._comparable = (
             small and not equations.constraints and moving and min(equations.count, equations.dimension) > 0

@@ -55,6 +55,11 @@ class Settings:
         """The closed forms, in the order in which they are tried."""
         return self.forms()
 
+    @property
+    def iterative(self) -> bool:
+        """The method goes on from any start, by one of the rules of steps of the trust region."""
+        return self.method in (Method.AUTO, Method.MARQUARDT, Method.DOGLEG, Method.GAUSS_NEWTON)
+
     def threads(self, starts: int) -> int:
         """Threads for so many starts."""
         return max(1, min(self.workers or os.cpu_count() or 1, starts // FEW))

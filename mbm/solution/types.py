@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import field
 from enum import Enum
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -213,31 +213,6 @@ class Minimum:
     def feasible(self) -> bool:
         """Every constraint holds."""
         return self.constraints is None or not bool(self.constraints.violated.any())
-
-
-class Solver(Protocol):
-    """An iterative method: ``state = init(…)``, then ``step`` until ``finished``; states are immutable values."""
-
-    @property
-    def name(self) -> str:
-        """The name in ``(solve :method NAME)``."""
-        ...
-
-    def init(self, equations: Equations, start: Floats, tolerance: float) -> Any:
-        """The state at the start (projected into the bounds)."""
-        ...
-
-    def step(self, equations: Equations, state: Any) -> Any:
-        """The state after one iteration; the cost never grows."""
-        ...
-
-    def finished(self, state: Any) -> Reason | None:
-        """Why the iteration is over, or None while it is not."""
-        ...
-
-    def minimum(self, state: Any, reason: Reason) -> Minimum:
-        """The state as an answer."""
-        ...
 
 
 class Motion(Enum):

@@ -7,6 +7,7 @@ Arrays from an element on are views.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 
 from mbm.target.escaping import in_docstring
 from mbm.target.kinds import Held, Kind, Record, Records, Type
@@ -52,13 +53,35 @@ _NAMES: Mapping[Intrinsic, str] = {
 }
 
 
+PRIMITIVES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "dot": ("return a[:n] @ b[:n]",),
+        "add_multiple": ("target[:n] += factor * a[:n]",),
+        "copied": ("target[:n] = a[:n]",),
+        "filled": ("target[:n] = value",),
+        "rotate": (
+            "turned = cosine * a[:width] - sine * b[:width]",
+            "b[:width] = sine * a[:width] + cosine * b[:width]",
+            "a[:width] = turned",
+        ),
+        "append_rows": (
+            "own = triangle[: width * width].reshape(width, width)",
+            "more = as_strided(chunk, (rows, width), (chunk.itemsize, stride * chunk.itemsize))",
+            'own[:] = qr(vstack([own, more]), mode="r")',
+        ),
+    }
+)
+"""Bodies of the array primitives of `solver.linear_algebra` by NumPy's own: the last bits of their sums may differ."""
+
+
 def definition(function: Function) -> str:
     """A whole function with its documentation."""
     parameters = ", ".join(p.name for p in function.parameters)
     lines = [f"def {function.name}({parameters}):"]
     if function.doc:
         lines.append('    """' + "\n    ".join(map(in_docstring, function.doc.split("\n"))) + '"""')
-    lines += _block(function.body, 1)
+    own = PRIMITIVES.get(function.name)
+    lines += _block(function.body, 1) if own is None else [f"    {line}" for line in own]
     return "\n".join(line.rstrip() for line in lines)
 
 
@@ -237,7 +260,9 @@ from numpy import (
     ceil, copysign, cos, cosh, exp, expm1, fabs, float64, floor, fmax, fmin, fmod, hypot, inf, isfinite, log, log1p, nan
 )
 from numpy import power as pow
-from numpy import sin, sinh, sqrt, tan, tanh
+from numpy import sin, sinh, sqrt, tan, tanh, vstack
+from numpy.lib.stride_tricks import as_strided
+from numpy.linalg import qr
 
 
 def greater(a, b):

@@ -299,19 +299,24 @@ def address(array: NDArray[Any]) -> int:
     return int(array.ctypes.data)
 
 
-def put(memory: NDArray[np.int64], kind: type, /, **values: NDArray[Any] | int) -> None:
-    """Let fields of a record in memory be numbers, or the addresses of arrays and of other records.
+def put(memory: Any, kind: type, /, **values: Any) -> None:
+    """Let fields of a record be numbers, arrays and other records: in memory their addresses.
 
-    Raises TypeError as `address` does.
+    ``memory`` is a record of interpreted text, or an array that machine code takes for one. Raises TypeError as
+    `address` does.
     """
-    places = slots_by_name(kind)
-    for name, value in values.items():
-        memory[places[name]] = value if isinstance(value, int) else address(value)
+    if isinstance(memory, np.ndarray):
+        places = slots_by_name(kind)
+        for name, value in values.items():
+            memory[places[name]] = value if isinstance(value, int) else address(value)
+    else:
+        for name, value in values.items():
+            setattr(memory, name, value.reshape(-1) if isinstance(value, np.ndarray) else value)
 
 
-def inside(memory: NDArray[np.int64], kind: type, name: str) -> NDArray[np.int64]:
-    """Where a record begins that lies inside of another one in memory."""
-    return memory[slot(kind, name) :]
+def inside(memory: Any, kind: type, name: str) -> Any:
+    """The record that lies inside of another one, as `put` takes it."""
+    return memory[slot(kind, name) :] if isinstance(memory, np.ndarray) else getattr(memory, name)
 
 
 def filled(kind: type, /, **values: NDArray[Any] | int) -> NDArray[np.int64]:

@@ -30,13 +30,13 @@ def distinct_arrays(function: Some) -> Some:
 def call_kernel(address: Integer, inputs: ConstantReals, outputs: Reals, blocks: Integer) -> None:
     """`CALL_KERNEL` for solvers that run as Python: call the machine code at ``address``."""
     signature = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
-    signature(address)(inputs.ctypes.data, outputs.ctypes.data, blocks)
+    signature(int(address))(inputs.ctypes.data, outputs.ctypes.data, blocks)
 
 
 def call_fused(address: Integer, point: ConstantReals, data: ConstantReals, target: Reals, stride: Integer) -> None:
     """`CALL_FUSED` likewise."""
     signature = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)
-    signature(address)(point.ctypes.data, data.ctypes.data, target.ctypes.data, stride)
+    signature(int(address))(point.ctypes.data, data.ctypes.data, target.ctypes.data, stride)
 
 
 def call_normal(
@@ -44,4 +44,4 @@ def call_normal(
 ) -> None:
     """`CALL_NORMAL` likewise."""
     signature = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4, ctypes.c_int64)
-    signature(address)(inputs.ctypes.data, weights.ctypes.data, losses.ctypes.data, sums.ctypes.data, blocks)
+    signature(int(address))(inputs.ctypes.data, weights.ctypes.data, losses.ctypes.data, sums.ctypes.data, blocks)

@@ -1,1 +1,1 @@
-"""Conformance suites for what plugs in (readers, evaluation backends, solvers), for those who write one."""
+"""Conformance suites for what plugs in (readers, evaluation backends, methods), for those who write one."""

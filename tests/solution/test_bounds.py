@@ -9,8 +9,6 @@ from scipy.optimize import least_squares, lsq_linear
 from mbm.problem.types import Method
 from mbm.solution.minimise import minimise
 from mbm.solution.settings import Settings
-from mbm.solution.solvers.box import boxed_step
-from mbm.solution.solvers.gauss_newton import gauss_newton_step
 from tests.solution.classics import CLASSICS, Functions
 
 BOUNDED = {
@@ -112,26 +110,3 @@ def test_positive_coordinate_drawn_to_zero_counts_as_at_its_bound():
     assert found.at_bound.tolist() == [-1, 0]
     # min over y of (y-2)² + (y-3)².
     assert found.point[1] == pytest.approx(2.5, rel=1e-12)
-
-
-@pytest.mark.parametrize(("radius", "second"), [(5.0, 3.0), (10.0, np.sqrt(84.0)), (np.inf, 50.0)])
-def test_what_a_bound_stops_counts_for_the_length_of_the_step(radius, second):
-    """A step from (0, 0) to (200, 50), whose first coordinate, counted twice, ends at 2: √(radius² - 4²) is left."""
-    scale = np.array([2.0, 1.0])
-    residuals = np.array([-200.0, -50.0])
-    gaps = np.full(2, -np.inf), np.array([2.0, np.inf])
-    step = boxed_step(np.eye(2), residuals, scale, np.ones(2, dtype=bool), gaps, gauss_newton_step, radius)
-    np.testing.assert_allclose(step.vector, [2.0, second], rtol=1e-12)
-    assert step.stopped.tolist() == [True, False]
-    assert step.length == pytest.approx(np.hypot(4.0, second), rel=1e-12)
-    # What is left of the squares: (200 - 2)² + (50 - second)².
-    assert step.predicted == pytest.approx(200**2 - 198**2 + 50**2 - (50 - second) ** 2, rel=1e-12)
-
-
-def test_a_bound_that_takes_the_whole_length_leaves_nothing_for_others():
-    gaps = np.full(2, -np.inf), np.array([7.0, np.inf])
-    residuals = np.array([-200.0, -1e-3])
-    step = boxed_step(np.eye(2), residuals, np.ones(2), np.ones(2, dtype=bool), gaps, gauss_newton_step, 7.0)
-    # The direction is (200, 0.001), shortened to 7: that is within the bound.
-    np.testing.assert_allclose(step.vector, [7.0, 3.5e-5], rtol=1e-9)
-    assert step.length == pytest.approx(7.0, rel=1e-12)

@@ -53,16 +53,10 @@ def test_who_asks_for_it_is_told(broken: Path) -> None:
 
 
 @pytest.mark.parametrize("backend", ["numpy", "casadi"])
-def test_interpreters_load_nothing_native(backend: str, tmp_path: Path) -> None:
-    """Neither the code generator nor what drives compiled solvers."""
+def test_interpreters_make_no_kernels_of_machine_code(backend: str, tmp_path: Path) -> None:
+    """Only the solver, which is the same for all problems."""
     (tmp_path / "p.mbm").write_text(TEXT, "utf-8")
-    native = (
-        "llvmlite",
-        "mbm.kernels.native",
-        "mbm.kernels.backends.native",
-        "mbm.solution.native",
-        "mbm.target.solver",
-    )
+    native = ("mbm.kernels.native.normal", "mbm.kernels.backends.native")
     code = f"""
 import sys
 from mbm.cli.main import run
@@ -71,3 +65,14 @@ print([name for name in sys.modules if name.startswith({native!r})], file=sys.st
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stderr == "[]\n"
+
+
+@pytest.mark.parametrize("backend", ["auto", "numpy", "casadi"])
+def test_without_machine_code_the_text_of_the_solver_runs_as_python(backend: str, broken: Path) -> None:
+    """The same digits as with it."""
+    solved = called(broken, "solve", "--backend", backend)
+    assert solved.returncode == 0, solved.stderr
+    with_it = subprocess.run(
+        [sys.executable, "-m", "mbm", "solve", str(broken / "p.mbm")], capture_output=True, text=True, check=True
+    )
+    assert solved.stdout == with_it.stdout

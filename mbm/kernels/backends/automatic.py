@@ -44,7 +44,7 @@ def backend(store: Store | None) -> Backend:
     from mbm.kernels.native.engine import hindrance
 
     reason = hindrance(store)
-    return NativeBackend(store=store, name="auto") if reason is None else InterpretingBackend(reason)
+    return NativeBackend(store=store, name="auto") if reason is None else InterpretingBackend(reason, store=store)
 
 
 def suited(chosen: Backend, kernels: KernelSet) -> Backend:
@@ -55,4 +55,5 @@ def suited(chosen: Backend, kernels: KernelSet) -> Backend:
     length = sum(len(kernel.jacobian_program.instructions) for kernel in kernels.kernels)
     if count <= MOST_KERNELS and length <= MOST_INSTRUCTIONS:
         return chosen
-    return InterpretingBackend(f"{count} kernels with {length} instructions take longer to compile than to solve")
+    reason = f"{count} kernels with {length} instructions take longer to compile than to solve"
+    return InterpretingBackend(reason, store=getattr(chosen, "store", None))

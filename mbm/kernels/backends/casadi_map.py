@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi
 import numpy as np
@@ -13,6 +13,9 @@ from mbm.kernels.backends import numpy_stream
 from mbm.kernels.functions import function_of
 from mbm.kernels.types import Floats, Kernel, Stream
 from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.kernels.store import Store
 
 MAPPED_ROWS = 1024
 """Rows of one mapped function: CasADi's time to make it grows with its rows, so that many rows call it many times."""
@@ -78,6 +81,8 @@ class CasadiBackend:
     """The default: small and large numbers of rows alike."""
 
     name: str = "casadi"
+    store: Store | None = None
+    """What keeps the solver's machine code."""
 
     def prepare(self, kernel: Kernel, rows: int) -> _Evaluation:
         """Buffers for ``rows`` rows; the mapped functions are made when first called."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 from mbm.kernels.types import Floats, Kernel
 from mbm.target.program import Operator, Program
 from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.kernels.store import Store
 
 BLOCK = 1024
 """Rows evaluated together: their values stay in the cache, and Python's share of the work is small."""
@@ -165,6 +169,8 @@ class NumpyBackend:
     """For many rows, and wherever CasADi's virtual machine is not wanted."""
 
     name: str = "numpy"
+    store: Store | None = None
+    """What keeps the solver's machine code."""
 
     def prepare(self, kernel: Kernel, rows: int) -> _Evaluation:
         """Buffers for ``rows`` rows; the buffers for results are made when first called."""

@@ -7,7 +7,7 @@ import numpy as np
 from mbm.solution.constrained.linearise import met
 from mbm.solution.constrained.minimise import Constrained
 from mbm.solution.constrained.types import ConstrainedEquations, Linearised
-from mbm.solution.solvers.state import first_bad
+from mbm.solution.metric import first_bad
 from mbm.solution.types import ConstraintState, Floats, Mask, Minimum, Reason
 from mbm.target.decisions import MET, PUSHED
 

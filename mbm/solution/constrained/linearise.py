@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.solution.constrained.types import ConstrainedEquations, Linearised
-from mbm.solution.metric import metric
-from mbm.solution.solvers.scaled import column_norms, magnitudes
+from mbm.solution.metric import column_norms, magnitudes, metric
 from mbm.solution.types import Floats, Mask
 from mbm.target.decisions import EPSILON, MET, ROUNDING_ERRORS
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbm.problem.types import Method
 from mbm.solution.constrained.linearise import violations
 from mbm.solution.constrained.types import ConstrainedEquations, Stopped, never
 from mbm.solution.forwarding import Forwarding
-from mbm.solution.solvers.marquardt import MARQUARDT
-from mbm.solution.types import Equations, Floats, Minimum, Profiled, Reason
+from mbm.solution.native.minimum import native_minimum
+from mbm.solution.settings import Settings
+from mbm.solution.types import Equations, Floats, Minimum, Profiled
 from mbm.values import dataclass
 
 
@@ -83,14 +85,8 @@ def updated(penalties: Penalised, x: Floats) -> Floats:
 
 def marquardt(equations: Equations, start: Floats, tolerance: float, limit: int, stopped: Stopped = never) -> Minimum:
     """The minimum by Marquardt's method."""
-    state = MARQUARDT.init(equations, start, tolerance)
-    reason = MARQUARDT.finished(state)
-    while reason is None and state.iterations < limit:
-        if stopped():
-            return MARQUARDT.minimum(state, Reason.INTERRUPTED)
-        state = MARQUARDT.step(equations, state)
-        reason = MARQUARDT.finished(state)
-    return MARQUARDT.minimum(state, reason or Reason.MAX_ITERATIONS)
+    settings = Settings(method=Method.MARQUARDT, max_iterations=limit, tolerance=tolerance)
+    return native_minimum(equations, start, settings, None if stopped is never else stopped)
 
 
 def least_violation(

@@ -12,11 +12,11 @@ from math import inf, isfinite, sqrt
 
 import numpy as np
 
+from mbm.solution.constrained.box import Box, box_of
 from mbm.solution.constrained.curvature import lagrangian_model
 from mbm.solution.constrained.linearise import finite, linearise, met, violations
 from mbm.solution.constrained.quadratic import Solved, Subproblem, solve
 from mbm.solution.constrained.types import ConstrainedEquations, Linearised, Stopped, never
-from mbm.solution.solvers.box import Box, box_of
 from mbm.solution.types import Floats, Reason
 from mbm.target.decisions import EPSILON, EXACT, LEAST_GAIN_RATIO, POLISH, SETTLED, SLOW_KKT
 from mbm.target.step_control import relative_offset

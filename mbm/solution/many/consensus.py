@@ -19,7 +19,7 @@ from mbm.solution.types import Floats, Indices, Mask
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.solution.native.code import SolverCode
+    from mbm.solution.native.code import AnyCode
     from mbm.solution.native.consensus import ConsensusEnds
     from mbm.solution.native.consensus_rules import Rules
     from mbm.solution.native.system import NativeSystem
@@ -35,7 +35,7 @@ class _Ruled:
 
     stack: Stack
     native: NativeSystem
-    code: SolverCode
+    code: AnyCode
     rules: Rules
     acting: tuple[bool, ...]
     known: Floats | None
@@ -150,8 +150,6 @@ def _ruled(
     consensus: Consensus,
     rules: Callable[[Block], bool],
 ) -> _Ruled | None:
-    if stack.equations.machine_code is None:
-        return None
     from mbm.solution.native.agreeing import left_out
     from mbm.solution.native.consensus_forms import known_form
     from mbm.solution.native.consensus_rules import NO_FORM, rules_of
@@ -181,12 +179,11 @@ def _ruled(
     startless = not bool(np.isfinite(points).all()) or bool(stack.equations.layout.guessed.any())
     if startless and (form is None or consensus.kind is ConsensusKind.GNC):  # whose starts decide more
         return None
-    cache = groups[0].cache
     return _Ruled(
         stack=stack,
         settings=settings,
         native=native,
-        code=native_code(cache.native, getattr(cache.backend, "store", None)).consensus,
+        code=native_code(groups[0].cache).consensus,
         rules=rules_of(
             problem,
             first,

@@ -34,9 +34,6 @@ def solver_of(stack: Stack, settings: Settings) -> Solver | None:
 
 def native_sets(stack: Stack, settings: Settings) -> NativeSystem | None:
     """The equations as a native system with a data set for each solve; None where native code does not handle them."""
-    if stack.equations.machine_code is None:
-        return None
-    # Loaded where native code may run only, so that everything works without it.
     from mbm.solution.native.system import system_of
 
     most = [int(rows.max(initial=0)) for rows in stack.rows]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from mbm.expression.nodes import Column, Component, Expression, LiteralMember, Member, RowChoice, leaves
 from mbm.kernels.types import KernelSet
-from mbm.problem.types import Method, Problem, UncertainColumn, Unknown
+from mbm.problem.types import Problem, UncertainColumn, Unknown
 from mbm.solution.layouts import columns_of, stated
 from mbm.solution.sampling import samplings
 from mbm.solution.settings import Settings
@@ -33,7 +33,7 @@ def suits(problem: Problem, kernels: KernelSet, split: frozenset[str]) -> bool:
 
 def asks_for_one_search(settings: Settings) -> bool:
     """Whether each solve is one descent, from the start that the problem states or from where consensus is."""
-    return settings.method in (Method.AUTO, Method.MARQUARDT) and settings.starts is None and settings.routine is None
+    return settings.iterative and settings.starts is None and settings.routine is None
 
 
 def _one_row_at_a_time(problem: Problem, kernels: KernelSet, split: frozenset[str]) -> bool:

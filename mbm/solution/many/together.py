@@ -94,7 +94,7 @@ def _made(
 ) -> Together | None:
     """The solves of a part; None where native code does not make them."""
     bound, window = part.bound, problem.request.window
-    if bound.equations.machine_code is None or any(len(groups) != 1 for groups in bound.derived):
+    if any(len(groups) != 1 for groups in bound.derived):
         return None
     if window is not None and _idle(bound):
         return None  # members that nothing is said of keep what they were in the window before

@@ -10,7 +10,6 @@ import numpy as np
 from mbm.problem.types import Block, Consensus, Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import Group
-from mbm.solution.native.code import NativeCode
 from mbm.solution.native.consensus import Rooms, consensus_many
 from mbm.solution.native.consensus_forms import KnownForm, known_form
 from mbm.solution.native.consensus_rules import NO_FORM, Rules, rules_of
@@ -71,9 +70,7 @@ def agreed_natively(
         rules = learnt.rules[key] = rules_of(
             problem, plain, consensus, acting, seed=settings.seed, starts=len(begun), form=form
         )
-    code = _code(plain)
-    if code is None:
-        return None
+    code = native_code(plain.groups[0].cache)
     ends = consensus_many(
         system,
         code.consensus,
@@ -95,12 +92,6 @@ def agreed_natively(
         ambiguous=bool(ends.states[0, c.Verdict.ambiguous]),
         cut_short=ends.cut_short,
     )
-
-
-def _code(equations: Assembled) -> NativeCode | None:
-    """What native solves of the problem share; None where kernels are no machine code."""
-    backend = equations.machine_code
-    return None if backend is None else native_code(equations.groups[0].cache.native, backend.store)
 
 
 def left_out(group: Group) -> bool:

@@ -6,14 +6,14 @@ import ctypes
 from collections.abc import Callable, Sequence
 from dataclasses import field
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbm.kernels.native.sources import source_digest
-from mbm.kernels.types import Kernel, KernelSet
-from mbm.target.records import address
+from mbm.kernels.types import Backend, Kernel, KernelSet, MachineCode, Stream
+from mbm.target.records import address, blank
 from mbm.target.solver.description import LANES
 from mbm.values import dataclass
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from mbm.kernels.native.kernels import NativeKernels
     from mbm.kernels.native.normal import NormalKernels
     from mbm.kernels.store import Store
+    from mbm.solution.native.callbacks import CallbackKernels
+    from mbm.solution.native.interpreted import InterpretedCode
 
 UNOPTIMISED, OPTIMISED = 0, 2
 """Levels of optimisation."""
@@ -90,6 +92,10 @@ class SolverCode:
             elif not self._libraries:
                 self._libraries.append(kept(self._name, self._text, self._store, UNOPTIMISED))
 
+    def blank(self, kind: type) -> NDArray[np.int64]:
+        """Memory for a record, with nothing in it."""
+        return blank(kind)
+
     def routine(self, name: str, *kinds: type) -> Routine:
         """The public function ``name``; ``kinds`` says of each argument whether it is an array or an ``int``."""
         known = self._known
@@ -100,6 +106,9 @@ class SolverCode:
             signature = ctypes.CFUNCTYPE(ctypes.c_int64, *types)
             found = known[name] = Routine(signature(self._libraries[-1].address(name)), plain)
         return found
+
+
+AnyCode: TypeAlias = "SolverCode | InterpretedCode"
 
 
 def _text() -> str:
@@ -144,30 +153,56 @@ class Described:
 class NativeCode:
     """What native solves of one compiled problem share; local to it, as `EvaluationCache` is.
 
-    ``systems`` keeps descriptions by structure and settings.
+    ``systems`` keeps descriptions by structure and settings. With a ``backend`` whose kernels are machine code the
+    solver is machine code too; else that is looked into first, and where none can be made its text runs as Python.
     """
 
-    def __init__(self, store: Store | None) -> None:
-        self.store = store
-        self._solver: SolverCode | None = None
-        self._consensus: SolverCode | None = None
+    def __init__(self, backend: Backend | None) -> None:
+        self.store: Store | None = getattr(backend, "store", None)
+        self._sure = isinstance(backend, MachineCode)
+        self._solver: AnyCode | None = None
+        self._consensus: AnyCode | None = None
         self._kernels: dict[tuple[int, ...], NativeKernels | None] = {}
+        self._callbacks: dict[tuple[int, ...], CallbackKernels] = {}
         self.sums: dict[object, NormalKernels | None] = {}
         self.systems: dict[object, Described] = {}
 
     @property
-    def solver(self) -> SolverCode:
+    def solver(self) -> AnyCode:
         """The solver, compiled or fetched when first asked for."""
         if self._solver is None:
-            self._solver = SolverCode(self.store, "solver", _text)
+            self._solver = self._made("solver", _text)
         return self._solver
 
     @property
-    def consensus(self) -> SolverCode:
+    def consensus(self) -> AnyCode:
         """Consensus, likewise."""
         if self._consensus is None:
-            self._consensus = SolverCode(self.store, "consensus", _consensus_text)
+            self._consensus = self._made("consensus", _consensus_text)
         return self._consensus
+
+    def _made(self, name: str, text: Callable[[], str]) -> AnyCode:
+        if not self._sure:
+            from mbm.kernels.native.engine import hindrance
+
+            if hindrance(self.store) is not None:
+                # Loaded where there is nothing else.
+                from mbm.solution.native.interpreted import InterpretedCode
+
+                return InterpretedCode(name)
+        return SolverCode(self.store, name, text)
+
+    def callbacks(
+        self, numbers: Sequence[int], kernels: Sequence[Kernel], streams: Sequence[Stream]
+    ) -> CallbackKernels:
+        """Some kernels, the k-th under the number k, that the ``streams`` of a backend evaluate."""
+        key = tuple(numbers)
+        if key not in self._callbacks:
+            from mbm.solution.native.callbacks import CallbackKernels
+
+            widths = [(len(k.variables) + len(k.parameters), k.outputs, len(k.jacobian_rows)) for k in kernels]
+            self._callbacks[key] = CallbackKernels(streams, widths)
+        return self._callbacks[key]
 
     def kernels(self, numbers: Sequence[int], kernels: Sequence[Kernel], rows: int) -> NativeKernels | None:
         """The code of some kernels, the k-th under the number k; None where one cannot be printed."""

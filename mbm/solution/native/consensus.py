@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mbm.solution.native.code import SolverCode
+from mbm.solution.native.code import AnyCode
 from mbm.solution.native.consensus_rules import Rules
 from mbm.solution.native.packing import blocks_of
 from mbm.solution.native.system import AT_A_TIME, NativeSystem, never
 from mbm.solution.types import Floats, Indices, Mask
-from mbm.target.records import blank, put, view
 from mbm.target.records import inside as inside_of
+from mbm.target.records import put, view
 from mbm.target.solver import consensus_records as c
 from mbm.target.solver import description as of
 from mbm.target.solver.description import LANES
@@ -138,7 +138,7 @@ def side_by_side(system: Indices) -> Indices:
 
 def consensus_many(
     system: NativeSystem,
-    code: SolverCode,
+    code: AnyCode,
     rules: Rules,
     starts: Floats,
     forms: Floats | None = None,
@@ -164,8 +164,7 @@ def consensus_many(
     """
     count = len(system.rows.data)
     units_at = units_at_of(system, rules)
-    total = int(units_at[-1])
-    numbers = int(system.system[of.Problem.numbers])
+    total, numbers = int(units_at[-1]), int(system.system[of.Problem.numbers])
     known = np.zeros(1) if forms is None else np.ascontiguousarray(forms, dtype=np.float64)
     begun = np.ascontiguousarray(starts, dtype=np.float64)
     room = (rooms or Rooms()).of(system, rules)
@@ -174,14 +173,14 @@ def consensus_many(
     points, states = np.zeros((count, numbers)), np.zeros((count, c.ANSWERS), dtype=np.int64)
     inside, limits, variances = np.zeros(total, dtype=np.int64), np.zeros(total), np.zeros(total)
     code.expect(count * TRIALS * system.expected)
-    every = blank(c.ConsensusBatch)
+    every = code.blank(c.ConsensusBatch)
     rows = system.rows
     put(every, c.ConsensusBatch, problem=room.header, data=rows.data, stride=int(rows.data.shape[1]), units_at=units_at)
     put(every, c.ConsensusBatch, forms=known, starts=begun, numbers=points, verdicts=states)
     put(every, c.ConsensusBatch, inlier=inside, limits=limits, noise=variances)
 
     def part(first: int, last: int) -> None:
-        mine, *_held = _ready(system, room, rules, every)
+        mine, *_held = _ready(code, system, room, rules, every)
         routine = code.routine("consensus_many", object)
         step = int(max(AT_A_TIME / (TRIALS * system.expected), 1))
         end = first
@@ -194,9 +193,10 @@ def consensus_many(
     cut = False
     if count == 1 and stopped is not never:
         most = int(max(AT_A_TIME / system.expected, 1))
-        cut = _by_and_by(code, _ready(system, room, rules, every), most, stopped)
+        cut = _by_and_by(code, _ready(code, system, room, rules, every), most, stopped)
     else:
         _shared(part, count, workers)
+    system.failed()
     return ConsensusEnds(
         points=points,
         states=states,
@@ -207,9 +207,9 @@ def consensus_many(
     )
 
 
-def _ready(system: NativeSystem, room: Room, rules: Rules, every: Indices) -> tuple[NDArray[Any], ...]:
+def _ready(code: AnyCode, system: NativeSystem, room: Room, rules: Rules, every: Any) -> tuple[Any, ...]:
     """A batch with the scratch of one thread, and what they refer to."""
-    mine, work = every.copy(), blank(c.ConsensusWork)
+    mine, work = copy(every), code.blank(c.ConsensusWork)
     reals, integers = np.zeros(room.reals), np.zeros(room.integers, dtype=np.int64)
     put(work, c.ConsensusWork, rules=room.table, levels=rules.levels, reals=reals, integers=integers)
     system.hand(inside_of(work, c.ConsensusWork, "rows"))
@@ -229,7 +229,7 @@ def _shared(work: Callable[[int, int], None], count: int, workers: int) -> None:
         list(pool.map(work, cuts[:-1], cuts[1:]))
 
 
-def _by_and_by(code: SolverCode, ready: tuple[NDArray[Any], ...], most: int, stopped: Callable[[], bool]) -> bool:
+def _by_and_by(code: AnyCode, ready: tuple[Any, ...], most: int, stopped: Callable[[], bool]) -> bool:
     """The one data set of a system, in portions of ``most`` trials; the answers are those of all trials at once.
 
     Whether it was interrupted.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import Group
 from mbm.solution.robust.losses.barron import Barron
-from mbm.solution.types import Floats, Indices
+from mbm.solution.types import Equations, Floats, Indices
 from mbm.solution.whitening import Whitener
 from mbm.target.records import slot
 from mbm.target.solver import description as of
@@ -38,6 +38,20 @@ class Fused:
     table: Indices
     reals: int
     library: object = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Iteration:
+    """How a solve goes on: at ``most`` so many iterations, to a relative offset of ``tolerance``.
+
+    ``direct``: the one step of affine equations; ``strict`` and ``rule`` as in `description.Problem`.
+    """
+
+    most: int
+    tolerance: float
+    direct: bool = False
+    strict: bool = True
+    rule: int = of.MARQUARDT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -155,70 +169,108 @@ def structure_of(equations: Assembled) -> object:
 def system_arrays(
     equations: Assembled,
     addresses: Sequence[tuple[int, int, int]],
+    iteration: Iteration,
     *,
     most_rows: Sequence[int],
-    iterations: int,
-    tolerance: float,
-    direct: bool,
-    strict: bool = True,
+    at_a_time: int = ROWS_AT_A_TIME,
     summed_from: int = 0,
     fused: Fused | None = None,
 ) -> tuple[Indices, Floats]:
     """``system`` and ``constants`` for the groups of ``equations`` with up to ``most_rows`` rows each.
 
+    ``at_a_time`` residuals go through kernels together.
+
     ``addresses`` are those of values, Jacobian and sums (0: none) of each group's kernel, in the order of the groups,
     then constraints; ``summed_from`` is the number of rows from which
     the sums are taken, ``fused`` the function for the rows of some groups.
     """
-    layout, n = equations.layout, equations.dimension
+    n = equations.dimension
     groups = (*equations.groups, *equations.constraints)
-    numbers = layout.number[equations.free]
-    pieces = _pieces(equations)
-    constants = [np.zeros(of.BOUNDS_AT), equations.lower, equations.upper]
-    constants[0][of.TOLERANCE] = tolerance
-    places_at = of.HEADER
-    positive_at = places_at + n
-    curved_at = positive_at + n
-    blocks_at = curved_at + pieces.size
     blocks, tail, losses = _blocks(equations, addresses, len(groups) * of.BLOCK, of.BOUNDS_AT + 2 * n)
-    header = np.zeros(of.HEADER, dtype=np.int64)
     padded = [rounded_up(rows) for rows in most_rows]
     outputs, tangents, weights = blocks[:, [of.Block.outputs, of.Block.tangents, of.Block.weights]].T
     values = sum(g.kernel.outputs * r for g, r in zip(groups, most_rows, strict=True) if not g.whiteners)
-    chunk = max([ROWS_AT_A_TIME, *(LANES * outputs).tolist()])
+    chunk = max([ROWS_AT_A_TIME, min(at_a_time, int(outputs @ padded)), *(LANES * outputs).tolist()])
     chunk += -chunk % LANES
     kernels = (outputs + blocks[:, of.Block.nonzero_count]) * LANES * (chunk // (LANES * outputs))
     sums = np.where(blocks[:, of.Block.normal] == 0, 0, tangents * (tangents + 1) // 2 + tangents + 2)
-    for at, value in (
-        (of.Problem.numbers, len(layout.start)),
-        (of.Problem.n, n),
-        (of.Problem.component_count, len(pieces)),
+    sizes = (
         (of.Problem.residual_blocks, len(equations.groups)),
         (of.Problem.constraint_blocks, len(equations.constraints)),
         (of.Problem.most_multipliers, values),
-        (of.Problem.linear, equations.linear),
-        (of.Problem.boxed, _boxed(equations)),
-        (of.Problem.iterations, iterations),
-        (of.Problem.strict, strict),
         (of.Problem.most_residuals, int(outputs @ padded) + 4),
         (of.Problem.most_inputs, int((blocks[:, of.Block.variables] + blocks[:, of.Block.parameters]) @ padded)),
         (of.Problem.most_weights, int(np.where(weights > 0, weights, 2 * outputs) @ padded)),
         (of.Problem.chunk, chunk),
         (of.Problem.most_outputs, int(np.maximum(kernels, sums).max(initial=0))),
-        (slot(of.Problem, "number_of"), places_at),
-        (slot(of.Problem, "positive"), positive_at),
-        (slot(of.Problem, "components"), curved_at),
-        (slot(of.Problem, "blocks"), blocks_at),
-        (of.Problem.direct, direct),
         (of.Problem.summed_from, summed_from),
+    )
+    system = _described(equations, equations, iteration, sizes, [blocks.ravel(), *tail], fused)
+    return system, _constants(equations, iteration, losses)
+
+
+def function_arrays(
+    equations: Equations, base: Assembled | None, iteration: Iteration, fused: Fused
+) -> tuple[Indices, Floats]:
+    """``system`` and ``constants`` for equations of which ``fused`` gives all residuals.
+
+    ``base`` are those whose unknowns they have; None: a point is the coordinates, which steps add to.
+    """
+    rows = equations.count
+    sizes = (
+        (of.Problem.most_residuals, rows + 4),
+        (of.Problem.chunk, rows + -rows % 4),
+        (of.Problem.profiled, bool(getattr(equations, "profiled", False))),
+    )
+    system = _described(equations, base, iteration, sizes, [], fused)
+    return system, _constants(equations, iteration, [])
+
+
+def _described(
+    equations: Equations,
+    base: Assembled | None,
+    iteration: Iteration,
+    sizes: Sequence[tuple[int, int]],
+    tables: Sequence[Indices],
+    fused: Fused | None,
+) -> Indices:
+    """The header, with what ``sizes`` puts there, and its tables: coordinates, components, then the blocks' own."""
+    n = equations.dimension
+    number_of = np.arange(n) if base is None else base.layout.number[base.free]
+    components = np.zeros((0, of.PIECE), dtype=np.int64) if base is None else _pieces(base)
+    blocks_at = of.HEADER + 2 * n + components.size
+    header = np.zeros(of.HEADER, dtype=np.int64)
+    for at, value in (
+        (of.Problem.numbers, n if base is None else len(base.layout.start)),
+        (of.Problem.n, n),
+        (of.Problem.component_count, len(components)),
+        (of.Problem.linear, equations.linear),
+        (of.Problem.boxed, _boxed(equations)),
+        (of.Problem.iterations, iteration.most),
+        (of.Problem.strict, iteration.strict),
+        (of.Problem.rule, iteration.rule),
+        (of.Problem.direct, iteration.direct),
+        (slot(of.Problem, "number_of"), of.HEADER),
+        (slot(of.Problem, "positive"), of.HEADER + n),
+        (slot(of.Problem, "components"), of.HEADER + 2 * n),
+        (slot(of.Problem, "blocks"), blocks_at),
+        *sizes,
     ):
         header[at] = value
+    last: list[Indices] = []
     if fused is not None:
-        header[slot(of.Problem, "fused")] = blocks_at + blocks.size + sum(table.size for table in tail)
+        header[slot(of.Problem, "fused")] = blocks_at + sum(table.size for table in tables)
         header[of.Problem.fused_reals] = fused.reals
-        tail.append(fused.table)
-    system = np.concatenate([header, numbers, equations.positive, pieces.ravel(), blocks.ravel(), *tail])
-    return system.astype(np.int64), np.ascontiguousarray(np.concatenate([*constants, *losses]), dtype=np.float64)
+        last.append(fused.table)
+    parts = [header, number_of, equations.positive, components.ravel(), *tables, *last]
+    return np.concatenate(parts).astype(np.int64)
+
+
+def _constants(equations: Equations, iteration: Iteration, losses: Sequence[Floats]) -> Floats:
+    """The tolerance, the bounds, and the parameters of losses."""
+    head = np.zeros(of.BOUNDS_AT)
+    head[of.TOLERANCE] = iteration.tolerance
+    return np.ascontiguousarray(np.concatenate([head, equations.lower, equations.upper, *losses]), dtype=np.float64)
 
 
 def _blocks(
@@ -263,7 +315,7 @@ def blocks_of(system: Indices) -> Indices:
     return np.asarray(system[first : first + count * of.BLOCK].reshape(count, of.BLOCK))
 
 
-def _boxed(equations: Assembled) -> bool:
+def _boxed(equations: Equations) -> bool:
     bounded = np.isfinite(equations.lower) | np.isfinite(equations.upper) | equations.positive
     return bool(bounded.any())
 

@@ -10,7 +10,7 @@ import numpy as np
 from mbm.problem.types import BlockRole, ConsensusKind, Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.native.agreeing import left_out
-from mbm.solution.native.code import SolverCode
+from mbm.solution.native.code import AnyCode
 from mbm.solution.native.consensus import ConsensusEnds, Rooms, consensus_many
 from mbm.solution.native.consensus_forms import KnownForm, known_form
 from mbm.solution.native.consensus_rules import NO_FORM, rules_of
@@ -37,7 +37,7 @@ class _Agreement:
     ``startless`` is true it holds only the numbers that the closed form does not give.
     """
 
-    code: SolverCode
+    code: AnyCode
     rules: ConsensusRules
     form: KnownForm | None
     equations: Assembled
@@ -186,7 +186,7 @@ def robust_stream_of(
     every = np.concatenate(sizes).astype(np.int64)
     cache = plain.groups[0].cache
     agreement = _Agreement(
-        code=native_code(cache.native, getattr(cache.backend, "store", None)).consensus,
+        code=native_code(cache).consensus,
         rules=asked,
         form=form,
         equations=plain,

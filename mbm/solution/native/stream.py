@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.problem.types import Method, Problem, UnknownKind
+from mbm.problem.types import Problem, UnknownKind
 from mbm.solution.assembly import Assembled
 from mbm.solution.challenge import USUAL
+from mbm.solution.native.code import Routine, SolverCode
 from mbm.solution.native.stream_ends import Rules, StreamEnds
 from mbm.solution.native.system import NativeEnds, NativeSystem, system_of
 from mbm.solution.settings import Settings
@@ -84,6 +85,7 @@ class Stream:
             cuts = np.linspace(0, count, workers + 1).astype(int).tolist()
             with ThreadPoolExecutor(workers) as pool:
                 list(pool.map(part, cuts[:-1], cuts[1:]))
+        self._system.failed()
         states = room.ends.states[:count]
         cost = room.ends.results[:count, of.COST].copy()
         freedom = states[:, of.FREEDOM]
@@ -99,6 +101,7 @@ class Stream:
         """Numbers, covariance and cost of the data set whose parameters are `single`; None where it is not clean."""
         rules = self._rules
         (self._function or self._code(1))(self._first)
+        self._system.failed()
         states = self._states.tolist()
         cost = self._single.ends.results.item(of.COST)
         freedom = states[of.FREEDOM]
@@ -114,7 +117,8 @@ class Stream:
         """The solver for so many data sets; it stays when there is none that is faster."""
         code = self._system.code
         code.expect(count * self._system.expected)
-        found: Callable[[int], int] = code.routine("solve_many", object).function
+        routine = code.routine("solve_many", object)
+        found: Callable[[int], int] = routine.function if isinstance(routine, Routine) else routine
         if code.fast:
             self._function = found
         return found
@@ -148,7 +152,7 @@ def stream_of(
     """
     if settings.routine is not None or sparse_suits(equations):
         return None
-    if settings.method not in (Method.AUTO, Method.MARQUARDT) or equations.lossy:
+    if not settings.iterative or equations.lossy:
         return None
     corrected = any(block.errors for block in problem.blocks)
     if corrected and settings.robust is not None:
@@ -163,7 +167,7 @@ def stream_of(
     if _estimated(problem) and len(problem.blocks) > 1:
         return None
     system = system_of(equations, settings, often=True)
-    if system is None:
+    if system is None or not isinstance(system.code, SolverCode):
         return None
     names = tuple(entry.unknown.name for entry in layout.entries)
     kind = (names, tuple(group.rows for group in equations.groups))

@@ -4,30 +4,46 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbm.problem.types import Method
 from mbm.solution.assembly import Assembled
-from mbm.solution.native.code import Described, NativeCode, SolverCode
-from mbm.solution.native.packing import Rows, rows_of, structure_of, system_arrays, triangle_kind
+from mbm.solution.binding import EvaluationCache, Group
+from mbm.solution.native.code import AnyCode, Described, NativeCode
+from mbm.solution.native.packing import (
+    ROWS_AT_A_TIME,
+    Iteration,
+    Rows,
+    rows_of,
+    structure_of,
+    system_arrays,
+    triangle_kind,
+)
 from mbm.solution.native.summing import sum_addresses, summable
 from mbm.solution.settings import Settings
-from mbm.solution.types import Floats, Indices
-from mbm.target.records import address, blank, inside, put, slot, view
+from mbm.solution.types import Equations, Floats, Indices
+from mbm.target.records import address, inside, put, slot, view
 from mbm.target.solver import description as of
 from mbm.target.solver import workspace as workspace
 from mbm.target.solver.batch import Solves
 from mbm.target.solver.workspace import Answer, Work, work_integers, work_reals
 from mbm.values import dataclass
 
+if TYPE_CHECKING:
+    from mbm.kernels.native.kernels import NativeKernels
+    from mbm.solution.native.callbacks import CallbackKernels
+
 MOST_COORDINATES = 80
 """Beyond, the blocked algebra of LAPACK is faster."""
 
 AT_A_TIME = 2e8
 """Products in one call, about a tenth of a second: between calls the user may interrupt."""
+
+ROWS_IN_PYTHON = 8192
+"""Residuals that go through kernels in Python at a time: a call takes as long as a thousand of them."""
 
 MANY_ROWS, MANY_ROWS_OFTEN = 500, 32
 """Rows of a group from which its normal equations are summed: the function for that takes its time to compile, so in
@@ -46,6 +62,10 @@ _GIVEN = ("constants", "parameters", "whitening", "index", "columns")
 def never() -> bool:
     """Nobody interrupts."""
     return False
+
+
+def nothing() -> None:
+    """Nothing failed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,26 +98,31 @@ class NativeEnds:
 class NativeSystem:
     """A system with its rows, ready to be solved.
 
-    ``code`` and ``held`` keep machine code alive.
+    ``code`` and ``held`` keep machine code alive; ``failed`` raises what ended an evaluation in Python, if one did.
     """
 
     system: Indices
     constants: Floats
     rows: Rows
-    code: SolverCode
+    code: AnyCode
     held: object = field(repr=False)
     scratch_sizes: tuple[int, int] | None = None
     """Reals and integers that a thread needs; None: they are still to be worked out."""
+    failed: Callable[[], None] = field(default=nothing, repr=False)
     _given: tuple[int, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        rows = self.rows
         if self.scratch_sizes is None:
             problem = view(of.Problem, self.system)
             object.__setattr__(self, "scratch_sizes", (int(work_reals(problem)), int(work_integers(problem))))
-        arrays = (self.constants, rows.parameters, rows.weights, rows.index, rows.columns)
         # Where they begin; asking for that takes longer than a small solve.
-        object.__setattr__(self, "_given", tuple(address(array) for array in arrays))
+        object.__setattr__(self, "_given", tuple(address(array) for array in self._arrays))
+
+    @property
+    def _arrays(self) -> tuple[NDArray[Any], ...]:
+        """What `Rows` has of a system, by the names of `_GIVEN`."""
+        rows = self.rows
+        return self.constants, rows.parameters, rows.weights, rows.index, rows.columns
 
     @property
     def dimension(self) -> int:
@@ -144,12 +169,14 @@ class NativeSystem:
 
         if workers <= 1 or count < 2:
             part(0, count)
+            self.failed()
             return ends
         cuts = np.linspace(0, count, min(workers, count) + 1).astype(int).tolist()
         from concurrent.futures import ThreadPoolExecutor  # loads what logs; one solve needs no threads
 
         with ThreadPoolExecutor(len(cuts) - 1) as pool:
             list(pool.map(part, cuts[:-1], cuts[1:]))
+        self.failed()
         return ends
 
     @property
@@ -175,37 +202,46 @@ class NativeSystem:
             multipliers=np.zeros((count, int(self.system[of.Problem.most_multipliers]))),
         )
 
-    def hand(self, rows: Indices) -> None:
-        """Let `Rows` in memory have what belongs to the system."""
-        for name, begin in zip(_GIVEN, self._given, strict=True):
-            rows[slot(workspace.Rows, name)] = begin
+    def hand(self, rows: Any) -> None:
+        """Let `Rows` have what belongs to the system."""
+        if isinstance(rows, np.ndarray):
+            for name, begin in zip(_GIVEN, self._given, strict=True):
+                rows[slot(workspace.Rows, name)] = begin
+        else:
+            put(rows, workspace.Rows, **dict(zip(_GIVEN, self._arrays, strict=True)))
 
-    def scratch(self, parameters: Floats | None = None) -> tuple[NDArray[Any], ...]:
+    def scratch(self, parameters: Floats | None = None) -> tuple[Any, ...]:
         """What one thread needs beside, as `Work`, and the arrays that it refers to; with other ``parameters``."""
         count, whole = self.scratch_sizes or (0, 0)
         reals, integers = np.empty(count), np.empty(whole, dtype=np.int64)
-        work = blank(Work)
+        work = self.code.blank(Work)
         put(work, Work, reals=reals, integers=integers)
         self.hand(inside(work, Work, "rows"))
         if parameters is not None:
             put(inside(work, Work, "rows"), workspace.Rows, parameters=parameters)
         return work, reals, integers
 
-    def solves(self, which: Indices, starts: Floats, ends: NativeEnds, work: Indices) -> Indices:
+    def solves(self, which: Indices, starts: Floats, ends: NativeEnds, work: Any) -> Any:
         """A batch as `Solves`, with the scratch of one thread."""
-        found = blank(Solves)
+        found = self.code.blank(Solves)
         put(found, Solves, problem=self.system, work=work, data=self.rows.data, which=which, starts=starts)
         put(inside(found, Solves, "answers"), Answer, **ends.arrays())
         return found
 
-    def one(self, start: Floats, *, which: int = 0, stopped: Callable[[], bool] | None = None) -> NativeEnds:
-        """Solve from one start (N,); ``stopped`` is asked before each iteration: what is reached comes back."""
+    def one(
+        self, start: Floats, *, which: int = 0, stopped: Callable[[], bool] | None = None, end: str = "finish_solve"
+    ) -> NativeEnds:
+        """Solve from one start (N,); ``stopped`` is asked before each iteration: what is reached comes back.
+
+        ``end`` is the routine that answers; `set_end` leaves out what is known about the answer there.
+        """
         ends = self.blank(1)
         begun = np.ascontiguousarray(start, dtype=np.float64)
         work = self.scratch()
         most = 1 if stopped is not None else int(max(AT_A_TIME / self._products, 1))
         self.code.expect(self.expected)
-        self._alone(begun, which, ends.arrays(), work, most, stopped or never)
+        self._alone(begun, which, ends.arrays(), work, most, stopped or never, end)
+        self.failed()
         return ends
 
     def _alone(
@@ -213,21 +249,21 @@ class NativeSystem:
         start: Floats,
         which: int,
         answer: Mapping[str, NDArray[Any]],
-        scratch: tuple[NDArray[Any], ...],
+        scratch: tuple[Any, ...],
         most: int,
         stopped: Callable[[], bool],
+        end: str = "finish_solve",
     ) -> None:
-        """One solve, ``most`` iterations at a time; ``answer`` are the arrays that it goes to."""
+        """One solve, ``most`` iterations at a time; ``answer`` are the arrays that the routine ``end`` puts it to."""
         begin = self.code.routine("start_solve", object, object, int, object, object)
-        go_on = self.code.routine("go_on", object, int, object).function
-        work = scratch[0].ctypes.data
-        put(inside(scratch[0], Work, "answer"), Answer, **answer)
-        begin(self.system, self.rows.data[which], 0, start, scratch[0])
-        system = self.system.ctypes.data
-        done = go_on(system, 0, work)
+        go_on = self.code.routine("go_on", object, int, object)
+        work = scratch[0]
+        put(inside(work, Work, "answer"), Answer, **answer)
+        begin(self.system, self.rows.data[which], 0, start, work)
+        done = go_on(self.system, 0, work)
         while not done and not stopped():
-            done = go_on(system, most, work)
-        self.code.routine("finish_solve", object, object).function(system, work)
+            done = go_on(self.system, most, work)
+        self.code.routine(end, object, object)(self.system, work)
 
 
 def handled(equations: object) -> bool:
@@ -243,6 +279,26 @@ def handled(equations: object) -> bool:
         return False
     known = all(loss.loss.kind in of.LOSSES for group in groups for loss in group.losses)
     return known and all(triangle_kind(w) is not None for group in groups for w in group.whiteners)
+
+
+def one_step_suits(equations: Equations) -> bool:
+    """Whether one linear step is the answer: affine residuals, no constraint, no bound and no `positive` unknown."""
+    bounded = np.isfinite(equations.lower) | np.isfinite(equations.upper) | equations.positive
+    constrained = bool(getattr(equations, "constraints", ()))
+    return equations.linear and not constrained and not bool(bounded.any())
+
+
+def iteration_of(equations: Equations, settings: Settings, *, direct: bool | None, strict: bool) -> Iteration:
+    """How equations are solved; ``direct`` and ``strict`` as in `system_of`."""
+    if direct is None:
+        direct = settings.method is Method.AUTO and one_step_suits(equations)
+    return Iteration(
+        most=0 if settings.method is Method.CLOSED_FORM else settings.max_iterations,
+        tolerance=settings.tolerance,
+        direct=direct,
+        strict=strict,
+        rule=of.RULES.get(settings.method.value, of.MARQUARDT),
+    )
 
 
 def _whole_units(equations: Assembled) -> bool:
@@ -271,44 +327,36 @@ def system_of(
     and to sum the normal equations of others from fewer rows on.
     """
     groups = (*equations.groups, *equations.constraints) if handled(equations) else ()
-    backend = equations.machine_code if groups else None
-    if backend is None:
+    if not groups:
         return None
-    code = native_code(groups[0].cache.native, backend.store)
-    numbers = [g.number for g in groups]
-    kernels = code.kernels(numbers, [g.kernel for g in groups], max(g.rows for g in groups))
-    if kernels is None:
-        return None
-    if direct is None:
-        boxed = np.isfinite(equations.lower).any() or np.isfinite(equations.upper).any() or equations.positive.any()
-        direct = equations.linear and not (equations.constraints or boxed) and settings.method is Method.AUTO
+    code = native_code(groups[0].cache)
+    kernels = _kernels(code, groups, compiled=equations.machine_code is not None)
+    guard = getattr(kernels, "guard", None)
+    iteration = iteration_of(equations, settings, direct=direct, strict=strict)
     rows = [g.rows for g in groups] if most_rows is None else list(most_rows)
     together: tuple[int, ...] = ()
     own: tuple[object, ...] = ()
-    if often:
+    if often and guard is None:
         # Loaded by streams only, so that one solve begins at once.
         from mbm.solution.native.fusing import fused_rows, places_of, unitable
 
         together = unitable(groups, rows)
         own = (together, places_of(groups, together))
-    key = (structure_of(equations), settings.max_iterations, settings.tolerance, direct, strict, own)
+    key = (structure_of(equations), iteration, own)
     known = code.systems.get(key)
     if known is None or any(a > b for a, b in zip(rows, known.rows, strict=True)):
         room = rows if known is None else [max(a, b) for a, b in zip(rows, known.rows, strict=True)]
         least = MANY_ROWS_OFTEN if often else MANY_ROWS
-        sums = sum_addresses(
-            code, [g if r >= least and summable(g) else None for g, r in zip(groups, room, strict=True)]
-        )
+        many = [g if guard is None and r >= least and summable(g) else None for g, r in zip(groups, room, strict=True)]
+        sums = sum_addresses(code, many)
         addresses = [(kernels.values_address(k), kernels.jacobian_address(k), sums[k]) for k in range(len(groups))]
         fused = fused_rows(equations, together, code.store) if any(together) else None
         system, constants = system_arrays(
             equations,
             addresses,
+            iteration,
             most_rows=room,
-            iterations=settings.max_iterations,
-            tolerance=settings.tolerance,
-            direct=direct,
-            strict=strict,
+            at_a_time=ROWS_AT_A_TIME if guard is None else ROWS_IN_PYTHON,
             summed_from=least,
             fused=fused,
         )
@@ -319,12 +367,22 @@ def system_of(
         rows=rows_of(equations),
         code=code.solver,
         held=(kernels, known, code),
+        failed=nothing if guard is None else guard.raise_failure,
     )
 
 
-def native_code(kept: dict[str, object], store: object) -> NativeCode:
-    """What native solves share, from what is ``kept`` for a problem."""
-    found = kept.get("code")
+def _kernels(code: NativeCode, groups: Sequence[Group], *, compiled: bool) -> NativeKernels | CallbackKernels:
+    """The kernels of groups, as machine code where that is wanted and can be made."""
+    numbers, kernels = [g.number for g in groups], [g.kernel for g in groups]
+    found = code.kernels(numbers, kernels, max(g.rows for g in groups)) if compiled else None
+    if found is not None:
+        return found
+    return code.callbacks(numbers, kernels, [g.cache.stream(g.number, g.kernel) for g in groups])
+
+
+def native_code(cache: EvaluationCache) -> NativeCode:
+    """What native solves of a problem share."""
+    found = cache.native.get("code")
     if not isinstance(found, NativeCode):
-        found = kept["code"] = NativeCode(store)  # type: ignore[arg-type]
+        found = cache.native["code"] = NativeCode(cache.backend)
     return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.solution.assembly import Assembled
-from mbm.solution.native.code import SolverCode
+from mbm.solution.native.code import AnyCode
 from mbm.solution.native.system import native_code
 from mbm.solution.types import Floats, Indices
 
@@ -13,21 +13,12 @@ PRODUCTS = 100.0
 """Products for one tail, about."""
 
 
-def solver_code(equations: Assembled) -> SolverCode:
-    """The compiled solver of equations whose kernels are machine code.
-
-    Raises:
-        TypeError: they are not.
-
-    """
-    backend = equations.machine_code
-    if backend is None:
-        message = "the kernels are not machine code"
-        raise TypeError(message)
-    return native_code(equations.groups[0].cache.native, backend.store).solver
+def solver_code(equations: Assembled) -> AnyCode:
+    """The solver's text for equations."""
+    return native_code(equations.groups[0].cache).solver
 
 
-def chi_square_tails(code: SolverCode, values: Floats, dof: Indices) -> Floats:
+def chi_square_tails(code: AnyCode, values: Floats, dof: Indices) -> Floats:
     """P(χ² > value) (n,) of values (n,) with ``dof`` (n,) degrees of freedom, at least one."""
     tails = np.empty(len(values))
     code.expect(PRODUCTS * len(values))

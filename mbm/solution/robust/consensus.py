@@ -222,9 +222,7 @@ def _natively(
     ruled: Callable[[Block], bool],
     points: Floats | None,
 ) -> Agreed | None:
-    """What native code says; None: it says nothing, or there is none."""
-    if equations.machine_code is None:
-        return None
+    """What native code says; None: it says nothing."""
     from mbm.solution.native.agreeing import agreed_natively
 
     return agreed_natively(problem, equations, settings, consensus, ruled, points)

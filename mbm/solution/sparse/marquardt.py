@@ -15,8 +15,9 @@ import numpy as np
 
 from mbm.kernels.types import MachineCode
 from mbm.solution.assembly import Assembled
+from mbm.solution.metric import first_bad
 from mbm.solution.pushing import pushed
-from mbm.solution.solvers.state import first_bad
+from mbm.solution.settings import Settings
 from mbm.solution.sparse.deferred import DeferredMatrix
 from mbm.solution.sparse.equations import blocked
 from mbm.solution.sparse.normal import Normal
@@ -87,42 +88,25 @@ class State:
     bad_row: int | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SparseMarquardt:
-    """For assembled equations, which are taken apart into blocks, and for equations that know their blocks.
+@np.errstate(all="ignore")
+def sparse_minimum(equations: Equations, start: Floats, settings: Settings) -> Minimum:
+    """The minimum that a start (N,) leads to; its Jacobian (m, n) becomes a SciPy CSR array when it is looked at.
 
-    ``workers`` threads share heavy work (None: one for each processor); the answers do not depend on their number.
+    Equations are assembled ones, which are taken apart into blocks, or know their blocks. Threads share heavy work; the
+    answers do not depend on their number.
     """
-
-    name: str = "lm-sparse"
-    workers: int | None = None
-
-    @np.errstate(all="ignore")
-    def init(self, equations: Equations, start: Floats, tolerance: float) -> State:
-        """The state at the start (projected into the bounds)."""
-        own = _blocks(equations)
-        if own is None:
-            message = "equations without blocks"
-            raise TypeError(message)
-        return _begun(own, start, tolerance, self.workers)
-
-    @np.errstate(all="ignore")
-    def step(self, equations: Equations, state: State) -> State:
-        """Trial steps with growing damping until one is accepted, or none can be."""
+    own = _blocks(equations)
+    if own is None:
+        message = "equations without blocks"
+        raise TypeError(message)
+    state = _begun(own, start, settings.tolerance, settings.workers)
+    while state.reason is None and state.iterations < settings.max_iterations and state.place is not None:
+        if settings.stopped():
+            return _answer(state, Reason.INTERRUPTED)
         here = state.place
-        if here is None:
-            return state
-        if here.cost <= here.rounding:
-            return replace(state, reason=Reason.EXACT_FIT, offset=0.0)
-        return _stepped(state.equations, state, here)
-
-    def finished(self, state: State) -> Reason | None:
-        """Why the iteration is over, or None while it is not."""
-        return state.reason
-
-    def minimum(self, state: State, reason: Reason) -> Minimum:
-        """The state as an answer; its Jacobian (m, n) becomes a SciPy CSR array when it is looked at."""
-        return _answer(state, reason)
+        exact = here.cost <= here.rounding
+        state = replace(state, reason=Reason.EXACT_FIT, offset=0.0) if exact else _stepped(own, state, here)
+    return _answer(state, state.reason or Reason.MAX_ITERATIONS)
 
 
 def _blocks(equations: Equations) -> BlockEquations | None:

@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from mbm.kernels.types import MachineCode
-from mbm.solution.solvers.scaled import magnitudes
+from mbm.solution.metric import magnitudes
 from mbm.solution.sparse.arithmetic import Arithmetic
 from mbm.solution.sparse.normal import Normal
 from mbm.solution.sparse.structure import Structure, Values

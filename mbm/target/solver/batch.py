@@ -139,6 +139,27 @@ def lossy(problem: Problem) -> Integer:
     return 0
 
 
+def set_end(problem: Problem, work: Work) -> None:
+    """Where a solve has ended and why, without what is known about the answer there."""
+    answer = work.answer
+    results = answer.results
+    states = answer.states
+    here = work.here
+    copied(problem.numbers, here.point, answer.numbers)
+    states[REASON] = work.stop
+    states[STEPS] = work.iterations
+    states[EVALUATIONS] = work.evaluations
+    states[ROUNDS] = work.round
+    states[DEFICIENT] = 1 if here.deficient > 0 else 0
+    results[OFFSET] = here.offset
+    results[COST] = here.cost
+    if work.stop == NOT_FINITE_AT_START:
+        for j in range(problem.n):
+            answer.sides[j] = 0
+    else:
+        set_sides(problem, work.rows.constants, here, answer.sides)
+
+
 def finish_solve(problem: Problem, work: Work) -> None:
     """The answer of a solve that has ended."""
     answer = work.answer
@@ -149,14 +170,7 @@ def finish_solve(problem: Problem, work: Work) -> None:
     covariance = answer.covariance
     n = problem.n
     here = work.here
-    copied(problem.numbers, here.point, answer.numbers)
-    states[REASON] = work.stop
-    states[STEPS] = work.iterations
-    states[EVALUATIONS] = work.evaluations
-    states[ROUNDS] = work.round
-    states[DEFICIENT] = 1 if here.deficient > 0 else 0
-    results[OFFSET] = here.offset
-    results[COST] = here.cost
+    set_end(problem, work)
     results[VIOLATION] = 0.0
     filled(problem.most_multipliers, 0.0, answer.multipliers)
     copied((n + 1) * (n + 1), here.triangle, triangle)
@@ -164,8 +178,6 @@ def finish_solve(problem: Problem, work: Work) -> None:
     point = here.point
     count = constraint_count(problem, work.rows.data)
     if work.stop == NOT_FINITE_AT_START:
-        for j in range(n):
-            sides[j] = 0
         states[FREEDOM] = 0
         states[DEFICIENT] = 1
         results[PLAIN_COST] = here.cost
@@ -174,7 +186,6 @@ def finish_solve(problem: Problem, work: Work) -> None:
         work.rank = 0
         work.loose = 0
         return
-    set_sides(problem, work.rows.constants, here, sides)
     if work.penalised == 1:
         size = residuals_at_point(problem, work.rows, point, 1, 0, residuals)
         results[COST] = dot(size, residuals, residuals)

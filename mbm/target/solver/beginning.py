@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import fabs, inf, isfinite, sqrt
 
-from mbm.target.decisions import REFINEMENTS, UNSCALED
+from mbm.target.decisions import MOST_DENSE, NEVER, REFINEMENTS, UNSCALED
 from mbm.target.solver.description import (
     LANES,
     NO_FINITE_STEP,
@@ -39,7 +39,10 @@ def begin(
     problem: Problem,
     work: Work,
 ) -> None:
-    """Everything where the iteration is, put into the bounds; `stop` says whether it is the end already."""
+    """Everything where the iteration is, put into the bounds; `stop` says whether it is the end already.
+
+    Among many unknowns the second-order term is not taken: it needs a Jacobian for each.
+    """
     n = problem.n
     place = work.here
     point = place.point
@@ -49,7 +52,7 @@ def begin(
         project(problem, work.rows.constants, x)
         place_coordinates(problem, x, point)
     work.curvature_known = 0
-    work.patience = 0
+    work.patience = NEVER if n > MOST_DENSE else 0
     work.residuals_here = 0
     work.count = work.rows.data.count + work.penalised * constraint_count(problem, work.rows.data)
     work.stop = RUNNING

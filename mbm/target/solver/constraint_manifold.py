@@ -15,7 +15,7 @@ from mbm.target.solver.covariance import set_reduced, set_scales
 from mbm.target.solver.description import Problem
 from mbm.target.solver.linear_algebra import cholesky, dot, filled, solve_transposed, solve_upper
 from mbm.target.solver.null_space import REPEATED, from_null_space, reflect_constraints, to_null_space
-from mbm.target.solver.steps import without_dependent
+from mbm.target.solver.steps import INDEPENDENT, without_dependent
 from mbm.target.solver.workspace import Linearisation, Work
 from mbm.target.step_control import relative_offset
 from mbm.target.words import Integer, Reals
@@ -121,7 +121,7 @@ def kkt_step(
         for k in range(width):
             factor[i * width + k] = small[i * (width + 1) + k]
         line[i] = -small[i * (width + 1) + width]
-    if without_dependent(width, factor, line) > 0:
+    if without_dependent(width, INDEPENDENT, factor, line) > 0:
         return 0
     if curved == 1 and corrected_right(problem, count, reflected, work) == 0:
         return 0

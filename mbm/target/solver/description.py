@@ -170,7 +170,13 @@ class Problem:
     iterations: Integer
     """Most iterations."""
     strict: Integer
-    """1: end at once where another method should take over (`UNSURE`); 0: go on and give the best that can be had."""
+    """1: end at once where the Jacobian is not of full rank (`UNSURE`), a column counts as dependent early; 0: go on
+    with steps of least length, a column counts as dependent where only rounding is left of it."""
+    rule: Integer
+    """How steps are limited: `MARQUARDT`, `DOGLEG` or `GAUSS_NEWTON`."""
+    profiled: Integer
+    """1: something is eliminated from the residuals: the Jacobian is not their derivative, though ``Jᵀ r`` is the exact
+    gradient of ``Σ r² / 2``."""
     most_residuals: Integer
     """Capacity for residuals: most ``Σ outputs · rows`` of a data set, rows of each block rounded up to LANES, and
     then 4 more."""
@@ -287,6 +293,16 @@ DEFICIENT = 4
 ROUNDS = 5
 """Rounds of the penalties or of the variance components."""
 STATES = 8
+
+# --- rules of steps ----------------------------------------------------------------------------------------------
+MARQUARDT = 0
+"""Damped steps (Levenberg 1944, Marquardt 1963, Moré 1978)."""
+DOGLEG = 1
+"""Along the gradient to its minimum, then straight towards the undamped step (Powell 1970)."""
+GAUSS_NEWTON = 2
+"""The undamped step, shortened (Hartley 1961)."""
+RULES: Mapping[str, int] = {"dogleg": DOGLEG, "gauss-newton": GAUSS_NEWTON}
+"""By the names that ``:method`` knows; all other methods that iterate are Marquardt's."""
 
 # --- reasons ----------------------------------------------------------------------------------------------------
 RUNNING = 0

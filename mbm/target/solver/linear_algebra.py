@@ -35,6 +35,15 @@ def add_multiple(n: Integer, factor: Real, a: ConstantReals, target: Reals) -> N
 
 
 @distinct_arrays
+def rotate(width: Integer, cosine: Real, sine: Real, a: Reals, b: Reals) -> None:
+    """A rotation of two vectors (width,)."""
+    for k in range(width):
+        value = cosine * a[k] - sine * b[k]
+        b[k] = sine * a[k] + cosine * b[k]
+        a[k] = value
+
+
+@distinct_arrays
 def copied(n: Integer, a: ConstantReals, target: Reals) -> None:
     """``target = a``."""
     for i in range(n):
@@ -138,10 +147,7 @@ def damped_triangle(
                 cosine = head / norm
                 sine = row[k] / norm
                 triangle[k * n + k] = norm
-                for i in range(k + 1, n):
-                    value = triangle[k * n + i]
-                    triangle[k * n + i] = cosine * value + sine * row[i]
-                    row[i] = cosine * row[i] - sine * value
+                rotate(n - k - 1, cosine, sine, row[k + 1 :], triangle[k * n + k + 1 :])
                 value = right[k]
                 right[k] = cosine * value + sine * rest
                 rest = cosine * rest - sine * value

@@ -1,8 +1,7 @@
 """A place: a point with all that depends on it alone, and the tests that end the iteration there.
 
-The tests, the metric and their constants are those of `solution.solvers.state`; the scaled triangle stands in for the
-singular value decomposition. Where a diagonal of it is as good as zero the place is *deficient*: steps along that
-column are zero then.
+Where a column of the scaled triangle is as good as dependent on those before it, the place is *deficient*: of all
+steps that do equally well the shortest is taken then.
 """
 
 from __future__ import annotations
@@ -14,10 +13,10 @@ from mbm.target.solver.description import BOUNDS_AT, EXACT_FIT, ROUNDING, RUNNIN
 from mbm.target.solver.linear_algebra import filled, times_transposed
 from mbm.target.solver.manifolds import coordinates_of
 from mbm.target.solver.newton import newton_step
-from mbm.target.solver.steps import boxed_step, norm_of, undamped_step, without_dependent
+from mbm.target.solver.steps import boxed_step, dependent_share, norm_of, undamped_step, without_dependent
 from mbm.target.solver.workspace import Linearisation, Work
 from mbm.target.step_control import relative_offset
-from mbm.target.words import ConstantReals, Integer, Reals, distinct_arrays
+from mbm.target.words import ConstantReals, Integer, Real, Reals, distinct_arrays
 
 
 @distinct_arrays
@@ -54,13 +53,15 @@ def set_metric(problem: Problem, x: ConstantReals, peak: ConstantReals, scale: R
 
 
 @distinct_arrays
-def set_factor(n: Integer, triangle: ConstantReals, scale: ConstantReals, factor: Reals, projected: Reals) -> Integer:
-    """The scaled triangle and Qᵀr; how many columns are as good as dependent on those before them."""
+def set_factor(
+    n: Integer, least: Real, triangle: ConstantReals, scale: ConstantReals, factor: Reals, projected: Reals
+) -> Integer:
+    """The scaled triangle and Qᵀr; how many columns are as good as dependent on those before them (share ``least``)."""
     for j in range(n):
         for i in range(n):
             factor[i * n + j] = triangle[i * (n + 1) + j] / scale[j] if i <= j else 0.0
         projected[j] = triangle[j * (n + 1) + n]
-    return without_dependent(n, factor, projected)
+    return without_dependent(n, least, factor, projected)
 
 
 @distinct_arrays
@@ -111,7 +112,8 @@ def arrive(
     noise = ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(place.cost))
     place.rounding = noise
     place.cost_rounding = 2.0 * noise * sqrt(place.cost) + noise * noise
-    deficient += set_factor(n, triangle, place.scale, place.factor, place.projected)
+    least = dependent_share(problem, work.count)
+    deficient += set_factor(n, least, triangle, place.scale, place.factor, place.projected)
     place.deficient = deficient
     filled(n, 1.0, place.free)
     if problem.boxed == 1:
@@ -167,13 +169,13 @@ def set_full_step(problem: Problem, place: Linearisation, curved: Integer, work:
     if problem.boxed == 1:
         promised = work.step_predicted
         length = work.step_length
-        boxed_step(problem, place, inf, 0, work, full, place.stopped)
+        boxed_step(problem, place, inf, work, full, place.stopped)
         place.predicted = work.step_predicted
         place.length = work.step_length
         work.step_predicted = promised
         work.step_length = length
         return
-    undamped_step(n, place.factor, projected, full)
+    undamped_step(n, place.factor, projected, work, full)
     inside = 0.0
     for j in range(n):
         if place.factor[j * n + j] != 0.0:

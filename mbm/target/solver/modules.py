@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from mbm.target.chi_square import chi_square_tails
 from mbm.target.from_python import module_of
-from mbm.target.solver.batch import finish_solve, go_on, solve_many, start_solve
+from mbm.target.solver.batch import finish_solve, go_on, set_end, solve_many, start_solve
 from mbm.target.solver.consensus import consensus_in_portions, consensus_many
 from mbm.target.tree import Module
 
 
 def solver_module(lanes: int) -> Module:
     """The solver for kernels that take ``lanes`` rows at a time."""
-    roots = (start_solve, go_on, finish_solve, solve_many, chi_square_tails)
+    roots = (start_solve, go_on, set_end, finish_solve, solve_many, chi_square_tails)
     return module_of("solver", roots, constants={"LANES": lanes})
 
 

@@ -10,10 +10,10 @@ from math import fabs, inf, sqrt
 
 from mbm.target.decisions import EPSILON, SHARE
 from mbm.target.solver.description import Problem
-from mbm.target.solver.linear_algebra import copied, dot, filled
+from mbm.target.solver.linear_algebra import copied, dot, filled, rotate
 from mbm.target.solver.null_space import from_null_space
 from mbm.target.solver.workspace import Work
-from mbm.target.words import ConstantReals, Integer, Real, Reals
+from mbm.target.words import ConstantReals, Integer, Reals
 
 SIZES = 10
 """Vector of scratch: one over the scales of the coordinates (n,)."""
@@ -21,14 +21,6 @@ SIZES = 10
 SWEEPS = 40
 NEGLIGIBLE = 1e-28
 """A product of two columns below this share of the largest square turns nothing that could be seen."""
-
-
-def rotate(width: Integer, cosine: Real, sine: Real, a: Reals, b: Reals) -> None:
-    """A rotation of two vectors (width,)."""
-    for k in range(width):
-        value = cosine * a[k] - sine * b[k]
-        b[k] = sine * a[k] + cosine * b[k]
-        a[k] = value
 
 
 def singular_values(width: Integer, small: ConstantReals, lines: Reals, right: Reals, singular: Reals) -> None:

@@ -1,17 +1,17 @@
-"""Steps: undamped, damped to a length (Marquardt's), and inside hard bounds.
+"""Steps: undamped, limited to a length (damped, Powell's dogleg, shortened), and inside hard bounds.
 
 They need the scaled triangle A (n, n) and ``projected`` = Qᵀr (n,) alone: ``‖J p + r‖² = ‖A s + projected‖² + c``
-for a step ``s = scale · p``. Moré (1978); Stark and Parker (1995) for the bounds. The rules are those of
-`solution.solvers`.
+for a step ``s = scale · p``. Moré (1978) for the damping; Stark and Parker (1995) for the bounds.
 """
 
 from __future__ import annotations
 
 from math import fabs, isfinite, sqrt
 
-from mbm.target.decisions import POSITIVE_KEPT, ROUNDING_OF_BOUNDS
-from mbm.target.solver.description import BOUNDS_AT, Problem
+from mbm.target.decisions import EPSILON, POSITIVE_KEPT, ROUNDING_OF_BOUNDS
+from mbm.target.solver.description import BOUNDS_AT, DOGLEG, GAUSS_NEWTON, Problem
 from mbm.target.solver.linear_algebra import (
+    add_multiple,
     append_rows,
     copied,
     damped_triangle,
@@ -26,7 +26,11 @@ from mbm.target.solver.workspace import Linearisation, Work
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, distinct_arrays
 
 INDEPENDENT = 1e-11
-"""A column whose part across those before it is below this share of the largest column is as good as dependent."""
+"""A column whose part across those before it is below this share of the largest column is as good as dependent, where
+another run is to follow if one is."""
+
+ROUNDED_COLUMN = 8.0 * EPSILON
+"""The same for the last run, for each row or column of the Jacobian: what rounding leaves of a dependent column."""
 
 
 @distinct_arrays
@@ -36,8 +40,12 @@ def norm_of(n: Integer, a: ConstantReals) -> Real:
 
 
 @distinct_arrays
-def undamped_step(n: Integer, factor: ConstantReals, projected: ConstantReals, step: Reals) -> None:
-    """The Gauss-Newton step in scaled coordinates (n,)."""
+def undamped_step(n: Integer, factor: ConstantReals, projected: ConstantReals, work: Work, step: Reals) -> None:
+    """The Gauss-Newton step in scaled coordinates (n,); where columns are dependent, the shortest one."""
+    for j in range(n):
+        if factor[j * n + j] == 0.0:
+            shortest_step(n, factor, projected, work, step)
+            return
     copied(n, projected, step)
     solve_upper(n, factor, step)
     for j in range(n):
@@ -45,21 +53,105 @@ def undamped_step(n: Integer, factor: ConstantReals, projected: ConstantReals, s
 
 
 @distinct_arrays
-def marquardt_step(
+def shortest_step(n: Integer, factor: ConstantReals, projected: ConstantReals, work: Work, step: Reals) -> None:
+    """The Gauss-Newton step of least length where rows of the triangle are zero with their diagonals.
+
+    With the triangle T of the transposed rows R that are left, ``RᵀR`` apart: ``s = -Rᵀ T⁻¹ T⁻ᵀ projected``, and once
+    more for what is left of it (corrected seminormal equations, Björck 1987).
+    """
+    columns = work.small_rows
+    triangle = work.damped
+    rest = work.right
+    rank = 0
+    for i in range(n):
+        if factor[i * n + i] != 0.0:
+            copied(n, factor[i * n :], columns[rank * n :])
+            rank += 1
+    filled(rank * rank, 0.0, triangle)
+    append_rows(rank, n, n, columns, triangle)
+    filled(n, 0.0, step)
+    for _ in range(2):
+        k = 0
+        for i in range(n):
+            if factor[i * n + i] != 0.0:
+                rest[k] = projected[i] + dot(n - i, factor[i * n + i :], step[i:])
+                k += 1
+        solve_transposed(rank, triangle, rest)
+        solve_upper(rank, triangle, rest)
+        k = 0
+        for i in range(n):
+            if factor[i * n + i] != 0.0:
+                add_multiple(n - i, -rest[k], factor[i * n + i :], step[i:])
+                k += 1
+
+
+def limited_step(
+    problem: Problem,
     n: Integer,
     factor: ConstantReals,
     projected: ConstantReals,
     radius: Real,
+    work: Work,
     step: Reals,
-    triangle: Reals,
-    right: Reals,
-    row: Reals,
 ) -> None:
-    """The undamped step where it is short enough, else the one of length ``radius`` (within 10 %), scaled."""
-    undamped_step(n, factor, projected, step)
+    """The undamped step where it is short enough, else the one that the problem's rule has inside ``radius``."""
+    undamped_step(n, factor, projected, work, step)
     length = norm_of(n, step)
-    if length <= 1.1 * radius:
+    if problem.rule == GAUSS_NEWTON:
+        if length > radius:
+            for j in range(n):
+                step[j] *= radius / length
+    elif problem.rule == DOGLEG:
+        if length > radius:
+            dogleg_step(n, factor, projected, radius, work.right, work.row, step)
+    elif length > 1.1 * radius:
+        damped_step(n, factor, projected, radius, work, step)
+
+
+@distinct_arrays
+def dogleg_step(
+    n: Integer,
+    factor: ConstantReals,
+    projected: ConstantReals,
+    radius: Real,
+    cauchy: Reals,
+    image: Reals,
+    step: Reals,
+) -> None:
+    """Where Powell's path to the undamped ``step`` leaves the ``radius`` (Powell 1970), in its place."""
+    times_transposed(n, factor, projected, cauchy)
+    times_upper(n, factor, cauchy, image)
+    curvature = dot(n, image, image)
+    share = -dot(n, cauchy, cauchy) / curvature if curvature > 0.0 else 0.0
+    for j in range(n):
+        cauchy[j] *= share
+    length = norm_of(n, cauchy)
+    if length >= radius:
+        for j in range(n):
+            step[j] = cauchy[j] * (radius / length)
         return
+    a = 0.0
+    b = 0.0
+    for j in range(n):
+        onward = step[j] - cauchy[j]
+        a += onward * onward
+        b += cauchy[j] * onward
+    c = length * length - radius * radius
+    root = b * b - a * c
+    part = -c / (b + sqrt(root if root > 0.0 else 0.0))
+    for j in range(n):
+        step[j] = cauchy[j] + part * (step[j] - cauchy[j])
+
+
+@distinct_arrays
+def damped_step(
+    n: Integer, factor: ConstantReals, projected: ConstantReals, radius: Real, work: Work, step: Reals
+) -> None:
+    """Marquardt's step of length ``radius`` (within 10 %) in place of the undamped one, which is longer (Moré 1978)."""
+    triangle = work.damped
+    right = work.right
+    row = work.row
+    length = norm_of(n, step)
     times_transposed(n, factor, projected, right)
     ceiling = norm_of(n, right) / radius
     copied(n, step, row)
@@ -164,9 +256,16 @@ def turn_into(n: Integer, k: Integer, row: Reals, other: Reals, end: Reals, othe
     other_end[0] = cosine * other_end[0] + sine * above
 
 
+def dependent_share(problem: Problem, residuals: Integer) -> Real:
+    """The share of the largest column below which what others leave of a column counts as none."""
+    if problem.strict == 1:
+        return INDEPENDENT
+    return ROUNDED_COLUMN * float(residuals if residuals > problem.n else problem.n)
+
+
 @distinct_arrays
-def without_dependent(n: Integer, factor: Reals, projected: Reals) -> Integer:
-    """Columns of a scaled triangle that are as good as dependent (`INDEPENDENT`) get the diagonal 0; how many.
+def without_dependent(n: Integer, least: Real, factor: Reals, projected: Reals) -> Integer:
+    """Columns of a scaled triangle of which others leave a share below ``least`` get the diagonal 0; how many.
 
     Such a column takes no part in a step. What its row says of the columns behind it is reflected into their own rows
     (Givens), and with it what the row says of the ``projected`` (n,): else it would be lost with the column.
@@ -180,7 +279,7 @@ def without_dependent(n: Integer, factor: Reals, projected: Reals) -> Integer:
             longest = square
     found = 0
     for j in range(n):
-        if not fabs(factor[j * n + j]) > INDEPENDENT * sqrt(longest):
+        if not fabs(factor[j * n + j]) > least * sqrt(longest):
             factor[j * n + j] = 0.0
             found += 1
             for k in range(j + 1, n):
@@ -188,33 +287,26 @@ def without_dependent(n: Integer, factor: Reals, projected: Reals) -> Integer:
     return found
 
 
-def step_of_part(count: Integer, radius: Real, limited: Integer, projected: ConstantReals, work: Work) -> None:
-    """The step of the columns chosen (`part`) into `part_step`, damped where ``limited``."""
-    if limited == 1:
-        marquardt_step(
-            count,
-            work.part,
-            projected,
-            radius,
-            work.part_step,
-            work.damped,
-            work.right,
-            work.row,
-        )
+def step_of_part(problem: Problem, count: Integer, radius: Real, projected: ConstantReals, work: Work) -> None:
+    """The step of the columns chosen (`part`) into `part_step`, undamped where the radius is infinite."""
+    if isfinite(radius):
+        limited_step(problem, count, work.part, projected, radius, work, work.part_step)
     else:
-        undamped_step(count, work.part, projected, work.part_step)
+        undamped_step(count, work.part, projected, work, work.part_step)
 
 
 def boxed_step(
     problem: Problem,
     place: Linearisation,
     radius: Real,
-    limited: Integer,
     work: Work,
     vector: Reals,
     stopped: Reals,
 ) -> None:
-    """The step restricted to the box: what leaves it first is put on its bound, until nothing does."""
+    """The step restricted to the box: what leaves it first is put on its bound, until nothing does.
+
+    An infinite ``radius`` does not limit it.
+    """
     n = problem.n
     factor = place.factor
     scale = place.scale
@@ -243,8 +335,8 @@ def boxed_step(
             copied(n, rest, part_projected)
         else:
             chosen_columns(n, factor, rest, count, work)
-            without_dependent(count, part, part_projected)
-        step_of_part(count, remaining, limited, part_projected, work)
+            without_dependent(count, dependent_share(problem, work.count), part, part_projected)
+        step_of_part(problem, count, remaining, part_projected, work)
         first = first_to_leave(problem, work.rows.constants, x, scale, count, chosen, trial)
         if first < 0:
             for k in range(count):

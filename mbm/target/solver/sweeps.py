@@ -19,6 +19,9 @@ from mbm.target.solver.slopes import penalise_slopes, root_slopes, scatter, whit
 from mbm.target.solver.workspace import Linearisation, Rows, Work
 from mbm.target.words import ConstantReals, Integer, Reals, call_kernel, distinct_arrays
 
+TOGETHER = 256
+"""Rows that go into a triangle at a time: with 25 unknowns they take 54 kB, which stay near."""
+
 HARMLESS = 1e6
 """A squared condition up to which sums of products give steps to 1e-9 of their length, and offsets likewise."""
 
@@ -37,7 +40,11 @@ def settle_chunk(
         add_products(width, count, stride, chunk, target)
         return
     if mode == 0:
-        append_rows(width, count, stride, chunk, target)
+        first = 0
+        while first < count:
+            some = count - first if count - first < TOGETHER else TOGETHER
+            append_rows(width, some, stride, chunk[first:], target)
+            first += TOGETHER
     else:
         for column in range(width - 1):
             target[column] += dot(rows, chunk[column * stride :], vector)

@@ -1,6 +1,6 @@
 """Trial steps: where a step inside the radius leads, and what the equations say there.
 
-As `solution.solvers.trust_region`; a second try answers the curvature met along the step (Transtrum and Sethna 2012).
+A second try answers the curvature met along the step (Transtrum and Sethna 2012).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mbm.target.solver.linear_algebra import (
     times_upper,
 )
 from mbm.target.solver.manifolds import coordinates_of, place_coordinates, retract
-from mbm.target.solver.steps import boxed_step, judge_step, land, marquardt_step
+from mbm.target.solver.steps import boxed_step, judge_step, land, limited_step
 from mbm.target.solver.sweeps import sweep
 from mbm.target.solver.workspace import Linearisation, Work
 from mbm.target.step_control import shortened
@@ -43,10 +43,10 @@ def step_within(problem: Problem, radius: Real, work: Work) -> None:
         work.step_length = place.length
         return
     if problem.boxed == 1:
-        boxed_step(problem, place, radius, 1, work, vector, stopped)
+        boxed_step(problem, place, radius, work, vector, stopped)
         return
     filled(n, 0.0, stopped)
-    marquardt_step(n, place.factor, place.projected, radius, vector, work.damped, work.right, work.row)
+    limited_step(problem, n, place.factor, place.projected, radius, work, vector)
     for j in range(n):
         vector[j] /= place.scale[j]
     judge_step(problem, place, vector, work)

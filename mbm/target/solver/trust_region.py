@@ -1,7 +1,9 @@
-"""One iteration of Marquardt's method, as `solution.solvers.trust_region` has it: the same tests and constants.
+"""One iteration of the trust region that Marquardt's method, the dogleg and Gauss-Newton share.
 
-Moré (1978) for the radius and its update; Newton's steps at the end where Gauss-Newton's are slow; last steps judged by
-the relative offset.
+Moré (1978) for the radius and its update. Added to it: trial points without a finite residual or Jacobian are refused
+and the radius shrinks; hard bounds; a second try along the curve where a step met curvature; Newton's steps at the end
+where Gauss-Newton's are slow; and last steps that are judged by the relative offset of Bates and Watts (1981) instead
+of the sum of squares, because the sum of squares stops telling points apart at half the digits.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Problems solved twice, natively and by the general path."""
+"""Problems solved twice, by kernels that the solver calls and by equations that are asked as a whole."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import mbm
+import mbm.solution.constrained.by_kernels as constrained
 import mbm.solution.native.minimum as native
 from mbm.solution import challenge, minimise, search, weighing
 
@@ -13,24 +14,29 @@ pytest.importorskip("llvmlite")
 
 
 class Both:
-    """Every minimum that a solve asks for, by the general path and natively: pairs with the equations and the start."""
+    """Every minimum that a solve asks for, with and without kernels (None: not by these).
+
+    Each with the equations, the start and the settings.
+    """
 
     def __init__(self, monkeypatch):
         self.found = []
-        own, ask = native.native_minimum, minimise.minimise
+        ask = minimise.minimise
 
         def twice(equations, start, settings, place=None):
-            asked = []
+            begun = []
 
-            def refused(of, begun, _):
-                asked.extend([begun] if of is equations else [])
+            def refused(of, at, *_):
+                begun.extend([at] if of is equations else [])
 
             with monkeypatch.context() as without:
-                without.setattr(native, "native_minimum", refused)
+                without.setattr(native, "kernel_minimum", refused)
+                without.setattr(constrained, "kernel_constrained_minimum", refused)
                 general = ask(equations, start, settings, place)
-            # Where measured values have errors, the general path looks for a better start first.
-            begun = asked[0] if asked else start
-            self.found.append((equations, start, settings, general, own(equations, begun, settings)))
+            # Where measured values have errors, a better start is looked for first.
+            at = begun[0] if begun else start
+            own = constrained.kernel_constrained_minimum if equations.constraints else native.kernel_minimum
+            self.found.append((equations, at, settings, general, own(equations, at, settings)))
             return general
 
         for module in (search, weighing, challenge):

@@ -1,4 +1,4 @@
-"""The native path gives the minima of the general one: on every problem of ``problems/`` and on kinds of their own."""
+"""Kernels lead to the minima of equations asked as a whole: all problems of ``problems/``, and kinds of their own."""
 
 from __future__ import annotations
 
@@ -110,16 +110,23 @@ def test_affine_equations_take_one_step(both):
     assert pair[4].iterations == 1
 
 
-def test_what_is_not_determined_is_handed_over(both):
-    text = "(unknowns (a :init 2) (b :init 0)) (observe t (= y (* a b x)) :sigma 0.1)"
-    for pair in both.of(f"(problem p (data t external) {text})", t=rows()):
-        assert pair[4] is None
+def test_of_what_is_not_determined_the_nearest_is_found(both):
+    """The product is; along a · b = c the steps are perpendicular to the hyperbolas in the scaled metric."""
+    text = "(unknowns (a :init 2) (b :init 1)) (observe t (= y (* a b x)) :sigma 0.1)"
+    data = rows()
+    slope = data["x"] @ data["y"] / (data["x"] @ data["x"])
+    for pair in minima(both.of(f"(problem p (data t external) {text})", t=data)):
+        for found in pair[3:]:
+            assert found.reason.converged
+            assert np.prod(found.point) == pytest.approx(slope, rel=1e-10)
+        np.testing.assert_allclose(pair[4].point, pair[3].point, rtol=1e-9)
 
 
-def test_a_start_without_a_value_is_handed_over(both):
+def test_a_start_without_a_value_is_said(both):
     text = "(unknowns (a :init -2)) (observe t (= y (* (sqrt a) x)) :sigma 0.1)"
     for pair in both.of(f"(problem p (data t external) {text})", t=rows()):
-        assert pair[4] is None
+        assert {found.reason for found in pair[3:]} == {Reason.NOT_FINITE_AT_START}
+        assert {found.bad_row for found in pair[3:]} == {0}
 
 
 def test_trial_steps_to_where_there_is_no_value(both):

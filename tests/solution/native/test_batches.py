@@ -121,7 +121,7 @@ def test_an_interrupted_minimum_says_so(ready):
     interruption = Interruption()
     interruption.listen()
     interruption.request()
-    found = native_minimum(equations, start, replace(settings, interruption=interruption))
+    found = native_minimum(equations, start, settings, lambda: interruption.requested)
     assert found.reason is Reason.INTERRUPTED
     assert found.iterations == 0
 

@@ -191,7 +191,7 @@ def test_a_batch_is_its_data_sets_one_by_one_whatever_the_threads():
         equations, _ = assemble(found.problem, bound.kernels, found.tables, {}, bound.cache)
         system = system_of(equations, settings)
         rules = rules_of(found.problem, equations, settings.robust, (True,), seed=1, starts=1)
-        code = native_code(bound.cache.native, bound.cache.backend.store).consensus
+        code = native_code(bound.cache).consensus
         alone.append(consensus_many(system, code, rules, equations.numbers[None, None]))
         parts.append(system.rows)
     places = np.array([[0, k * parts[0].parameters.size, k * parts[0].weights.size, 0, 0, 0] for k in range(7)])

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from mbm.problem.types import ConstraintMethod
+from mbm.solution.constrained import by_kernels
 from mbm.solution.minimise import minimise
-from mbm.solution.native import minimum
 from mbm.solution.native.system import system_of
 from mbm.target.solver import description as of
 
@@ -123,7 +123,7 @@ def test_random_data(kind, seed, both, monkeypatch):
     violated = np.where(equations.equality, np.abs(values), values)
     assert violated.max() < 1e-12
     assert (multipliers[~(equations.equality[equations.equality | (values > -1e-9)])] > -1e-9).all()
-    monkeypatch.setattr(minimum, "native_minimum", lambda *_: None)
+    monkeypatch.setattr(by_kernels, "kernel_constrained_minimum", lambda *_: None)
     for method in ConstraintMethod:
         general = minimise(equations, start, replace(settings, constraints=method), place=None)
         there, _, _ = error(general.point, residuals, constraints, equations.equality)

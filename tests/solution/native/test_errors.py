@@ -1,4 +1,4 @@
-"""Errors in measured columns: native minima are those of the general path, which takes over where it has to."""
+"""Errors in measured columns: kernels that eliminate them lead to the minima of a search, which takes over."""
 
 from __future__ import annotations
 

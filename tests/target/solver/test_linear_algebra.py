@@ -90,29 +90,3 @@ def test_cholesky(solver):
     np.testing.assert_allclose(np.tril(found), np.linalg.cholesky(wanted), rtol=1e-13, atol=1e-14)
     assert solver("cholesky", 2, np.array([[1.0, 2.0], [2.0, 1.0]])) == 0
     assert solver("cholesky", 1, np.array([np.nan])) == 0
-
-
-@pytest.mark.parametrize("share", [0.9, 0.3, 1e-2, 1e-6])
-def test_marquardt_step_has_the_length_asked_for_and_is_the_best_of_that_length(solver, share):
-    a, image = upper(4, 3), matrix(4, 1, 4).ravel()
-    full = np.linalg.solve(a, -image)
-    radius = share * np.linalg.norm(full)
-    step, triangle, right, row = np.zeros(4), np.zeros((4, 4)), np.zeros(4), np.zeros(4)
-    solver("marquardt_step", 4, a, image, radius, step, triangle, right, row)
-    length = np.linalg.norm(step)
-    # Moré's iteration ends within a tenth of the radius; steps of up to 1.1 radii are taken whole.
-    assert abs(length - radius) <= 0.1 * radius * (1 + 1e-9)
-    if share == 0.9:
-        assert length <= np.linalg.norm(full)
-    # On the sphere of its length the gradient of ‖A s + image‖² points along the step (Kuhn-Tucker).
-    gradient = a.T @ (a @ step + image)
-    cosine = gradient @ step / (np.linalg.norm(gradient) * length)
-    assert cosine == pytest.approx(-1.0, abs=1e-9)
-
-
-def test_short_steps_are_undamped(solver):
-    a, image = upper(4, 3), matrix(4, 1, 4).ravel()
-    full = np.linalg.solve(a, -image)
-    step, triangle, right, row = np.zeros(4), np.zeros((4, 4)), np.zeros(4), np.zeros(4)
-    solver("marquardt_step", 4, a, image, 0.95 * np.linalg.norm(full), step, triangle, right, row)
-    np.testing.assert_allclose(step, full, rtol=1e-13)

@@ -1,4 +1,4 @@
-"""Conformance of solvers: `Solver` of `mbm.solution.types`, on small problems whose answers are known."""
+"""Conformance of methods that find minima, on small problems whose answers are known."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import field
 
 import numpy as np
 
-from mbm.solution.types import Equations, Floats, Mask, Minimum, Reason, Solver
+from mbm.solution.types import Equations, Floats, Mask, Minimum, Reason
 from mbm.testing.requirement import require, require_close
 from mbm.values import dataclass
 
@@ -140,48 +140,39 @@ def samples() -> tuple[Sample, ...]:
     )
 
 
-def check_solver(solver: Solver, suited: Iterable[Sample] | None = None) -> None:
-    """Whether a solver keeps what `minimise` relies on, on those of the `samples` that it is made for (None: all).
+Minimise = Callable[[Equations, Floats, int], Minimum]
+"""The minimum of equations from a start, after so many iterations at most."""
+
+
+def check_method(name: str, minimise: Minimise, suited: Iterable[Sample] | None = None) -> None:
+    """Whether a method keeps what is promised of all, on those of the `samples` that it is made for (None: all).
 
     Raises:
         NotConformingError: it does not; the text says what was promised.
 
     """
-    subject = f"solver `{solver.name}`"
-    require(bool(solver.name), "a solver", "it has a name, as in `:method`")
     for sample in samples() if suited is None else suited:
-        _check_sample(solver, sample, f"{subject}, {sample.name}")
+        _check_sample(minimise, sample, f"method `{name}`, {sample.name}")
 
 
-def _check_sample(solver: Solver, sample: Sample, subject: str) -> None:
-    state = solver.init(sample, sample.start.copy(), 1e-10)
-    cost = float(np.square(sample.residuals(sample.start)).sum())
-    for _ in range(ITERATIONS):
-        reason = solver.finished(state)
-        if reason is not None:
+def _check_sample(minimise: Minimise, sample: Sample, subject: str) -> None:
+    before = float(np.square(sample.residuals(sample.start)).sum())
+    for most in range(ITERATIONS):
+        found, again = (minimise(sample, sample.start.copy(), most) for _ in range(2))
+        require(bool(np.array_equal(found.point, again.point)), subject, "the same start leads to the same point")
+        inside = (found.point >= sample.lower) & (found.point <= sample.upper)
+        require(bool(inside.all()), subject, f"it never leaves the bounds: {found.point}")
+        require(found.cost <= before * (1 + 1e-12), subject, f"the cost never grows: {before} → {found.cost}")
+        before = found.cost
+        if found.reason is not Reason.MAX_ITERATIONS:
             break
-        again = solver.step(sample, state)
-        state = solver.step(sample, state)
-        cost = _check_step(solver, sample, (state, again), cost, subject)
+        require(found.iterations <= most, subject, f"it stops after {most} iterations where it is told to")
     else:
         require(kept=False, subject=subject, promise=f"it finishes within {ITERATIONS} steps")
         return
-    require(reason.converged, subject, f"it converges; it stopped because {reason.sentence}")
-    minimum = solver.minimum(state, reason)
-    require(minimum.reason is reason, subject, "a minimum carries the reason it was given")
-    require_close(minimum.point, sample.answer, DIGITS, subject, "the minimum is where it is known to be")
-    _check_consistency(sample, minimum, subject)
-
-
-def _check_step(solver: Solver, sample: Equations, states: tuple[object, object], before: float, subject: str) -> float:
-    """The cost after a step, which is no higher and the same if the step is taken again."""
-    points = [solver.minimum(state, Reason.MAX_ITERATIONS) for state in states]
-    require(bool(np.array_equal(points[0].point, points[1].point)), subject, "a step changes no state it started from")
-    point = points[0]
-    inside = (point.point >= sample.lower) & (point.point <= sample.upper)
-    require(bool(inside.all()), subject, f"it never leaves the bounds: {point.point}")
-    require(point.cost <= before * (1 + 1e-12), subject, f"the cost never grows: {before} → {point.cost}")
-    return point.cost
+    require(found.reason.converged, subject, f"it converges; it stopped because {found.reason.sentence}")
+    require_close(found.point, sample.answer, DIGITS, subject, "the minimum is where it is known to be")
+    _check_consistency(sample, found, subject)
 
 
 def _check_consistency(sample: Sample, minimum: Minimum, subject: str) -> None:
