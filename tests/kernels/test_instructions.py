@@ -6,7 +6,7 @@ import casadi
 import numpy as np
 import pytest
 
-from mbm.kernels.backends.numpy_stream import last_uses, run
+from mbm.kernels.backends.numpy_stream import run, steps_of
 from mbm.kernels.instructions import _OPERATORS, program_of
 from mbm.kernels.lowering import UnsupportedOperationError
 from mbm.target.program import Operator
@@ -78,7 +78,7 @@ NEVER_FROM_THE_LANGUAGE = {
 def by_numpy(function, inputs):
     program = program_of(function)
     outputs = np.empty((len(inputs), function.numel_out(0)))
-    run(program, last_uses(program), inputs, outputs)
+    run(program, steps_of(program), inputs, outputs)
     return outputs
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,8 +80,12 @@ _FUNCTIONS: Mapping[Operator, Callable[..., Floats]] = {
 }
 
 
-def last_uses(program: Program) -> tuple[tuple[int, ...], ...]:
-    """For each instruction, the values that nobody needs after it."""
+Step: TypeAlias = tuple[Callable[..., Floats], tuple[int, ...], int, tuple[int, ...]]
+"""A function, the values that it takes, the one that it gives, and those that nobody needs after it."""
+
+
+def steps_of(program: Program) -> tuple[Step, ...]:
+    """The instructions, looked up once."""
     kept = set(program.outputs)
     last: dict[int, int] = {}
     for position, instruction in enumerate(program.instructions):
@@ -91,10 +95,13 @@ def last_uses(program: Program) -> tuple[tuple[int, ...], ...]:
     for value, position in last.items():
         if value not in kept:
             dying[position].append(value)
-    return tuple(tuple(d) for d in dying)
+    return tuple(
+        (_FUNCTIONS[each.operator], tuple(each.arguments), each.target, tuple(dead))
+        for each, dead in zip(program.instructions, dying, strict=True)
+    )
 
 
-def run(program: Program, dying: tuple[tuple[int, ...], ...], inputs: Floats, outputs: Floats) -> None:
+def run(program: Program, steps: tuple[Step, ...], inputs: Floats, outputs: Floats) -> None:
     """Fill ``outputs`` (rows, outputs) from ``inputs`` (rows, inputs)."""
     with np.errstate(all="ignore"):
         for start in range(0, len(inputs), BLOCK):
@@ -105,9 +112,8 @@ def run(program: Program, dying: tuple[tuple[int, ...], ...], inputs: Floats, ou
             for position, value in enumerate(program.inputs):
                 if value >= 0:
                     values[value] = columns[position]
-            for instruction, dead in zip(program.instructions, dying, strict=True):
-                arguments = [values[a] for a in instruction.arguments]
-                values[instruction.target] = _FUNCTIONS[instruction.operator](*arguments)
+            for function, wanted, given, dead in steps:
+                values[given] = function(*[values[a] for a in wanted])
                 for value in dead:
                     values[value] = None
             target = outputs[start : start + BLOCK]
@@ -119,15 +125,15 @@ def run(program: Program, dying: tuple[tuple[int, ...], ...], inputs: Floats, ou
 class _Evaluation:
     inputs: Floats
     _kernel: Kernel
-    _values: tuple[Program, tuple[tuple[int, ...], ...], Floats] | None = None
-    _both: tuple[Program, tuple[tuple[int, ...], ...], Floats] | None = None
+    _values: tuple[Program, tuple[Step, ...], Floats] | None = None
+    _both: tuple[Program, tuple[Step, ...], Floats] | None = None
 
     def values(self) -> Floats:
         if self._values is None:
             program = self._kernel.value_program
-            self._values = (program, last_uses(program), np.empty((len(self.inputs), self._kernel.outputs)))
-        program, dying, outputs = self._values
-        run(program, dying, self.inputs, outputs)
+            self._values = (program, steps_of(program), np.empty((len(self.inputs), self._kernel.outputs)))
+        program, steps, outputs = self._values
+        run(program, steps, self.inputs, outputs)
         return outputs
 
     def values_and_jacobian(self) -> tuple[Floats, Floats]:
@@ -135,9 +141,9 @@ class _Evaluation:
         if self._both is None:
             program = self._kernel.jacobian_program
             shape = (len(self.inputs), count + len(self._kernel.jacobian_rows))
-            self._both = (program, last_uses(program), np.empty(shape))
-        program, dying, outputs = self._both
-        run(program, dying, self.inputs, outputs)
+            self._both = (program, steps_of(program), np.empty(shape))
+        program, steps, outputs = self._both
+        run(program, steps, self.inputs, outputs)
         return outputs[:, :count], outputs[:, count:]
 
 
@@ -146,21 +152,21 @@ class _Stream:
     """A kernel for any number of rows: for points by the thousand, whose number changes from call to call."""
 
     outputs: int
-    _values: tuple[Program, tuple[tuple[int, ...], ...]]
-    _both: tuple[Program, tuple[tuple[int, ...], ...]]
+    _values: tuple[Program, tuple[Step, ...]]
+    _both: tuple[Program, tuple[Step, ...]]
 
     def values(self, inputs: Floats) -> Floats:
         """The outputs (rows, outputs) at inputs (rows, variables + parameters)."""
-        program, dying = self._values
+        program, steps = self._values
         found = np.empty((len(inputs), len(program.outputs)))
-        run(program, dying, inputs, found)
+        run(program, steps, inputs, found)
         return found
 
     def values_and_jacobian(self, inputs: Floats) -> tuple[Floats, Floats]:
         """The outputs (rows, outputs) and the nonzeros of their Jacobian (rows, nonzeros)."""
-        program, dying = self._both
+        program, steps = self._both
         found = np.empty((len(inputs), len(program.outputs)))
-        run(program, dying, inputs, found)
+        run(program, steps, inputs, found)
         return found[:, : self.outputs], found[:, self.outputs :]
 
 
@@ -180,7 +186,7 @@ class NumpyBackend:
     def stream(self, kernel: Kernel) -> _Stream:
         """The program of the kernel, run anew for each call."""
         values, both = kernel.value_program, kernel.jacobian_program
-        return _Stream(outputs=kernel.outputs, _values=(values, last_uses(values)), _both=(both, last_uses(both)))
+        return _Stream(outputs=kernel.outputs, _values=(values, steps_of(values)), _both=(both, steps_of(both)))
 
 
 BACKEND = NumpyBackend()
