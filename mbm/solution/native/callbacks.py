@@ -26,15 +26,16 @@ class Guard:
     def __init__(self) -> None:
         self._failure: BaseException | None = None
 
-    def safely(self, evaluate: Callable[[], Floats]) -> Floats | float:
-        """What is evaluated, or NaN."""
+    def fill(self, target: Floats, evaluate: Callable[[], None]) -> None:
+        """Let ``evaluate`` fill the ``target``; NaN where it fails, and where something failed before."""
         if self._failure is None:
             try:
                 with np.errstate(all="ignore"):
-                    return evaluate()
+                    evaluate()
             except BaseException as failure:  # noqa: BLE001 - raised again by who asked for the solve
                 self._failure = failure
-        return np.nan
+        if self._failure is not None:
+            target[...] = np.nan
 
     def raise_failure(self) -> None:
         """Raise what ended an evaluation; a solve after that begins anew."""
@@ -66,14 +67,20 @@ class CallbackKernels:
         """The functions of one kernel."""
 
         def values(given: int | None, target: int, blocks: int) -> None:
-            rows = _rows(given, inputs, blocks)
-            _lanes(target, outputs, blocks)[...] = self.guard.safely(lambda: _by_lanes(stream.values(rows)))
+            found = _lanes(target, outputs, blocks)
+
+            def evaluate() -> None:
+                found[...] = _by_lanes(stream.values(_rows(given, inputs, blocks)))
+
+            self.guard.fill(found, evaluate)
 
         def jacobian(given: int | None, target: int, blocks: int) -> None:
-            rows = _rows(given, inputs, blocks)
-            _lanes(target, outputs + nonzeros, blocks)[...] = self.guard.safely(
-                lambda: _by_lanes(np.hstack(stream.values_and_jacobian(rows)))
-            )
+            found = _lanes(target, outputs + nonzeros, blocks)
+
+            def evaluate() -> None:
+                found[...] = _by_lanes(np.hstack(stream.values_and_jacobian(_rows(given, inputs, blocks))))
+
+            self.guard.fill(found, evaluate)
 
         return KERNEL(values), KERNEL(jacobian)
 

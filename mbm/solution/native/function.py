@@ -47,15 +47,22 @@ class Function:
         return Fused(table=head, reals=1, library=self)
 
     def _values(self, point: int, _data: int, target: int, _stride: int) -> None:
-        here = memory(point, self.numbers).copy()
-        memory(target, self.equations.count)[:] = self.guard.safely(lambda: self._residuals_at(here))
+        found = memory(target, self.equations.count)
+
+        def evaluate() -> None:
+            found[:] = self._residuals_at(memory(point, self.numbers).copy())
+
+        self.guard.fill(found, evaluate)
 
     def _slopes(self, point: int, _data: int, target: int, stride: int) -> None:
         equations = self.equations
         found = memory(target, (equations.dimension + 1) * stride).reshape(-1, stride)[:, : equations.count]
-        here = memory(point, self.numbers).copy()
-        found[-1] = self.guard.safely(lambda: self._residuals_at(here))
-        found[:-1] = self.guard.safely(lambda: equations.jacobian(here).T)
+
+        def evaluate() -> None:
+            here = memory(point, self.numbers).copy()
+            found[-1], found[:-1] = self._residuals_at(here), equations.jacobian(here).T
+
+        self.guard.fill(found, evaluate)
 
     def _residuals_at(self, point: Floats) -> Floats:
         """The residuals; those of the last point are asked for again with its Jacobian."""
