@@ -61,15 +61,16 @@ def kernel_minimum(
 def function_minimum(
     equations: Equations, start: Floats, settings: Settings, stopped: Stopped | None = None
 ) -> Minimum:
-    """The same with equations that are asked for their residuals and their Jacobian."""
+    """The same with equations that are asked for their residuals and their Jacobian.
+
+    Where those have no finite values when they are asked again, nothing else is to be said of the end.
+    """
     # Loaded by the problems that need it only, so that the others start at once.
     from mbm.solution.native.function import system_of_function
 
     ends = system_of_function(equations, settings).one(start, stopped=stopped, end="set_end")
     found = minimum_at(equations, ends, 0, sure=True)
-    if found is None:
-        raise AssertionError(equations)  # what is evaluated twice has the same values
-    return found
+    return replace(_without_value(equations, ends.numbers[0]), reason=Reason.NO_FINITE_STEP) if found is None else found
 
 
 def native_minima(equations: Assembled, starts: Floats, settings: Settings) -> Iterator[Minimum | None]:
