@@ -46,6 +46,34 @@ def test_what_an_evaluation_raises_is_raised_and_nothing_is_asked_after_it(failu
     assert problem.asked == 3
 
 
+def test_values_of_another_shape_are_raised_as_what_an_evaluation_raises_is():
+    problem = Functions(function=lambda x: np.array([x[0], x[1], 1.0]), start=(0, 0))
+    problem.jacobian = lambda x: np.zeros((3, 5))
+    with pytest.raises(ValueError, match="broadcast"):
+        minimise(problem, np.array([-1.2, 1.0]), Settings())
+
+
+def test_an_end_that_has_no_values_when_asked_again_is_none():
+    """The last of all evaluations is that of the end."""
+
+    def solved(asked, last):
+        problem = Functions(function=lambda x: np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]]), start=(0, 0))
+        own = problem.residuals
+
+        def residuals(x):
+            asked.append(x)
+            return own(x) if len(asked) < last else own(x) * [1.0, np.nan]
+
+        problem.residuals = residuals
+        return minimise(problem, np.array([-1.2, 1.0]), Settings())
+
+    asked = []
+    assert solved(asked, np.inf).reason.converged
+    found = solved([], len(asked))
+    assert found.reason is Reason.NO_FINITE_STEP
+    assert found.bad_row == 1
+
+
 def test_an_interruption_leaves_the_best_point_so_far():
     class Soon:
         requested = False
