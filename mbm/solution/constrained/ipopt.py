@@ -16,6 +16,15 @@ from mbm.solution.constrained.types import ConstrainedEquations, Stopped, never
 from mbm.solution.types import Floats
 
 PRECISION = 1e-8
+STUCK = {
+    "acceptable_iter": 5,
+    "acceptable_obj_change_tol": 1e-14,
+    "acceptable_constr_viol_tol": 1e-6,
+    **dict.fromkeys(("acceptable_tol", "acceptable_dual_inf_tol", "acceptable_compl_inf_tol"), 1e20),
+}
+"""Ipopt's own rule for an end before `PRECISION`: five iterations in a row that change a cost only in its last digits,
+at a point that keeps the constraints. A gradient that is all rounding, as that of rows with weights of 1e20, would
+otherwise be searched along, fifty evaluations each time, until ``max_iter``."""
 
 
 class _Charted(Protocol):
@@ -23,31 +32,41 @@ class _Charted(Protocol):
 
 
 class _Along:
-    """Cost and constraints over the scaled step (n,) from a point; the last place looked at is remembered."""
+    """Cost and constraints over the scaled step (n,) from a point."""
 
     def __init__(self, equations: ConstrainedEquations, start: Floats) -> None:
         self.equations = equations
         self.start = start
         here = linearise(equations, start)
         self.scale, self.unit = here.scale, here.unit
-        self.best, self.lowest = start, np.inf
 
-    def functions(self, step: Floats) -> tuple[float, Floats]:
-        """Half the cost, and the constraints in their units."""
-        point = self.equations.retract(self.start, step / self.scale)
-        residuals = self.equations.residuals(point)
-        return 0.5 * float(residuals @ residuals), self.equations.constraint_values(point) / self.unit
+    def cost(self, step: Floats) -> float:
+        """Half the sum of squares."""
+        residuals = self.equations.residuals(self._point(step))
+        return 0.5 * float(residuals @ residuals)
 
-    def slopes(self, step: Floats) -> tuple[Floats, Floats]:
-        """The gradient of the one (n,) and the Jacobian of the others (k, n)."""
-        plain = step / self.scale
-        point = self.equations.retract(self.start, plain)
+    def conditions(self, step: Floats) -> Floats:
+        """The constraints (k,) in their units."""
+        return self.equations.constraint_values(self._point(step)) / self.unit
+
+    def gradient(self, step: Floats) -> Floats:
+        """Of the cost (n,)."""
+        point = self._point(step)
+        return self.equations.residuals(point) @ self.equations.jacobian(point) @ self._chart(step)
+
+    def slopes(self, step: Floats) -> Floats:
+        """The Jacobian (k, n) of the constraints."""
+        return (self.equations.constraint_jacobian(self._point(step)) @ self._chart(step)) / self.unit[:, None]
+
+    def _point(self, step: Floats) -> Floats:
+        return self.equations.retract(self.start, step / self.scale)
+
+    def _chart(self, step: Floats) -> Floats:
+        """How the step that belongs to the point changes with the one from the start (n, n)."""
         turned = np.eye(len(step))
         if hasattr(self.equations, "chart_slopes"):
-            turned = cast(_Charted, self.equations).chart_slopes(self.start, plain)
-        along = turned / self.scale
-        gradient = self.equations.residuals(point) @ self.equations.jacobian(point) @ along
-        return gradient, (self.equations.constraint_jacobian(point) @ along) / self.unit[:, None]
+            turned = cast(_Charted, self.equations).chart_slopes(self.start, step / self.scale)
+        return turned / self.scale
 
 
 def by_interior_points(
@@ -78,6 +97,7 @@ def _interior(along: _Along, limit: int) -> Floats:
             "max_iter": limit,
             "tol": PRECISION,
             "hessian_approximation": "limited-memory",
+            **STUCK,
         },
     }
     problem = {"x": step, "f": objective(step)}
@@ -144,6 +164,6 @@ def _callbacks(casadi: Any, along: _Along, size: int, count: int) -> tuple[Any, 
         def eval(self, arguments: Any) -> Any:
             return [casadi.DM(self.slope(np.asarray(arguments[0]).ravel()))]
 
-    objective = Value("cost", 1, lambda s: along.functions(s)[0], lambda s: along.slopes(s)[0][None, :])
-    conditions = Value("conditions", count, lambda s: along.functions(s)[1], lambda s: along.slopes(s)[1])
+    objective = Value("cost", 1, along.cost, lambda step: along.gradient(step)[None, :])
+    conditions = Value("conditions", count, along.conditions, along.slopes)
     return objective, conditions
