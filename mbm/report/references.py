@@ -21,10 +21,9 @@ from mbm.solution.estimate import assemble, estimate
 from mbm.solution.layout import Layout
 from mbm.solution.minimise import minimise
 from mbm.solution.multistart import starting_points
-from mbm.solution.native.agreeing import agreed_natively
-from mbm.solution.robust.agree import agree
-from mbm.solution.robust.binding import trials_of, units_of
+from mbm.solution.native.agreeing import agreed
 from mbm.solution.robust.losses.parameters import loss_function
+from mbm.solution.robust.types import Asked
 from mbm.solution.search import search
 from mbm.solution.selection import Selection, selections
 from mbm.solution.settings import Forms, Settings, settings_of
@@ -102,12 +101,11 @@ def _leads(found: Elaborated, equations: Assembled, settings: Settings) -> bool:
     except MbmError:
         return False
     own = search(equations, starts, settings, found.problem, _never)
-    agreed = agreed_natively(found.problem, equations, settings, BY_MEDIAN, observed, None)
-    if agreed is None:
-        points = np.stack([start.point for start in starts])
-        units = units_of(equations, found.problem, points[0], observed)
-        agreed = agree(trials_of(equations, units, settings.closed_forms), units, points, BY_MEDIAN, settings.seed)
-    other = minimise(equations, agreed.point, settings)
+    asked = Asked(problem=found.problem, settings=settings, consensus=BY_MEDIAN, ruled=observed)
+    known = agreed(asked, equations, None) or agreed(asked, equations, np.stack([start.point for start in starts]))
+    if known is None:
+        raise AssertionError("consensus from a start says nothing")
+    other = minimise(equations, known.point, settings)
     near = np.abs(other.point - own.minimum.point) <= SAME * np.maximum(np.abs(own.minimum.point), 1.0)
     return bool(near.all()) and other.reason.converged
 

@@ -145,6 +145,14 @@ class Group:
         return self.first_unit + np.arange(self.rows)[:, None] * len(sizes) + of_output
 
     @property
+    def left_out(self) -> Mask:
+        """Which units (rows, units of a row) have a weight of zero: they take no part, and are no outliers either."""
+        found = np.zeros((self.rows, len(self.whiteners)), dtype=bool)
+        for k, each in enumerate(self.whiteners):
+            found[:, k] = (each.weights[:, 0] if each.weights.ndim == 2 else each.weights[:, 0, 0]) == 0.0
+        return found
+
+    @property
     def rows(self) -> int:
         """Number of rows."""
         return len(self.index)

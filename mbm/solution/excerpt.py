@@ -15,7 +15,7 @@ def excerpt(equations: Assembled, columns: Indices, units: Indices) -> Assembled
     """The equations with the ``units`` (k,) alone, numbered as in `Assembled.units`, over the coordinates ``columns``.
 
     All groups stay, some of them without rows, so that kernels keep their numbers; residuals stand in the order of the
-    units. Constraints are left out, as in `batch`. Rows that sample tables, and corrections, cannot be taken out.
+    units. Constraints are left out. Corrections cannot be taken out.
     """
     chosen = np.unique(units)
     groups, lines, kept = [], [], []
@@ -53,4 +53,5 @@ def _with_rows(group: Group, rows: Indices) -> Group:
         columns=group.columns[rows],
         parameters=group.parameters[rows],
         whiteners=tuple(whitener.some(rows) for whitener in group.whiteners),
+        sampled=tuple(each.some(rows) for each in group.sampled),
     )

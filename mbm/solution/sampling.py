@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import field
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -53,6 +53,14 @@ class Sampled:
 
         found = evaluate((self.sampling.at,), value)[0]
         return np.broadcast_to(np.asarray(found, dtype=np.float64), (len(rows),))
+
+    def some(self, rows: Indices) -> Sampled:
+        """The inputs of some rows."""
+        return replace(
+            self,
+            places={leaf: places[rows] for leaf, places in self.places.items()},
+            data={leaf: known[rows] if isinstance(known, np.ndarray) else known for leaf, known in self.data.items()},
+        )
 
     def inside(self, numbers: Numbers, rows: Indices) -> Mask:
         """Which rows are sampled within the span of the table; one without a time yet counts as inside."""

@@ -150,7 +150,6 @@ def _ruled(
     consensus: Consensus,
     rules: Callable[[Block], bool],
 ) -> _Ruled | None:
-    from mbm.solution.native.agreeing import left_out
     from mbm.solution.native.consensus_forms import known_form
     from mbm.solution.native.consensus_rules import NO_FORM, rules_of
     from mbm.solution.native.system import native_code
@@ -161,7 +160,8 @@ def _ruled(
     acting = tuple(rules(problem.blocks[group.kernel.owner]) for group in groups)
     if int(stack.residuals.max(initial=0)) > SAMPLE or not any(acting):
         return None
-    if any(left_out(group) or group.positions is None for group, mine in zip(groups, acting, strict=True) if mine):
+    ruled = [group for group, mine in zip(groups, acting, strict=True) if mine]
+    if any(group.positions is None or group.left_out.any() for group in ruled):
         return None
     if first.dimension > 1 and len(parts_of(first)) > 1:
         return None

@@ -1,24 +1,21 @@
-"""Consensus of one data set in native code, as `mbm.solution.robust.consensus` asks for it."""
+"""Consensus of one data set by the compiled solver."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import field
 
 import numpy as np
 
-from mbm.problem.types import Block, Consensus, Problem
 from mbm.solution.assembly import Assembled
-from mbm.solution.binding import Group
 from mbm.solution.native.consensus import Rooms, consensus_many
 from mbm.solution.native.consensus_forms import KnownForm, known_form
-from mbm.solution.native.consensus_rules import NO_FORM, Rules, rules_of
-from mbm.solution.native.system import native_code, never, system_of
-from mbm.solution.robust.agree import Agreed
+from mbm.solution.native.consensus_rules import NO_FORM, Form, Rules, rules_of
+from mbm.solution.native.system import NativeSystem, iteration_of, native_code, never, system_of
 from mbm.solution.robust.binding import without_losses
+from mbm.solution.robust.types import Agreed, Asked
 from mbm.solution.settings import Settings
 from mbm.solution.starting import with_idle_ones
-from mbm.solution.types import Floats
+from mbm.solution.types import Floats, Indices
 from mbm.target.solver import consensus_records as c
 from mbm.values import dataclass
 
@@ -35,73 +32,141 @@ class Learnt:
     rooms: Rooms = field(default_factory=Rooms)
 
 
-def agreed_natively(
-    problem: Problem,
-    equations: Assembled,
-    settings: Settings,
-    consensus: Consensus,
-    ruled: Callable[[Block], bool],
-    starts: Floats | None,
-) -> Agreed | None:
-    """The units of the ``ruled`` blocks that agree, from ``starts`` (S, N); None where the general path takes over.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Handed:
+    """Equations as the solver has them: its blocks are the groups of ``equations``, those ``acting`` have units.
 
-    Without starts (None) the closed form has to give one; there is no answer where it does not.
+    ``units`` (U,) are the numbers of those that take part, in the solver's order; in the caller's equations.
     """
-    plain = without_losses(equations)
-    system = system_of(plain, settings)
-    if system is None:
-        return None
+
+    system: NativeSystem
+    equations: Assembled
+    acting: tuple[bool, ...]
+    units: Indices
+
+
+def agreed(asked: Asked, equations: Assembled, starts: Floats | None, *, near: bool = False) -> Agreed | None:
+    """The units of the ruled blocks that agree, in ascending order, from ``starts`` (S, N).
+
+    None does where nothing has a value; else units that are left out by their weight do. ``near``: the one start is a
+    consensus of some of the units already. Without starts (None) the closed form has to give one; there is no answer
+    where it does not.
+    """
+    settings = asked.settings
+    plain = without_losses(equations).roughly_corrected()
     cache = plain.groups[0].cache
     learnt = cache.native.setdefault(KEPT, Learnt())
     if not isinstance(learnt, Learnt):
-        return None
-    acting = tuple(ruled(problem.blocks[group.kernel.owner]) for group in plain.groups)
-    if any(left_out(group) for group, mine in zip(plain.groups, acting, strict=True) if mine):
-        return None
-    known = _form(plain, settings, learnt)
+        raise TypeError(learnt)
+    known = None if plain.implicit is not None or near else _form(plain, settings, learnt)
     if starts is None and known is None:
         return None
-    forms = known.of_rows(plain, acting, settings.closed_forms) if known is not None else None
-    form = NO_FORM if known is None or forms is None else known.form
+    handed = _handed(asked, plain)
+    every = _units(plain, tuple(asked.ruled(asked.problem.blocks[g.kernel.owner]) for g in plain.groups))
+    known_rows = None if known is None else _known_rows(known, asked, plain, handed.units)
+    form = NO_FORM if known is None or known_rows is None else known.form
     begun = with_idle_ones(plain, plain.numbers)[None] if starts is None else starts
-    key = (consensus, settings.seed, len(begun), form, acting, _shape(plain))
-    rules = learnt.rules.get(key)
-    if rules is None:
-        rules = learnt.rules[key] = rules_of(
-            problem, plain, consensus, acting, seed=settings.seed, starts=len(begun), form=form
-        )
-    code = native_code(plain.groups[0].cache)
     ends = consensus_many(
-        system,
-        code.consensus,
-        rules,
+        handed.system,
+        native_code(cache).consensus,
+        _rules(asked, handed, learnt, form, len(begun)),
         begun[None],
-        forms,
+        known_rows,
+        units_at=np.array([0, len(handed.units)]),
         startless=starts is None,
+        near=near,
         rooms=learnt.rooms,
         stopped=never if settings.interruption is None else settings.stopped,
     )
-    if not ends.agreed[0]:
+    if starts is None and not ends.agreed[0]:
         return None
+    place = np.searchsorted(every, handed.units)
+    inliers = np.full(len(every), ends.agreed[0])
+    limits, variances = np.full(len(every), np.inf), np.ones(len(every))
+    inliers[place], limits[place], variances[place] = ends.inside & ends.agreed[0], ends.limits, ends.variances
     return Agreed(
         point=ends.points[0],
-        inliers=ends.inside,
-        limits=ends.limits,
-        variances=ends.variances,
+        inliers=inliers,
+        limits=limits,
+        variances=variances,
         trials=int(ends.states[0, c.Verdict.trials]),
         ambiguous=bool(ends.states[0, c.Verdict.ambiguous]),
         cut_short=ends.cut_short,
     )
 
 
-def left_out(group: Group) -> bool:
-    """Whether some unit has a weight of zero: it takes no part, and is no outlier either."""
-    firsts = (w.weights[:, 0] if w.weights.ndim == 2 else w.weights[:, 0, 0] for w in group.whiteners)
-    return any(bool((first == 0.0).any()) for first in firsts)
+def _handed(asked: Asked, plain: Assembled) -> _Handed:
+    """The equations for the solver: by their kernels, else as rows of all of them."""
+    blocks = asked.problem.blocks
+    system = system_of(plain, asked.settings)
+    if system is not None:
+        acting = tuple(asked.ruled(blocks[group.kernel.owner]) for group in plain.groups)
+        return _Handed(system=system, equations=plain, acting=acting, units=_units(plain, acting, taking_part=True))
+    # Loaded by such equations only, so that others begin at once.
+    from mbm.solution.native.picked_rows import picked_rows
+
+    picked = picked_rows(plain)
+    iteration = iteration_of(plain, asked.settings, direct=False, strict=True)
+    groups = picked.equations.groups
+    acting = tuple(asked.ruled(blocks[group.kernel.owner]) for group in groups)
+    mine = [units for units, acts in zip(picked.units, acting, strict=True) if acts]
+    return _Handed(
+        system=picked.system(iteration, native_code(plain.groups[0].cache).solver),
+        equations=picked.equations,
+        acting=acting,
+        units=np.concatenate(mine) if mine else np.empty(0, dtype=np.int64),
+    )
+
+
+def _units(plain: Assembled, acting: tuple[bool, ...], *, taking_part: bool = False) -> Indices:
+    """The units (U,) of the groups that are ``acting``, as far as they are picked; those ``taking_part`` alone."""
+    picked = None
+    if plain.rows is not None:
+        picked = np.zeros(plain.whole, dtype=bool)
+        picked[plain.rows] = True
+    found = [np.empty(0, dtype=np.int64)]
+    for group, acts in zip(plain.groups, acting, strict=True):
+        if acts:
+            mine = ~group.left_out if taking_part else np.ones((group.rows, len(group.whiteners)), dtype=bool)
+            if picked is not None:
+                lines = picked[group.first : group.first + group.count].reshape(group.rows, -1)
+                mine &= lines[:, [whitener.first for whitener in group.whiteners]]
+            found.append(group.first_unit + np.flatnonzero(mine))
+    return np.concatenate(found)
+
+
+def _rules(asked: Asked, handed: _Handed, learnt: Learnt, form: Form, starts: int) -> Rules:
+    """The rules for such equations."""
+    plain = handed.equations
+    shape = tuple((g.kernel.owner, tuple((w.first, w.last) for w in g.whiteners)) for g in plain.groups)
+    key = (asked.consensus, asked.settings.seed, starts, form, handed.acting, asked.stated, plain.dimension, shape)
+    found = learnt.rules.get(key)
+    if found is None:
+        found = learnt.rules[key] = rules_of(
+            asked.problem,
+            plain,
+            asked.consensus,
+            handed.acting,
+            seed=asked.settings.seed,
+            starts=starts,
+            form=form,
+            stated=asked.stated,
+        )
+    return found
+
+
+def _known_rows(known: KnownForm, asked: Asked, plain: Assembled, units: Indices) -> Floats | None:
+    """What the closed form knows of the ``units`` (U, width)."""
+    acting = tuple(asked.ruled(asked.problem.blocks[group.kernel.owner]) for group in plain.groups)
+    found = known.of_rows(plain, acting, asked.settings.closed_forms)
+    every = _units(plain if plain.rows is None else plain.everything(), acting)
+    return None if found is None else found[np.searchsorted(every, units)]
 
 
 def _form(plain: Assembled, settings: Settings, learnt: Learnt) -> KnownForm | None:
     """The closed form for equations of this structure, recognised when it is first met."""
+    if not settings.closed_forms:
+        return None
     key = _shape(plain)
     if key not in learnt.forms:
         found = known_form(plain, settings.closed_forms)

@@ -143,7 +143,9 @@ def consensus_many(
     starts: Floats,
     forms: Floats | None = None,
     *,
+    units_at: Indices | None = None,
     startless: bool = False,
+    near: bool = False,
     workers: int = 1,
     rooms: Rooms | None = None,
     stopped: Callable[[], bool] = never,
@@ -156,20 +158,23 @@ def consensus_many(
         rules: what is asked for.
         starts: points (D, S, N), all finite but for what the closed form gives.
         forms: what the closed form knows of each unit (units of all data sets, width).
+        units_at: where the units of each data set begin, and the end of the last ones (D + 1,); None: none is left out
+            by its weight.
         startless: the closed form gives the starts; those given hold the other numbers.
+        near: the starts are what some of the units agree with already.
         workers: threads; the answers do not depend on it.
         rooms: those made for such data sets before.
         stopped: asked now and then; data sets that were not looked at by then do not agree. Of a single one, the best
             of the trials that were made by then is the answer.
     """
     count = len(system.rows.data)
-    units_at = units_at_of(system, rules)
+    units_at = units_at_of(system, rules) if units_at is None else units_at
     total, numbers = int(units_at[-1]), int(system.system[of.Problem.numbers])
     known = np.zeros(1) if forms is None else np.ascontiguousarray(forms, dtype=np.float64)
     begun = np.ascontiguousarray(starts, dtype=np.float64)
     room = (rooms or Rooms()).of(system, rules)
     room = replace(room, table=room.table.copy())
-    room.table[c.Rules.startless] = startless
+    put(room.table, c.Rules, startless=int(startless), near=int(near))
     points, states = np.zeros((count, numbers)), np.zeros((count, c.ANSWERS), dtype=np.int64)
     inside, limits, variances = np.zeros(total, dtype=np.int64), np.zeros(total), np.zeros(total)
     code.expect(count * TRIALS * system.expected)

@@ -58,6 +58,7 @@ def rules_of(
     starts: int,
     form: Form = NO_FORM,
     dimension: int | None = None,
+    stated: bool = False,
 ) -> Rules:
     """The arrays for data sets whose blocks are the groups of ``equations``.
 
@@ -70,6 +71,7 @@ def rules_of(
         starts: points that each data set is begun at.
         form: the closed form that fits subsets.
         dimension: unknowns at most; None: those of ``equations``.
+        stated: no noise is unknown any more.
     """
     n = equations.dimension if dimension is None else dimension
     trials = [needed_trials(size, consensus.trials) for size in range(n + 1)]
@@ -81,7 +83,7 @@ def rules_of(
         if not mine:
             table += [-1, STATED]
             continue
-        noise = groups.setdefault(group.kernel.owner, len(groups)) if block.unknown_factor else STATED
+        noise = groups.setdefault(group.kernel.owner, len(groups)) if block.unknown_factor and not stated else STATED
         table += [len(levels), noise]
         for whitener in group.whiteners:
             size = np.full(1, whitener.last - whitener.first)

@@ -24,19 +24,45 @@ CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p,
 """The signature of ``call_fused``."""
 
 
-@dataclass(slots=True, kw_only=True, eq=False)
-class Function:
-    """Residuals and Jacobian of ``equations`` as kernels, at points of so many ``numbers``.
+@dataclass(slots=True, eq=False)
+class Remembered:
+    """Equations with what they were at the last point: several kernels ask for parts of it.
 
     Used by one thread at a time: equations keep what they evaluate with.
     """
 
     equations: Equations
-    numbers: int
-    guard: Guard = field(default_factory=Guard)
     _point: Floats | None = None
     _residuals: Floats | None = None
+    _jacobian: Floats | None = None
+
+    def residuals(self, point: Floats) -> Floats:
+        """Those (m,) at a point (N,)."""
+        if self._point is None or self._residuals is None or not np.array_equal(point, self._point):
+            self._point, self._jacobian = point.copy(), None
+            self._residuals = self.equations.residuals(self._point)
+        return self._residuals
+
+    def jacobian(self, point: Floats) -> Floats:
+        """That (m, n) at a point."""
+        self.residuals(point)
+        if self._jacobian is None:
+            self._jacobian = self.equations.jacobian(point.copy())
+        return self._jacobian
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Function:
+    """Residuals and Jacobian of ``equations`` as kernels, at points of so many ``numbers``."""
+
+    equations: Equations
+    numbers: int
+    guard: Guard = field(default_factory=Guard)
+    _remembered: Remembered = field(init=False)
     _held: tuple[Any, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        self._remembered = Remembered(self.equations)
 
     def fused(self) -> Fused:
         """What the solver is told of them; the callbacks live as long as this object does."""
@@ -50,7 +76,7 @@ class Function:
         found = memory(target, self.equations.count)
 
         def evaluate() -> None:
-            found[:] = self._residuals_at(memory(point, self.numbers).copy())
+            found[:] = self._remembered.residuals(memory(point, self.numbers))
 
         self.guard.fill(found, evaluate)
 
@@ -59,16 +85,10 @@ class Function:
         found = memory(target, (equations.dimension + 1) * stride).reshape(-1, stride)[:, : equations.count]
 
         def evaluate() -> None:
-            here = memory(point, self.numbers).copy()
-            found[-1], found[:-1] = self._residuals_at(here), equations.jacobian(here).T
+            here = memory(point, self.numbers)
+            found[-1], found[:-1] = self._remembered.residuals(here), self._remembered.jacobian(here).T
 
         self.guard.fill(found, evaluate)
-
-    def _residuals_at(self, point: Floats) -> Floats:
-        """The residuals; those of the last point are asked for again with its Jacobian."""
-        if self._point is None or self._residuals is None or not np.array_equal(point, self._point):
-            self._point, self._residuals = point, self.equations.residuals(point)
-        return self._residuals
 
 
 def underlying(equations: Equations) -> Assembled | None:

@@ -9,7 +9,6 @@ import numpy as np
 
 from mbm.problem.types import BlockRole, ConsensusKind, Problem
 from mbm.solution.assembly import Assembled
-from mbm.solution.native.agreeing import left_out
 from mbm.solution.native.code import AnyCode
 from mbm.solution.native.consensus import ConsensusEnds, Rooms, consensus_many
 from mbm.solution.native.consensus_forms import KnownForm, known_form
@@ -204,7 +203,7 @@ def _suits(problem: Problem, equations: Assembled) -> bool:
         return False
     if any(block.unknown_factor for block in problem.blocks) or equations.implicit is not None:
         return False
-    if not equations.groups or any(left_out(group) for group in equations.groups):
+    if not equations.groups or any(group.left_out.any() for group in equations.groups):
         return False
     if not equations.dimension < equations.count <= SAMPLE:
         return False

@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.solution.assembly import Assembled
-from mbm.solution.batch import batch
 from mbm.solution.closed_forms.minimal import minimal_solver
 from mbm.solution.closed_forms.types import ClosedForm
 from mbm.solution.robust.binding import without_losses
@@ -54,7 +53,7 @@ def _medians(plain: Assembled, units: Units, points: Floats) -> Floats:
     """The median of the units' squared misfits at each point (P,); infinite where most have no value."""
     if not len(points):
         return np.empty(0)
-    return np.asarray(np.median(units.squares(batch(plain).residuals(points)), axis=1))
+    return np.asarray(np.median(units.squares(plain.residuals_at(points)), axis=1))
 
 
 def _told(plain: Assembled, units: Units, point: Floats) -> bool:

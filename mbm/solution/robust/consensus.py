@@ -16,17 +16,16 @@ import numpy as np
 
 from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Method, Problem, RandomStarts
 from mbm.solution.assembly import Assembled, loss_lines
+from mbm.solution.excerpt import excerpt
 from mbm.solution.minimise import minimise
 from mbm.solution.robust import faults
-from mbm.solution.robust.agree import Agreed, agree, agree_near
 from mbm.solution.robust.beginning import told_apart
-from mbm.solution.robust.binding import trials_of, trials_of_part, units_of, without_losses
+from mbm.solution.robust.binding import units_of, without_losses
 from mbm.solution.robust.many import agree_by_losses
-from mbm.solution.robust.parts import Part, agree_in_parts, parts_of, units_of_parts
-from mbm.solution.robust.scale import information_left
+from mbm.solution.robust.parts import agree_in_parts, parts_of
 from mbm.solution.robust.subsets import independent_columns
-from mbm.solution.robust.types import Prepared
-from mbm.solution.robust.units import Units
+from mbm.solution.robust.types import Agreed, Asked, Prepared
+from mbm.solution.robust.units import Units, consistency
 from mbm.solution.settings import Settings
 from mbm.solution.starting import Beginning
 from mbm.solution.types import Floats, Noise, NoiseState
@@ -50,7 +49,8 @@ def agreeing(
     """The units that agree, by the consensus that the problem asks for; ``starts`` are looked for where they matter."""
     # graduated non-convexity narrows down from fits to all rows: which of the closed form's roots it begins at decides
     anywhere = settings.starts is None and consensus.kind is not ConsensusKind.GNC
-    found = _startless(problem, equations, settings, consensus) if anywhere else None
+    asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=_observed)
+    found = _startless(asked, equations) if anywhere else None
     beginnings: tuple[Beginning, ...] = ()
     if found is None or found.share < LEAST_SHARE:  # what it began with may have been wrong itself
         try:
@@ -63,7 +63,7 @@ def agreeing(
     if found is None and (units.scalars <= equations.dimension or not equations.dimension):
         return Prepared(equations=equations, starts=beginnings)
     if found is None or beginnings:
-        found = _agreed(problem, equations, settings, consensus, units, beginnings, _observed)
+        found = _agreed(asked, equations, units, beginnings)
     if not found.inliers.any():  # no equation has a value anywhere near: the minimisation says which
         return Prepared(equations=equations, starts=beginnings or starts())
     keep = np.ones(int(equations.units.max()) + 1, dtype=bool)
@@ -79,7 +79,7 @@ def agreeing(
         starts=_from_agreement(found, consensus, settings, beginnings),
         factors=factors,
         noise=noise,
-        truncation=_truncation(equations, units, information_left(found.limits, found.variances, units)),
+        truncation=_truncation(equations, units, consistency(units.components, found.limits / found.variances)),
         agreed=found.share >= LEAST_SHARE,
         cut_short=found.cut_short,
         diagnostics=tuple(diagnostics),
@@ -97,13 +97,10 @@ def scaled(problem: Problem, equations: Assembled, settings: Settings, search: S
     if units.scalars == 0 or not equations.dimension:
         return Prepared(equations=equations, starts=starts)
     consensus = Consensus(kind=ConsensusKind.LMEDS)
+    asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=_has_loss)
     starts = _fitted_plainly(problem, equations, settings, starts)
     few = equations.count < equations.dimension
-    found = (
-        _all_agree(units, starts[0].point)
-        if few
-        else _agreed(problem, equations, settings, consensus, units, starts, _has_loss)
-    )
+    found = _all_agree(units, starts[0].point) if few else _agreed(asked, equations, units, starts)
     factors, noise = _loss_noise(problem, equations, units, found)
     return Prepared(
         equations=equations,
@@ -141,44 +138,42 @@ def _all_agree(units: Units, point: Floats) -> Agreed:
         inliers=np.ones(units.count, dtype=bool),
         limits=np.full(units.count, np.inf),
         variances=np.ones(units.count),
-        trials=0,
-        ambiguous=False,
     )
 
 
-def _agreed(
-    problem: Problem,
-    equations: Assembled,
-    settings: Settings,
-    consensus: Consensus,
-    units: Units,
-    starts: tuple[Beginning, ...],
-    ruled: Callable[[Block], bool],
-) -> Agreed:
+def _agreed(asked: Asked, equations: Assembled, units: Units, starts: tuple[Beginning, ...]) -> Agreed:
     """The units that agree: in one piece, part by part, or, with very many connected unknowns, by way of losses."""
     points = np.stack([start.point for start in starts])
     if equations.implicit is None and equations.dimension > 1:
         parts = parts_of(equations)
         if max(len(part.columns) for part in parts) > MANY_CONNECTED:
-            return agree_by_losses(problem, equations, units, points[0], consensus, settings)
+            return agree_by_losses(asked, equations, units, points[0])
         if len(parts) > 1:
-            return agree_in_parts(equations, units, parts, points[0], consensus, settings.seed)
+            return agree_in_parts(asked, equations, units, parts, points[0])
         if units.count > SAMPLE:
-            return _agreed_from_sample(equations, settings, consensus, units, points)
-    if equations.implicit is None and units.count <= SAMPLE:
-        native = _natively(problem, equations, settings, consensus, ruled, points)
-        if native is not None:
-            return native
-    return agree(trials_of(equations, units, settings.closed_forms), units, points, consensus, settings.seed)
+            return _agreed_from_sample(asked, equations, units, points)
+    return _in_one_piece(asked, equations, points)
 
 
-def _startless(problem: Problem, equations: Assembled, settings: Settings, consensus: Consensus) -> Agreed | None:
+def _in_one_piece(asked: Asked, equations: Assembled, starts: Floats | None, *, near: bool = False) -> Agreed:
+    """What the compiled solver says; starts that are known always lead to something."""
+    from mbm.solution.native.agreeing import agreed
+
+    found = agreed(asked, equations, starts, near=near)
+    if found is None:
+        raise AssertionError("consensus from a start says nothing")
+    return found
+
+
+def _startless(asked: Asked, equations: Assembled) -> Agreed | None:
     """The units that agree with what a closed form gives, where some unknown has no start of its own; None: unknown."""
     if equations.implicit is not None or not _without_start(equations):
         return None
     if equations.whole > SAMPLE or (equations.dimension > 1 and len(parts_of(equations)) > 1):
         return None
-    return _natively(problem, equations, settings, consensus, _observed, None)
+    from mbm.solution.native.agreeing import agreed
+
+    return agreed(asked, equations, None)
 
 
 def _told_apart(
@@ -214,36 +209,14 @@ def _without_start(equations: Assembled) -> bool:
     return bool((missing & equations.moving()).any())
 
 
-def _natively(
-    problem: Problem,
-    equations: Assembled,
-    settings: Settings,
-    consensus: Consensus,
-    ruled: Callable[[Block], bool],
-    points: Floats | None,
-) -> Agreed | None:
-    """What native code says; None: it says nothing."""
-    from mbm.solution.native.agreeing import agreed_natively
-
-    return agreed_natively(problem, equations, settings, consensus, ruled, points)
-
-
-def _agreed_from_sample(
-    equations: Assembled, settings: Settings, consensus: Consensus, units: Units, starts: Floats
-) -> Agreed:
+def _agreed_from_sample(asked: Asked, equations: Assembled, units: Units, starts: Floats) -> Agreed:
     """Consensus of a sample of the units, then all units that agree with it."""
-    generator = np.random.Generator(np.random.PCG64(settings.seed))
+    generator = np.random.Generator(np.random.PCG64(asked.settings.seed))
     chosen = np.sort(generator.choice(units.count, SAMPLE, replace=False))
     rows = np.flatnonzero((units.of_row < 0) | np.isin(units.of_row, chosen))
-    part = Part(columns=equations.free, rows=rows)
-    own, _ = next(units_of_parts(units, (part,)))
-    sample = trials_of_part(equations, own, np.unique(equations.units[rows]), part.columns)
-    found = agree(sample, own, starts, consensus, settings.seed)
-    return replace(
-        agree_near(trials_of(equations, units), units, found.point, consensus),
-        trials=found.trials,
-        ambiguous=found.ambiguous,
-    )
+    found = _in_one_piece(asked, excerpt(equations, equations.free, np.unique(equations.units[rows])), starts)
+    whole = _in_one_piece(asked, equations, found.point[None], near=True)
+    return replace(whole, trials=found.trials, ambiguous=found.ambiguous)
 
 
 def _from_agreement(

@@ -10,14 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.problem.types import Consensus, Problem
+from mbm.problem.types import Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.minimise import minimise
-from mbm.solution.robust.agree import Agreed
 from mbm.solution.robust.losses.function import LossFunction
 from mbm.solution.robust.losses.geman_mcclure import GEMAN_MCCLURE
 from mbm.solution.robust.scale import noise_and_limits
 from mbm.solution.robust.scores import cuts, variances_at
+from mbm.solution.robust.types import Agreed, Asked
 from mbm.solution.robust.units import Units
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Mask
@@ -35,12 +35,11 @@ FEW_STEPS = 30
 ROUNDS = 10
 
 
-def agree_by_losses(
-    problem: Problem, equations: Assembled, units: Units, start: Floats, consensus: Consensus, settings: Settings
-) -> Agreed:
+def agree_by_losses(asked: Asked, equations: Assembled, units: Units, start: Floats) -> Agreed:
     """The units that agree, from a start (N,) that is not too far off."""
-    cut = cuts(units, consensus.threshold)
-    way = replace(settings, max_iterations=FEW_STEPS, robust=None)
+    problem = asked.problem
+    cut = cuts(units, asked.consensus.threshold)
+    way = replace(asked.settings, max_iterations=FEW_STEPS, robust=None)
     plain = replace(equations, groups=tuple(replace(g, losses=()) for g in equations.groups))
     acting = np.zeros(equations.whole, dtype=bool)
     acting[units.of_row >= 0] = True
@@ -85,8 +84,6 @@ def _settled(
         inliers=inliers,
         limits=limits,
         variances=noise,
-        trials=0,
-        ambiguous=False,
     )
 
 

@@ -5,17 +5,15 @@ Sixty places from twelve ranges each need sixty clean triples: no trial has them
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from mbm.problem.types import Consensus
 from mbm.solution.assembly import Assembled
-from mbm.solution.robust.agree import Agreed, agree
-from mbm.solution.robust.binding import trials_of_part
+from mbm.solution.excerpt import excerpt
+from mbm.solution.robust.types import Agreed, Asked
 from mbm.solution.robust.units import Units
-from mbm.solution.types import Floats, Indices, Mask
+from mbm.solution.types import Floats, Indices
 from mbm.target.decisions import STATED
 from mbm.values import dataclass
 
@@ -67,11 +65,9 @@ def _lowest(label: Indices, columns: Indices) -> Indices:
     return np.asarray(padded[columns].min(axis=1, initial=len(label)), dtype=np.int64)
 
 
-def agree_in_parts(
-    equations: Assembled, units: Units, parts: tuple[Part, ...], start: Floats, consensus: Consensus, seed: int
-) -> Agreed:
+def agree_in_parts(asked: Asked, equations: Assembled, units: Units, parts: tuple[Part, ...], start: Floats) -> Agreed:
     """The units that agree, part by part; noise that parts share is found first, then all parts are judged by it."""
-    found = _each(equations, units, parts, start, consensus, seed)
+    found = _each(asked, equations, units, parts, start)
     unknown = units.group != STATED
     if not unknown.any():
         return found
@@ -79,43 +75,32 @@ def agree_in_parts(
     for group in np.unique(units.group[unknown]).tolist():
         mine = units.group == group
         common[mine] = float(np.median(found.variances[mine]))
-    known = replace(units, group=np.full(units.count, STATED), rounding=units.rounding / common)
     factors = np.ones(equations.whole) if equations.factors is None else equations.factors.copy()
     ruled = units.of_row >= 0
     factors[ruled] *= np.sqrt(common[units.of_row[ruled]])
-    again = _each(equations.with_factors(factors), known, parts, start, consensus, seed)
+    again = _each(replace(asked, stated=True), equations.with_factors(factors), units, parts, start)
     return replace(again, variances=again.variances * common, limits=again.limits * common)
 
 
-def _each(
-    equations: Assembled, units: Units, parts: tuple[Part, ...], start: Floats, consensus: Consensus, seed: int
-) -> Agreed:
+def _each(asked: Asked, equations: Assembled, units: Units, parts: tuple[Part, ...], start: Floats) -> Agreed:
+    """Consensus of one part after the other; parts that nothing contradicts agree."""
+    from mbm.solution.native.agreeing import agreed
+
     inliers = np.ones(units.count, dtype=bool)
     limits, variances = np.full(units.count, np.inf), np.ones(units.count)
     point, trials, ambiguous = start, 0, False
-    for part, (own, mine) in zip(parts, units_of_parts(units, parts), strict=True):
-        if own.scalars <= len(part.columns):
+    alone = replace(asked, settings=replace(asked.settings, forms=tuple))  # no closed form is probed for each of them
+    for part in parts:
+        mine = np.unique(units.of_row[part.rows])
+        mine = mine[mine >= 0]
+        if units.components[mine].sum() <= len(part.columns):
             continue
-        trying = trials_of_part(equations, own, np.unique(equations.units[part.rows]), part.columns)
-        found = agree(trying, own, point[None], consensus, seed)
+        own = excerpt(equations, part.columns, np.unique(equations.units[part.rows]))
+        found = agreed(alone, own, point[None])
+        if found is None:
+            raise AssertionError("consensus from a start says nothing")
         inliers[mine], limits[mine], variances[mine] = found.inliers, found.limits, found.variances
         point, trials, ambiguous = found.point, trials + found.trials, ambiguous or found.ambiguous
     return Agreed(
         point=point, inliers=inliers, limits=limits, variances=variances, trials=trials, ambiguous=ambiguous
     )  # fmt: skip
-
-
-def units_of_parts(units: Units, parts: tuple[Part, ...]) -> Iterator[tuple[Units, Mask]]:
-    """The units of each part as if they were all, and which of all units (U,) they are."""
-    for part in parts:
-        numbers, of_row = np.unique(units.of_row[part.rows], return_inverse=True)
-        outside = int(numbers.size > 0 and numbers[0] < 0)
-        chosen = numbers[outside:]
-        own = Units(
-            of_row=np.asarray(of_row - outside, dtype=np.int64),
-            components=units.components[chosen],
-            group=units.group[chosen],
-            number=units.number[chosen],
-            rounding=units.rounding[chosen],
-        )
-        yield own, np.isin(np.arange(units.count), chosen)

@@ -60,8 +60,3 @@ def _untruncated(raw: float, limits: Floats, wide: Floats, components: Indices) 
             following = 0.5 * (low + high)
         before, off_before, variance = variance, off, following
     return variance
-
-
-def information_left(limits: Floats, variances: Floats, units: Units) -> Floats:
-    """κ (U,): the share of their variance that inliers keep, which their information has to be multiplied by."""
-    return consistency(units.components, limits / variances)

@@ -1,4 +1,4 @@
-"""What the scores of consensus estimators rest on: truncated sums, limits of the deviations, and the noise."""
+"""What consensus judges units by: limits of the deviations, and the noise."""
 
 from __future__ import annotations
 
@@ -10,11 +10,6 @@ from mbm.target.decisions import STATED
 
 STATED_CUT = 3.0
 """Stated standard deviations beyond which a unit is an outlier: 0.3 % of good units, at 1.5 % of the precision."""
-
-
-def truncated(squares: Floats, limits: Floats) -> Floats:
-    """The sum (T,) of the squared norms (T, U) over their ``limits`` (U,), none counting more than 1."""
-    return np.asarray(np.minimum(squares / limits, 1.0).sum(axis=1))
 
 
 def cuts(units: Units, threshold: float | None) -> Floats:

@@ -1,18 +1,57 @@
-"""What robust estimation hands to the minimisation."""
+"""What is asked of consensus, what it answers, and what robust estimation hands to the minimisation."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import field, replace
 from types import MappingProxyType
 
 import numpy as np
 
+from mbm.problem.types import Block, Consensus, Problem
 from mbm.solution.assembly import Assembled
+from mbm.solution.settings import Settings
 from mbm.solution.starting import Beginning
-from mbm.solution.types import Floats, Minimum, Noise, Reason
+from mbm.solution.types import Floats, Mask, Minimum, Noise, Reason
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Asked:
+    """What is asked of consensus: by which rules, of the units of the blocks that are ``ruled``.
+
+    ``stated``: no noise is unknown any more.
+    """
+
+    problem: Problem
+    settings: Settings
+    consensus: Consensus
+    ruled: Callable[[Block], bool]
+    stated: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Agreed:
+    """The units that agree at a point.
+
+    ``inliers`` (U,) have squared norms up to ``limits`` (U,) at ``point`` (N,); ``variances`` (U,) are those of the
+    noise: 1 where it is stated, else estimated from the inliers. ``trials`` is the number of subsets; ``ambiguous``
+    says that another point explains as much, ``cut_short`` that the trials were interrupted.
+    """
+
+    point: Floats
+    inliers: Mask
+    limits: Floats
+    variances: Floats
+    trials: int = 0
+    ambiguous: bool = False
+    cut_short: bool = False
+
+    @property
+    def share(self) -> float:
+        """Share of the units that agree."""
+        return float(self.inliers.mean()) if self.inliers.size else 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,4 +1,4 @@
-"""Consensus of one data set after the other: the units that agree, as `mbm.solution.robust.agree` finds them.
+"""Consensus of one data set after the other: the units that agree, found from many minimal subsets.
 
 Trials from minimal subsets (and by graduated non-convexity), the best few improved by fits to what they explain, the
 best of those brought to the fixed point of fit, noise and inliers.
@@ -13,7 +13,8 @@ from mbm.target.solver.consensus_fixed_point import finished, rival
 from mbm.target.solver.consensus_gnc import gnc_fit
 from mbm.target.solver.consensus_improve import best_candidate, improve, scored_candidates
 from mbm.target.solver.consensus_order import variances_at
-from mbm.target.solver.consensus_records import ANSWERS, ConsensusBatch, ConsensusWork, Verdict
+from mbm.target.solver.consensus_records import ANSWERS, NOWHERE, ConsensusBatch, ConsensusWork, Verdict
+from mbm.target.solver.consensus_rows import squares_at
 from mbm.target.solver.consensus_scores import GNC
 from mbm.target.solver.consensus_trials import fit_trials
 from mbm.target.solver.description import DataSet, Problem
@@ -51,9 +52,24 @@ def refine_candidate(best: Integer, count: Integer, problem: Problem, work: Cons
         work.verdict.agreed = 1
 
 
+def settle_near_start(problem: Problem, work: ConsensusWork) -> None:
+    """The start, which some of the units agree with already, brought to the fixed point of all of them."""
+    units = work.units
+    here = work.here
+    copied(problem.numbers, work.begun, here.point)
+    squares_at(problem, here.point, work, here.squares)
+    variances_at(units, problem.n, work.rules.groups, here.squares, work.sorted, units.variances)
+    work.verdict.inliers = finished(problem, work)
+    if work.verdict.inliers > 0:
+        work.verdict.agreed = 1
+
+
 def end_consensus(problem: Problem, work: ConsensusWork) -> None:
     """The best of the trials that were made, improved and brought to its fixed point."""
-    if work.size == 0:
+    if work.size == NOWHERE:
+        return
+    if work.rules.near == 1:
+        settle_near_start(problem, work)
         return
     kind = work.rules.kind
     judged = work.points_made

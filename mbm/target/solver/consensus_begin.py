@@ -9,7 +9,7 @@ from mbm.target.solver.consensus_coplanar import one_sided
 from mbm.target.solver.consensus_forms import points_in_closed_form
 from mbm.target.solver.consensus_order import median
 from mbm.target.solver.consensus_ranking import empty_lists
-from mbm.target.solver.consensus_records import SPHERES, ConsensusWork, Rules, share_out_consensus
+from mbm.target.solver.consensus_records import NOWHERE, SPHERES, ConsensusWork, Rules, share_out_consensus
 from mbm.target.solver.consensus_rows import linearised, squares_at
 from mbm.target.solver.consensus_scores import GNC
 from mbm.target.solver.consensus_trials import begin_trials, seldom_in_vain, size_of_subsets
@@ -41,13 +41,20 @@ def begin_anywhere(problem: Problem, work: ConsensusWork) -> Integer:
     return 0
 
 
-def size_where_told(problem: Problem, work: ConsensusWork) -> Integer:
-    """The rows linearised at the start in the work, and the size of subsets there; 0: units leave unknowns open."""
+def size_there(problem: Problem, work: ConsensusWork) -> Integer:
+    """The rows linearised at the start in the work, and the size of subsets there, with their rank."""
     linearised(problem, work.rows, work.begun, work.here.chunk)
-    if work.rules.kind == GNC:
+    work.rank = problem.n
+    if work.rules.kind == GNC or work.rules.near == 1:
         return problem.n
     norm_directions(problem, work)
     return size_of_subsets(problem, work)
+
+
+def size_where_told(problem: Problem, work: ConsensusWork) -> Integer:
+    """The same; 0 where units leave unknowns open."""
+    size = size_there(problem, work)
+    return size if work.rank == problem.n else 0
 
 
 def median_misfit(problem: Problem, point: ConstantReals, work: ConsensusWork) -> Real:
@@ -87,7 +94,7 @@ def begun_where_most_fit(below: Real, problem: Problem, work: ConsensusWork) -> 
 
 
 def begun_where_units_tell(problem: Problem, work: ConsensusWork) -> Integer:
-    """The start in the work, linearised, and the size of subsets there; 0: all units do not determine the unknowns.
+    """The start in the work, linearised, and the size of subsets there; `NOWHERE`: there is no such start.
 
     Where a closed form gives the start, one of the units that it is made of may be grossly wrong. Far off the others
     say nearly the same, so that trials would hardly ever be made of them alone: where a tenth of the subsets that
@@ -96,9 +103,11 @@ def begun_where_units_tell(problem: Problem, work: ConsensusWork) -> Integer:
     rules = work.rules
     copied(rules.starts * problem.numbers, work.starts, work.begun)
     if rules.startless == 1 and begin_anywhere(problem, work) == 0:
-        return 0
+        return NOWHERE
+    if rules.startless == 0:
+        return size_there(problem, work)
     size = size_where_told(problem, work)
-    if rules.startless == 0 or rules.kind == GNC:
+    if rules.kind == GNC:
         return size
     below = inf
     if size > 0:
@@ -106,7 +115,8 @@ def begun_where_units_tell(problem: Problem, work: ConsensusWork) -> Integer:
             return size
         below = median_misfit(problem, work.begun, work) / (FAR * FAR)
     begun_where_most_fit(below, problem, work)
-    return size_where_told(problem, work)
+    size = size_where_told(problem, work)
+    return size if size > 0 else NOWHERE
 
 
 def begin_consensus(problem: Problem, work: ConsensusWork) -> None:
@@ -125,8 +135,8 @@ def begin_consensus(problem: Problem, work: ConsensusWork) -> None:
     work.trials_wanted = 0
     work.trials_made = 0
     work.points_made = 0
-    if work.size > 0:
+    if work.size != NOWHERE:
         set_rounding(problem, work.begun, work)
         empty_lists(work)
-        if work.rules.kind != GNC:
+        if work.rules.kind != GNC and work.rules.near == 0:
             begin_trials(work)

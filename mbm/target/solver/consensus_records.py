@@ -1,8 +1,8 @@
 """How consensus is handed to the solver, and what it works with, as records.
 
 The units of a data set (its equations in single rows) are numbered block by block of those that are ruled, row by row,
-equation by equation. A unit whose first weight is 0 must not be among them. All rows stand side by side: the problem
-has a chunk no smaller than its residuals.
+equation by equation. A unit whose first weight is 0 takes no part and has no number. All rows stand side by side: the
+problem has a chunk no smaller than its residuals.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ MOST_CANDIDATES = 40
 """Those that are improved, in two ways."""
 
 NO_CANDIDATE = -1
+NOWHERE = -1
 
 
 @record
@@ -78,6 +79,8 @@ class Rules:
     """1: the limits of inliers are stated and are not widened."""
     startless: Integer
     """1: what the first subset gives in closed form is the start; the one given holds the other numbers only."""
+    near: Integer
+    """1: no trials, since some of the units agree with the start already: all of them are brought to agreement."""
     until_sure: Integer
     """1: trials end as soon as they are enough for what the best of them explains."""
     most_units: Integer
@@ -108,7 +111,7 @@ class Verdict:
     """What is to be said of one data set."""
 
     agreed: Integer
-    """1: there is an answer; 0: another method should take over."""
+    """1: there is an answer."""
     trials: Integer
     ambiguous: Integer
     inliers: Integer
@@ -197,7 +200,9 @@ class ConsensusWork:
     """What the last fit lowered."""
 
     size: Integer
-    """Units of a subset; 0: the units do not determine the unknowns, and there are no trials."""
+    """Units of a subset; 0: no unit says anything at the start, `NOWHERE`: nothing gives a start."""
+    rank: Integer
+    """Unknowns that a subset determines."""
     trials_wanted: Integer
     trials_made: Integer
     points_made: Integer

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from math import inf, log, sqrt
 
+from mbm.target.solver.consensus_records import Units
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
 
 FIRST_FACTOR = 40014
@@ -91,43 +92,51 @@ def unit_added(
 
 def subset_sampled(
     state: Integers,
-    units: Integer,
+    units: Units,
+    enough: Integer,
     n: Integer,
-    first: ConstantIntegers,
     rows: ConstantReals,
     order: Integers,
     basis: Reals,
     chosen: Integers,
 ) -> Integer:
-    """Units in random order as long as they raise the rank, until it is n: how many are ``chosen`` (n,).
+    """Units in random order as long as they raise the rank, until it is ``enough``: the rank they have.
 
-    ``state`` (2,) is that of the trial and is used up; ``order`` (U,) and ``basis`` (n + 1, n) are scratch.
+    They are ``chosen`` (n + 1,), -1 behind the last. ``state`` (2,) is that of the trial and is used up; ``order`` (U,)
+    and ``basis`` (n + 1, n) are scratch.
     """
     rank = 0
     count = 0
-    tries = units
-    if units > WHOLE_ORDER:
+    tries = units.count
+    if units.count > WHOLE_ORDER:
         tries = WHOLE_ORDER
     else:
-        for i in range(units):
+        for i in range(units.count):
             order[i] = i
     for position in range(tries):
-        if units > WHOLE_ORDER:
-            unit = drawn_below(state, units)
+        if units.count > WHOLE_ORDER:
+            unit = drawn_below(state, units.count)
         else:
-            other = position + drawn_below(state, units - position)
+            other = position + drawn_below(state, units.count - position)
             unit = order[other]
             order[other] = order[position]
             order[position] = unit
         before = rank
-        rank = unit_added(unit, rank, n, first, rows, basis)
+        rank = unit_added(unit, rank, n, units.first, rows, basis)
         if rank > before:
             chosen[count] = unit
             count += 1
-        if rank == n:
+        if rank == enough:
             break
-    if rank < n:
-        return 0
+    chosen[count] = -1
+    return rank
+
+
+def count_chosen(chosen: ConstantIntegers) -> Integer:
+    """How many units stand before the -1."""
+    count = 0
+    while chosen[count] >= 0:
+        count += 1
     return count
 
 
@@ -140,7 +149,7 @@ def subset_taken(
     basis: Reals,
     chosen: Integers,
 ) -> Integer:
-    """Those of a combination's units (size,) that raise the rank; 0 where it does not come to n."""
+    """Those of a combination's units (size,) that raise the rank are ``chosen``, -1 behind the last: the rank."""
     rank = 0
     count = 0
     for i in range(size):
@@ -149,9 +158,8 @@ def subset_taken(
         if rank > before:
             chosen[count] = combination[i]
             count += 1
-    if rank < n:
-        return 0
-    return count
+    chosen[count] = -1
+    return rank
 
 
 def next_combination(units: Integer, size: Integer, combination: Integers) -> Integer:
@@ -195,13 +203,3 @@ def trials_for_share(inside: Integer, units: Integer, size: Integer) -> Real:
     if hit < 1e-12:
         return inf
     return LOG_MISSED / log(1.0 - hit)
-
-
-def rank_of_all(units: Integer, n: Integer, first: ConstantIntegers, rows: ConstantReals, basis: Reals) -> Integer:
-    """The rank of all units' rows."""
-    rank = 0
-    for unit in range(units):
-        if rank == n:
-            break
-        rank = unit_added(unit, rank, n, first, rows, basis)
-    return rank

@@ -9,6 +9,7 @@ from mbm.target.solver.consensus_records import ConsensusWork
 from mbm.target.solver.consensus_sample import (
     FEWEST_TRIALS,
     combinations_of,
+    count_chosen,
     drawn_below,
     jump_to_next_trial,
     next_combination,
@@ -27,20 +28,16 @@ DRAWS = 40
 
 
 def size_of_subsets(problem: Problem, work: ConsensusWork) -> Integer:
-    """The units that the first trial takes; 0 where all units together do not determine the unknowns."""
-    units = work.units
-    work.state_used[0] = work.rules.first_state
-    work.state_used[1] = work.rules.second_state
-    return subset_sampled(
-        work.state_used,
-        units.count,
-        problem.n,
-        units.first,
-        work.directions,
-        work.order,
-        work.basis,
-        work.chosen,
-    )
+    """The units that the first trial takes, with the rank that they have in the work; 0 where that is 0.
+
+    Of less than n unknowns the others are left where they are by all trials.
+    """
+    state = work.state_used
+    state[0] = work.rules.first_state
+    state[1] = work.rules.second_state
+    n = problem.n
+    work.rank = subset_sampled(state, work.units, n, n, work.directions, work.order, work.basis, work.chosen)
+    return count_chosen(work.chosen)
 
 
 def seldom_in_vain(problem: Problem, work: ConsensusWork) -> Integer:
@@ -68,19 +65,20 @@ def seldom_in_vain(problem: Problem, work: ConsensusWork) -> Integer:
 
 
 def next_subset(problem: Problem, work: ConsensusWork) -> Integer:
-    """The units of the next trial in the work: how many; 0 for a combination that leaves unknowns open."""
-    first = work.units.first
+    """The units of the next trial in the work: how many; 0 for those that leave more unknowns open than the first."""
+    units = work.units
     rows = work.directions
     n = problem.n
     if work.every_subset == 1:
-        found = subset_taken(work.size, n, work.combination, first, rows, work.basis, work.chosen)
-        next_combination(work.units.count, work.size, work.combination)
-        return found
-    state = work.state_used
-    state[0] = work.state[0]
-    state[1] = work.state[1]
-    jump_to_next_trial(work.state)
-    return subset_sampled(state, work.units.count, n, first, rows, work.order, work.basis, work.chosen)
+        rank = subset_taken(work.size, n, work.combination, units.first, rows, work.basis, work.chosen)
+        next_combination(units.count, work.size, work.combination)
+    else:
+        state = work.state_used
+        state[0] = work.state[0]
+        state[1] = work.state[1]
+        jump_to_next_trial(work.state)
+        rank = subset_sampled(state, units, work.rank, n, rows, work.order, work.basis, work.chosen)
+    return count_chosen(work.chosen) if rank >= work.rank else 0
 
 
 def all_alike(work: ConsensusWork) -> Integer:

@@ -8,10 +8,30 @@ from mbm.target.decisions import CONSENSUS_ROUNDING
 from mbm.target.records import view
 from mbm.target.solver.consensus_records import LEVEL, ConsensusWork, Level
 from mbm.target.solver.description import LANES, Problem
-from mbm.target.solver.equations import groups_of
+from mbm.target.solver.equations import groups_of, weights_width
 from mbm.target.solver.linear_algebra import filled
 from mbm.target.solver.manifolds import coordinates_of
-from mbm.target.words import ConstantReals
+from mbm.target.words import ConstantReals, Integer
+
+
+def put_unit(
+    number: Integer, first: Integer, place: Integer, size: Integer, level: Integer, work: ConsensusWork
+) -> Integer:
+    """A unit of so many residuals with its law; whether it is one whose residual has its own number.
+
+    ``first`` are the residuals of the units before it, ``place`` is where its own stand.
+    """
+    units = work.units
+    law = view(Level, work.levels[level * LEVEL :])
+    units.components[number] = size
+    units.place[number] = place
+    units.first[number] = first
+    units.medians[number] = law.median
+    units.cuts[number] = law.cut
+    units.reaches[number] = law.reach
+    for i in range(size):
+        work.ruled[place + i * LANES] = 1.0
+    return size == 1 and place == number
 
 
 def list_units(problem: Problem, work: ConsensusWork) -> None:
@@ -19,6 +39,7 @@ def list_units(problem: Problem, work: ConsensusWork) -> None:
     units = work.units
     n = 0
     there = 0
+    whitening = 0
     scalars = 0
     simple = 1
     filled(problem.chunk, 0.0, work.ruled)
@@ -31,28 +52,21 @@ def list_units(problem: Problem, work: ConsensusWork) -> None:
             for row in range(rows):
                 for u in range(block.unit_count):
                     unit = block.units[u]
-                    size = unit.last - unit.first
-                    level = view(Level, work.levels[(own.first_level + u) * LEVEL :])
-                    place = there + (row // LANES * lines + unit.first) * LANES + row % LANES
-                    units.components[n] = size
-                    units.group[n] = own.group
-                    units.place[n] = place
-                    units.block[n] = b
-                    units.row[n] = row
-                    units.equation[n] = u
-                    units.first[n] = scalars
-                    units.medians[n] = level.median
-                    units.cuts[n] = level.cut
-                    units.reaches[n] = level.reach
-                    if size != 1 or place != n:
-                        simple = 0
-                    for i in range(size):
-                        work.ruled[place + i * LANES] = 1.0
-                    scalars += size
-                    n += 1
+                    weight = (row // LANES * block.weights + unit.weights) * LANES + row % LANES
+                    if work.rows.weights[whitening + weight] != 0.0:
+                        place = there + (row // LANES * lines + unit.first) * LANES + row % LANES
+                        if put_unit(n, scalars, place, unit.last - unit.first, own.first_level + u, work) == 0:
+                            simple = 0
+                        units.group[n] = own.group
+                        units.block[n] = b
+                        units.row[n] = row
+                        units.equation[n] = u
+                        scalars += units.components[n]
+                        n += 1
         elif rows > 0:
             simple = 0
         there += groups_of(rows) * LANES * lines
+        whitening += groups_of(rows) * LANES * weights_width(block)
     units.first[n] = scalars
     units.simple = simple
     units.count = n
