@@ -100,7 +100,7 @@ def _agreement(
 def _asked(
     problem: Problem, equations: Assembled, settings: Settings
 ) -> tuple[Consensus, Callable[[Block], bool]] | None:
-    """The estimator and the blocks that it acts on, as `mbm.solution.robust.consensus` has them."""
+    """The estimator and the blocks that it acts on: that of `:robust`, or least medians for losses that need them."""
     if settings.robust is not None:
         return settings.robust, observed
     unknown = any(block.loss is not None and block.unknown_factor for block in problem.blocks)

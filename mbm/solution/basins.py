@@ -10,9 +10,8 @@ import numpy as np
 
 from mbm.solution.agreement import Agreement
 from mbm.solution.assembly import Assembled
-from mbm.solution.batch import Batch
 from mbm.solution.metric import turning
-from mbm.solution.solvers.batched import Batched
+from mbm.solution.native.starts import StartEnds
 from mbm.solution.twins import Twin, separation, twin_of
 from mbm.solution.types import Floats, Indices, Minimum
 from mbm.target.decisions import DIFFERENCE, ROUNDED_ROTATION
@@ -49,7 +48,7 @@ class Basin:
     twin: Twin | None = None
 
 
-def ends_apart(equations: Assembled, ends: Batched) -> Iterator[tuple[Floats, Indices]]:
+def ends_apart(equations: Assembled, ends: StartEnds) -> Iterator[tuple[Floats, Indices]]:
     """The ends that differ (N,), the lowest cost first, each with the numbers of the starts that it stands for."""
     usable = np.flatnonzero(np.isfinite(ends.cost))
     left = usable[np.argsort(ends.cost[usable], kind="stable")]
@@ -94,14 +93,14 @@ def _ranked(basins: Sequence[Basin]) -> Iterator[Basin]:
         left = left[len(equal) :]
 
 
-def without_twins(stack: Batch, basins: Sequence[Basin], agree: Agreement) -> tuple[Basin, ...]:
+def without_twins(equations: Assembled, basins: Sequence[Basin], agree: Agreement) -> tuple[Basin, ...]:
     """Basins that are another way to write a better one are joined to it; mirror images stay, and are marked.
 
     Those of which derived quantities do not ``agree`` stay as well: somebody tells them apart.
     """
     kept: list[Basin] = []
     for number, basin in enumerate(basins):
-        found = _twin_among(stack, kept, basin) if number < COMPARED else None
+        found = _twin_among(equations, kept, basin) if number < COMPARED else None
         if found is None:
             kept.append(basin)
         elif found[1] is Twin.MIRRORED:
@@ -118,7 +117,7 @@ def equal_costs(first: float, second: float) -> bool:
     return abs(first - second) <= EQUAL * (1.0 + min(first, second))
 
 
-def ways_down(equations: Assembled, stack: Batch, minimum: Minimum) -> tuple[Floats, ...]:
+def ways_down(equations: Assembled, minimum: Minimum) -> tuple[Floats, ...]:
     """Two points on either side of a saddle, in the direction in which the cost falls; none at a minimum.
 
     The Hessian of Σ r²/2 by differences of the gradient, over the coordinates that no bound holds, in units of their
@@ -135,8 +134,7 @@ def ways_down(equations: Assembled, stack: Batch, minimum: Minimum) -> tuple[Flo
     steps[line, free], steps[free.size + line, free] = lengths, -lengths
     points = np.array([equations.retract(minimum.point, s) for s in steps])
     with np.errstate(all="ignore"):
-        residuals, jacobian = stack.linearised(points, np.arange(len(points)))
-        gradient = np.einsum("tm,tmn->tn", residuals, jacobian[:, :, free])
+        gradient = np.stack([equations.residuals(point) @ equations.jacobian(point)[:, free] for point in points])
     slopes = (gradient[: free.size] - gradient[free.size :]) / (2.0 * lengths[:, None])
     hessian = slopes * np.multiply.outer(units, units) / (spread * spread)
     if not np.isfinite(hessian).all():
@@ -198,10 +196,10 @@ def _flat(equations: Assembled, minimum: Minimum) -> bool:
     return bool(np.linalg.matrix_rank(columns / length, tol=EQUAL * FINE) < free.sum())
 
 
-def _twin_among(stack: Batch, kept: Sequence[Basin], basin: Basin) -> tuple[int, Twin] | None:
+def _twin_among(equations: Assembled, kept: Sequence[Basin], basin: Basin) -> tuple[int, Twin] | None:
     for number, other in enumerate(kept):
         if equal_costs(other.minimum.cost, basin.minimum.cost):
-            twin = twin_of(stack, other.minimum.point, basin.minimum.point)
+            twin = twin_of(equations, other.minimum.point, basin.minimum.point)
             if twin is not None:
                 return number, twin
     return None

@@ -182,7 +182,7 @@ class Group:
         return self.evaluation.values()
 
     def values_at(self, points: Floats) -> Floats:
-        """The same at points (P, N) in one call of the kernel: (P, rows, outputs); valid until the next call."""
+        """The same at points (P, N) in one call of the kernel: (P, rows, outputs)."""
         count, variables = len(points), self.index.shape[1]
         inputs = np.empty((count, self.rows, variables + self.parameters.shape[1]))
         inputs[:, :, :variables] = points[:, self.places]
@@ -190,9 +190,8 @@ class Group:
         for each in self.sampled:
             for part, point in zip(inputs, points, strict=True):
                 each.fill(part[:, variables:], point.__getitem__, np.arange(self.rows))
-        evaluation = self.cache.evaluation(self.number, self.kernel, count * self.rows)
-        evaluation.inputs[...] = inputs.reshape(evaluation.inputs.shape)
-        return evaluation.values().reshape(count, self.rows, self.kernel.outputs)
+        values = self.cache.stream(self.number, self.kernel).values(inputs.reshape(count * self.rows, inputs.shape[2]))
+        return values.reshape(count, self.rows, self.kernel.outputs)
 
     def whitened(self, values: Floats) -> Floats:
         """Outputs divided by their noise, shape (…, rows, outputs)."""

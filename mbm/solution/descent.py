@@ -13,10 +13,10 @@ import numpy as np
 
 from mbm.problem.types import BlockRole, Problem
 from mbm.solution.assembly import Assembled
-from mbm.solution.batch import batch
 from mbm.solution.dissection import MAXIMUM_ROWS, Dissection, Mention, Part, dissected
+from mbm.solution.excerpt import excerpt
+from mbm.solution.native.starts import StartEnds, ends_of_starts, joined
 from mbm.solution.settings import Settings
-from mbm.solution.solvers.batched import Batched, joined, minimise_all
 from mbm.solution.types import Floats, Indices
 from mbm.values import dataclass
 
@@ -43,26 +43,25 @@ class Descent:
     units: Indices
     settings: Settings
 
-    def ends(self, starts: Floats) -> Batched:
+    def ends(self, starts: Floats) -> StartEnds:
         """Where the starts (T, N) lead to, never worse than a start; only the first of them where it is stopped."""
-        parts: list[Batched] = []
+        parts: list[StartEnds] = []
         for first in range(0, len(starts), TOGETHER):
             if parts and self.settings.stopped():
                 break
             parts.append(self._ends(starts[first : first + TOGETHER]))
         return joined(parts)
 
-    def _ends(self, starts: Floats) -> Batched:
+    def _ends(self, starts: Floats) -> StartEnds:
         begun = _begun(starts)
         if self.order is not None:
             found = self._by_parts(begun, self.order)
-            whole = batch(self.equations)
-            before, after = (np.square(whole.residuals(p)).sum(axis=1) for p in (starts, found.points))
+            before, after = (np.square(self.equations.residuals_at(p)).sum(axis=1) for p in (starts, found.points))
             better = (after <= before)[:, None] | ~np.isfinite(before)[:, None]
             begun = replace(found, points=np.where(better, found.points, starts))
         return self._minimised(begun, self.equations.free, None, ITERATIONS)
 
-    def _by_parts(self, reached: Batched, order: Dissection) -> Batched:
+    def _by_parts(self, reached: StartEnds, order: Dissection) -> StartEnds:
         starts = reached.points
         for part in order.trunk:
             reached = self._solved(reached, (part,), PART_ITERATIONS)
@@ -72,7 +71,7 @@ class Descent:
             reached = self._branch(reached, starts, branch)
         return reached
 
-    def _branch(self, reached: Batched, starts: Floats, branch: tuple[Part, ...]) -> Batched:
+    def _branch(self, reached: StartEnds, starts: Floats, branch: tuple[Part, ...]) -> StartEnds:
         """The points with the unknowns of a branch solved for, from their own values or those of other starts."""
         found = self._branch_solved(reached, branch)
         enough = ZERO * sum(len(part.equations) for part in branch)
@@ -96,26 +95,20 @@ class Descent:
         evaluations[lost] += second.evaluations.reshape(len(lost), tries).sum(axis=1)
         return replace(found, points=points, iterations=iterations, evaluations=evaluations)
 
-    def _branch_solved(self, reached: Batched, branch: tuple[Part, ...]) -> Batched:
+    def _branch_solved(self, reached: StartEnds, branch: tuple[Part, ...]) -> StartEnds:
         for part in branch:
             reached = self._solved(reached, (part,), PART_ITERATIONS)
         return self._solved(reached, branch, PART_ITERATIONS) if len(branch) > 1 else reached
 
-    def _solved(self, reached: Batched, parts: tuple[Part, ...], iterations: int) -> Batched:
+    def _solved(self, reached: StartEnds, parts: tuple[Part, ...], iterations: int) -> StartEnds:
         columns = self.equations.free[sorted(c for part in parts for c in part.columns)]
         units = self.units[sorted(i for part in parts for i in part.equations)]
         return self._minimised(reached, columns, units, iterations)
 
-    def _minimised(self, reached: Batched, columns: Indices, units: Indices | None, iterations: int) -> Batched:
-        """The minima of some units over some coordinates, with the work so far: in native code where that can run."""
-        settings = self.settings
-        # Loaded here, so that problems with one start need not.
-        from mbm.solution.native.starts import native_ends
-
-        found = native_ends(self.equations, reached.points, columns, units, iterations, settings)
-        if found is None:
-            stack = batch(self.equations, columns=columns, units=units)
-            found = minimise_all(stack, reached.points, iterations=iterations, stopped=settings.stopped)
+    def _minimised(self, reached: StartEnds, columns: Indices, units: Indices | None, iterations: int) -> StartEnds:
+        """The minima of some units over some coordinates, with the work so far."""
+        part = excerpt(self.equations, columns, np.unique(self.equations.units) if units is None else units)
+        found = ends_of_starts(part, reached.points, iterations, self.settings)
         return replace(
             found,
             iterations=reached.iterations + found.iterations,
@@ -141,11 +134,11 @@ def descent(equations: Assembled, problem: Problem, settings: Settings) -> Desce
     return Descent(equations=equations, order=order, units=units, settings=settings)
 
 
-def _begun(points: Floats) -> Batched:
+def _begun(points: Floats) -> StartEnds:
     """Trials of which nothing is known yet."""
     none = np.zeros(len(points), dtype=np.int64)
     unknown = np.full(len(points), np.inf)
-    return Batched(points=points, cost=unknown, settled=none > 0, iterations=none, evaluations=none)
+    return StartEnds(points=points, cost=unknown, settled=none > 0, iterations=none, evaluations=none)
 
 
 def _mentions(equations: Assembled, problem: Problem) -> tuple[Indices, list[Mention]]:

@@ -6,7 +6,6 @@ import numpy as np
 
 from mbm.problem.manifold import Piece
 from mbm.solution.assembly import Assembled
-from mbm.solution.batch import batch
 from mbm.solution.quasirandom import directions, rotations, sobol
 from mbm.solution.types import Floats, Indices, Mask
 
@@ -50,9 +49,8 @@ def costs(equations: Assembled, points: Floats) -> Floats:
         if equations.implicit is not None or len(points) <= SINGLE:
             found = np.array([float(np.square(equations.residuals(point)).sum()) for point in points])
         else:
-            stack = batch(equations)
-            step = max(TOGETHER // max(stack.count, 1), 1)
-            parts = [stack.residuals(points[i : i + step]) for i in range(0, len(points), step)]
+            step = max(TOGETHER // max(equations.whole, 1), 1)
+            parts = [equations.residuals_at(points[i : i + step]) for i in range(0, len(points), step)]
             found = np.concatenate([np.square(part).sum(axis=1) for part in parts])
     return np.where(np.isfinite(found), found, np.inf)
 

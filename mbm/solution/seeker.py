@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
 from itertools import islice
 
 import numpy as np
@@ -13,11 +12,10 @@ from mbm.problem.types import Problem
 from mbm.solution.agreement import Agreement
 from mbm.solution.assembly import Assembled
 from mbm.solution.basins import Basin, ends_apart, merged, ways_down, without_twins
-from mbm.solution.batch import Batch, batch
 from mbm.solution.descent import descent
 from mbm.solution.minimise import minima, minimise
+from mbm.solution.native.starts import StartEnds
 from mbm.solution.settings import Settings
-from mbm.solution.solvers.batched import Batched
 from mbm.solution.starting import Beginning
 from mbm.solution.types import Floats, Minimum
 
@@ -111,24 +109,19 @@ class Seeker:
             left = [self._below(b) for b in found]
             if any(b is not a for a, b in zip(found, left, strict=True)):
                 found = merged(self._equations, left)
-        return found if len(found) < 2 else without_twins(self._stack, found, self._agree)
-
-    @cached_property
-    def _stack(self) -> Batch:
-        """The equations at many points."""
-        return batch(self._equations)
+        return found if len(found) < 2 else without_twins(self._equations, found, self._agree)
 
     def _below(self, basin: Basin) -> Basin:
         """The basin itself, or where it leads if it is a saddle."""
         if not basin.minimum.reason.converged or self._settings.stopped():
             return basin
-        sides = ways_down(self._equations, self._stack, basin.minimum)
+        sides = ways_down(self._equations, basin.minimum)
         lower = [self.polished(point) for point in sides]
         best = min(lower, key=lambda m: m.cost if np.isfinite(m.cost) else np.inf, default=None)
         if best is None or not best.cost < basin.minimum.cost:
             return basin
         return replace(basin, minimum=best)
 
-    def _count(self, ends: Batched) -> None:
+    def _count(self, ends: StartEnds) -> None:
         self.iterations += int(ends.iterations.sum())
         self.evaluations += int(ends.evaluations.sum())

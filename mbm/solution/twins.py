@@ -15,7 +15,6 @@ import numpy as np
 from mbm.problem.manifold import Piece
 from mbm.solution.agreement import NEAR
 from mbm.solution.assembly import Assembled
-from mbm.solution.batch import Batch
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.values import dataclass
 
@@ -57,16 +56,16 @@ class _Map:
         return result
 
 
-def twin_of(stack: Batch, first: Floats, second: Floats) -> Twin | None:
+def twin_of(equations: Assembled, first: Floats, second: Floats) -> Twin | None:
     """How the point ``second`` (N,) follows from ``first`` by a symmetry of the equations; None where it does not."""
-    layout = stack.equations.layout
-    about = _turned_about(stack.equations, first, second)
+    layout = equations.layout
+    about = _turned_about(equations, first, second)
     mended = second.copy()
     mended[about] *= -1.0
     if any(_turned_apart(first[c.numbers], mended[c.numbers]) for c in layout.curved):
         return None
-    places = layout.number[stack.equations.free]
-    angle = layout.angle[stack.equations.free][places >= 0]
+    places = layout.number[equations.free]
+    angle = layout.angle[equations.free][places >= 0]
     places = places[places >= 0]
     difference = second[places] - first[places]
     difference = np.where(angle, np.remainder(difference + np.pi, 2 * np.pi) - np.pi, difference)
@@ -76,7 +75,7 @@ def twin_of(stack: Batch, first: Floats, second: Floats) -> Twin | None:
     moving, turning = places[differs], angle[differs]
     exchange = None if len(about) else _exchange(first, second, moving)
     for candidate in (exchange, _reflection(first, second, moving, turning, about)):
-        if candidate is not None and _holds(stack, candidate, first, places, angle):
+        if candidate is not None and _holds(equations, candidate, first, places, angle):
             return candidate.kind
     return None
 
@@ -132,7 +131,7 @@ def _reflection(first: Floats, second: Floats, moving: Indices, turning: Mask, a
     return _Map(targets=moving, sources=moving, sign=sign, shift=shift, about=about, kind=kind)
 
 
-def _holds(stack: Batch, candidate: _Map, about: Floats, places: Indices, angle: Mask) -> bool:
+def _holds(equations: Assembled, candidate: _Map, about: Floats, places: Indices, angle: Mask) -> bool:
     """Whether the map leaves all residuals as they are, up to their signs, at points scattered about one minimum."""
     random = np.random.default_rng(len(places))
     reach = np.where(angle, ANGLE, TRIED_SHARE * np.abs(about[places]))
@@ -141,7 +140,7 @@ def _holds(stack: Batch, candidate: _Map, about: Floats, places: Indices, angle:
     scattered = probes[:, candidate.about] + ANGLE * random.uniform(-1.0, 1.0, (PROBES, *candidate.about.shape))
     probes[:, candidate.about] = scattered / np.linalg.norm(scattered, axis=-1, keepdims=True)
     with np.errstate(all="ignore"):
-        before, after = stack.residuals(probes), stack.residuals(candidate.applied(probes))
+        before, after = equations.residuals_at(probes), equations.residuals_at(candidate.applied(probes))
     finite = np.isfinite(before).all(axis=1) & np.isfinite(after).all(axis=1)
     if finite.sum() < 2:
         return False

@@ -1,79 +1,49 @@
-"""Measurement problems written in NumPy alone, with outliers, as consensus sees them (protocol ``Trials``)."""
+"""Problems with outliers, and what consensus finds in them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+import mbm
+from mbm.problem.types import BlockRole
+from mbm.solution.assembly import Assembled
+from mbm.solution.estimate import assemble
+from mbm.solution.multistart import starting_points
+from mbm.solution.native.agreeing import agreed
+from mbm.solution.robust.binding import units_of
+from mbm.solution.robust.types import Agreed, Asked
 from mbm.solution.robust.units import Units
-from mbm.solution.solvers.batched import minimise_all
+from mbm.solution.settings import settings_of
 from mbm.target.decisions import STATED
 
 
 @dataclass(frozen=True)
-class Model:
-    """Residuals (T, m) and Jacobians (T, m, n) of points (T, n): any vectorised function of real unknowns."""
+class Found:
+    """What agrees in one data set, with the equations and their units."""
 
-    evaluate: object
-    dimension: int
+    agreed: Agreed
+    equations: Assembled
     units: Units
 
-    def linearised(self, points):
-        return self.evaluate(points)
 
-    def residuals(self, points):
-        return self.evaluate(points)[0]
+def consensus(text, data=None, *, backend=None, seed=None, startless=False) -> Found:
+    """What the units of all observations agree on by the ``:robust`` of the problem."""
+    compiled = mbm.loads(text).compile(data=data, backend=backend)
+    problem = compiled.elaborated.problem
+    settings = settings_of(problem.request)
+    settings = settings if seed is None else replace(settings, seed=seed)
+    equations, _ = assemble(problem, compiled.kernels, compiled.elaborated.tables, {}, compiled.cache)
 
-    def coordinates(self, points):
-        return points
+    def observed(block):
+        return block.role is BlockRole.OBSERVATION
 
-    def moved(self, points, steps):
-        return points + steps
-
-    def fitted(self, starts, subsets):
-        always = np.flatnonzero(self.units.of_row < 0)
-        rows = np.where(subsets >= 0, subsets, 0)[:, :, None] == self.units.of_row[None, None, :]
-        weights = (rows & (subsets >= 0)[:, :, None]).any(axis=1).astype(float)
-        weights[:, always] = 1.0
-        return minimise_all(_Stack(self, weights), starts, iterations=20).points, np.arange(len(subsets))
-
-
-@dataclass(frozen=True)
-class _Stack:
-    model: Model
-    weights: np.ndarray
-
-    @property
-    def dimension(self):
-        return self.model.dimension
-
-    @property
-    def count(self):
-        return self.weights.shape[1]
-
-    @property
-    def lower(self):
-        return np.full(self.dimension, -np.inf)
-
-    @property
-    def upper(self):
-        return np.full(self.dimension, np.inf)
-
-    @property
-    def positive(self):
-        return np.zeros(self.dimension, dtype=bool)
-
-    def linearised(self, points, which):
-        residuals, jacobian = self.model.evaluate(points)
-        weights = self.weights[which]
-        return residuals * weights, jacobian * weights[:, :, None]
-
-    def coordinates(self, points):
-        return points
-
-    def moved(self, points, steps):
-        return points + steps
+    starts = None if startless else np.stack([each.point for each in starting_points(equations, settings, None)])
+    asked = Asked(problem=problem, settings=settings, consensus=settings.robust, ruled=observed)
+    found = agreed(asked, equations, starts)
+    units = units_of(equations, problem, equations.numbers if startless else starts[0], observed)
+    return Found(agreed=found, equations=equations, units=units)
 
 
 def scalar_units(count, *, unknown=False):
@@ -85,26 +55,6 @@ def scalar_units(count, *, unknown=False):
         number=np.arange(count),
         rounding=np.full(count, 1e-28),
     )
-
-
-def linear_model(design, values, *, unknown):
-    """``values ≈ design @ x`` with noise 1."""
-
-    def evaluate(points):
-        return points @ design.T - values, np.tile(design, (len(points), 1, 1))
-
-    return Model(evaluate, design.shape[1], scalar_units(len(values), unknown=unknown))
-
-
-def range_model(stations, ranges, sigma, *, unknown=False):
-    """Distances from an unknown place to known stations."""
-
-    def evaluate(points):
-        away = points[:, None, :] - stations
-        distance = np.linalg.norm(away, axis=2)
-        return (distance - ranges) / sigma, away / distance[:, :, None] / sigma
-
-    return Model(evaluate, stations.shape[1], scalar_units(len(ranges), unknown=unknown))
 
 
 CEILING = np.array([[x, y, 2.7] for x in np.linspace(1.0, 2.5, 6) for y in np.linspace(0.7, 2.8, 8)])

@@ -1,20 +1,25 @@
-"""Consensus on problems written in NumPy: subsets, scores, fixed points, noise."""
+"""Consensus: what is wrong is found, the rest is fitted, and the noise is that of the rest."""
 
 from __future__ import annotations
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from mbm.problem.types import Consensus, ConsensusKind
-from mbm.solution.robust.agree import agree
-from mbm.solution.robust.subsets import minimal_subsets, trials_for
-from mbm.solution.robust.units import Units, consistency, limits, medians, quantile, robust_variance
-from mbm.target.decisions import STATED
-from tests.robust.scenes import CEILING, linear_model, range_model, scalar_units
+from mbm.problem.types import ConsensusKind
+from mbm.solution.robust.subsets import first_states, needed_trials
+from mbm.solution.robust.units import consistency, limits, medians, quantile, robust_variance
+from mbm.target.solver.consensus_sample import count_chosen, jump_to_next_trial, subset_sampled
+from tests.robust.scenes import CEILING, consensus, scalar_units
 
 EVERY = tuple(ConsensusKind)
-START = np.array([[1.75, 1.75, 1.0]])
+RANGES = """
+(problem place (data ranges external) (unknowns (p (vector 3) :init [1.75 1.75 1]))
+  (observe ranges (= range (distance p [x y z])) {noise}) (solve :robust {rule}))"""
+LEVEL = """
+(problem level (data d external) (unknowns (a :init 0)) (observe d (= y a) :sigma 1) (solve :robust {rule}))"""
 
 
 def ranges(generator, outliers, sigma=0.005):
@@ -22,132 +27,154 @@ def ranges(generator, outliers, sigma=0.005):
     measured = np.linalg.norm(place - CEILING, axis=1) + sigma * generator.normal(size=48)
     bad = np.zeros(48, dtype=bool)
     bad[generator.choice(48, outliers, replace=False)] = True
-    return place, measured + 0.5 * bad, bad
+    table = {**dict(zip("xyz", CEILING.T, strict=True)), "range": measured + 0.5 * bad}
+    return place, {"ranges": table}, bad
 
 
 @pytest.mark.parametrize("kind", EVERY)
 @pytest.mark.parametrize("outliers", [0, 1, 5, 14])
-@pytest.mark.parametrize("unknown", [False, True])
-def test_outliers_are_found_and_the_place_is_that_of_the_others(kind, outliers, unknown):
+@pytest.mark.parametrize("noise", [":sigma 0.005", ":sigma unknown"])
+def test_outliers_are_found_and_the_place_is_that_of_the_others(kind, outliers, noise):
     generator = np.random.default_rng(7)
     for _ in range(5):
-        place, measured, bad = ranges(generator, outliers)
-        model = range_model(CEILING, measured, 1.0 if unknown else 0.005, unknown=unknown)
-        found = agree(model, model.units, START, Consensus(kind=kind), 1)
+        place, data, bad = ranges(generator, outliers)
+        found = consensus(RANGES.format(noise=noise, rule=kind.value), data).agreed
         assert not found.inliers[bad].any()
         assert (~found.inliers[~bad]).sum() <= 4
         # 5 mm of noise over 34 and more ranges in this geometry: 4 to 5 mm, 20 in the worst of thousands.
         assert np.linalg.norm(found.point - place) < 0.02
-        if unknown:
+        if "unknown" in noise:
             assert 0.003 < np.sqrt(found.variances[0]) < 0.007
 
 
 def test_the_answer_follows_from_the_seed_alone():
-    _, measured, _ = ranges(np.random.default_rng(3), 10)
-    model = range_model(CEILING, measured, 0.005)
-    first, again, other = (agree(model, model.units, START, Consensus(kind=ConsensusKind.LMEDS), s) for s in (1, 1, 2))
+    _, data, _ = ranges(np.random.default_rng(3), 10)
+    text = RANGES.format(noise=":sigma 0.005", rule="lmeds")
+    first, again, other = (consensus(text, data, seed=seed).agreed for seed in (1, 1, 2))
     np.testing.assert_array_equal(first.point, again.point)
-    # Another seed tries other subsets; the fixed point is the same to the rounding of the last fit.
+    # Another seed tries other subsets; the fixed point is the same to the last step, 1e-6 deviations of 1 mm and less.
     np.testing.assert_allclose(first.point, other.point, atol=1e-8)
 
 
 def test_exact_data_with_outliers():
-    generator = np.random.default_rng(2)
-    design = np.column_stack([np.ones(20), generator.normal(size=20)])
-    values = design @ [3.0, -2.0]
-    values[[4, 9, 15]] += [1.0, -7.0, 2.0]
-    model = linear_model(design, values, unknown=True)
-    found = agree(model, model.units, np.zeros((1, 2)), Consensus(kind=ConsensusKind.LMEDS), 1)
+    x = np.random.default_rng(2).normal(size=20)
+    y = 3.0 - 2.0 * x
+    y[[4, 9, 15]] += [1.0, -7.0, 2.0]
+    text = """(problem line (data d external) (unknowns (a :init 0) (b :init 0))
+      (observe d (= y (+ a (* b x))) :sigma unknown) (solve :robust lmeds))"""
+    found = consensus(text, {"d": {"x": x, "y": y}}).agreed
     np.testing.assert_allclose(found.point, [3.0, -2.0], atol=1e-12)
     assert np.flatnonzero(~found.inliers).tolist() == [4, 9, 15]
 
 
 def test_a_stated_noise_that_the_data_contradict_gives_way_to_the_robust_one():
-    generator = np.random.default_rng(5)
-    place, measured, bad = ranges(generator, 5)
-    model = range_model(CEILING, measured, 0.0015)  # the noise is more than three times as large
-    found = agree(model, model.units, START, Consensus(kind=ConsensusKind.LMEDS), 1)
+    place, data, bad = ranges(np.random.default_rng(5), 5)
+    found = consensus(RANGES.format(noise=":sigma 0.0015", rule="lmeds"), data).agreed  # the noise is three times that
     assert not found.inliers[bad].any()
     assert (~found.inliers[~bad]).sum() <= 4
     assert np.linalg.norm(found.point - place) < 0.02
+    assert found.limits.min() > 9.0
 
 
 def test_two_equal_halves_are_ambiguous():
     values = np.concatenate([np.zeros(10), np.full(10, 50.0)]) + 0.1 * np.random.default_rng(1).normal(size=20)
-    model = linear_model(np.ones((20, 1)), values, unknown=False)
-    found = agree(model, model.units, np.zeros((1, 1)), Consensus(kind=ConsensusKind.LMEDS), 1)
-    assert found.ambiguous
-    clear = linear_model(np.ones((20, 1)), values[:14], unknown=False)
-    assert not agree(
-        linear_model(np.ones((14, 1)), values[:14], unknown=False),
-        scalar_units(14),
-        np.zeros((1, 1)),
-        Consensus(kind=ConsensusKind.LMEDS),
-        1,
-    ).ambiguous
-    assert clear.dimension == 1
+    assert consensus(LEVEL.format(rule="lmeds"), {"d": {"y": values}}).agreed.ambiguous
+    assert not consensus(LEVEL.format(rule="lmeds"), {"d": {"y": values[:14]}}).agreed.ambiguous
 
 
 def test_a_threshold_is_kept_to():
     values = np.array([0.0, 0.1, -0.1, 0.2, 1.4, 1.8, -0.2, 0.05])
-    model = linear_model(np.ones((8, 1)), values, unknown=False)
-    consensus = Consensus(kind=ConsensusKind.RANSAC, threshold=1.0)
-    found = agree(model, model.units, np.zeros((1, 1)), consensus, 1)
+    found = consensus(LEVEL.format(rule="(ransac :threshold 1)"), {"d": {"y": values}}).agreed
     np.testing.assert_array_equal(found.inliers, np.abs(values - found.point[0]) <= 1.0)
     assert found.point[0] == pytest.approx(values[found.inliers].mean(), abs=1e-12)
 
 
-def two_families(members, per_member):
-    """Rows that each see one of several unknowns, and one unknown that all share."""
-    of_row = np.repeat(np.arange(members), per_member)
-    jacobian = np.zeros((len(of_row), members + 1))
-    jacobian[np.arange(len(of_row)), of_row] = 1.0
-    jacobian[:, -1] = np.random.default_rng(4).normal(size=len(of_row))
-    return jacobian, of_row
+def subsets(jacobian, trials, *, components=1, enough=None):
+    """Units (T, k) that so many trials take, -1 behind the last."""
+    scaled = jacobian / np.linalg.norm(jacobian, axis=0)
+    rows = scaled / np.linalg.norm(scaled, axis=1)[:, None]
+    count, n = len(jacobian) // components, jacobian.shape[1]
+    units = SimpleNamespace(count=count, first=components * np.arange(count + 1))
+    state, found = np.array(first_states(1)), []
+    for _ in range(trials):
+        chosen = np.zeros(n + 1, dtype=np.int64)
+        order, basis = np.zeros(count, dtype=np.int64), np.zeros((n + 1) * n)
+        wanted = n if enough is None else enough
+        rank = subset_sampled(state.copy(), units, wanted, n, rows.ravel(), order, basis, chosen)
+        assert rank == wanted
+        found.append(chosen[: count_chosen(chosen)])
+        jump_to_next_trial(state)
+    return found
 
 
 def test_subsets_take_from_each_member_what_it_needs():
-    jacobian, of_row = two_families(5, 8)
-    subsets = minimal_subsets(jacobian, scalar_units(40), 200, 1)
-    assert subsets.shape == (200, 6)
-    for subset in subsets:
-        assert np.linalg.matrix_rank(jacobian[subset]) == 6
+    """Rows that each see one of several unknowns, and one unknown that all share."""
+    of_row = np.repeat(np.arange(5), 8)
+    jacobian = np.zeros((40, 6))
+    jacobian[np.arange(40), of_row] = 1.0
+    jacobian[:, -1] = np.random.default_rng(4).normal(size=40)
+    for subset in subsets(jacobian, 200):
+        assert len(subset) == np.linalg.matrix_rank(jacobian[subset]) == 6
         assert set(of_row[subset]) == set(range(5))
 
 
 def test_repeated_rows_are_passed_over():
-    jacobian = np.repeat(np.eye(3), 4, axis=0)
-    for subset in minimal_subsets(jacobian, scalar_units(12), 300, 1):
+    for subset in subsets(np.repeat(np.eye(3), 4, axis=0), 300):
         assert sorted(subset // 4) == [0, 1, 2]
 
 
-def test_all_subsets_are_tried_where_they_are_few():
-    jacobian = np.random.default_rng(1).normal(size=(7, 3))
-    subsets = minimal_subsets(jacobian, scalar_units(7), None, 1)
-    assert {tuple(s) for s in subsets} == {
-        (i, j, k) for i in range(7) for j in range(i + 1, 7) for k in range(j + 1, 7)
-    }
+def test_of_very_many_units_some_are_drawn():
+    jacobian = np.random.default_rng(1).normal(size=(1500, 4))
+    drawn = np.array(subsets(jacobian, 100))
+    assert drawn.shape == (100, 4)
+    assert drawn.max() > 1200
+    assert len({tuple(subset) for subset in drawn.tolist()}) == 100
 
 
 def test_units_of_two_components_fill_the_rank_in_half_as_many():
     jacobian = np.random.default_rng(1).normal(size=(40, 6))
-    units = Units(
-        of_row=np.repeat(np.arange(20), 2),
-        components=np.full(20, 2),
-        group=np.full(20, STATED),
-        number=np.arange(20),
-        rounding=np.zeros(20),
-    )
-    assert minimal_subsets(jacobian, units, 50, 1).shape == (50, 3)
-    assert units.squares(np.arange(40.0))[1] == 2.0**2 + 3.0**2
+    assert np.array(subsets(jacobian, 50, components=2)).shape == (50, 3)
+
+
+def test_units_that_leave_an_unknown_open_are_as_many_as_they_determine():
+    jacobian = np.column_stack([np.random.default_rng(1).normal(size=(20, 2)), np.zeros(20)])
+    jacobian[:, 2] = jacobian[:, 0] + jacobian[:, 1]
+    assert np.array(subsets(jacobian, 50, enough=2)).shape == (50, 2)
+
+
+def test_all_subsets_are_tried_where_they_are_few():
+    x = np.linspace(-1.0, 2.0, 7)
+    text = """(problem parabola (data d external) (unknowns (a :init 0) (b :init 0) (c :init 0))
+      (observe d (= y (+ a (* x (+ b (* x c))))) :sigma 0.1) (solve :robust lmeds))"""
+    assert consensus(text, {"d": {"x": x, "y": x**2}}).agreed.trials == 35
+
+
+PRIOR = """
+(problem prior (data d external) (unknowns (a :init 0) (b :init 0) (c :init 0.5))
+  (observe d (= y (+ a c (* b x))) {noise}) (constraints (normal c 0.5 0.1)) (solve :robust {rule}))"""
+
+
+@pytest.mark.parametrize("kind", EVERY)
+@pytest.mark.parametrize("noise", [":sigma 0.1", ":sigma unknown"])
+def test_what_the_data_leave_open_priors_decide(kind, noise):
+    """The rows determine a + c only: no subset of them determines all three."""
+    generator = np.random.default_rng(11)
+    x = np.linspace(0.0, 4.0, 25)
+    y = 1.5 + 2.0 * x + 0.1 * generator.normal(size=25)
+    y[[2, 9, 17, 20]] += [3.0, -4.0, 6.0, 2.0]
+    found = consensus(PRIOR.format(noise=noise, rule=kind.value), {"d": {"x": x, "y": y}}).agreed
+    assert not found.inliers[[2, 9, 17, 20]].any()
+    assert found.inliers.sum() >= 19
+    a, b = np.polynomial.polynomial.polyfit(x[found.inliers], y[found.inliers], 1)
+    # The last step is below 1e-6 deviations (0.1 of one row) in all that the rows determine.
+    np.testing.assert_allclose([found.point[0] + found.point[2], found.point[1]], [a, b], atol=1e-6)
+    assert found.point[2] == pytest.approx(0.5, abs=1e-6)
 
 
 def test_default_trials_miss_once_in_a_million_at_40_percent():
     for size in (3, 4, 6):
-        trials = trials_for(500, size, None)
-        assert (1 - 0.6**size) ** trials <= 1.01e-6
-    assert trials_for(500, 3, 17) == 17
-    assert trials_for(5, 3, 1000) == 10
+        assert (1 - 0.6**size) ** needed_trials(size, None) <= 1.01e-6
+    assert needed_trials(3, 17) == 17
 
 
 @pytest.mark.parametrize("components", [1, 2, 3, 6, 9])

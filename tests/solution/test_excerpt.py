@@ -7,7 +7,7 @@ import pytest
 
 import mbm
 from mbm.solution.excerpt import excerpt
-from tests.solution.test_batch import PROBLEMS
+from tests.solution.varied import PROBLEMS
 
 
 @pytest.fixture(params=PROBLEMS)

@@ -7,7 +7,6 @@ import pytest
 
 import mbm
 from mbm.solution.interruption import Interruption
-from mbm.solution.solvers import batched
 
 QUARTIC = """
 (problem quartic "(x² - 1)² + y² + x/5: minima near -1 and 1, a saddle between."
@@ -138,16 +137,6 @@ def test_starts_differ_by_the_seed_and_documents_do_not_by_the_run():
     assert first["solves"][0]["estimates"]["x"]["value"] == pytest.approx(
         other["solves"][0]["estimates"]["x"]["value"], rel=1e-9
     )
-
-
-def test_the_size_of_the_chunks_does_not_matter(monkeypatch):
-    """All trials at once, or two at a time: the same numbers to the last bit."""
-    whole = mbm.loads(QUARTIC).solve(backend="numpy").document()
-    monkeypatch.setattr(batched, "MEMORY", 12)
-    parts = mbm.loads(QUARTIC).solve(backend="numpy").document()
-    for document in (whole, parts):
-        document["solves"][0]["seconds"] = None
-    assert whole == parts
 
 
 def test_native_starts_find_the_minima_that_numpy_finds():

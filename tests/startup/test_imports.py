@@ -130,7 +130,7 @@ def test_a_linear_solve_loads_no_method_that_it_does_not_need(tmp_path: Path) ->
     modules = _modules("solve", file)
     assert "mbm.solution.estimate" in modules
     assert not _rooms(modules) & set(SELDOM)
-    assert not modules & {"mbm.solution.robust.consensus", "mbm.solution.robust.agree"}
+    assert not modules & {"mbm.solution.robust.consensus", "mbm.solution.native.agreeing"}
 
 
 def test_a_start_that_is_given_is_compared_with_closed_forms_and_nothing_else(problem: Path) -> None:

@@ -1,6 +1,6 @@
 """Consensus before a solve: the units that agree (`mbm.target.solver.consensus`), and what follows for the equations.
 
-As `mbm.solution.robust.consensus`: `:robust` leaves out what does not agree, and what agrees informs by the share κ of
+`:robust` leaves out what does not agree, and what agrees informs by the share κ of
 its variance that the limits leave; losses keep all units, but begin where consensus is, and noise that goes with a loss
 is as large as the units that agree say. ``kappa`` has one number for each unit of each block of residuals.
 """

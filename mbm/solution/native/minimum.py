@@ -9,12 +9,10 @@ from typing import TypeAlias
 import numpy as np
 
 from mbm.solution.assembly import Assembled
-from mbm.solution.batch import batch
 from mbm.solution.metric import first_bad
 from mbm.solution.native.system import NativeEnds, NativeSystem, system_of
 from mbm.solution.settings import Settings
 from mbm.solution.types import Equations, Floats, Minimum, Reason
-from mbm.target.decisions import MEMORY
 from mbm.target.solver import description as of
 
 Stopped: TypeAlias = Callable[[], bool]
@@ -91,15 +89,13 @@ def linearised_ends(
 ) -> Iterator[tuple[int, NativeEnds, tuple[Floats, Floats] | None]]:
     """Where each of many starts (T, N) ends: its number, all ends, residuals and Jacobian there; None: not made."""
     ends = system.solve(starts, workers=settings.threads(len(starts)), stopped=settings.stopped)
-    stack = batch(equations)
-    step = max(1, MEMORY // max(1, stack.count * stack.dimension))
-    for first in range(0, len(starts), step):
-        which = np.arange(first, min(first + step, len(starts)))
-        with np.errstate(all="ignore"):
-            residuals, jacobian = stack.linearised(ends.numbers[which], which - first)
-        for k, here, slopes in zip(which.tolist(), residuals, jacobian, strict=True):
-            made = ends.states[k, of.EVALUATIONS] > 0
-            yield k, ends, (here.copy(), slopes.copy()) if made else None
+    for k, point in enumerate(ends.numbers):
+        if ends.states[k, of.EVALUATIONS] > 0:
+            with np.errstate(all="ignore"):
+                at = equations.residuals(point), equations.jacobian(point)
+            yield k, ends, at
+        else:
+            yield k, ends, None
 
 
 def _by_kernels(equations: Equations, settings: Settings) -> NativeSystem | None:

@@ -1,6 +1,7 @@
 """Graduated non-convexity (Yang, Antonante, Tzoumas and Carlone 2020): from least squares to the truncated loss.
 
-As `mbm.solution.robust.gnc`: from the least squares and from the least absolute deviations.
+From the least squares and from the least absolute deviations. Deterministic, and without subsets, so for any number of
+unknowns; it needs a least squares fit that is not too far off.
 """
 
 from __future__ import annotations

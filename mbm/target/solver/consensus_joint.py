@@ -1,4 +1,9 @@
-"""Where noise is unknown: fit, noise and limits of the units that agree, together (`mbm.solution.robust.joint`)."""
+"""Where noise is unknown: fit, noise and limits of the units that agree, solved for together.
+
+The noise of a group is ``SSE/((n − p) κ)`` of its inliers, κ depends on their limits, limits on the noise, and weights
+in the fit on the noise again. Given which units are inside, all that is a function of the point, so that steps end at
+rounding: the answer depends on the units that agree, and not on the way to them.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Fits to self-chosen units from one point: the local search of consensus (`mbm.solution.robust.refine`)."""
+"""Fits to self-chosen units from one point: the local search of consensus.
+
+A rule says which units count at a point, and an objective that a fit to those units lowers: so every accepted step
+lowers the objective.
+"""
 
 from __future__ import annotations
 

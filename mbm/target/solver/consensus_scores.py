@@ -12,7 +12,11 @@ LMEDS = 0
 RANSAC = 1
 MSAC = 2
 GNC = 3
-"""Kinds of scores, as in `mbm.solution.robust.estimators`."""
+"""Kinds of scores; the last one is that of truncated squares, for graduated non-convexity, which takes no subsets.
+
+`LMEDS`: order statistics of the squared norms (Rousseeuw and Leroy 1987), `RANSAC`: units outside their limits
+(Fischler and Bolles 1981), `MSAC`: squared norms up to their limits (Torr and Zisserman 2000).
+"""
 
 
 def rank_of_half(count: Integer, size: Integer) -> Integer:

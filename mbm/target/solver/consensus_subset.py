@@ -1,6 +1,6 @@
 """The fit to the units of one subset, with what no rule touches, by Marquardt's method on the few rows it takes.
 
-The damping is Nielsen's (1999), bounds are kept by holding what meets them, as in `mbm.solution.solvers.batched`.
+The damping is Nielsen's (1999), bounds are kept by holding what meets them.
 """
 
 from __future__ import annotations

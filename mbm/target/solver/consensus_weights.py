@@ -1,4 +1,4 @@
-"""Rules of the local search behind consensus (`mbm.solution.robust.refine`), at one point.
+"""Rules of the local search behind consensus, at one point.
 
 A rule says which units count at a point, and an objective that a fit to those units lowers: the truncated sum of
 squares ``Σ min(s, L)``, or, where the noise is unknown, the trimmed one of concentration steps.

@@ -1,4 +1,4 @@
-"""Consensus in native code finds what the general path finds, whatever the number of threads."""
+"""Consensus ends at the fit to what is inside its limits, by SciPy, whatever the number of threads."""
 
 from __future__ import annotations
 
@@ -11,17 +11,14 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import mbm
-from mbm.problem.types import BlockRole
 from mbm.solution.estimate import assemble
-from mbm.solution.multistart import starting_points
-from mbm.solution.native.agreeing import agreed_natively
 from mbm.solution.native.consensus import consensus_many
 from mbm.solution.native.consensus_rules import rules_of
 from mbm.solution.native.packing import Rows
 from mbm.solution.native.system import native_code, system_of
-from mbm.solution.robust.agree import agree
-from mbm.solution.robust.binding import trials_of, units_of
 from mbm.solution.settings import settings_of
+from mbm.target.decisions import STATED
+from tests.robust.scenes import consensus
 
 pytest.importorskip("llvmlite")
 
@@ -56,8 +53,9 @@ def ranges(seed, outliers):
     generator = np.random.default_rng(seed)
     place = generator.uniform([0.8, 0.8, 0.3], [2.7, 2.7, 1.3])
     measured = np.linalg.norm(place - CEILING, axis=1) + 0.005 * generator.normal(size=48)
-    measured[generator.choice(48, outliers, replace=False)] += 0.5
-    return {"ranges": {"x": CEILING[:, 0], "y": CEILING[:, 1], "z": CEILING[:, 2], "range": measured}}
+    wrong = generator.choice(48, outliers, replace=False)
+    measured[wrong] += 0.5
+    return {"ranges": {"x": CEILING[:, 0], "y": CEILING[:, 1], "z": CEILING[:, 2], "range": measured}}, wrong
 
 
 def scene(seed, count, wrong):
@@ -85,41 +83,43 @@ def parabola(seed, outliers):
     generator = np.random.default_rng(seed)
     x = np.linspace(-1, 2, 31)
     y = 1 + 2 * x - 0.5 * x**2 + 0.1 * generator.normal(size=31)
-    y[generator.choice(31, outliers, replace=False)] += generator.uniform(2, 9, outliers)
-    return {"points": {"x": x, "y": y}}
+    wrong = generator.choice(31, outliers, replace=False)
+    y[wrong] += generator.uniform(2, 9, outliers)
+    return {"points": {"x": x, "y": y}}, wrong
 
 
-def both(text, data):
-    """What the general path and what the native one agree on."""
-    compiled = mbm.loads(text).compile(data=data, backend="native")
-    problem = compiled.elaborated.problem
-    settings = settings_of(problem.request)
-    equations, _ = assemble(problem, compiled.kernels, compiled.elaborated.tables, {}, compiled.cache)
-    starts = np.stack([each.point for each in starting_points(equations, settings, None)])
+def assert_agreement(text, data, wrong=()):
+    """What consensus promises, by SciPy: the fit to the units inside, their noise, and no other unit inside.
 
-    def observed(block):
-        return block.role is BlockRole.OBSERVATION
+    Units that are ``wrong`` by far are not.
+    """
+    found = consensus(text, data)
+    answer, equations, units = found.agreed, found.equations, found.units
+    assert not answer.inliers[np.asarray(wrong, dtype=int)].any()
+    deviations = np.ones(equations.whole)
+    deviations[units.of_row >= 0] = np.sqrt(answer.variances)[units.of_row[units.of_row >= 0]]
+    rows = (units.of_row < 0) | answer.inliers[units.of_row]
+    squares = units.squares(equations.plain_residuals(answer.point))
+    np.testing.assert_array_equal(answer.inliers, squares <= answer.limits)
 
-    units = units_of(equations, problem, starts[0], observed)
-    trials = trials_of(equations, units, settings.closed_forms)
-    expected = agree(trials, units, starts, settings.robust, settings.seed)
-    found = agreed_natively(problem, equations, settings, settings.robust, observed, starts)
-    return expected, found
+    def residuals(step):
+        return (equations.plain_residuals(equations.retract(answer.point, step)) / deviations)[rows]
 
-
-def assert_same(text, data):
-    expected, found = both(text, data)
-    assert found is not None
-    np.testing.assert_array_equal(found.inliers, expected.inliers)
-    # Both end where a step promises 1e-12 of a squared deviation: 1e-6 deviations, which are 0.1 and less here. Where
-    # noise is unknown they end at rounding, which is 1e-13 of the noise and its limits.
-    loose = ":sigma" in text.partition("(observe")[2]
-    np.testing.assert_allclose(found.point, expected.point, atol=1e-6 if loose else 1e-10)
-    np.testing.assert_allclose(found.variances, expected.variances, rtol=1e-5 if loose else 1e-10)
-    np.testing.assert_allclose(found.limits, expected.limits, rtol=1e-5 if loose else 1e-10)
-    assert found.ambiguous == expected.ambiguous
-    assert found.trials == expected.trials
-    return found
+    scale = np.linalg.norm(equations.plain_jacobian(answer.point) / deviations[:, None], axis=0)
+    best = least_squares(lambda step: residuals(step / scale), np.zeros(equations.dimension), method="lm", xtol=1e-12)
+    # Steps end where they promise 1e-12 of a squared deviation (1e-6 deviations), and where SciPy's differences end.
+    assert np.abs(best.x).max() < 1e-5
+    for group in np.unique(units.group).tolist():
+        mine = (units.group == group) & answer.inliers
+        if group == STATED or not mine.any():
+            continue
+        share = units.components[answer.inliers].sum()
+        freedom = units.components[mine].sum() * (1.0 - equations.dimension / share)
+        cut, sizes = answer.limits[mine] / answer.variances[mine], units.components[mine]
+        left = chi2.cdf(cut, sizes + 2) / chi2.cdf(cut, sizes)  # the variance that normal noise has left inside
+        expected = squares[mine].sum() / freedom / ((sizes * left).sum() / sizes.sum())
+        np.testing.assert_allclose(answer.variances[mine], expected, rtol=1e-8)
+    return answer
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -127,18 +127,19 @@ def assert_same(text, data):
 def test_ranges(rule, noise):
     text = RANGES.format(rule=rule, noise=NOISES[noise].format(sigma="5mm"))
     for seed, outliers in enumerate((0, 1, 5, 14)):
-        assert_same(text, ranges(seed, outliers))
+        data, wrong = ranges(seed, outliers)
+        assert_agreement(text, data, wrong)
 
 
 @pytest.mark.parametrize("rule", RULES[:3])
 def test_poses(rule):
     for seed, (count, wrong) in enumerate([(10, 2), (20, 8), (50, 20)]):
-        assert_same(POSE.format(rule=rule), marks(seed, count, wrong))
+        assert_agreement(POSE.format(rule=rule), marks(seed, count, wrong))
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3])
 def test_trials_end_when_they_are_enough(share):
-    found = [assert_same(POSE.format(rule="msac"), marks(seed, 30, round(share * 30))).trials for seed in range(4)]
+    found = [assert_agreement(POSE.format(rule="msac"), marks(seed, 30, round(share * 30))).trials for seed in range(4)]
     # 20 are made at least. Were all good points within three deviations of the best fit to three points, 20 and 32
     # would be enough; without an end there are 100.
     assert all(20 <= trials < 100 for trials in found)
@@ -167,25 +168,28 @@ def test_of_six_points_no_better_consensus_is_missed():
 def test_subsets_without_a_closed_form_and_a_prior(rule, noise):
     text = PARABOLA.format(rule=rule, noise=NOISES[noise].format(sigma="0.1"))
     for seed, outliers in enumerate((0, 4, 10)):
-        assert_same(text, parabola(seed, outliers))
+        data, wrong = parabola(seed, outliers)
+        assert_agreement(text, data, wrong)
 
 
 def test_noise_that_is_stated_too_small_gives_way():
-    found = assert_same(RANGES.format(rule="lmeds", noise=":sigma 1.5mm"), ranges(5, 5))
+    found = consensus(RANGES.format(rule="lmeds", noise=":sigma 1.5mm"), ranges(5, 5)[0]).agreed
     assert found.limits.min() > 9.0
 
 
 def test_a_threshold_and_a_number_of_trials_are_kept_to():
-    found = assert_same(RANGES.format(rule="(msac :trials 40 :threshold 2)", noise=":sigma 5mm"), ranges(2, 5))
+    data, wrong = ranges(2, 5)
+    found = assert_agreement(RANGES.format(rule="(msac :trials 40 :threshold 2)", noise=":sigma 5mm"), data, wrong)
     assert found.trials == 40
+    np.testing.assert_allclose(found.limits, 4.0, rtol=1e-12)
 
 
 def test_a_batch_is_its_data_sets_one_by_one_whatever_the_threads():
     text = RANGES.format(rule="lmeds", noise="")
     alone, parts = [], []
-    compiled = mbm.loads(text).compile(data=ranges(0, 0), backend="native")
+    compiled = mbm.loads(text).compile(data=ranges(0, 0)[0], backend="native")
     for seed in range(7):
-        bound = compiled._for(ranges(seed, 2 * seed))
+        bound = compiled._for(ranges(seed, 2 * seed)[0])
         found = bound.elaborated
         settings = settings_of(found.problem.request)
         equations, _ = assemble(found.problem, bound.kernels, found.tables, {}, bound.cache)
@@ -214,18 +218,18 @@ def test_data_sets_of_as_many_rows_as_the_first_are_not_probed(monkeypatch):
     compiled = mbm.loads(POSE.format(rule="msac")).compile(data=marks(1, 20, 8), backend="native")
     first = compiled.solve()
     monkeypatch.setattr("mbm.solution.native.consensus_forms.minimal_solver", None)
-    monkeypatch.setattr("mbm.solution.robust.binding.minimal_solver", None)
     second = compiled.solve(data=marks(2, 20, 12))
     again = compiled.solve(data=marks(1, 20, 8))
     assert first.to_json() != second.to_json()
     np.testing.assert_array_equal(first.covariance.matrix, again.covariance.matrix)
 
 
-def test_without_machine_code_the_general_path_answers(monkeypatch):
-    data = marks(3, 20, 8)
-    native = mbm.loads(POSE.format(rule="msac")).compile(data=data, backend="native").solve()
-    monkeypatch.setattr("mbm.solution.native.agreeing.agreed_natively", lambda *_: None)
-    plain = mbm.loads(POSE.format(rule="msac")).compile(data=data, backend="native").solve()
+def test_without_machine_code_the_text_itself_answers(monkeypatch):
+    data = marks(3, 8, 2)
+    native = mbm.loads(POSE.format(rule="msac")).compile(data=data, backend="numpy").solve()
+    monkeypatch.setattr("mbm.kernels.native.engine.hindrance", lambda _: "none can be made")
+    plain = mbm.loads(POSE.format(rule="msac")).compile(data=data, backend="numpy").solve()
+    # Sums in another order: products are fused in machine code.
     np.testing.assert_allclose(native.covariance.matrix, plain.covariance.matrix, rtol=1e-6)
 
 
@@ -236,7 +240,7 @@ def test_how_gross_one_error_is_changes_nothing(backend, gross):
     problem = mbm.loads(RANGES.format(rule="lmeds", noise=":sigma 5mm"))
     found = []
     for size in (1e3, gross):
-        data = ranges(3, 5)
+        data = ranges(3, 5)[0]
         data["ranges"]["range"][7] = size
         found.append(problem.solve(data=data, backend=backend))
     assert [each.status for each in found] == ["ok", "ok"]

@@ -1,4 +1,4 @@
-"""Parts of consensus: subsets as the general path draws them, order statistics, laws of squared norms."""
+"""Parts of consensus: numbers that are drawn, order statistics, scores worked out by hand."""
 
 from __future__ import annotations
 
@@ -8,42 +8,21 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import hypergeom
+from scipy.stats import chi2, hypergeom
 
-from mbm.solution.robust.estimators.msac import MSAC
-from mbm.solution.robust.estimators.ransac import RANSAC
-from mbm.solution.robust.subsets import first_states, minimal_subsets, unit_rows
+from mbm.problem.types import ConsensusKind
+from mbm.solution.native.consensus_rules import KINDS
+from mbm.solution.robust.subsets import first_states
 from mbm.target.solver.consensus_order import median, selected
 from mbm.target.solver.consensus_sample import (
     combinations_of,
     drawn_below,
-    jump_to_next_trial,
     next_combination,
-    rank_of_all,
-    subset_sampled,
     trials_for_share,
 )
 from mbm.target.solver.consensus_scores import inlier_count, least_median, outlier_count, truncated
-from tests.robust.scenes import scalar_units
 
 NUMBERS = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=40)
-
-
-@pytest.mark.parametrize("count", [12, 1500])
-def test_subsets_are_those_of_the_general_path(count):
-    jacobian = np.random.default_rng(1).normal(size=(count, 4))
-    jacobian[1] = 2.0 * jacobian[0]  # says nothing new
-    units = scalar_units(count)
-    expected = minimal_subsets(jacobian, units, 50, 7)
-    rows = unit_rows(jacobian, units).reshape(count, 4)
-    first = np.arange(count + 1)
-    order, basis = np.zeros(count, dtype=np.int64), np.zeros(20)
-    state, chosen = np.array(first_states(7)), np.zeros(4, dtype=np.int64)
-    for subset in expected:
-        assert subset_sampled(state.copy(), count, 4, first, rows.ravel(), order, basis, chosen) == 4
-        np.testing.assert_array_equal(chosen, subset)
-        jump_to_next_trial(state)
-    assert rank_of_all(count, 4, first, rows.ravel(), basis) == 4
 
 
 def test_drawn_numbers_are_uniform():
@@ -84,19 +63,33 @@ def test_the_least_median_is_given_up_only_where_it_is_above_the_bound(seed, unk
         assert found == whole or (found == inf and bound < whole)
 
 
-@given(seed=st.integers(0, 1000), count=st.integers(1, 23))
-def test_scores_are_those_of_the_general_path(seed, count):
-    generator = np.random.default_rng(seed)
-    squares, limits = generator.chisquare(1, count) * 10.0, generator.uniform(1.0, 9.0, count)
-    squares[generator.random(count) < 0.1] = inf
-    units = scalar_units(count)
-    for width in (1.0, 16.0):
-        expected = MSAC.scores(squares[None], units, 3, width * limits)[0]
-        found = truncated(count, width, squares, limits)
-        assert found == pytest.approx(expected, rel=1e-13)  # sums of up to 23 terms in another order
-    assert inlier_count(count, squares, limits) == (squares <= limits).sum()
-    outliers = outlier_count(count, squares, limits, truncated(count, 1.0, squares, limits))
-    assert outliers == pytest.approx(RANSAC.scores(squares[None], units, 3, limits)[0], rel=1e-13)
+SQUARES = np.array([[0.0, 1.0, 4.0, 16.0, 25.0], [2.0, 2.0, 2.0, 2.0, 100.0]])
+"""Two trials, five units: with the limit 9 the first leaves three in, the second four."""
+LIMITS = np.full(5, 9.0)
+
+
+def test_each_name_of_the_language_has_one_score():
+    assert sorted(KINDS) == sorted(ConsensusKind)
+    assert len(set(KINDS.values())) == len(KINDS)
+
+
+def test_truncated_squares_are_summed():
+    found = [truncated(5, 1.0, squares, LIMITS) for squares in SQUARES]
+    np.testing.assert_allclose(found, [5 / 9 + 2, 8 / 9 + 1], rtol=1e-15)
+    assert truncated(5, 16.0, SQUARES[0], LIMITS) == pytest.approx(46 / 144, rel=1e-15)
+
+
+def test_ransac_counts_outliers_and_ties_go_to_the_closer_one():
+    found = [outlier_count(5, squares, LIMITS, truncated(5, 1.0, squares, LIMITS)) for squares in SQUARES]
+    np.testing.assert_allclose(found, [2 + (5 / 9 + 2) / 6, 1 + (8 / 9 + 1) / 6], rtol=1e-15)
+    assert [inlier_count(5, squares, LIMITS) for squares in SQUARES] == [3, 4]
+
+
+def test_least_median_takes_the_order_statistic():
+    """Five units, subsets of two: rank 5 // 2 + 3 // 2 = 3, over the median of χ² with one degree of freedom."""
+    medians, groups, scratch = np.full(5, chi2.ppf(0.5, 1)), np.full(5, -1), np.zeros(5)
+    found = [least_median(5, 0, 2, squares, medians, groups, inf, scratch) for squares in SQUARES]
+    np.testing.assert_allclose(found, 5 * np.log(np.array([4.0, 2.0]) / chi2.ppf(0.5, 1)), rtol=1e-12)
 
 
 @pytest.mark.parametrize(("inside", "units", "size"), [(30, 48, 3), (12, 20, 3), (5, 10, 5), (48, 48, 3), (2, 9, 3)])
