@@ -28,7 +28,7 @@ class Found:
     units: Units
 
 
-def consensus(text, data=None, *, backend=None, seed=None, startless=False) -> Found:
+def consensus(text, data=None, *, backend="auto", seed=None, startless=False) -> Found:
     """What the units of all observations agree on by the ``:robust`` of the problem."""
     compiled = mbm.loads(text).compile(data=data, backend=backend)
     problem = compiled.elaborated.problem
