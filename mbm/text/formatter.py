@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from mbm.text.comments import find_comments
 from mbm.text.layout import Block, Layouter, with_notes
 from mbm.text.layout_tree import Item, Note, build_tree
@@ -9,14 +11,28 @@ from mbm.text.reader import read
 from mbm.text.types import Source
 from mbm.text.vectors import literal_vectors
 
+ROUNDS = 5
+"""Layouts of layouts: two are enough but for lists whose rows decide where those around them stand."""
+
 
 def format_text(source: Source) -> str:
     """The text in its one layout: lines of at most 100 columns where that can be, two columns for each level of a body.
 
     Comments and the author's grouping by lines and blank lines stay; nothing is respelt, but that a literal vector in
-    a problem, ``(0 0 h)``, becomes ``[0 0 h]``. Formatting the result changes nothing.
+    a problem, ``(0 0 h)``, becomes ``[0 0 h]``. Formatting the result changes nothing: rows that a layout makes are the
+    author's in the next one, so it is laid out until that changes no more.
     Raises ``MbmError`` with the syntax errors of the text, as ``read`` does.
     """
+    for _ in range(ROUNDS):
+        text = _laid_out(source)
+        if text == source.text:
+            break
+        source = replace(source, text=text)
+    return source.text
+
+
+def _laid_out(source: Source) -> str:
+    """One layout of the text."""
     forms = read(source)
     items = build_tree(forms, find_comments(source), source, literal_vectors(forms))
     layouter = Layouter()

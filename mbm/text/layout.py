@@ -75,7 +75,7 @@ class Layouter:
         """The group by a plan. Lines are aligned with the first argument only where that stands beside the head."""
         flow = _Flow(self, group, plan, column, tail, base)
         block = flow.block()
-        if group.rule.align and group.rule.keep and flow.moved and plan.indent != column + _INDENT:
+        if group.rule.align and flow.moved and plan.indent != column + _INDENT:
             plan = replace(plan, indent=column + _INDENT)
             block = _Flow(self, group, plan, column, tail, base).block()
         return block

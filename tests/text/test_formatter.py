@@ -187,3 +187,17 @@ def test_a_last_argument_opens_beside_others_only_if_these_are_on_one_line():
     for rest in ("1 1", "1 (sin (+ a b))"):
         text = formatted(f"(problem p (observe d (= y a)) (constraints (normal {clause} {rest})))")
         assert formatted(text) == text
+
+
+def test_arguments_below_their_head_are_indented_by_two():
+    """Found by random problems: a second layout moved what stands below `(list` under an argument that is not there."""
+    first = formatted(
+        "(problem p (observe d (= y (reduce + (list (cond ((and (< a a) (not (< a readings.x)))"
+        " (apply + (map (lambda (a) a) (range 1 3)))) (true (+ a a))) (+ (+ a a) (+ a a))) (+ (+ a a) (+ a a))))"
+        " (= y (norm [a b])) :sigma 1))"
+    )
+    assert kept(first)
+    lines = first.splitlines()
+    opened = next(number for number, line in enumerate(lines) if line.endswith("(list"))
+    below = lines[opened + 1]
+    assert len(below) - len(below.lstrip()) == lines[opened].index("(list") + 2
