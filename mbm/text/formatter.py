@@ -11,7 +11,7 @@ from mbm.text.reader import read
 from mbm.text.types import Source
 from mbm.text.vectors import literal_vectors
 
-ROUNDS = 5
+LAYOUTS = 5
 """Layouts of layouts: two are enough but for lists whose rows decide where those around them stand."""
 
 
@@ -23,7 +23,7 @@ def format_text(source: Source) -> str:
     author's in the next one, so it is laid out until that changes no more.
     Raises ``MbmError`` with the syntax errors of the text, as ``read`` does.
     """
-    for _ in range(ROUNDS):
+    for _ in range(LAYOUTS):
         text = _laid_out(source)
         if text == source.text:
             break

@@ -44,7 +44,7 @@ class _Ruled:
 
     def agree(self, which: Which, points: Floats) -> tuple[ConsensusEnds, Indices, Indices]:
         """What agrees in some solves, and solve and group of each unit (U,)."""
-        from mbm.solution.native.consensus import consensus_many
+        from mbm.solution.native.consensus import Begun, consensus_many
 
         mine = replace(self.native, rows=replace(self.native.rows, data=self.native.rows.data[places_of(which)]))
         solve, group, unit = self.stack.units(which, self.acting)
@@ -53,9 +53,7 @@ class _Ruled:
             mine,
             self.code,
             self.rules,
-            points[:, None],
-            known,
-            startless=self.startless,
+            Begun(starts=points[:, None], forms=known, startless=self.startless),
             stopped=self.settings.stopped,
         )
         return found, solve, group

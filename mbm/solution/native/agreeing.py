@@ -7,7 +7,7 @@ from dataclasses import field
 import numpy as np
 
 from mbm.solution.assembly import Assembled
-from mbm.solution.native.consensus import Rooms, consensus_many
+from mbm.solution.native.consensus import Begun, Rooms, consensus_many
 from mbm.solution.native.consensus_forms import KnownForm, known_form
 from mbm.solution.native.consensus_rules import NO_FORM, Form, Rules, rules_of
 from mbm.solution.native.system import NativeSystem, iteration_of, native_code, never, system_of
@@ -70,11 +70,13 @@ def agreed(asked: Asked, equations: Assembled, starts: Floats | None, *, near: b
         handed.system,
         native_code(cache).consensus,
         _rules(asked, handed, learnt, form, len(begun)),
-        begun[None],
-        known_rows,
-        units_at=np.array([0, len(handed.units)]),
-        startless=starts is None,
-        near=near,
+        Begun(
+            starts=begun[None],
+            forms=known_rows,
+            startless=starts is None,
+            near=near,
+            units_at=np.array([0, len(handed.units)]),
+        ),
         rooms=learnt.rooms,
         stopped=never if settings.interruption is None else settings.stopped,
     )

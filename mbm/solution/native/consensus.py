@@ -51,6 +51,23 @@ class ConsensusEnds:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Begun:
+    """Where D data sets begin: ``starts`` (D, S, N), all finite but for what the closed form gives.
+
+    ``forms`` (units of all data sets, width) is what a closed form knows of each unit (None: nothing). ``startless``:
+    it gives the starts, and those here hold the other numbers. ``near``: the starts are what some of the units agree
+    with already. ``units_at`` (D + 1,) is where the units of each data set begin, and the end of the last ones (None:
+    no unit is left out by its weight).
+    """
+
+    starts: Floats
+    forms: Floats | None = None
+    startless: bool = False
+    near: bool = False
+    units_at: Indices | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Room:
     """A system's header and the table of rules with room for some numbers of rows, and what scratch they ask for.
 
@@ -140,12 +157,8 @@ def consensus_many(
     system: NativeSystem,
     code: AnyCode,
     rules: Rules,
-    starts: Floats,
-    forms: Floats | None = None,
+    begun: Begun,
     *,
-    units_at: Indices | None = None,
-    startless: bool = False,
-    near: bool = False,
     workers: int = 1,
     rooms: Rooms | None = None,
     stopped: Callable[[], bool] = never,
@@ -156,32 +169,27 @@ def consensus_many(
         system: the equations and their data sets.
         code: the compiled consensus.
         rules: what is asked for.
-        starts: points (D, S, N), all finite but for what the closed form gives.
-        forms: what the closed form knows of each unit (units of all data sets, width).
-        units_at: where the units of each data set begin, and the end of the last ones (D + 1,); None: none is left out
-            by its weight.
-        startless: the closed form gives the starts; those given hold the other numbers.
-        near: the starts are what some of the units agree with already.
+        begun: where they begin.
         workers: threads; the answers do not depend on it.
         rooms: those made for such data sets before.
         stopped: asked now and then; data sets that were not looked at by then do not agree. Of a single one, the best
             of the trials that were made by then is the answer.
     """
     count = len(system.rows.data)
-    units_at = units_at_of(system, rules) if units_at is None else units_at
+    units_at = units_at_of(system, rules) if begun.units_at is None else begun.units_at
     total, numbers = int(units_at[-1]), int(system.system[of.Problem.numbers])
-    known = np.zeros(1) if forms is None else np.ascontiguousarray(forms, dtype=np.float64)
-    begun = np.ascontiguousarray(starts, dtype=np.float64)
+    known = np.zeros(1) if begun.forms is None else np.ascontiguousarray(begun.forms, dtype=np.float64)
+    starts = np.ascontiguousarray(begun.starts, dtype=np.float64)
     room = (rooms or Rooms()).of(system, rules)
     room = replace(room, table=room.table.copy())
-    put(room.table, c.Rules, startless=int(startless), near=int(near))
+    put(room.table, c.Rules, startless=int(begun.startless), near=int(begun.near))
     points, states = np.zeros((count, numbers)), np.zeros((count, c.ANSWERS), dtype=np.int64)
     inside, limits, variances = np.zeros(total, dtype=np.int64), np.zeros(total), np.zeros(total)
     code.expect(count * TRIALS * system.expected)
     every = code.blank(c.ConsensusBatch)
     rows = system.rows
     put(every, c.ConsensusBatch, problem=room.header, data=rows.data, stride=int(rows.data.shape[1]), units_at=units_at)
-    put(every, c.ConsensusBatch, forms=known, starts=begun, numbers=points, verdicts=states)
+    put(every, c.ConsensusBatch, forms=known, starts=starts, numbers=points, verdicts=states)
     put(every, c.ConsensusBatch, inlier=inside, limits=limits, noise=variances)
 
     def part(first: int, last: int) -> None:

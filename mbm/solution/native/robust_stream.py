@@ -10,7 +10,7 @@ import numpy as np
 from mbm.problem.types import BlockRole, ConsensusKind, Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.native.code import AnyCode
-from mbm.solution.native.consensus import ConsensusEnds, Rooms, consensus_many
+from mbm.solution.native.consensus import Begun, ConsensusEnds, Rooms, consensus_many
 from mbm.solution.native.consensus_forms import KnownForm, known_form
 from mbm.solution.native.consensus_rules import NO_FORM, rules_of
 from mbm.solution.native.consensus_rules import Rules as ConsensusRules
@@ -115,9 +115,7 @@ class RobustStream:
             system,
             agreement.code,
             agreement.rules,
-            np.tile(agreement.base, (len(parameters), 1, 1)),
-            known,
-            startless=agreement.startless,
+            Begun(starts=np.tile(agreement.base, (len(parameters), 1, 1)), forms=known, startless=agreement.startless),
             workers=workers,
             rooms=self._rooms,
         )

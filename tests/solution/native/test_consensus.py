@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 import mbm
 from mbm.solution.estimate import assemble
-from mbm.solution.native.consensus import consensus_many
+from mbm.solution.native.consensus import Begun, consensus_many
 from mbm.solution.native.consensus_rules import rules_of
 from mbm.solution.native.packing import Rows
 from mbm.solution.native.system import native_code, system_of
@@ -196,7 +196,7 @@ def test_a_batch_is_its_data_sets_one_by_one_whatever_the_threads():
         system = system_of(equations, settings)
         rules = rules_of(found.problem, equations, settings.robust, (True,), seed=1, starts=1)
         code = native_code(bound.cache).consensus
-        alone.append(consensus_many(system, code, rules, equations.numbers[None, None]))
+        alone.append(consensus_many(system, code, rules, Begun(starts=equations.numbers[None, None])))
         parts.append(system.rows)
     places = np.array([[0, k * parts[0].parameters.size, k * parts[0].weights.size, 0, 0, 0] for k in range(7)])
     joined = Rows(
@@ -206,7 +206,7 @@ def test_a_batch_is_its_data_sets_one_by_one_whatever_the_threads():
         columns=parts[0].columns,
         data=np.concatenate([rows.data for rows in parts]) + places,
     )
-    starts = np.tile(equations.numbers, (7, 1, 1))
+    starts = Begun(starts=np.tile(equations.numbers, (7, 1, 1)))
     for workers in (1, 2, 3, 7):
         whole = consensus_many(replace(system, rows=joined), code, rules, starts, workers=workers)
         for name in ("points", "states", "inside", "limits", "variances"):
