@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from mbm.emit import faults
 from mbm.emit.answers import Agreement
 from mbm.problem.elaborated import Elaborated
-from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Problem
+from mbm.problem.types import Consensus, ConsensusKind, Problem
 from mbm.solution.assembly import Assembled, loss_lines
 from mbm.solution.native.consensus_forms import KnownForm, known_form
 from mbm.solution.native.consensus_rules import NO_FORM, rules_of
 from mbm.solution.robust.binding import without_losses
 from mbm.solution.robust.parts import parts_of
+from mbm.solution.robust.types import Asked, observed, with_loss
 from mbm.solution.settings import Settings
 from mbm.target.decisions import MANY_CONNECTED
 from mbm.target.solver import consensus_records as c
@@ -22,11 +21,6 @@ from mbm.text.types import MbmError
 
 BY_MEDIAN = Consensus(kind=ConsensusKind.LMEDS)
 """What is asked for where the problem asks for nothing by name."""
-
-
-def observed(block: Block) -> bool:
-    """Whether consensus may judge the rows of a block."""
-    return block.role is BlockRole.OBSERVATION
 
 
 def agreement_of(found: Elaborated, equations: Assembled, settings: Settings) -> Agreement | None:
@@ -41,7 +35,7 @@ def agreement_of(found: Elaborated, equations: Assembled, settings: Settings) ->
         return None
     plain = without_losses(equations)
     _refuse(found.problem, plain)
-    return _agreement(found.problem, plain, settings, *asked, begins=False)
+    return _agreement(asked, plain, begins=False)
 
 
 def beginning_of(found: Elaborated, equations: Assembled, settings: Settings) -> Agreement | None:
@@ -52,32 +46,23 @@ def beginning_of(found: Elaborated, equations: Assembled, settings: Settings) ->
         return None
     try:
         _refuse(found.problem, plain)
-        made = _agreement(found.problem, plain, settings, BY_MEDIAN, observed, begins=True)
+        asked = Asked(problem=found.problem, settings=settings, consensus=BY_MEDIAN, ruled=observed)
+        made = _agreement(asked, plain, begins=True)
     except MbmError:
         return None
     return made if made.startless else None
 
 
-def _agreement(
-    problem: Problem,
-    plain: Assembled,
-    settings: Settings,
-    consensus: Consensus,
-    ruled: Callable[[Block], bool],
-    *,
-    begins: bool,
-) -> Agreement:
+def _agreement(asked: Asked, plain: Assembled, *, begins: bool) -> Agreement:
     """Consensus of ``plain`` equations; ``begins``: for a start alone."""
-    acting = tuple(ruled(problem.blocks[group.kernel.owner]) for group in plain.groups)
+    problem, settings, consensus = asked.problem, asked.settings, asked.consensus
+    acting = asked.acting(plain)
     known = _form(problem, plain, settings)
     families = any(unknown.family is not None for unknown in problem.unknowns)
     rules = rules_of(
-        problem,
+        asked,
         plain,
-        consensus,
         acting,
-        seed=settings.seed,
-        starts=1,
         form=NO_FORM if known is None else known.form,
         dimension=MANY_CONNECTED if families else None,
     )
@@ -97,16 +82,14 @@ def _agreement(
     )
 
 
-def _asked(
-    problem: Problem, equations: Assembled, settings: Settings
-) -> tuple[Consensus, Callable[[Block], bool]] | None:
-    """The estimator and the blocks that it acts on: that of `:robust`, or least medians for losses that need them."""
+def _asked(problem: Problem, equations: Assembled, settings: Settings) -> Asked | None:
+    """The consensus that `:robust` asks for, else least medians for losses that need them."""
     if settings.robust is not None:
-        return settings.robust, observed
+        return Asked(problem=problem, settings=settings, consensus=settings.robust, ruled=observed)
     unknown = any(block.loss is not None and block.unknown_factor for block in problem.blocks)
     if not unknown and all(loss.convex for loss, _ in loss_lines(equations)):
         return None
-    return BY_MEDIAN, lambda block: observed(block) and block.loss is not None
+    return Asked(problem=problem, settings=settings, consensus=BY_MEDIAN, ruled=with_loss)
 
 
 def _refuse(problem: Problem, equations: Assembled) -> None:

@@ -13,7 +13,7 @@ from mbm.kernels.serialised import BoundRows
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.types import Loss
-from mbm.report.agreements import BY_MEDIAN, agreement_of, beginning_of, observed
+from mbm.report.agreements import BY_MEDIAN, agreement_of, beginning_of
 from mbm.solution.assembly import Assembled
 from mbm.solution.binder import Binder
 from mbm.solution.binding import EvaluationCache, Group
@@ -23,7 +23,7 @@ from mbm.solution.minimise import minimise
 from mbm.solution.multistart import starting_points
 from mbm.solution.native.agreeing import agreed
 from mbm.solution.robust.losses.parameters import loss_function
-from mbm.solution.robust.types import Asked
+from mbm.solution.robust.types import Asked, observed
 from mbm.solution.search import search
 from mbm.solution.selection import Selection, selections
 from mbm.solution.settings import Forms, Settings, settings_of

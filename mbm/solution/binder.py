@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -66,11 +67,8 @@ class Binder:
                     continue
                 positions = positions if positions is None else positions[inside]
             whiteners = () if constraints else self._whiteners(number, kernel, case, table, positions)
-            group = self.bind(
-                number,
-                kernel,
-                table,
-                positions,
+            group = replace(
+                self.bind(number, kernel, table, positions),
                 role=block.role,
                 whiteners=whiteners,
                 losses=() if block.loss is None else _losses(block.loss, whiteners),
@@ -125,15 +123,10 @@ class Binder:
         positions: Positions | None,
         *,
         extended: bool = True,
-        role: BlockRole = BlockRole.OBSERVATION,
-        whiteners: tuple[Whitener, ...] = (),
-        losses: tuple[LossFunction, ...] = (),
-        first: int = 0,
-        first_unit: int = 0,
     ) -> Group:
         """A kernel for the rows at ``positions``; ``extended``: tables that are sampled go on beyond their ends.
 
-        The others as `Group` has them.
+        What `Group` says beside, as noise and losses, is as it is by default.
         """
         rows = 1 if positions is None else len(positions)
         members: dict[tuple[str, Member], Indices | int] = {}
@@ -155,11 +148,6 @@ class Binder:
             shared=slots.shared,
             shared_columns=slots.shared_columns,
             parameters=parameters,
-            role=role,
-            whiteners=whiteners,
-            losses=losses,
-            first=first,
-            first_unit=first_unit,
             number=number,
             cache=self.cache,
             sampled=sampled,

@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import mbm
-from mbm.problem.types import BlockRole
 from mbm.solution.assembly import Assembled
 from mbm.solution.estimate import assemble
 from mbm.solution.multistart import starting_points
 from mbm.solution.native.agreeing import agreed
 from mbm.solution.robust.binding import units_of
-from mbm.solution.robust.types import Agreed, Asked
+from mbm.solution.robust.types import Agreed, Asked, observed
 from mbm.solution.robust.units import Units
 from mbm.solution.settings import settings_of
 from mbm.target.decisions import STATED
@@ -35,9 +34,6 @@ def consensus(text, data=None, *, backend="auto", seed=None, startless=False) ->
     settings = settings_of(problem.request)
     settings = settings if seed is None else replace(settings, seed=seed)
     equations, _ = assemble(problem, compiled.kernels, compiled.elaborated.tables, {}, compiled.cache)
-
-    def observed(block):
-        return block.role is BlockRole.OBSERVATION
 
     starts = None if startless else np.stack([each.point for each in starting_points(equations, settings, None)])
     asked = Asked(problem=problem, settings=settings, consensus=settings.robust, ruled=observed)

@@ -13,14 +13,13 @@ from mbm.problem.types import Block, BlockRole, Problem
 from mbm.solution.challenge import USUAL
 from mbm.solution.many.derived import derived_columns
 from mbm.solution.many.doubts import doubtful, stationary
-from mbm.solution.many.factor import Factors, factors
+from mbm.solution.many.factor import Factors, Spread, factors
 from mbm.solution.many.losses import counted, informed, outlying, rooted_slopes, sandwiches
 from mbm.solution.many.stack import Portion, Stack, stated
 from mbm.solution.many.types import REASONS, Columns, Descent, Ends, Limits, Rows
 from mbm.solution.native.tails import chi_square_tails, solver_code
 from mbm.solution.plausibility import IMPROBABLE
 from mbm.solution.types import Floats, Indices, Mask
-from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.solution.many.surface import Held, Tangents
@@ -65,9 +64,7 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
     tested = known and not lossy
     chi2_p = _tails(stack, scattered, freedom, solved) if tested else np.full(len(which), np.nan)
     clean = solved & ~(chi2_p < IMPROBABLE)
-    clean &= ~doubtful(
-        problem, portion, ends, found, spread.deviation, derived, residuals, spread.looked_at, spread.basis
-    )
+    clean &= ~doubtful(problem, portion, ends, found, spread, derived, residuals)
     counting = counted(portion, residuals)
     return Columns(
         points=ends.points,
@@ -169,23 +166,6 @@ def _expected(ends: Ends, freedom: Indices, *, known: bool, other: bool) -> Mask
     return np.asarray(found if ends.given is None else found | ~ends.given)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Spread:
-    """Factors (K, n, n) of the covariances where ``sound`` (K,), and what they are made of.
-
-    ``root``, ``scale`` and ``basis`` as `Factors` has them, of the Jacobian with the information that there is;
-    ``deviation`` (K,) and ``looked_at`` (K,) as `doubtful` takes them.
-    """
-
-    factor: Floats
-    root: Floats
-    scale: Floats
-    basis: Floats
-    deviation: Floats
-    looked_at: Mask
-    sound: Mask
-
-
 def _spread(
     problem: Problem,
     portion: Portion,
@@ -194,12 +174,12 @@ def _spread(
     found: Factors,
     noise: Floats,
     left: Floats | None,
-) -> _Spread:
+) -> Spread:
     """How far estimates scatter, with the factor ``noise`` (K,); ``left`` (K, m) is κ of the residuals (None: 1)."""
     root, scale, basis = found.root, found.scale, found.basis
     every = np.ones(len(noise), dtype=bool)
     if left is None and not portion.equations.lossy:
-        return _Spread(
+        return Spread(
             factor=root * noise[:, None, None],
             root=root,
             scale=scale,
@@ -215,7 +195,7 @@ def _spread(
     along = np.matmul(root, bread.own)
     if left is not None:
         root, scale = along, np.sqrt((np.square(slopes) * left[:, :, None]).sum(axis=1))
-    return _Spread(
+    return Spread(
         factor=along * noise[:, None, None],
         root=root,
         scale=scale,

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Problem
+from mbm.problem.types import Consensus, ConsensusKind, Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.many.components import Rounds, several_noises, told_by_residuals
 from mbm.solution.many.descent import native_sets, plain_ends, weighted
 from mbm.solution.many.stack import Portion, Stack, places_of
 from mbm.solution.many.types import Ends, Kept, Solver, Which
+from mbm.solution.robust.types import Asked, observed, with_loss
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.values import dataclass
@@ -73,7 +74,8 @@ def consensus_solver(
     """
     if settings.robust is None or any(group.losses for group in stack.equations.groups):
         return None
-    ruled = _ruled(problem, stack, first, points, settings, settings.robust, _observed)
+    asked = Asked(problem=problem, settings=settings, consensus=settings.robust, ruled=observed)
+    ruled = _ruled(asked, stack, first, points)
     if ruled is None:
         return None
     several, unknown = several_noises(problem), told_by_residuals(problem)
@@ -105,7 +107,8 @@ def loss_solver(problem: Problem, stack: Stack, first: Assembled, points: Floats
 
     plain = replace(stack, equations=without_losses(stack.equations))
     consensus = Consensus(kind=ConsensusKind.LMEDS)
-    ruled = _ruled(problem, plain, without_losses(first), points, settings, consensus, _has_loss)
+    asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=with_loss)
+    ruled = _ruled(asked, plain, without_losses(first), points)
     lossy = native_sets(stack, settings)
     if ruled is None or lossy is None:
         return None
@@ -131,31 +134,14 @@ def loss_solver(problem: Problem, stack: Stack, first: Assembled, points: Floats
     return solve
 
 
-def _observed(block: Block) -> bool:
-    return block.role is BlockRole.OBSERVATION
-
-
-def _has_loss(block: Block) -> bool:
-    return block.role is BlockRole.OBSERVATION and block.loss is not None
-
-
-def _ruled(
-    problem: Problem,
-    stack: Stack,
-    first: Assembled,
-    points: Floats,
-    settings: Settings,
-    consensus: Consensus,
-    rules: Callable[[Block], bool],
-) -> _Ruled | None:
+def _ruled(asked: Asked, stack: Stack, first: Assembled, points: Floats) -> _Ruled | None:
     from mbm.solution.native.consensus_forms import known_form
     from mbm.solution.native.consensus_rules import NO_FORM, rules_of
     from mbm.solution.native.system import native_code
     from mbm.solution.robust.consensus import SAMPLE
     from mbm.solution.robust.parts import parts_of
 
-    groups = stack.equations.groups
-    acting = tuple(rules(problem.blocks[group.kernel.owner]) for group in groups)
+    settings, groups, acting = asked.settings, stack.equations.groups, asked.acting(stack.equations)
     if int(stack.residuals.max(initial=0)) > SAMPLE or not any(acting):
         return None
     ruled = [group for group, mine in zip(groups, acting, strict=True) if mine]
@@ -175,22 +161,14 @@ def _ruled(
         if known is None:
             return None
     startless = not bool(np.isfinite(points).all()) or bool(stack.equations.layout.guessed.any())
-    if startless and (form is None or consensus.kind is ConsensusKind.GNC):  # whose starts decide more
+    if startless and (form is None or asked.consensus.kind is ConsensusKind.GNC):  # whose starts decide more
         return None
     return _Ruled(
         stack=stack,
         settings=settings,
         native=native,
         code=native_code(groups[0].cache).consensus,
-        rules=rules_of(
-            problem,
-            first,
-            consensus,
-            acting,
-            seed=settings.seed,
-            starts=1,
-            form=NO_FORM if form is None else form.form,
-        ),
+        rules=rules_of(asked, first, acting, form=NO_FORM if form is None else form.form),
         acting=acting,
         known=known,
         startless=startless,

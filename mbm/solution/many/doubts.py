@@ -11,7 +11,7 @@ import numpy as np
 
 from mbm.problem.types import BlockRole, Problem
 from mbm.solution.many.derived import DerivedColumns
-from mbm.solution.many.factor import Factors
+from mbm.solution.many.factor import Factors, Spread
 from mbm.solution.many.losses import rooted_residuals, rooted_slopes
 from mbm.solution.many.stack import Portion, stated
 from mbm.solution.many.types import Ends
@@ -30,20 +30,17 @@ def doubtful(
     portion: Portion,
     ends: Ends,
     found: Factors,
-    noise: Floats,
+    spread: Spread,
     derived: tuple[DerivedColumns, ...],
     residuals: Floats,
-    looked_at: Mask,
-    basis: Floats,
 ) -> Mask:
     """Solves (K,) whose intervals may miss their ends, or whose priors may be strained.
 
-    ``noise`` (K,) is the estimated factor in the covariance (1 where noise is stated), ``residuals`` (K, m) are plain.
-    ``looked_at`` (K,): the covariance is that factor squared times the inverse normal equations, so that intervals are
-    looked at. ``basis`` (K, m, n) is the Jacobian times a factor of the covariance, but for the estimated noise.
+    ``residuals`` (K, m) are plain.
     """
-    wrong = _strained(problem, portion, basis, residuals)
-    around = _Intervals(portion, ends, found, noise)
+    looked_at = spread.looked_at
+    wrong = _strained(problem, portion, spread.basis, residuals)
+    around = _Intervals(portion, ends, found, spread.deviation)
     if around.too_much or not bool(looked_at.any()):
         return wrong
     return wrong | looked_at & _bent(problem, portion, around, derived)

@@ -63,6 +63,25 @@ def factors(jacobian: Floats, along: Tangents | None = None) -> Factors:
     return Factors(root=root / scale[:, :, None], scale=scale, basis=basis, good=good, gone=gone)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Spread:
+    """Factors (K, n, n) of the covariances where ``sound`` (K,), and what they are made of.
+
+    ``root`` and ``scale`` as `Factors` has them, of the Jacobian with the information that there is; ``basis``
+    (K, m, n) is that Jacobian times a factor of the covariance, but for the estimated noise, whose factor is
+    ``deviation`` (K,), 1 where noise is stated. ``looked_at`` (K,): the covariance is that factor squared times the
+    inverse normal equations, so that intervals may be looked at.
+    """
+
+    factor: Floats
+    root: Floats
+    scale: Floats
+    basis: Floats
+    deviation: Floats
+    looked_at: Mask
+    sound: Mask
+
+
 def filled(gram: Floats, gone: Mask | None) -> Floats:
     """Symmetric matrices (K, n, n) with 1 on the diagonal for what is ``gone`` (K, n), so that they have an inverse."""
     return gram if gone is None else gram + gone[:, :, None] * np.eye(gram.shape[1])

@@ -62,7 +62,7 @@ def agreed(asked: Asked, equations: Assembled, starts: Floats | None, *, near: b
     if starts is None and known is None:
         return None
     handed = _handed(asked, plain)
-    every = _units(plain, tuple(asked.ruled(asked.problem.blocks[g.kernel.owner]) for g in plain.groups))
+    every = _units(plain, asked.acting(plain))
     known_rows = None if known is None else _known_rows(known, asked, plain, handed.units)
     form = NO_FORM if known is None or known_rows is None else known.form
     begun = with_idle_ones(plain, plain.numbers)[None] if starts is None else starts
@@ -99,18 +99,16 @@ def agreed(asked: Asked, equations: Assembled, starts: Floats | None, *, near: b
 
 def _handed(asked: Asked, plain: Assembled) -> _Handed:
     """The equations for the solver: by their kernels, else as rows of all of them."""
-    blocks = asked.problem.blocks
     system = system_of(plain, asked.settings)
     if system is not None:
-        acting = tuple(asked.ruled(blocks[group.kernel.owner]) for group in plain.groups)
+        acting = asked.acting(plain)
         return _Handed(system=system, equations=plain, acting=acting, units=_units(plain, acting, taking_part=True))
     # Loaded by such equations only, so that others begin at once.
     from mbm.solution.native.picked_rows import picked_rows
 
     picked = picked_rows(plain)
     iteration = iteration_of(plain, asked.settings, direct=False, strict=True)
-    groups = picked.equations.groups
-    acting = tuple(asked.ruled(blocks[group.kernel.owner]) for group in groups)
+    acting = asked.acting(picked.equations)
     mine = [units for units, acts in zip(picked.units, acting, strict=True) if acts]
     return _Handed(
         system=picked.system(iteration, native_code(plain.groups[0].cache).solver),
@@ -144,22 +142,13 @@ def _rules(asked: Asked, handed: _Handed, learnt: Learnt, form: Form, starts: in
     key = (asked.consensus, asked.settings.seed, starts, form, handed.acting, asked.stated, plain.dimension, shape)
     found = learnt.rules.get(key)
     if found is None:
-        found = learnt.rules[key] = rules_of(
-            asked.problem,
-            plain,
-            asked.consensus,
-            handed.acting,
-            seed=asked.settings.seed,
-            starts=starts,
-            form=form,
-            stated=asked.stated,
-        )
+        found = learnt.rules[key] = rules_of(asked, plain, handed.acting, starts=starts, form=form)
     return found
 
 
 def _known_rows(known: KnownForm, asked: Asked, plain: Assembled, units: Indices) -> Floats | None:
     """What the closed form knows of the ``units`` (U, width)."""
-    acting = tuple(asked.ruled(asked.problem.blocks[group.kernel.owner]) for group in plain.groups)
+    acting = asked.acting(plain)
     found = known.of_rows(plain, acting, asked.settings.closed_forms)
     every = _units(plain if plain.rows is None else plain.everything(), acting)
     return None if found is None else found[np.searchsorted(every, units)]

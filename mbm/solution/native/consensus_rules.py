@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.problem.types import Consensus, ConsensusKind, Problem
+from mbm.problem.types import ConsensusKind
 from mbm.solution.assembly import Assembled
 from mbm.solution.robust.scores import STATED_CUT
 from mbm.solution.robust.subsets import first_states, needed_trials
+from mbm.solution.robust.types import Asked
 from mbm.solution.robust.units import CUT, limits, medians
 from mbm.solution.types import Floats, Indices
 from mbm.target.decisions import FEW_STARTS, STATED
@@ -49,30 +50,25 @@ NO_FORM = Form(kind=0, about=(), width=0)
 
 
 def rules_of(
-    problem: Problem,
+    asked: Asked,
     equations: Assembled,
-    consensus: Consensus,
     ruled: tuple[bool, ...],
     *,
-    seed: int,
-    starts: int,
+    starts: int = 1,
     form: Form = NO_FORM,
     dimension: int | None = None,
-    stated: bool = False,
 ) -> Rules:
     """The arrays for data sets whose blocks are the groups of ``equations``.
 
     Args:
-        problem: the problem.
+        asked: what is asked for.
         equations: one data set of those.
-        consensus: what is asked for.
         ruled: for each group whether units of it may be taken out.
-        seed: that of the trials.
         starts: points that each data set is begun at.
         form: the closed form that fits subsets.
         dimension: unknowns at most; None: those of ``equations``.
-        stated: no noise is unknown any more.
     """
+    problem, consensus = asked.problem, asked.consensus
     n = equations.dimension if dimension is None else dimension
     trials = [needed_trials(size, consensus.trials) for size in range(n + 1)]
     groups: dict[int, int] = {}
@@ -83,14 +79,16 @@ def rules_of(
         if not mine:
             table += [-1, STATED]
             continue
-        noise = groups.setdefault(group.kernel.owner, len(groups)) if block.unknown_factor and not stated else STATED
+        noise = (
+            groups.setdefault(group.kernel.owner, len(groups)) if block.unknown_factor and not asked.stated else STATED
+        )
         table += [len(levels), noise]
         for whitener in group.whiteners:
             size = np.full(1, whitener.last - whitener.first)
             deviations = STATED_CUT if noise == STATED else CUT
             cut = limits(size, deviations if consensus.threshold is None else consensus.threshold)[0]
             levels.append([medians(size)[0], cut, limits(size, STATED_CUT)[0]])
-    first, second = first_states(seed)
+    first, second = first_states(asked.settings.seed)
     solutions = 4 if form.kind else starts
     head = np.zeros(slots_of(c.Rules), dtype=np.int64)
     put(

@@ -19,6 +19,7 @@ from mbm.solution.native.system import NativeSystem, native_code, system_of
 from mbm.solution.robust.binding import without_losses
 from mbm.solution.robust.consensus import LEAST_SHARE, SAMPLE
 from mbm.solution.robust.parts import parts_of
+from mbm.solution.robust.types import Asked, observed
 from mbm.solution.robust.units import consistency
 from mbm.solution.settings import Settings
 from mbm.solution.starting import with_idle_ones
@@ -169,22 +170,15 @@ def robust_stream_of(
     if not given and (form is None or consensus.kind is ConsensusKind.GNC):  # whose starts decide more
         return None
     acting = tuple(True for _ in plain.groups)
-    asked = rules_of(
-        problem,
-        plain,
-        consensus,
-        acting,
-        seed=settings.seed,
-        starts=1,
-        form=NO_FORM if form is None else form.form,
-    )
+    asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=observed)
+    own = rules_of(asked, plain, acting, form=NO_FORM if form is None else form.form)
     sizes = [np.tile([w.last - w.first for w in group.whiteners], group.rows) for group in plain.groups]
     wide = [np.tile([prod(w.weights.shape[1:]) for w in group.whiteners], group.rows) for group in plain.groups]
     every = np.concatenate(sizes).astype(np.int64)
     cache = plain.groups[0].cache
     agreement = _Agreement(
         code=native_code(cache).consensus,
-        rules=asked,
+        rules=own,
         form=form,
         equations=plain,
         base=with_idle_ones(plain, plain.numbers),

@@ -14,7 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from mbm.problem.types import Block, BlockRole, Consensus, ConsensusKind, Method, Problem, RandomStarts
+from mbm.problem.types import Block, Consensus, ConsensusKind, Method, Problem, RandomStarts
 from mbm.solution.assembly import Assembled, loss_lines
 from mbm.solution.excerpt import excerpt
 from mbm.solution.minimise import minimise
@@ -24,7 +24,7 @@ from mbm.solution.robust.binding import units_of, without_losses
 from mbm.solution.robust.many import agree_by_losses
 from mbm.solution.robust.parts import agree_in_parts, parts_of
 from mbm.solution.robust.subsets import independent_columns
-from mbm.solution.robust.types import Agreed, Asked, Prepared
+from mbm.solution.robust.types import Agreed, Asked, Prepared, observed, with_loss
 from mbm.solution.robust.units import Units, consistency
 from mbm.solution.settings import Settings
 from mbm.solution.starting import Beginning
@@ -49,17 +49,17 @@ def agreeing(
     """The units that agree, by the consensus that the problem asks for; ``starts`` are looked for where they matter."""
     # graduated non-convexity narrows down from fits to all rows: which of the closed form's roots it begins at decides
     anywhere = settings.starts is None and consensus.kind is not ConsensusKind.GNC
-    asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=_observed)
+    asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=observed)
     found = _startless(asked, equations) if anywhere else None
     beginnings: tuple[Beginning, ...] = ()
     if found is None or found.share < LEAST_SHARE:  # what it began with may have been wrong itself
         try:
-            beginnings = _told_apart(problem, equations, settings, starts, _observed)
+            beginnings = _told_apart(problem, equations, settings, starts, observed)
         except MbmError:
             if found is None:
                 raise
     point = beginnings[0].point if found is None or beginnings else found.point
-    units = units_of(equations, problem, point, _observed)
+    units = units_of(equations, problem, point, observed)
     if found is None and (units.scalars <= equations.dimension or not equations.dimension):
         return Prepared(equations=equations, starts=beginnings)
     if found is None or beginnings:
@@ -92,12 +92,12 @@ def scaled(problem: Problem, equations: Assembled, settings: Settings, search: S
     convex = all(loss.convex for loss, _ in loss_lines(equations))
     if not unknown and convex:
         return Prepared(equations=equations, starts=search())
-    starts = _told_apart(problem, equations, settings, search, _has_loss)
-    units = units_of(equations, problem, starts[0].point, _has_loss)
+    starts = _told_apart(problem, equations, settings, search, with_loss)
+    units = units_of(equations, problem, starts[0].point, with_loss)
     if units.scalars == 0 or not equations.dimension:
         return Prepared(equations=equations, starts=starts)
     consensus = Consensus(kind=ConsensusKind.LMEDS)
-    asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=_has_loss)
+    asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=with_loss)
     starts = _fitted_plainly(problem, equations, settings, starts)
     few = equations.count < equations.dimension
     found = _all_agree(units, starts[0].point) if few else _agreed(asked, equations, units, starts)
@@ -227,14 +227,6 @@ def _from_agreement(
     if settings.starts is None:
         return (agreeing,)
     return (agreeing, *(starts[1:] if isinstance(settings.starts, RandomStarts) else starts))
-
-
-def _observed(block: Block) -> bool:
-    return block.role is BlockRole.OBSERVATION
-
-
-def _has_loss(block: Block) -> bool:
-    return block.role is BlockRole.OBSERVATION and block.loss is not None
 
 
 def _loss_noise(

@@ -8,13 +8,23 @@ from types import MappingProxyType
 
 import numpy as np
 
-from mbm.problem.types import Block, Consensus, Problem
+from mbm.problem.types import Block, BlockRole, Consensus, Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.settings import Settings
 from mbm.solution.starting import Beginning
 from mbm.solution.types import Floats, Mask, Minimum, Noise, Reason
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
+
+
+def observed(block: Block) -> bool:
+    """Whether the block holds observations: the rows that `:robust` may leave out."""
+    return block.role is BlockRole.OBSERVATION
+
+
+def with_loss(block: Block) -> bool:
+    """Whether it holds observations that have a loss."""
+    return block.role is BlockRole.OBSERVATION and block.loss is not None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,6 +39,10 @@ class Asked:
     consensus: Consensus
     ruled: Callable[[Block], bool]
     stated: bool = False
+
+    def acting(self, equations: Assembled) -> tuple[bool, ...]:
+        """Which groups of equations have units that may be left out."""
+        return tuple(self.ruled(self.problem.blocks[group.kernel.owner]) for group in equations.groups)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

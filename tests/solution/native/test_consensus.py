@@ -16,6 +16,7 @@ from mbm.solution.native.consensus import Begun, consensus_many
 from mbm.solution.native.consensus_rules import rules_of
 from mbm.solution.native.packing import Rows
 from mbm.solution.native.system import native_code, system_of
+from mbm.solution.robust.types import Asked, observed
 from mbm.solution.settings import settings_of
 from mbm.target.decisions import STATED
 from tests.robust.scenes import consensus
@@ -194,7 +195,8 @@ def test_a_batch_is_its_data_sets_one_by_one_whatever_the_threads():
         settings = settings_of(found.problem.request)
         equations, _ = assemble(found.problem, bound.kernels, found.tables, {}, bound.cache)
         system = system_of(equations, settings)
-        rules = rules_of(found.problem, equations, settings.robust, (True,), seed=1, starts=1)
+        asked = Asked(problem=found.problem, settings=settings, consensus=settings.robust, ruled=observed)
+        rules = rules_of(asked, equations, (True,))
         code = native_code(bound.cache).consensus
         alone.append(consensus_many(system, code, rules, Begun(starts=equations.numbers[None, None])))
         parts.append(system.rows)
