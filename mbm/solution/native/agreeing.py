@@ -45,12 +45,14 @@ class _Handed:
     units: Indices
 
 
-def agreed(asked: Asked, equations: Assembled, starts: Floats | None, *, near: bool = False) -> Agreed | None:
+def agreed(
+    asked: Asked, equations: Assembled, starts: Floats | None, *, near: bool = False, once: bool = False
+) -> Agreed | None:
     """The units of the ruled blocks that agree, in ascending order, from ``starts`` (S, N).
 
     None does where nothing has a value; else units that are left out by their weight do. ``near``: the one start is a
     consensus of some of the units already. Without starts (None) the closed form has to give one; there is no answer
-    where it does not.
+    where it does not. ``once``: equations of this structure do not come again, so that nothing is kept of them.
     """
     settings = asked.settings
     plain = without_losses(equations).roughly_corrected()
@@ -61,7 +63,7 @@ def agreed(asked: Asked, equations: Assembled, starts: Floats | None, *, near: b
     known = None if plain.implicit is not None or near else _form(plain, settings, learnt)
     if starts is None and known is None:
         return None
-    handed = _handed(asked, plain)
+    handed = _handed(asked, plain, kept=not once)
     every = _units(plain, asked.acting(plain))
     known_rows = None if known is None else _known_rows(known, asked, plain, handed.units)
     form = NO_FORM if known is None or known_rows is None else known.form
@@ -77,7 +79,7 @@ def agreed(asked: Asked, equations: Assembled, starts: Floats | None, *, near: b
             near=near,
             units_at=np.array([0, len(handed.units)]),
         ),
-        rooms=learnt.rooms,
+        rooms=None if once else learnt.rooms,
         stopped=never if settings.interruption is None else settings.stopped,
     )
     if starts is None and not ends.agreed[0]:
@@ -97,9 +99,9 @@ def agreed(asked: Asked, equations: Assembled, starts: Floats | None, *, near: b
     )
 
 
-def _handed(asked: Asked, plain: Assembled) -> _Handed:
+def _handed(asked: Asked, plain: Assembled, *, kept: bool) -> _Handed:
     """The equations for the solver: by their kernels, else as rows of all of them."""
-    system = system_of(plain, asked.settings)
+    system = system_of(plain, asked.settings, kept=kept)
     if system is not None:
         acting = asked.acting(plain)
         return _Handed(system=system, equations=plain, acting=acting, units=_units(plain, acting, taking_part=True))

@@ -318,6 +318,7 @@ def system_of(
     strict: bool = True,
     most_rows: Sequence[int] | None = None,
     often: bool = False,
+    kept: bool = True,
 ) -> NativeSystem | None:
     """The equations of one data set for the native solver; None: they are not for it.
 
@@ -326,6 +327,7 @@ def system_of(
     ``most_rows`` of each group, where data sets of some of the rows are to be solved (None: all of them are one).
     ``often``: so many solves are to come that it is worth compiling a function for the rows of small groups together,
     and to sum the normal equations of others from fewer rows on.
+    ``kept``: the description is looked up, and kept for equations of the same structure.
     """
     groups = (*equations.groups, *equations.constraints) if handled(equations) else ()
     if not groups:
@@ -343,7 +345,7 @@ def system_of(
 
         together = unitable(groups, rows)
         own = (together, places_of(groups, together))
-    key = (structure_of(equations), iteration, own)
+    key = (structure_of(equations), iteration, own) if kept else None
     known = code.systems.get(key)
     if known is None or any(a > b for a, b in zip(rows, known.rows, strict=True)):
         room = rows if known is None else [max(a, b) for a, b in zip(rows, known.rows, strict=True)]
@@ -361,7 +363,9 @@ def system_of(
             summed_from=least,
             fused=fused,
         )
-        known = code.systems[key] = Described(rows=tuple(room), system=system, constants=constants, fused=fused)
+        known = Described(rows=tuple(room), system=system, constants=constants, fused=fused)
+        if kept:
+            code.systems[key] = known
     return NativeSystem(
         system=known.system,
         constants=known.constants,

@@ -216,7 +216,7 @@ def _agreed_from_sample(asked: Asked, equations: Assembled, units: Units, starts
     rows = np.flatnonzero((units.of_row < 0) | np.isin(units.of_row, chosen))
     found = _in_one_piece(asked, excerpt(equations, equations.free, np.unique(equations.units[rows])), starts)
     whole = _in_one_piece(asked, equations, found.point[None], near=True)
-    return replace(whole, trials=found.trials, ambiguous=found.ambiguous)
+    return replace(whole, trials=found.trials, ambiguous=found.ambiguous, cut_short=found.cut_short)
 
 
 def _from_agreement(

@@ -88,7 +88,7 @@ def _each(asked: Asked, equations: Assembled, units: Units, parts: tuple[Part, .
 
     inliers = np.ones(units.count, dtype=bool)
     limits, variances = np.full(units.count, np.inf), np.ones(units.count)
-    point, trials, ambiguous = start, 0, False
+    point, trials, ambiguous, cut_short = start, 0, False, False
     alone = replace(asked, settings=replace(asked.settings, forms=tuple))  # no closed form is probed for each of them
     for part in parts:
         mine = np.unique(units.of_row[part.rows])
@@ -96,11 +96,18 @@ def _each(asked: Asked, equations: Assembled, units: Units, parts: tuple[Part, .
         if units.components[mine].sum() <= len(part.columns):
             continue
         own = excerpt(equations, part.columns, np.unique(equations.units[part.rows]))
-        found = agreed(alone, own, point[None])
+        found = agreed(alone, own, point[None], once=True)
         if found is None:
             raise AssertionError("consensus from a start says nothing")
         inliers[mine], limits[mine], variances[mine] = found.inliers, found.limits, found.variances
-        point, trials, ambiguous = found.point, trials + found.trials, ambiguous or found.ambiguous
+        point, trials = found.point, trials + found.trials
+        ambiguous, cut_short = ambiguous or found.ambiguous, cut_short or found.cut_short
     return Agreed(
-        point=point, inliers=inliers, limits=limits, variances=variances, trials=trials, ambiguous=ambiguous
-    )  # fmt: skip
+        point=point,
+        inliers=inliers,
+        limits=limits,
+        variances=variances,
+        trials=trials,
+        ambiguous=ambiguous,
+        cut_short=cut_short,
+    )
