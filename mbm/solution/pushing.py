@@ -1,4 +1,4 @@
-"""Which coordinates at a bound the residuals push against it: the others touch it by accident, and are free."""
+"""Active bounds: those with a non-zero multiplier; a bound whose multiplier is zero is released."""
 
 from __future__ import annotations
 

@@ -99,9 +99,9 @@ UNSCALED = 1e-3
 
 FLOOR = 0.1
 CAP = 1e7
-"""A column so flat that its coordinate could move far beyond its own size is held as if ``scale · x`` were at least
-this share of the largest, but with at most so many times its own scale. Without it the first step of MGH17 goes to
-where every derivative vanishes; the shares from 0.03 to 0.15 do equally well."""
+"""The scale of a coordinate is raised until ``scale · x`` is this share of the largest, by the factor CAP at most: a
+column that is nearly zero would let its coordinate move far beyond its own size. Without it the first step of MGH17
+goes to where every derivative vanishes; the shares from 0.03 to 0.15 do equally well."""
 
 ROUNDED_ROTATION = 1e-13
 """A column of a rotation below this share of the largest one is rounding: derivatives carry a few 1e-16."""

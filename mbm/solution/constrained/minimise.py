@@ -147,7 +147,7 @@ def _by_penalties(equations: ConstrainedEquations, first: Iterate, work: _Work) 
 
 
 def _unheld(equations: ConstrainedEquations, penalties: Penalised, point: Floats, work: _Work) -> Constrained | None:
-    """The minimum if no constraint holds anything: the least squares solvers know more ways to it."""
+    """The minimum without constraints, if none is active there: the least squares solver knows more ways to it."""
     found = marquardt(penalties, point, work.tolerance, max(work.limit - work.iterations, 1), work.stopped)
     work.count(found)
     there = begin(equations, found.point)

@@ -35,7 +35,7 @@ NEAR_KKT = 0.1
 """The second-order term is computed if the relative offset is below this, and does not fall below SLOW_KKT."""
 
 ON_BOUND = 1e-9
-"""Standard deviations from a bound that holds a coordinate which are none."""
+"""Distance from its bound, in standard deviations, below which a coordinate is at the bound."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

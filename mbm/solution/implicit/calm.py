@@ -1,4 +1,4 @@
-"""Feet by Newton's method alone: where the corrections are small beside the curvature, which is nearly always."""
+"""Projection onto the model by plain Newton steps: they converge where corrections are small beside the curvature."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ import numpy as np
 from mbm.solution.types import Floats, Mask
 
 LEVEL = 1.0 + 1e-6
-"""A cost that is level along the conditions counts as growing: from the middle of a circle every foot is nearest."""
+"""A singular reduced Hessian counts as positive definite: at the centre of a circle every point of it is nearest."""
 
 SOFTNESS = 1e-8
 """Weight of a condition against the corrections, where the curvature along the conditions is asked for."""

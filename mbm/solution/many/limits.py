@@ -1,4 +1,4 @@
-"""Constraints of many solves in columns: what of each that the problem states is to be said in each solve."""
+"""Constraints of many solves in columns: value, violation and multiplier of each in each solve."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from mbm.solution.many.forms import Formed
 
 FEW_DOUBTED = 8
-"""Solves whose challenge by a closed form is not worth recognising it in all of them."""
+"""Up to so many doubtful solves are compared with the closed form one by one; recognising it in all takes longer."""
 
 Apart = Callable[[Selection, Solution | None], Solution | Failure | Skipped]
 """Solves one data set by itself, from the beginning, or from where the window before it ended."""

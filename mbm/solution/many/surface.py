@@ -14,11 +14,11 @@ from mbm.target.decisions import CERTAIN, EPSILON, HUGE, MET, PUSHED, ROUNDING_E
 from mbm.values import dataclass
 
 CLEAR = 1e-7
-"""Share of the largest singular value from which on a direction of constraints counts without a look at the others;
-far above `decisions.SUSPECT`. Solves with one between this and `FAINT` are left to the general path."""
+"""Singular values of the constraints' Jacobian above this share of the largest are non-zero, far above
+`decisions.SUSPECT`. Between this and `FAINT` the rank is ambiguous, and the solve is made by itself, with an SVD."""
 
 FAINT = CERTAIN / 10.0
-"""Share up to which it is none, however the rounding of the two ways to the singular values may differ."""
+"""Singular values below this share are zero, whichever of the two ways computes them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -66,7 +66,7 @@ def together(
         return None  # which solve is at fault, the general path says
     odd = settings.robust is not None or estimated_on_the_way(problem)
     if window is not None and odd and len(parts) > 1:
-        return None  # what these hand on is found again, from the first window on
+        return None  # windows of different shape with estimated noise are solved one by one
     found = []
     rest = [left]
     for part in parts:

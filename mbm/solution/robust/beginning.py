@@ -1,4 +1,4 @@
-"""Where consensus begins if no start is known: where most units agree best of all that a few of them give.
+"""Where consensus begins if no start is known: the minimal-sample solution with the least median of squared residuals.
 
 A closed form for all rows follows those that are grossly wrong. Far off, all equations say the same in the working
 precision, or nearly so: no subset of them determines the unknowns there, and no few steps lead from there to what a

@@ -1,4 +1,4 @@
-"""Which coordinates at a bound the residuals push against it: the others touch it by accident, and are free.
+"""Active bounds: those with a non-zero multiplier; a bound whose multiplier is zero is released.
 
 Where data leave a combination of unknowns free, an iteration may end anywhere along it: whether that is just at a
 bound, and to which side rounding then tips the slope, says nothing.
