@@ -12,6 +12,7 @@ from mbm.emit.types import BlockCase, BlockShape, Blueprint, EquationShape
 from mbm.problem.types import BlockRole, NoiseKind
 from mbm.target.records import slot
 from mbm.target.solver import description as at
+from mbm.target.solver.losses import LOSSES
 from mbm.values import dataclass
 
 _TRIANGLES: Mapping[NoiseKind, int] = {NoiseKind.SIGMA: 0, NoiseKind.COVARIANCE: 1, NoiseKind.INFORMATION: 2}
@@ -111,7 +112,7 @@ def _block(
         matrix = _TRIANGLES[equation.noise_kind]
         kind, place = at.NO_LOSS, 0
         if block.loss is not None:
-            kind, place = at.LOSSES[block.loss.kind], at.BOUNDS_AT + len(losses)
+            kind, place = LOSSES[block.loss.kind].number, at.BOUNDS_AT + len(losses)
             losses += [equation.loss_scale, block.loss.shape or 0.0]
         prefix += [equation.first, equation.last, weight, matrix, kind, place]
         for output in range(equation.first, equation.last):

@@ -22,7 +22,7 @@ from mbm.solution.layout import Layout
 from mbm.solution.minimise import minimise
 from mbm.solution.multistart import starting_points
 from mbm.solution.native.agreeing import agreed
-from mbm.solution.robust.losses.parameters import loss_function
+from mbm.solution.robust.losses import loss_function
 from mbm.solution.robust.types import Asked, observed
 from mbm.solution.search import search
 from mbm.solution.selection import Selection, selections

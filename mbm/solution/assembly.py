@@ -12,14 +12,14 @@ from mbm.kernels.types import MachineCode
 from mbm.solution.binding import Group, affine
 from mbm.solution.layout import Layout
 from mbm.solution.manifolds import chart_slopes
-from mbm.solution.robust.losses.rooted import rooted, rooted_jacobian
+from mbm.solution.robust.losses import rooted, rooted_jacobian
 from mbm.solution.scatter import Scatter
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.solution.implicit.elimination import Elimination
-    from mbm.solution.robust.losses.function import LossFunction
+    from mbm.solution.robust.losses import LossFunction
 
 
 DENSE = 20_000_000

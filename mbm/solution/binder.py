@@ -25,7 +25,7 @@ from mbm.symbolic.types import ConstantInput, Parameter, Purpose, Slot
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.solution.robust.losses.function import LossFunction
+    from mbm.solution.robust.losses import LossFunction
     from mbm.solution.types import Floats
 
 
@@ -259,7 +259,7 @@ class Binder:
 def _losses(asked: Loss, whiteners: Iterable[Whitener]) -> tuple[LossFunction, ...]:
     """The loss of a clause for each of its equations."""
     # Loaded by problems with a loss only, so that the others start at once.
-    from mbm.solution.robust.losses.parameters import loss_function
+    from mbm.solution.robust.losses import loss_function
 
     return tuple(loss_function(asked, each.last - each.first) for each in whiteners)
 

@@ -19,7 +19,7 @@ from mbm.solution.whitening import Whitener
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.solution.robust.losses.function import LossFunction
+    from mbm.solution.robust.losses import LossFunction
 
 DENSE_PART = 20_000_000
 """Numbers in a dense Jacobian of some rows that is made at once: 160 MB."""

@@ -13,8 +13,7 @@ from mbm.problem.kinds import LossKind
 from mbm.solution import nonlinearity
 from mbm.solution.robust import units
 from mbm.solution.robust.efficiency import tuned
-from mbm.solution.robust.losses.function import LossFunction
-from mbm.solution.robust.losses.standard import BY_KIND
+from mbm.solution.robust.losses import LossFunction
 from tests.oracles.laws import EXACT, tail
 
 
@@ -64,7 +63,7 @@ def test_losses_are_tuned_to_the_efficiency_that_is_stated(kind, size):
         LossKind.TUKEY: lambda t: (1 - t) ** 2 if t <= 1 else 0,
         LossKind.GEMAN_MCCLURE: lambda t: (1 + t) ** -2,
     }
-    scale = EXACT.mpf(tuned(LossFunction(loss=BY_KIND[kind], scale=1.0).weight, size))
+    scale = EXACT.mpf(tuned(LossFunction(kind=kind, scale=1.0).weight, size))
 
     def mean(power):
         def integrand(u):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -10,13 +12,10 @@ from scipy.stats import chi
 from mbm.problem.kinds import LossKind
 from mbm.problem.types import Loss
 from mbm.solution.robust.efficiency import efficiency, tuned
-from mbm.solution.robust.losses.barron import Barron
-from mbm.solution.robust.losses.function import LossFunction
-from mbm.solution.robust.losses.parameters import loss_function
-from mbm.solution.robust.losses.rooted import rooted, rooted_jacobian
-from mbm.solution.robust.losses.standard import BY_KIND
+from mbm.solution.robust.losses import LossFunction, loss_function, rooted, rooted_jacobian
+from mbm.target.solver.losses import LOSSES as TRAITS
 
-TUNED = tuple(loss.kind for loss in BY_KIND.values() if loss.defaults)
+TUNED = tuple(kind for kind in LossKind if TRAITS[kind].scales)
 PUBLISHED = {LossKind.HUBER: 1.345, LossKind.CAUCHY: 2.385, LossKind.TUKEY: 4.685}
 """Holland and Welsch (1977): tuning constants of 95 % efficiency for one component, to their three digits."""
 
@@ -24,9 +23,9 @@ PUBLISHED = {LossKind.HUBER: 1.345, LossKind.CAUCHY: 2.385, LossKind.TUKEY: 4.68
 def each_loss():
     for kind in LossKind:
         if kind is LossKind.BARRON:
-            yield from (LossFunction(loss=Barron(shape=a), scale=1.7) for a in (2.0, 1.0, 0.5, 0.0, -2.0, -40.0))
+            yield from (LossFunction(kind=kind, shape=a, scale=1.7) for a in (2.0, 1.0, 0.5, 0.0, -2.0, -40.0))
         else:
-            yield LossFunction(loss=BY_KIND[kind], scale=1.7)
+            yield LossFunction(kind=kind, scale=1.7)
 
 
 LOSSES = tuple(each_loss())
@@ -46,13 +45,13 @@ def test_derivatives_are_those_of_rho(loss):
 
 def test_known_values():
     s = np.array([4.0])
-    assert LossFunction(loss=BY_KIND[LossKind.HUBER], scale=1.0).rho(s)[0] == pytest.approx(3.0)
-    assert LossFunction(loss=BY_KIND[LossKind.SOFT_L1], scale=1.0).rho(s)[0] == pytest.approx(2 * (5**0.5 - 1))
-    assert LossFunction(loss=BY_KIND[LossKind.CAUCHY], scale=2.0).rho(s)[0] == pytest.approx(4 * np.log(2))
-    assert LossFunction(loss=BY_KIND[LossKind.TUKEY], scale=1.0).rho(s)[0] == pytest.approx(1 / 3)
-    assert LossFunction(loss=BY_KIND[LossKind.GEMAN_MCCLURE], scale=2.0).rho(s)[0] == pytest.approx(2.0)
+    assert LossFunction(kind=LossKind.HUBER, scale=1.0).rho(s)[0] == pytest.approx(3.0)
+    assert LossFunction(kind=LossKind.SOFT_L1, scale=1.0).rho(s)[0] == pytest.approx(2 * (5**0.5 - 1))
+    assert LossFunction(kind=LossKind.CAUCHY, scale=2.0).rho(s)[0] == pytest.approx(4 * np.log(2))
+    assert LossFunction(kind=LossKind.TUKEY, scale=1.0).rho(s)[0] == pytest.approx(1 / 3)
+    assert LossFunction(kind=LossKind.GEMAN_MCCLURE, scale=2.0).rho(s)[0] == pytest.approx(2.0)
     # Barron's family holds the others: a = 1 is soft-l1, a = 0 Cauchy with c√2, a = -2 Geman-McClure with 2c.
-    barron = {a: LossFunction(loss=Barron(shape=a), scale=1.0).rho(s)[0] for a in (1.0, 0.0, -2.0)}
+    barron = {a: LossFunction(kind=LossKind.BARRON, shape=a, scale=1.0).rho(s)[0] for a in (1.0, 0.0, -2.0)}
     assert barron[1.0] == pytest.approx(2 * (5**0.5 - 1))
     assert barron[0.0] == pytest.approx(2 * np.log(3))
     assert barron[-2.0] == pytest.approx(2.0)
@@ -60,8 +59,8 @@ def test_known_values():
 
 @pytest.mark.parametrize("kind", TUNED)
 def test_default_parameters(kind):
-    for components, scale in enumerate(BY_KIND[kind].defaults, start=1):
-        unit = LossFunction(loss=BY_KIND[kind], scale=1.0)
+    for components, scale in enumerate(TRAITS[kind].scales, start=1):
+        unit = LossFunction(kind=kind, scale=1.0)
         assert scale == pytest.approx(tuned(unit.weight, components), rel=1e-12)
         assert loss_function(Loss(kind=kind), components).scale == scale
         if components == 1 and kind in PUBLISHED:
@@ -87,7 +86,7 @@ def test_default_parameters_have_95_percent_efficiency(kind, components):
 def test_parameters_are_found_for_more_components_and_for_barrons_family():
     for loss in (Loss(kind=LossKind.TUKEY), Loss(kind=LossKind.BARRON, shape=-1.0)):
         found = loss_function(loss, 9)
-        unit = LossFunction(loss=found.loss, scale=1.0)
+        unit = replace(found, scale=1.0)
         assert efficiency(unit.weight, found.scale, 9) == pytest.approx(0.95, abs=1e-9)
     assert loss_function(Loss(kind=LossKind.BARRON, shape=2.0), 4).scale == 2.0
 
@@ -119,3 +118,15 @@ def test_square_root_form_at_zero():
     for loss in LOSSES:
         jacobian = np.ones((1, 2, 3))
         np.testing.assert_array_equal(rooted_jacobian(loss, np.zeros((1, 2)), jacobian), jacobian)
+
+
+def test_each_name_of_the_language_has_formulas():
+    assert sorted(TRAITS) == sorted(LossKind)
+    assert len({traits.number for traits in TRAITS.values()}) == len(TRAITS)
+
+
+def test_convex_losses_are_those_whose_value_is_convex_in_the_residual():
+    r = np.linspace(0.01, 12.0, 400)
+    for loss in LOSSES:
+        values = loss.rho(np.square(r))
+        assert loss.convex == bool((np.diff(values, 2) > -1e-9).all())

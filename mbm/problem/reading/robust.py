@@ -13,14 +13,16 @@ from mbm.problem.elaboration import Workspace
 from mbm.problem.kinds import LossKind
 from mbm.problem.options import split_options
 from mbm.problem.types import Consensus, ConsensusKind, Loss
+from mbm.target.solver.losses import LOSSES
 from mbm.text.suggest import closest
 from mbm.text.types import Form, MbmError, Sequence, Symbol
 
-LOSS_USAGE = ":loss none | huber | (huber c) | soft-l1 | cauchy | tukey | geman-mcclure | (barron a [c])"
+_NAMES = [f"({kind.value} a [c])" if LOSSES[kind].shaped else kind.value for kind in LossKind]
+LOSS_USAGE = f":loss none | {_NAMES[0]} | ({_NAMES[0]} c) | {' | '.join(_NAMES[1:])}"
 CONSENSUS_USAGE = ":robust none | lmeds | (lmeds :trials n) | (ransac :threshold t :trials n) | (msac …) | (gnc …)"
 NONE = "none"
 MAXIMUM_TRIALS = 100_000
-LARGEST_BARRON = 2.0
+LARGEST_SHAPE = 2.0
 
 
 def read_loss(work: Workspace, form: Form | None) -> Loss | None:
@@ -38,10 +40,10 @@ def read_loss(work: Workspace, form: Form | None) -> Loss | None:
         known = (NONE, *(k.value for k in LossKind))
         raise MbmError(faults.unknown_loss(form.span, name, closest(name, known), known))
     shape = None
-    if kind is LossKind.BARRON:
+    if LOSSES[kind].shaped:
         if not parameters:
-            raise MbmError(language_faults.bad_form(form.span, "`barron` takes its exponent a", LOSS_USAGE))
-        shape = _number(work, parameters[0], -inf, LARGEST_BARRON, "the exponent of `barron` should be at most 2")
+            raise MbmError(language_faults.bad_form(form.span, f"`{name}` takes its exponent a", LOSS_USAGE))
+        shape = _number(work, parameters[0], -inf, LARGEST_SHAPE, f"the exponent of `{name}` should be at most 2")
         parameters = parameters[1:]
     if len(parameters) > 1:
         raise MbmError(language_faults.bad_form(parameters[1].span, f"`{name}` takes no more", LOSS_USAGE))

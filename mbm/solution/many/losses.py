@@ -10,7 +10,7 @@ from mbm.solution.many.factor import filled, inverse_root
 from mbm.solution.many.stack import Portion
 from mbm.solution.nonlinearity import ORTHONORMAL
 from mbm.solution.robust.covariance import curved, least_spread
-from mbm.solution.robust.losses.rooted import rooted, rooted_jacobian
+from mbm.solution.robust.losses import rooted, rooted_jacobian
 from mbm.solution.robust.scores import STATED_CUT
 from mbm.solution.robust.units import limits
 from mbm.solution.types import Floats, Indices, Mask
@@ -18,7 +18,7 @@ from mbm.target.decisions import EXHAUSTED
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.solution.robust.losses.function import LossFunction
+    from mbm.solution.robust.losses import LossFunction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

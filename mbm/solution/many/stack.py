@@ -25,7 +25,7 @@ from mbm.solution.whitening import Whitener
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.solution.robust.losses.function import LossFunction
+    from mbm.solution.robust.losses import LossFunction
 
 
 ROWS_AT_ONCE = 30_000

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import Group
-from mbm.solution.robust.losses.barron import Barron
 from mbm.solution.types import Equations, Floats, Indices
 from mbm.solution.whitening import Whitener
 from mbm.target.records import slot
@@ -346,14 +345,13 @@ def _tables(group: Group, losses_at: int, equations: Assembled) -> tuple[tuple[I
     for k, each in enumerate(group.whiteners):
         kind = triangle_kind(each) or 0
         loss = group.losses[k] if group.losses else None
-        units.append((each.first, each.last, place, kind, 0 if loss is None else of.LOSSES[loss.loss.kind], losses_at))
+        units.append((each.first, each.last, place, kind, of.NO_LOSS if loss is None else loss.number, losses_at))
         size = each.last - each.first
         if kind == 0:
             factor[each.first : each.last] = place + np.arange(size)
         place += size * size if kind else size
         if loss is not None:
-            shape = loss.loss.shape if isinstance(loss.loss, Barron) else 0.0
-            losses += [loss.scale, shape]
+            losses += [loss.scale, loss.shape]
             losses_at += 2
     rows = group.kernel.jacobian_rows
     nonzeros = np.stack([rows, group.kernel.jacobian_columns, factor[rows]], axis=1)

@@ -38,7 +38,7 @@ def sum_addresses(code: NativeCode, groups: Sequence[Group | None]) -> list[int]
         if group is None:
             found.append(0)
             continue
-        key = (group.number, tuple(None if loss is None else loss.loss.kind for loss in group.losses))
+        key = (group.number, tuple(None if loss is None else loss.kind for loss in group.losses))
         if key not in code.sums:
             code.sums[key] = _sums_of(group, code.store)
         made = code.sums[key]
@@ -50,10 +50,10 @@ def _sums_of(group: Group, store: Store | None) -> NormalKernels | None:
     """The function of one group under the number 0; None where its kernel has an operation without code."""
     from mbm.kernels.native.normal import normal_kernels
     from mbm.target.normal_rows import Unit
-    from mbm.target.solver.description import LOSSES, NO_LOSS
+    from mbm.target.solver.description import NO_LOSS
     from mbm.target.vectors import NoPrinterError
 
-    losses = [NO_LOSS if loss is None else LOSSES[loss.loss.kind] for loss in group.losses]
+    losses = [NO_LOSS if loss is None else loss.number for loss in group.losses]
     losses = losses or [NO_LOSS] * len(group.whiteners)
     units = [Unit(first=w.first, last=w.last, loss=k) for w, k in zip(group.whiteners, losses, strict=True)]
     try:

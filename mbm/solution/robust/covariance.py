@@ -22,7 +22,7 @@ import numpy as np
 
 from mbm.solution.covariance import in_datum
 from mbm.solution.freedom import free_combinations, touched_by
-from mbm.solution.robust.losses.function import LossFunction
+from mbm.solution.robust.losses import LossFunction
 from mbm.solution.types import Covariance, Floats, Indices, Mask, Observability
 from mbm.target.decisions import EPSILON, EXHAUSTED, TOLD
 from mbm.values import dataclass

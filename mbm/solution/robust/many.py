@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from mbm.problem.kinds import LossKind
 from mbm.problem.types import Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.minimise import minimise
-from mbm.solution.robust.losses.function import LossFunction
-from mbm.solution.robust.losses.geman_mcclure import GEMAN_MCCLURE
+from mbm.solution.robust.losses import LossFunction
 from mbm.solution.robust.scale import noise_and_limits
 from mbm.solution.robust.scores import cuts, variances_at
 from mbm.solution.robust.types import Agreed, Asked
@@ -99,7 +99,7 @@ def _by_row(deviations: Floats, units: Units, equations: Assembled) -> Floats:
 
 def _with_loss(equations: Assembled, acting: Mask, scale: float) -> Assembled:
     """The equations with a Geman-McClure loss on the blocks that the rule acts on."""
-    loss = LossFunction(loss=GEMAN_MCCLURE, scale=scale)
+    loss = LossFunction(kind=LossKind.GEMAN_MCCLURE, scale=scale)
     groups = tuple(
         replace(g, losses=(loss,) * len(g.whiteners)) if g.count and acting[g.first] else g for g in equations.groups
     )

@@ -9,7 +9,7 @@ from mbm.solution.assembly import Assembled
 from mbm.solution.binding import Group
 from mbm.solution.forwarding import Forwarding
 from mbm.solution.layout import Entry
-from mbm.solution.robust.losses.rooted import rooted_jacobian
+from mbm.solution.robust.losses import rooted_jacobian
 from mbm.solution.sparse.arithmetic import Arithmetic
 from mbm.solution.sparse.structure import BlockFamily, Piece, Structure, structure
 from mbm.solution.types import Floats, Indices, Mask

@@ -14,7 +14,7 @@ import numpy as np
 from mbm.solution.assembly import Assembled, loss_lines
 from mbm.solution.freedom import free_combination, free_combinations
 from mbm.solution.robust.covariance import curved, least_spread
-from mbm.solution.robust.losses.function import LossFunction
+from mbm.solution.robust.losses import LossFunction
 from mbm.solution.sparse.equations import blocked
 from mbm.solution.sparse.observability import NAMED, described, sparse_covariance
 from mbm.solution.sparse.rank import Decision, decided

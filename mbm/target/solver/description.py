@@ -248,21 +248,7 @@ PIECES: Mapping[str, int] = {"number": NUMBER, "scale": SCALE, "quaternion": QUA
 """Kinds of components, by the labels of `mbm.problem.manifold.Piece`."""
 
 NO_LOSS = 0
-HUBER = 1
-SOFT_L1 = 2
-CAUCHY = 3
-TUKEY = 4
-GEMAN_MCCLURE = 5
-BARRON = 6
-LOSSES: Mapping[str, int] = {
-    "huber": HUBER,
-    "soft-l1": SOFT_L1,
-    "cauchy": CAUCHY,
-    "tukey": TUKEY,
-    "geman-mcclure": GEMAN_MCCLURE,
-    "barron": BARRON,
-}
-"""By the names that ``:loss`` knows."""
+"""Of a unit with plain squares; the others are numbered in `losses.LOSSES`."""
 
 # --- constants --------------------------------------------------------------------------------------------------
 TOLERANCE = 0
