@@ -9,6 +9,7 @@ import pytest
 
 from mbm.kernels.store import VARIABLE
 from tests.trials import kinds
+from tests.trials.blocks import Block, run_block
 from tests.trials.kinds import Case, Home, Kind, attempt
 from tests.trials.outcome import SLOWEST, Outcome
 
@@ -45,3 +46,19 @@ def test_runs(
     assert len(caches) == runs
     assert len(set(caches)) == runs
     assert os.environ.get(VARIABLE) == before
+
+
+def test_slow_cases_are_told_and_those_behind_them_are_tried(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """None is made small: that would take the time of a hundred more."""
+    ran = []
+
+    def timed(*_: str) -> Outcome:
+        ran.append(1)
+        return Outcome(status=0, out="", err="", seconds=2.0 * SLOWEST if len(ran) < 3 else 0.1, grown=0, aside=0)
+
+    monkeypatch.setattr(kinds, "outcome", timed)
+    found = run_block(Block(kind=HELP, number=0, count=20, base=1), Home(folder=tmp_path))
+    assert found.ran == 20
+    assert found.fault is not None
+    assert found.fault.startswith(f"slow: {2.0 * SLOWEST:.1f} s\n")
+    assert len(ran) == 21  # the slow one twice

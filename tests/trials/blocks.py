@@ -1,4 +1,4 @@
-"""Some hundred cases of one kind, from one seed; found faults are made small by Hypothesis."""
+"""Some hundred cases of one kind, from one seed; found faults are made small by Hypothesis, but for slow cases."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.trials.kinds import Home, Kind, Trial, attempt
 from tests.trials.seeds import seed_for
 
 LARGEST = 1000
-"""Cases of a block: once one of them fails, the others are not tried."""
+"""Cases of a block: once one of them fails, the others are not tried, but for those that are merely slow."""
 
 
 class FaultError(Exception):
@@ -80,6 +80,7 @@ def _drawn(block: Block, home: Home, notice: Callable[[bytes], None] | None) -> 
 
 def _searched(block: Block, home: Home, notice: Callable[[bytes], None] | None) -> Result:
     ran, last, words = 0, b"", ""
+    slow: list[tuple[bytes, Trial]] = []
 
     @seed(block.seed)
     @settings(
@@ -97,14 +98,20 @@ def _searched(block: Block, home: Home, notice: Callable[[bytes], None] | None) 
         if notice is not None:
             notice(decisions)
         trial = attempt(block.kind, home, decisions)
-        if trial.wrong:
+        if trial.wrong and trial.slow:
+            slow.append((decisions, trial))
+        elif trial.wrong:
             last, words = decisions, str(trial)
             raise FaultError(trial)
 
+    faults = []
     try:
         search()
     except FaultError as error:
-        return Result(ran=min(ran, block.count), fault=str(error), decisions=last)
+        faults = [str(error)]
     except HypothesisException:  # a case that failed once, and not again
-        return Result(ran=min(ran, block.count), fault=f"not always: {words}", decisions=last)
-    return Result(ran=ran)
+        faults = [f"not always: {words}"]
+    if slow:
+        last = last if faults else slow[0][0]
+        faults += ["slow: " + ", ".join("; ".join(trial.wrong) for _, trial in slow), *(str(t) for _, t in slow)]
+    return Result(ran=min(ran, block.count), fault="\n\n".join(faults) or None, decisions=last or None)

@@ -76,6 +76,11 @@ class Trial:
     found: Outcome
     wrong: tuple[str, ...]
 
+    @property
+    def slow(self) -> bool:
+        """It took too long, whatever else is wrong: to make it small would take longer still."""
+        return self.found.status is None or self.found.seconds > SLOWEST
+
     def __str__(self) -> str:
         texts = [f"{'; '.join(self.wrong)}", "mbm " + " ".join(map(repr, self.case.arguments))]
         for path in self.case.files:
@@ -91,7 +96,7 @@ def attempt(kind: Kind, home: Home, decisions: bytes) -> Trial:
     says nothing of mbm. One that never came is not tried again.
     """
     trial = _tried(kind, home, decisions)
-    if trial.found.status is None or trial.found.seconds <= SLOWEST:
+    if trial.found.status is None or not trial.slow:
         return trial
     with _empty_cache(home):
         return _tried(kind, home, decisions)

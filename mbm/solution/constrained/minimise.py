@@ -62,8 +62,9 @@ class _Work:
         self.evaluations += done.evaluations
 
     def steps(self, equations: ConstrainedEquations, state: Iterate) -> Iterate:
-        """A few sequential steps, counted."""
-        done = run(equations, state, tolerance=self.tolerance, limit=FINISH, stopped=self.stopped)
+        """A few sequential steps, counted, of those that are left; one at least."""
+        left = max(self.limit - self.iterations, 1)
+        done = run(equations, state, tolerance=self.tolerance, limit=min(FINISH, left), stopped=self.stopped)
         self.count(done)
         return done
 
