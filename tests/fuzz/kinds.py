@@ -13,7 +13,7 @@ from tests.fuzz.options import option_lists, values_file
 from tests.fuzz.problems import Problems, problem_file
 from tests.trials.choices import Choices
 from tests.trials.kinds import Case, Home, Kind
-from tests.trials.outcome import Outcome, faults_of, outcome
+from tests.trials.outcome import SLOWEST_SOLVE, Outcome, faults_of, outcome
 
 ROOT = Path(__file__).parents[2]
 NODES = "id,x,y,z,name\n1,0,0,2,p\n2,4,0,2,q\n3,0,4,2,p\n"
@@ -231,12 +231,19 @@ KINDS = (
     Kind(name="mutated problems are checked", share=0.24, size=MUTATED, make=_mutated_checked),
     Kind(name="mutated tables are checked", share=0.06, size=MUTATED, make=_tables_checked),
     Kind(name="noise is checked", share=0.08, size=240, make=_noise_checked),
-    Kind(name="generated problems are solved", share=0.03, size=GENERATED, make=_solved, after=_tables_are_whole),
+    Kind(
+        name="generated problems are solved",
+        share=0.03,
+        size=GENERATED,
+        make=_solved,
+        after=_tables_are_whole,
+        slowest=SLOWEST_SOLVE,
+    ),
     Kind(name="files are laid out", share=0.07, size=GENERATED, make=_laid_out, after=_layout_is_kept),
     Kind(name="forms are expanded", share=0.05, size=GENERATED, make=_expanded),
     Kind(name="generated problems are explained", share=0.02, size=GENERATED, make=_explained),
     Kind(name="problems are simulated", share=0.02, size=GENERATED, make=_simulated, after=_simulation_is_sound),
     Kind(name="problems are compiled", share=0.005, size=GENERATED, make=_compiled, after=_modules_are_python),
-    Kind(name="options are read", share=0.025, size=80, make=_with_options),
+    Kind(name="options are read", share=0.025, size=80, make=_with_options, slowest=SLOWEST_SOLVE),
 )
 """Shares by what a case costs: a solve takes as long as ten checks."""

@@ -59,13 +59,17 @@ def _nothing(_home: Home, _case: Case, _found: Outcome) -> list[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """Cases of one kind: its share of all, how many bytes decide one, how they do, and what else must hold after it."""
+    """Cases of one kind: its share of all, how many bytes decide one, how they do, and what else must hold after it.
+
+    ``slowest`` is how many seconds an answer may take.
+    """
 
     name: str
     share: float
     size: int
     make: Callable[[Home, Choices], Case]
     after: Callable[[Home, Case, Outcome], list[str]] = field(default=_nothing)
+    slowest: float = SLOWEST
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,11 +79,8 @@ class Trial:
     case: Case
     found: Outcome
     wrong: tuple[str, ...]
-
-    @property
-    def slow(self) -> bool:
-        """It took too long, whatever else is wrong: to make it small would take longer still."""
-        return self.found.status is None or self.found.seconds > SLOWEST
+    slow: bool
+    """It took too long, whatever else is wrong: to make it small would take longer still."""
 
     def __str__(self) -> str:
         texts = [f"{'; '.join(self.wrong)}", "mbm " + " ".join(map(repr, self.case.arguments))]
@@ -124,7 +125,8 @@ def _tried(kind: Kind, home: Home, decisions: bytes) -> Trial:
         with watched(home.folder, case.devices, case.closed) as wrong:
             found = outcome(*case.arguments)
     wrong += [f"{path.name} was changed" for path, digest in digests(case.kept).items() if digest != before[path]]
-    wrong += faults_of(found, case.arguments, case.files[0].parent if case.files else home.folder)
+    wrong += faults_of(found, case.arguments, case.files[0].parent if case.files else home.folder, kind.slowest)
     if not wrong:
         wrong += kind.after(home, case, found)
-    return Trial(case=case, found=found, wrong=tuple(wrong))
+    slow = found.status is None or found.seconds > kind.slowest
+    return Trial(case=case, found=found, wrong=tuple(wrong), slow=slow)

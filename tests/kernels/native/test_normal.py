@@ -13,7 +13,7 @@ import mbm
 from mbm.kernels.backends import numpy_stream
 from mbm.kernels.native.normal import normal_kernels, normal_rows
 from mbm.target.normal_rows import Unit
-from mbm.target.solver import description
+from mbm.target.solver import losses
 from mbm.target.solver.description import LANES
 
 TEXT = """
@@ -26,18 +26,18 @@ TEXT = """
     :sigma 1))
 """
 LOSSES = {
-    description.HUBER: lambda s: np.where(s <= 1, s, 2 * np.sqrt(np.maximum(s, 1)) - 1),
-    description.SOFT_L1: lambda s: 2 * (np.sqrt(1 + s) - 1),
-    description.CAUCHY: np.log1p,
-    description.TUKEY: lambda s: (1 - (1 - np.minimum(s, 1)) ** 3) / 3,
-    description.GEMAN_MCCLURE: lambda s: s / (1 + s),
-    description.BARRON: lambda s: 2 * 3 / -1 * ((1 + s / 3) ** -0.5 - 1),
+    losses.HUBER: lambda s: np.where(s <= 1, s, 2 * np.sqrt(np.maximum(s, 1)) - 1),
+    losses.SOFT_L1: lambda s: 2 * (np.sqrt(1 + s) - 1),
+    losses.CAUCHY: np.log1p,
+    losses.TUKEY: lambda s: (1 - (1 - np.minimum(s, 1)) ** 3) / 3,
+    losses.GEMAN_MCCLURE: lambda s: s / (1 + s),
+    losses.BARRON: lambda s: 2 * 3 / -1 * ((1 + s / 3) ** -0.5 - 1),
 }
 """ρ(s) for c = 1 as the papers have them; of Barron's family the member α = −1, 2 |α − 2|/α ((1 + s/|α − 2|)^(α/2) − 1)
 in the scale that has ρ'(0) = 1."""
 
 UNITS = ((0, 2), (2, 3))
-SCALE = {description.BARRON: -1.0}
+SCALE = {losses.BARRON: -1.0}
 
 
 @pytest.fixture(scope="module")
@@ -127,14 +127,14 @@ def test_units_without_weight_take_no_part(kernel):
     spoiled[4] = np.nan
     without[4] = 0.0
     kept = np.arange(9) != 4
-    found = summed(kernel, spoiled, without, (0, description.HUBER), (0, 0, 2.0, 0))
-    wanted = summed(kernel, inputs[kept], weights[kept], (0, description.HUBER), (0, 0, 2.0, 0))
+    found = summed(kernel, spoiled, without, (0, losses.HUBER), (0, 0, 2.0, 0))
+    wanted = summed(kernel, inputs[kept], weights[kept], (0, losses.HUBER), (0, 0, 2.0, 0))
     for one, two in zip(found, wanted, strict=True):
         np.testing.assert_allclose(one, two, rtol=1e-13)  # the same products in other lanes
 
 
 def test_one_order_of_summation(kernel):
     inputs, weights = sample(50, kernel)
-    runs = [summed(kernel, inputs, weights, (description.CAUCHY, 0), (2.0, 0, 0, 0)) for _ in range(2)]
+    runs = [summed(kernel, inputs, weights, (losses.CAUCHY, 0), (2.0, 0, 0, 0)) for _ in range(2)]
     for one, two in zip(*runs, strict=True):
         np.testing.assert_array_equal(one, two)

@@ -51,6 +51,10 @@ RULES = ("lmeds", "ransac", "msac", "gnc")
 
 
 def ranges(seed, outliers):
+    return ranges_and_wrong(seed, outliers)[0]
+
+
+def ranges_and_wrong(seed, outliers):
     generator = np.random.default_rng(seed)
     place = generator.uniform([0.8, 0.8, 0.3], [2.7, 2.7, 1.3])
     measured = np.linalg.norm(place - CEILING, axis=1) + 0.005 * generator.normal(size=48)
@@ -128,7 +132,7 @@ def assert_agreement(text, data, wrong=()):
 def test_ranges(rule, noise):
     text = RANGES.format(rule=rule, noise=NOISES[noise].format(sigma="5mm"))
     for seed, outliers in enumerate((0, 1, 5, 14)):
-        data, wrong = ranges(seed, outliers)
+        data, wrong = ranges_and_wrong(seed, outliers)
         assert_agreement(text, data, wrong)
 
 
@@ -174,12 +178,12 @@ def test_subsets_without_a_closed_form_and_a_prior(rule, noise):
 
 
 def test_noise_that_is_stated_too_small_gives_way():
-    found = consensus(RANGES.format(rule="lmeds", noise=":sigma 1.5mm"), ranges(5, 5)[0]).agreed
+    found = consensus(RANGES.format(rule="lmeds", noise=":sigma 1.5mm"), ranges(5, 5)).agreed
     assert found.limits.min() > 9.0
 
 
 def test_a_threshold_and_a_number_of_trials_are_kept_to():
-    data, wrong = ranges(2, 5)
+    data, wrong = ranges_and_wrong(2, 5)
     found = assert_agreement(RANGES.format(rule="(msac :trials 40 :threshold 2)", noise=":sigma 5mm"), data, wrong)
     assert found.trials == 40
     np.testing.assert_allclose(found.limits, 4.0, rtol=1e-12)
@@ -188,9 +192,9 @@ def test_a_threshold_and_a_number_of_trials_are_kept_to():
 def test_a_batch_is_its_data_sets_one_by_one_whatever_the_threads():
     text = RANGES.format(rule="lmeds", noise="")
     alone, parts = [], []
-    compiled = mbm.loads(text).compile(data=ranges(0, 0)[0], backend="native")
+    compiled = mbm.loads(text).compile(data=ranges(0, 0), backend="native")
     for seed in range(7):
-        bound = compiled._for(ranges(seed, 2 * seed)[0])
+        bound = compiled._for(ranges(seed, 2 * seed))
         found = bound.elaborated
         settings = settings_of(found.problem.request)
         equations, _ = assemble(found.problem, bound.kernels, found.tables, {}, bound.cache)
@@ -242,7 +246,7 @@ def test_how_gross_one_error_is_changes_nothing(backend, gross):
     problem = mbm.loads(RANGES.format(rule="lmeds", noise=":sigma 5mm"))
     found = []
     for size in (1e3, gross):
-        data = ranges(3, 5)[0]
+        data = ranges(3, 5)
         data["ranges"]["range"][7] = size
         found.append(problem.solve(data=data, backend=backend))
     assert [each.status for each in found] == ["ok", "ok"]
