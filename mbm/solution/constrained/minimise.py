@@ -62,9 +62,8 @@ class _Work:
         self.evaluations += done.evaluations
 
     def steps(self, equations: ConstrainedEquations, state: Iterate) -> Iterate:
-        """A few sequential steps, counted, of those that are left; one at least."""
-        left = max(self.limit - self.iterations, 1)
-        done = run(equations, state, tolerance=self.tolerance, limit=min(FINISH, left), stopped=self.stopped)
+        """A few sequential steps, counted: no more than the whole search may have."""
+        done = run(equations, state, tolerance=self.tolerance, limit=min(FINISH, self.limit), stopped=self.stopped)
         self.count(done)
         return done
 
