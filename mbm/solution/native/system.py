@@ -187,8 +187,8 @@ class NativeSystem:
 
     @property
     def _products(self) -> float:
-        """Products in one iteration, about."""
-        return float(self.system[of.Problem.most_residuals]) * (self.dimension + 4) ** 2
+        """Products in one iteration, about: however few the rows are, the damped triangle has as many as unknowns."""
+        return float(max(self.system[of.Problem.most_residuals], self.dimension)) * (self.dimension + 4) ** 2
 
     def blank(self, count: int) -> NativeEnds:
         """Room for the answers of so many solves."""
