@@ -21,7 +21,7 @@ from mbm.solution.estimate import assemble, estimate
 from mbm.solution.layout import Layout
 from mbm.solution.minimise import minimise
 from mbm.solution.multistart import starting_points
-from mbm.solution.native.agreeing import agreed
+from mbm.solution.native.agreeing import agreed, agreed_anywhere
 from mbm.solution.robust.losses import loss_function
 from mbm.solution.robust.types import Asked, observed
 from mbm.solution.search import search
@@ -102,9 +102,8 @@ def _leads(found: Elaborated, equations: Assembled, settings: Settings) -> bool:
         return False
     own = search(equations, starts, settings, found.problem, _never)
     asked = Asked(problem=found.problem, settings=settings, consensus=BY_MEDIAN, ruled=observed)
-    known = agreed(asked, equations, None) or agreed(asked, equations, np.stack([start.point for start in starts]))
-    if known is None:
-        raise AssertionError("consensus from a start says nothing")
+    known = agreed_anywhere(asked, equations)
+    known = known or agreed(asked, equations, np.stack([start.point for start in starts]))
     other = minimise(equations, known.point, settings)
     near = np.abs(other.point - own.minimum.point) <= SAME * np.maximum(np.abs(own.minimum.point), 1.0)
     return bool(near.all()) and other.reason.converged

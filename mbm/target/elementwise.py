@@ -40,7 +40,7 @@ def elementwise(source: Callable[..., Any]) -> Callable[..., Any]:
     Raises:
         TypeError: it has a loop, stores something, or has an intrinsic function that is not in `NAMES`.
     """
-    kinds = tuple(text == "Integer" for name, text in source.__annotations__.items() if name != "return")
+    kinds = _integers(source)
 
     def whole(*arguments: Any) -> Any:
         integers = tuple(each for each, known in zip(arguments, kinds, strict=True) if known)
@@ -196,12 +196,17 @@ class _Body(ast.NodeTransformer):
         source = self._known.get(node.func.id)
         if node.func.id in NAMES:
             return _call(node.func.id, *arguments)
-        kinds = [text == "Integer" for name, text in getattr(source, "__annotations__", {}).items() if name != "return"]
+        kinds = _integers(source) if callable(source) else ()
         if not callable(source) or len(kinds) != len(arguments):
             raise TypeError(ast.unparse(node))
         integers = [self._integer(argument) for argument, known in zip(arguments, kinds, strict=True) if known]
         name = self._text.function(source, tuple(each for each in integers if each is not None))
         return _call(name, *(a for a, known in zip(arguments, kinds, strict=True) if not known))
+
+
+def _integers(source: Callable[..., Any]) -> tuple[bool, ...]:
+    """Which parameters have the type `Integer`."""
+    return tuple(text == "Integer" for name, text in source.__annotations__.items() if name != "return")
 
 
 def _call(name: str, *arguments: ast.expr) -> ast.Call:

@@ -27,7 +27,7 @@ class Found:
     units: Units
 
 
-def consensus(text, data=None, *, backend="auto", seed=None, startless=False) -> Found:
+def consensus(text, data=None, *, backend="auto", seed=None) -> Found:
     """What the units of all observations agree on by the ``:robust`` of the problem."""
     compiled = mbm.loads(text).compile(data=data, backend=backend)
     problem = compiled.elaborated.problem
@@ -35,10 +35,10 @@ def consensus(text, data=None, *, backend="auto", seed=None, startless=False) ->
     settings = settings if seed is None else replace(settings, seed=seed)
     equations, _ = assemble(problem, compiled.kernels, compiled.elaborated.tables, {}, compiled.cache)
 
-    starts = None if startless else np.stack([each.point for each in starting_points(equations, settings, None)])
+    starts = np.stack([each.point for each in starting_points(equations, settings, None)])
     asked = Asked(problem=problem, settings=settings, consensus=settings.robust, ruled=observed)
     found = agreed(asked, equations, starts)
-    units = units_of(equations, problem, equations.numbers if startless else starts[0], observed)
+    units = units_of(equations, problem, starts[0], observed)
     return Found(agreed=found, equations=equations, units=units)
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import field, replace
 
 import numpy as np
 
 from mbm.solution.assembly import Assembled
-from mbm.solution.native.consensus import Begun, Rooms, consensus_many
+from mbm.solution.native.consensus import Begun, ConsensusEnds, Rooms, consensus_many
 from mbm.solution.native.consensus_forms import KnownForm, known_form
 from mbm.solution.native.consensus_rules import NO_FORM, Form, Rules, rules_of
 from mbm.solution.native.system import NativeSystem, iteration_of, native_code, never, system_of
@@ -45,45 +45,61 @@ class _Handed:
     units: Indices
 
 
-def agreed(
-    asked: Asked, equations: Assembled, starts: Floats | None, *, near: bool = False, once: bool = False
-) -> Agreed | None:
+def agreed(asked: Asked, equations: Assembled, starts: Floats, *, near: bool = False, once: bool = False) -> Agreed:
     """The units of the ruled blocks that agree, in ascending order, from ``starts`` (S, N).
 
-    None does where nothing has a value; else units that are left out by their weight do. ``near``: the one start is a
-    consensus of some of the units already. Without starts (None) the closed form has to give one; there is no answer
-    where it does not. ``once``: equations of this structure do not come again, so that nothing is kept of them.
+    Units that a weight of zero leaves out count as agreeing, unless no unit has a value. ``near``: the one start is a
+    consensus of some of the units already. ``once``: equations of this structure do not come again, so that nothing is
+    kept of them.
     """
-    settings = asked.settings
     plain = without_losses(equations).roughly_corrected()
-    cache = plain.groups[0].cache
-    learnt = cache.native.setdefault(KEPT, Learnt())
-    if not isinstance(learnt, Learnt):
-        raise TypeError(learnt)
-    known = None if plain.implicit is not None or near else _form(plain, settings, learnt)
-    if starts is None and known is None:
-        return None
+    learnt = Learnt() if once else _learnt(plain)
+    known = None if plain.implicit is not None or near else _form(plain, asked.settings, learnt)
     handed = _handed(asked, plain, kept=not once)
-    every = _units(plain, asked.acting(plain))
-    known_rows = None if known is None else _known_rows(known, asked, plain, handed.units)
-    form = NO_FORM if known is None or known_rows is None else known.form
-    begun = with_idle_ones(plain, plain.numbers)[None] if starts is None else starts
-    ends = consensus_many(
+    forms = None if known is None else _known_rows(known, asked, plain, handed.units)
+    form = NO_FORM if known is None or forms is None else known.form
+    ends = _ended(asked, handed, learnt, form, Begun(starts=starts[None], forms=forms, near=near))
+    return _answer(asked, plain, handed, ends)
+
+
+def agreed_anywhere(asked: Asked, equations: Assembled) -> Agreed | None:
+    """The same from what a closed form gives; None where there is none, or it leads to nothing."""
+    plain = without_losses(equations).roughly_corrected()
+    learnt = _learnt(plain)
+    known = None if plain.implicit is not None else _form(plain, asked.settings, learnt)
+    if known is None:
+        return None
+    handed = _handed(asked, plain, kept=True)
+    forms = _known_rows(known, asked, plain, handed.units)
+    start = with_idle_ones(plain, plain.numbers)[None]
+    form = NO_FORM if forms is None else known.form
+    ends = _ended(asked, handed, learnt, form, Begun(starts=start[None], forms=forms, startless=True))
+    return _answer(asked, plain, handed, ends) if ends.agreed[0] else None
+
+
+def _learnt(plain: Assembled) -> Learnt:
+    """What the cache of the problem keeps."""
+    found = plain.groups[0].cache.native.setdefault(KEPT, Learnt())
+    if not isinstance(found, Learnt):
+        raise TypeError(found)
+    return found
+
+
+def _ended(asked: Asked, handed: _Handed, learnt: Learnt, form: Form, begun: Begun) -> ConsensusEnds:
+    settings = asked.settings
+    return consensus_many(
         handed.system,
-        native_code(cache).consensus,
-        _rules(asked, handed, learnt, form, len(begun)),
-        Begun(
-            starts=begun[None],
-            forms=known_rows,
-            startless=starts is None,
-            near=near,
-            units_at=np.array([0, len(handed.units)]),
-        ),
-        rooms=None if once else learnt.rooms,
+        native_code(handed.equations.groups[0].cache).consensus,
+        _rules(asked, handed, learnt, form, begun.starts.shape[1]),
+        replace(begun, units_at=np.array([0, len(handed.units)])),
+        rooms=learnt.rooms,
         stopped=never if settings.interruption is None else settings.stopped,
     )
-    if starts is None and not ends.agreed[0]:
-        return None
+
+
+def _answer(asked: Asked, plain: Assembled, handed: _Handed, ends: ConsensusEnds) -> Agreed:
+    """The ends by all units, those that took no part included."""
+    every = _units(plain, asked.acting(plain))
     place = np.searchsorted(every, handed.units)
     inliers = np.full(len(every), ends.agreed[0])
     limits, variances = np.full(len(every), np.inf), np.ones(len(every))

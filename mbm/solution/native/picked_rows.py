@@ -51,7 +51,7 @@ class PickedRows:
 class Picked:
     """Equations with a group for each equation of each group that they were made of.
 
-    ``numbers`` of the rows of group k are those of the units ``units[k]`` of the original equations.
+    Row r of group k is the unit ``units[k][r]`` of the original equations.
     """
 
     equations: Assembled
@@ -59,7 +59,7 @@ class Picked:
     kernels: CallbackKernels = field(repr=False)
 
     def system(self, iteration: Iteration, code: AnyCode) -> NativeSystem:
-        """They for the solver."""
+        """The equations as the solver takes them."""
         groups = self.equations.groups
         addresses = [(self.kernels.values_address(k), self.kernels.jacobian_address(k), 0) for k in range(len(groups))]
         system, constants = system_arrays(

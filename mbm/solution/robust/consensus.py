@@ -14,10 +14,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from mbm.problem.types import Block, Consensus, ConsensusKind, Method, Problem, RandomStarts
+from mbm.problem.types import Consensus, ConsensusKind, Method, Problem, RandomStarts
 from mbm.solution.assembly import Assembled, loss_lines
 from mbm.solution.excerpt import excerpt
 from mbm.solution.minimise import minimise
+from mbm.solution.native.agreeing import agreed, agreed_anywhere
 from mbm.solution.robust import faults
 from mbm.solution.robust.beginning import told_apart
 from mbm.solution.robust.binding import units_of, without_losses
@@ -54,7 +55,7 @@ def agreeing(
     beginnings: tuple[Beginning, ...] = ()
     if found is None or found.share < LEAST_SHARE:  # what it began with may have been wrong itself
         try:
-            beginnings = _told_apart(problem, equations, settings, starts, observed)
+            beginnings = _told_apart(asked, equations, starts)
         except MbmError:
             if found is None:
                 raise
@@ -92,12 +93,12 @@ def scaled(problem: Problem, equations: Assembled, settings: Settings, search: S
     convex = all(loss.convex for loss, _ in loss_lines(equations))
     if not unknown and convex:
         return Prepared(equations=equations, starts=search())
-    starts = _told_apart(problem, equations, settings, search, with_loss)
+    consensus = Consensus(kind=ConsensusKind.LMEDS)
+    asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=with_loss)
+    starts = _told_apart(asked, equations, search)
     units = units_of(equations, problem, starts[0].point, with_loss)
     if units.scalars == 0 or not equations.dimension:
         return Prepared(equations=equations, starts=starts)
-    consensus = Consensus(kind=ConsensusKind.LMEDS)
-    asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=with_loss)
     starts = _fitted_plainly(problem, equations, settings, starts)
     few = equations.count < equations.dimension
     found = _all_agree(units, starts[0].point) if few else _agreed(asked, equations, units, starts)
@@ -152,17 +153,7 @@ def _agreed(asked: Asked, equations: Assembled, units: Units, starts: tuple[Begi
             return agree_in_parts(asked, equations, units, parts, points[0])
         if units.count > SAMPLE:
             return _agreed_from_sample(asked, equations, units, points)
-    return _in_one_piece(asked, equations, points)
-
-
-def _in_one_piece(asked: Asked, equations: Assembled, starts: Floats | None, *, near: bool = False) -> Agreed:
-    """What the compiled solver says; starts that are known always lead to something."""
-    from mbm.solution.native.agreeing import agreed
-
-    found = agreed(asked, equations, starts, near=near)
-    if found is None:
-        raise AssertionError("consensus from a start says nothing")
-    return found
+    return agreed(asked, equations, points)
 
 
 def _startless(asked: Asked, equations: Assembled) -> Agreed | None:
@@ -171,28 +162,21 @@ def _startless(asked: Asked, equations: Assembled) -> Agreed | None:
         return None
     if equations.whole > SAMPLE or (equations.dimension > 1 and len(parts_of(equations)) > 1):
         return None
-    from mbm.solution.native.agreeing import agreed
-
-    return agreed(asked, equations, None)
+    return agreed_anywhere(asked, equations)
 
 
-def _told_apart(
-    problem: Problem,
-    equations: Assembled,
-    settings: Settings,
-    starts: Starts,
-    ruled: Callable[[Block], bool],
-) -> tuple[Beginning, ...]:
-    """Starts at which the units that are ``ruled`` tell the unknowns apart, if closed forms give any.
+def _told_apart(asked: Asked, equations: Assembled, starts: Starts) -> tuple[Beginning, ...]:
+    """Starts at which the units that are ruled tell the unknowns apart, if closed forms give any.
 
     Raises:
         MbmError: there is no start, of whatever kind.
 
     """
-    asked = settings.starts is not None or settings.method is Method.CLOSED_FORM
-    if asked or equations.implicit is not None or not _without_start(equations) or equations.whole > SAMPLE:
+    settings = asked.settings
+    stated = settings.starts is not None or settings.method is Method.CLOSED_FORM
+    if stated or equations.implicit is not None or not _without_start(equations) or equations.whole > SAMPLE:
         return starts()
-    units = units_of(equations, problem, equations.numbers, ruled)
+    units = units_of(equations, asked.problem, equations.numbers, asked.ruled)
     try:
         found = starts()
     except MbmError:  # one row whose square has no value, and the cost has none at any start
@@ -214,8 +198,8 @@ def _agreed_from_sample(asked: Asked, equations: Assembled, units: Units, starts
     generator = np.random.Generator(np.random.PCG64(asked.settings.seed))
     chosen = np.sort(generator.choice(units.count, SAMPLE, replace=False))
     rows = np.flatnonzero((units.of_row < 0) | np.isin(units.of_row, chosen))
-    found = _in_one_piece(asked, excerpt(equations, equations.free, np.unique(equations.units[rows])), starts)
-    whole = _in_one_piece(asked, equations, found.point[None], near=True)
+    found = agreed(asked, excerpt(equations, equations.free, np.unique(equations.units[rows])), starts)
+    whole = agreed(asked, equations, found.point[None], near=True)
     return replace(whole, trials=found.trials, ambiguous=found.ambiguous, cut_short=found.cut_short)
 
 
