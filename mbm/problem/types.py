@@ -108,8 +108,8 @@ class Unknown:
 
     @property
     def freedom(self) -> int:
-        """Coordinates of the tangent space."""
-        return self.manifold.tangent
+        """Coordinates of the tangent space; plain numbers, of which there may be thousands, have as many."""
+        return self.manifold.tangent if self.dimension else self.size
 
     def indices(self) -> tuple[tuple[int, ...], ...]:
         """The indices of the components, from 1, row by row; ``((),)`` for a number."""

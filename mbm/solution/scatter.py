@@ -10,16 +10,20 @@ from mbm.values import dataclass
 BLOCK = 2048
 """Rows that are written together, so that they stay in the cache; all at once take nine times longer (measured)."""
 
+FEW = 16
+"""Up to so many rows all nonzeros are added at once: one alone costs a microsecond. Of more rows each goes alone."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scatter:
     """The places of one group's nonzeros.
 
-    ``fixed`` holds (nonzero, output, column) where all rows go to one column; ``varying`` (nonzero, output, columns
-    (rows,)) where the column depends on the row, -1 for a number that is not free.
+    ``fixed`` holds nonzeros, outputs and columns (nonzeros,) of those that go to one column for all rows, in parts
+    that do not name a place twice; ``varying`` (nonzero, output, columns (rows,)) where the column depends on the row,
+    -1 for a number that is not free.
     """
 
-    fixed: tuple[tuple[int, int, int], ...]
+    fixed: tuple[tuple[Indices, Indices, Indices], ...]
     varying: tuple[tuple[int, int, Indices], ...]
 
     def add(self, nonzeros: Floats, target: Floats) -> None:
@@ -27,8 +31,12 @@ class Scatter:
         rows = len(target)
         for start in range(0, rows, BLOCK):
             block, found = target[start : start + BLOCK], nonzeros[start : start + BLOCK]
-            for k, i, column in self.fixed:
-                block[:, i, column] += found[:, k]
+            for ks, outputs, columns in self.fixed:
+                if len(block) <= FEW:
+                    block[:, outputs, columns] += found[:, ks]
+                    continue
+                for k, i, column in zip(ks, outputs, columns, strict=True):
+                    block[:, i, column] += found[:, k]
             if not self.varying:
                 continue
             lines = np.arange(len(block))
@@ -47,7 +55,7 @@ def scatter(rows: Indices, variables: Indices, index: Indices, shared: tuple[boo
     ``index`` (rows, variables) places each variable in the vector of all numbers, ``shared`` says where it does so
     equally for all rows, and ``columns`` (N,) gives the column of each number, -1 where it is not free.
     """
-    fixed: list[tuple[int, int, int]] = []
+    fixed: list[dict[tuple[int, int], int]] = []
     varying: list[tuple[int, int, Indices]] = []
     found: dict[int, Indices] = {}
     for k, (i, j) in enumerate(zip(rows.tolist(), variables.tolist(), strict=True)):
@@ -56,9 +64,13 @@ def scatter(rows: Indices, variables: Indices, index: Indices, shared: tuple[boo
         if shared[j]:
             column = int(columns[index[0, j]])
             if column >= 0:
-                fixed.append((k, i, column))
+                part = next((each for each in fixed if (i, column) not in each), None)
+                if part is None:
+                    fixed.append(part := {})
+                part[i, column] = k
             continue
         if j not in found:
             found[j] = columns[index[:, j]]
         varying.append((k, i, found[j]))
-    return Scatter(fixed=tuple(fixed), varying=tuple(varying))
+    parts = [(np.array(list(part.values())), *np.array(list(part)).T) for part in fixed]
+    return Scatter(fixed=tuple(parts), varying=tuple(varying))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -31,11 +32,11 @@ def _truth(function: Callable[..., NDArray[np.bool_]]) -> Callable[..., Floats]:
 
 
 _FUNCTIONS: Mapping[Operator, Callable[..., Floats]] = {
-    Operator.ADD: np.add,
-    Operator.SUB: np.subtract,
-    Operator.MUL: np.multiply,
-    Operator.DIV: np.divide,
-    Operator.NEG: np.negative,
+    Operator.ADD: operator.add,
+    Operator.SUB: operator.sub,
+    Operator.MUL: operator.mul,
+    Operator.DIV: operator.truediv,
+    Operator.NEG: operator.neg,
     Operator.EXP: np.exp,
     Operator.LOG: np.log,
     Operator.POW: np.power,
@@ -80,8 +81,8 @@ _FUNCTIONS: Mapping[Operator, Callable[..., Floats]] = {
 }
 
 
-Step: TypeAlias = tuple[Callable[..., Floats], tuple[int, ...], int, tuple[int, ...]]
-"""A function, the values that it takes, the one that it gives, and those that nobody needs after it."""
+Step: TypeAlias = tuple[Callable[..., Floats], int, int, int, tuple[int, ...]]
+"""A function, the one or two values that it takes (-1: one), the one that it gives, and those that end with it."""
 
 
 def steps_of(program: Program) -> tuple[Step, ...]:
@@ -96,7 +97,7 @@ def steps_of(program: Program) -> tuple[Step, ...]:
         if value not in kept:
             dying[position].append(value)
     return tuple(
-        (_FUNCTIONS[each.operator], tuple(each.arguments), each.target, tuple(dead))
+        (_FUNCTIONS[each.operator], each.arguments[0], (*each.arguments, -1)[1], each.target, tuple(dead))
         for each, dead in zip(program.instructions, dying, strict=True)
     )
 
@@ -105,15 +106,16 @@ def run(program: Program, steps: tuple[Step, ...], inputs: Floats, outputs: Floa
     """Fill ``outputs`` (rows, outputs) from ``inputs`` (rows, inputs)."""
     with np.errstate(all="ignore"):
         for start in range(0, len(inputs), BLOCK):
-            columns = np.ascontiguousarray(inputs[start : start + BLOCK].T)
+            block = inputs[start : start + BLOCK]
+            columns = block[0] if len(block) == 1 else np.ascontiguousarray(block.T)  # scalars take half as long
             values: list[Floats | float | None] = [None] * program.values
             for value, constant in program.constants:
                 values[value] = np.float64(constant)
             for position, value in enumerate(program.inputs):
                 if value >= 0:
                     values[value] = columns[position]
-            for function, wanted, given, dead in steps:
-                values[given] = function(*[values[a] for a in wanted])
+            for function, one, other, given, dead in steps:
+                values[given] = function(values[one]) if other < 0 else function(values[one], values[other])
                 for value in dead:
                     values[value] = None
             target = outputs[start : start + BLOCK]
