@@ -17,7 +17,7 @@ from mbm.files import reading
 from mbm.files.memory import PER_VALUE, check_memory, largest_file, text_memory
 from mbm.text.types import DataPlace, MbmError
 
-UNPACKED, PACKED_SHARE = 100_000_000, 100
+UNPACKED, PACKED_SHARE = 32_000_000, 100
 """Bytes to which a small file may unpack, and how many times its own size a larger one: measurements written as text
 shrink to a tenth or so; what shrinks to a thousandth was made to fill the memory."""
 
@@ -61,6 +61,18 @@ def most_unpacked(packed: int, largest: int | None = None) -> int:
     """Bytes to which so many ``packed`` ones may unpack: never more than a file may hold."""
     most = largest_file() if largest is None else largest
     return min(most, max(UNPACKED, PACKED_SHARE * packed))
+
+
+def check_numbers(path: Path, packed: int, numbers: int) -> None:
+    """Refuse a file of so many ``packed`` bytes whose ``numbers`` take more than it may unpack to, 8 bytes for each.
+
+    Raises:
+        MbmError: file-too-large.
+
+    """
+    most = most_unpacked(packed)
+    if np.dtype(np.float64).itemsize * numbers > most:
+        raise MbmError(faults.unpacks_too_large(DataPlace(file=path.as_posix()), packed, most))
 
 
 def _unpacked(content: bytes, path: Path, largest: int) -> bytes:

@@ -48,6 +48,15 @@ def test_an_archive_that_unpacks_to_a_thousand_times_its_size(checked, tmp_path)
     assert checked('(npz "d.npz")')[0] == 0
 
 
+def test_numbers_that_are_packed_small_count_as_the_table_has_them(checked, tmp_path):
+    """A byte for each in the file, eight in the table: columns of a few kilobytes take more than the archive says."""
+    np.savez_compressed(tmp_path / "d.npz", x=np.zeros(5_000_000, dtype=np.int8))
+    status, said = checked('(npz "d.npz")')
+    assert (status, "error[file-too-large]" in said) == (2, True), said
+    np.savez(tmp_path / "d.npz", x=np.zeros(5_000_000, dtype=np.int8))
+    assert checked('(npz "d.npz")')[0] == 0
+
+
 def test_an_archive_that_announces_more_than_it_holds(checked, tmp_path):
     archive(tmp_path / "d.npz", (10**12,), bytes(800))
     status, said = checked('(npz "d.npz")')

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mbm.data import faults
 from mbm.data.cells import column_from_array
 from mbm.data.columns import check_names, counted_table
-from mbm.data.content import PER_ROW, check_table, most_unpacked, read_bytes
+from mbm.data.content import PER_ROW, check_numbers, check_table, most_unpacked, read_bytes
 from mbm.data.readers import faults as format_faults
 from mbm.data.types import RawTable, Reader
 from mbm.files.memory import PER_VALUE
@@ -32,14 +32,15 @@ PER_NUMBER = 16
 def read(path: Path) -> RawTable:
     """Read an npz file.
 
-    Raises MbmError as ``read_bytes`` does, and malformed-npz, no-columns, too-many-columns, bad-column-name,
-    duplicate-column, too-much-memory, bad-array, bad-cell, unequal-lengths.
+    Raises MbmError as ``read_bytes`` and ``check_numbers`` do, and malformed-npz, no-columns, too-many-columns,
+    bad-column-name, duplicate-column, too-much-memory, bad-array, bad-cell, unequal-lengths.
     """
     content, digest = read_bytes(path)
     shown = path.as_posix()
     arrays = _arrays(content, shown, most_unpacked(len(content)))
     cells = sum(array.size for _, array in arrays)
     rows = max((array.size for _, array in arrays), default=0)
+    check_numbers(path, len(content), cells)
     check_table(path, cells, sum(_needed(array) for _, array in arrays) + PER_ROW * rows)
     columns = [column_from_array(name, array, shown) for name, array in arrays]
     return counted_table(shown, digest, columns)

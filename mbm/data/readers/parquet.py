@@ -14,7 +14,7 @@ import numpy as np
 
 from mbm.data.cells import column_from_array, column_from_values
 from mbm.data.columns import check_names, counted_table
-from mbm.data.content import PER_ROW, check_table, read_bytes
+from mbm.data.content import PER_ROW, check_numbers, check_table, read_bytes
 from mbm.data.readers import faults as format_faults
 from mbm.data.types import RawTable, Reader
 from mbm.files.memory import PER_VALUE
@@ -32,8 +32,8 @@ PER_NUMBER = 24
 def read(path: Path) -> RawTable:
     """Read a Parquet file.
 
-    Raises MbmError as ``read_bytes`` does, and missing-extra, malformed-parquet, no-columns, too-many-columns,
-    bad-column-name, duplicate-column, too-much-memory, bad-cell.
+    Raises MbmError as ``read_bytes`` and ``check_numbers`` do, and missing-extra, malformed-parquet, no-columns,
+    too-many-columns, bad-column-name, duplicate-column, too-much-memory, bad-cell.
     """
     content, digest = read_bytes(path)
     shown = path.as_posix()
@@ -49,7 +49,7 @@ def read(path: Path) -> RawTable:
         kinds = dict(zip(names, schema.types, strict=True))
         texts = [name for name, kind in kinds.items() if _is_text(kind)]
         with parquet.ParquetFile(BytesIO(content), memory_map=False, read_dictionary=texts) as file:
-            _check_size(file.metadata, kinds, path)
+            _check_size(file.metadata, kinds, path, len(content))
             parts = [_Part(name, shown) for name in names]
             at_once = ROWS_AT_ONCE if all(map(_is_flat, schema.types)) else FEW_ROWS
             for batch in file.iter_batches(batch_size=at_once):
@@ -82,11 +82,11 @@ def _is_flat(kind: Any) -> bool:
     return bool(_is_text(kind) or pa.types.is_null(kind) or pa.types.is_primitive(kind) or pa.types.is_decimal(kind))
 
 
-def _check_size(metadata: Any, kinds: dict[str, Any], path: Path) -> None:
-    """Refuse what would not fit the memory, as far as the metadata tell.
+def _check_size(metadata: Any, kinds: dict[str, Any], path: Path, packed: int) -> None:
+    """Refuse what would not fit the memory, or is too much for so many ``packed`` bytes, as far as the metadata tell.
 
     Raises:
-        MbmError: too-much-memory.
+        MbmError: file-too-large, too-much-memory.
 
     """
     rows = max(int(metadata.num_rows), 0)
@@ -94,6 +94,7 @@ def _check_size(metadata: Any, kinds: dict[str, Any], path: Path) -> None:
     unpacked = sum(max(int(metadata.row_group(k).total_byte_size), 0) for k in range(metadata.num_row_groups))
     row = PER_ROW + sum(PER_NUMBER if _is_number(kind) else PER_VALUE for kind in kinds.values())
     check_table(path, rows * len(kinds), rows * row + 2 * unpacked)
+    check_numbers(path, packed, rows * len(kinds))
 
 
 class _Part:
