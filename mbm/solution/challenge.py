@@ -31,18 +31,17 @@ USUAL = 5.0
 
 
 def challenged(
-    equations: Assembled, settings: Settings, found: Found, problem: Problem, cache: EvaluationCache, *, many: bool
+    equations: Assembled, settings: Settings, found: Found, problem: Problem, cache: EvaluationCache
 ) -> Found:
     """``found``, or what a closed form for all unknowns leads to where that is a better fit.
 
     A closed form's answer costs more than the minimum that it lies near: it is followed if it costs less than what
     was found (hardly more, where it is that of a sample of very many rows), or nothing was found, or what was found
     costs more than the stated noise lets expect (errors add up along a chain of poses: its start may cost more than a
-    wrong minimum). Of ``many`` solves,
-    those that fit as well as the stated noise lets expect are left alone. That no closed form is made for such
-    equations is remembered in ``cache``, for the data sets to come. It is learnt from data that were solved only, and
-    not relied on where a fit is worse than stated noise lets expect: what closed forms recognise is found by probing
-    the data, and one that fails on these may succeed on the next.
+    wrong minimum). That no closed form is made for such equations is remembered in ``cache``, for the data sets to
+    come. It is learnt from data that were solved only, and not relied on where a fit is worse than stated noise lets
+    expect: what closed forms recognise is found by probing the data, and one that fails on these may succeed on the
+    next.
     """
     names = tuple(entry.unknown.name for entry in equations.layout.entries)
     kind: Kind = (names, tuple(group.rows for group in equations.groups))
@@ -50,7 +49,7 @@ def challenged(
     stated = found.origin in (GIVEN, GIVEN_START, RANDOM)
     if not stated or not iterative or equations.linear or equations.lossy or settings.robust is not None:
         return found
-    if equations.constraints or (many and _plausible(equations, found, problem)):
+    if equations.constraints:
         return found
     solved = found.minimum.reason.converged and bool(np.isfinite(found.minimum.cost))
     if solved and kind in cache.without_closed_form and not _strained(equations, found, problem):
@@ -98,22 +97,8 @@ def _beaten(found: Found, other: Minimum, origin: str) -> Found:
     )
 
 
-def _plausible(equations: Assembled, found: Found, problem: Problem) -> bool:
-    """Whether the noise is stated, and the cost such as it gives."""
-    converged = found.minimum.reason.converged
-    return _stated(problem) and converged and found.minimum.cost < _expected(equations)
-
-
 def _strained(equations: Assembled, found: Found, problem: Problem) -> bool:
     """Whether the noise is stated, and the cost larger than it gives."""
-    return _stated(problem) and not found.minimum.cost < _expected(equations)
-
-
-def _stated(problem: Problem) -> bool:
-    return not any(block.unknown_factor for block in problem.blocks)
-
-
-def _expected(equations: Assembled) -> float:
-    """The largest cost that gives no cause for doubt."""
     freedom = max(equations.count - equations.dimension, 1)
-    return freedom + USUAL * sqrt(2.0 * freedom)
+    stated = not any(block.unknown_factor for block in problem.blocks)
+    return stated and not found.minimum.cost < freedom + USUAL * sqrt(2.0 * freedom)

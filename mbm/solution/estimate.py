@@ -80,7 +80,7 @@ def estimate(
     robust = prepared(problem, equations, settings, lambda: starting_points(equations, settings, last))
     equations = robust.equations.with_factors(robust.factors)
     found = search(equations, robust.starts, settings, problem, derived_agreement(problem, binder, kernels))
-    found = challenged(equations, settings, found, problem, cache, many=bool(key))
+    found = challenged(equations, settings, found, problem, cache)
     end = reached(problem, robust, settings, found)
     run = Run(
         problem=problem, kernels=kernels, tables=tables, key=key, settings=settings, equations=equations, binder=binder

@@ -89,7 +89,8 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         priors=_priors(problem, stack, portion, ends.points),
         clean=clean,
         solved=solved,
-        expected=_expected(ends, freedom, known=known, other=lossy or surface is not None),
+        expected=_expected(ends.cost, freedom) & known,
+        challenged=_challenged(ends, other=lossy or surface is not None),
         limits=_limits(problem, stack, which, portion, ends, surface),
         seconds=np.full(len(which), (perf_counter() - began) / len(which)),
     )
@@ -155,15 +156,19 @@ def _converged(ends: Ends) -> Mask:
     return np.asarray((ends.reason >= 0) & converged[ends.reason])
 
 
-def _expected(ends: Ends, freedom: Indices, *, known: bool, other: bool) -> Mask:
-    """Solves (K,) that `challenge` leaves alone: outliers are no surprise, they fit as stated noise lets expect, they
-    did not begin at a stated start, or they are of an ``other`` kind than plain equations.
+def _expected(cost: Floats, freedom: Indices) -> Mask:
+    """Solves (K,) that fit as stated noise lets expect."""
+    usual = np.maximum(freedom, 1)
+    return np.asarray(cost < usual + USUAL * np.sqrt(2.0 * usual))
+
+
+def _challenged(ends: Ends, *, other: bool) -> Mask:
+    """Solves (K,) that `challenge` does not leave alone: no outliers were looked for, they began at a stated start,
+    nothing has compared them on the way, and they are of no ``other`` kind than plain equations.
     """
     if ends.kept is not None or ends.factors is not None or other:
-        return np.ones(len(freedom), dtype=bool)
-    usual = np.maximum(freedom, 1)
-    found = known & (ends.cost < usual + USUAL * np.sqrt(2.0 * usual))
-    return np.asarray(found if ends.given is None else found | ~ends.given)
+        return np.zeros(len(ends.cost), dtype=bool)
+    return np.ones(len(ends.cost), dtype=bool) if ends.given is None else ends.given
 
 
 def _spread(

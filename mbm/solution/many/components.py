@@ -59,7 +59,7 @@ def components_solver(
         places = np.asarray(which)
         rounds = Rounds(stack, native, settings, unknown, np.ones((len(places), len(problem.blocks))), places, points)
         if challenger is not None:
-            rounds.lost |= challenger.lowest(places) < rounds.ends.cost
+            rounds.lost |= challenger.best(places)[1] < rounds.ends.cost
         return rounds.done()
 
     return solve

@@ -61,16 +61,14 @@ class Formed:
     def starts(self, which: Which) -> Floats:
         """The start (K, N) of each of some solves; NaN where there is none, or several."""
         points, costs = self.fits(which)
-        best = np.argmin(costs, axis=1)
-        lowest = np.take_along_axis(costs, best[:, None], axis=1)
+        found, lowest = _best(points, costs)
         with np.errstate(invalid="ignore"):
-            plausible = (costs <= PLAUSIBLE * lowest + PLAUSIBLE) & np.isfinite(costs)
-        found = np.take_along_axis(points, best[:, None, None], axis=1)[:, 0]
+            plausible = (costs <= PLAUSIBLE * lowest[:, None] + PLAUSIBLE) & np.isfinite(costs)
         return np.where((plausible.sum(axis=1) == 1)[:, None], found, np.nan)
 
-    def lowest(self, which: Which) -> Floats:
-        """The cost (K,) of the best solution for each of some solves; infinite where there is none."""
-        return np.asarray(self.fits(which)[1].min(axis=1, initial=np.inf))
+    def best(self, which: Which) -> tuple[Floats, Floats]:
+        """The point (K, N) of the best solution for each of some solves, and its cost (K,): infinite without one."""
+        return _best(*self.fits(which))
 
     def _solved(self, which: Which) -> Floats:
         """The points (K, S, N) of all solutions, NaN beside them."""
@@ -96,6 +94,13 @@ class Formed:
         solve, _, unit = self.stack.units(which, (True,) * len(self.stack.equations.groups))
         known = self.known[unit]
         return solve[known], unit[known]
+
+
+def _best(points: Floats, costs: Floats) -> tuple[Floats, Floats]:
+    """The points (K, N) of least cost among those of S solutions (K, S, N), and that (K,)."""
+    best = np.argmin(costs, axis=1)
+    found = np.take_along_axis(points, best[:, None, None], axis=1)[:, 0]
+    return found, np.take_along_axis(costs, best[:, None], axis=1)[:, 0]
 
 
 def formed(stack: Stack, first: Assembled, settings: Settings) -> Formed | None:

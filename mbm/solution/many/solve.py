@@ -18,11 +18,12 @@ from mbm.kernels.types import KernelSet
 from mbm.problem.types import Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import EvaluationCache
-from mbm.solution.challenge import challenged
+from mbm.solution.challenge import LOWER, challenged
 from mbm.solution.estimate import Run, answered, assemble
 from mbm.solution.many.answers import answers
 from mbm.solution.many.chain import NOT_SOLVED, SAME_ENDS
 from mbm.solution.many.components import estimated_on_the_way
+from mbm.solution.many.descent import solver_of
 from mbm.solution.many.sets import Sets
 from mbm.solution.many.stack import Stack
 from mbm.solution.many.types import REASONS, Block, Columns, Corrections, Descent
@@ -32,7 +33,7 @@ from mbm.solution.selection import Selection
 from mbm.solution.settings import Settings
 from mbm.solution.solution import Failure, Skipped, Solution
 from mbm.solution.starting import GIVEN
-from mbm.solution.types import Floats, Indices, Minimum, Noise
+from mbm.solution.types import Floats, Indices, Mask, Minimum, Noise
 from mbm.solution.variance import common_factor
 from mbm.solution.weighing import Reached
 from mbm.values import dataclass
@@ -40,8 +41,8 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.solution.many.forms import Formed
 
-FEW_DOUBTED = 8
-"""Up to so many doubtful solves are compared with the closed form one by one; recognising it in all takes longer."""
+FEW_CHALLENGED = 8
+"""Up to so many solves are compared with the closed form one by one; recognising it in all takes longer."""
 
 Apart = Callable[[Selection, Solution | None], Solution | Failure | Skipped]
 """Solves one data set by itself, from the beginning, or from where the window before it ended."""
@@ -136,18 +137,18 @@ class Together:
         ``past`` is what is to be known of the blocks before; the answer has it for those behind.
         """
         found: dict[int, Solution | Failure | Skipped] = {}
-        clean, columns = columns.clean.copy(), self._unchallenged(which, columns)
+        clean, stands = columns.clean.copy(), self._standing(which, columns)
         spoilt, searched = past.spoilt, which.start
         plain = self.settings.robust is None and not estimated_on_the_way(self.problem)
         for place in range(len(which)):
             number = which.start + place
-            if clean[place] and columns.expected[place] and number != spoilt:
+            if clean[place] and stands[place] and number != spoilt:
                 continue
             if self.settings.stopped():
                 which, columns, clean = range(which.start, number), columns.first(place), clean[:place]
                 break
             good = columns.solved[place] and plain and number != spoilt
-            if good and self._stands(number, columns, place):
+            if good and (stands[place] or self._stands(number, columns, place)):
                 if not columns.clean[place]:
                     found[number] = self.solution(number, columns, place)
                 continue
@@ -200,19 +201,47 @@ class Together:
                 return known
         return past.last()
 
-    def _unchallenged(self, which: range, columns: Columns) -> Columns:
-        """The columns, those fits being expected too that no closed form's answer is better than."""
-        doubted = np.flatnonzero(columns.solved & ~columns.expected)
-        apart = self.settings.robust is not None or self.stack.errors is not None
-        if len(doubted) <= FEW_DOUBTED or self.equations.linear or apart:
-            return columns
+    def _standing(self, which: range, columns: Columns) -> Mask:
+        """Solves (K,) of which is known at once that no closed form leads to a better minimum."""
+        if self.equations.linear or self.settings.robust is not None:
+            return np.ones(len(which), dtype=bool)
+        challenged = columns.solved & columns.challenged
+        asked = np.flatnonzero(challenged)
+        challenged[asked] = ~self._without_form(which.start + asked, columns.expected[asked])
+        asked = np.flatnonzero(challenged)
+        if len(asked) <= FEW_CHALLENGED or self.stack.errors is not None:
+            return ~challenged
         form = self.form()
-        if form is None:
-            return columns
-        lowest = form.lowest(which.start + doubted)
-        expected = columns.expected.copy()
-        expected[doubted] = ~(lowest < columns.cost[doubted])
-        return replace(columns, expected=expected)
+        if form is not None:
+            challenged[asked] = self._beaten(form, which.start + asked, columns.expected[asked], columns.cost[asked])
+        return ~challenged
+
+    def _beaten(self, form: Formed, numbers: Indices, expected: Mask, cost: Floats) -> Mask:
+        """Which of some solves a closed form beats, by its answer, or by what that leads to where a fit is worse than
+        stated noise lets expect.
+        """
+        points, least = form.best(numbers)
+        found = least < cost
+        if self._noise_unknown:
+            return found
+        strained = ~found & ~expected & np.isfinite(least)
+        solver = solver_of(self.stack, self.settings) if strained.any() else None
+        if solver is not None:
+            found[strained] = solver(numbers[strained], points[strained]).cost < (1 - LOWER) * cost[strained]
+        return found
+
+    @property
+    def _noise_unknown(self) -> bool:
+        return any(block.unknown_factor for block in self.problem.blocks)
+
+    def _without_form(self, numbers: Indices, expected: Mask) -> Mask:
+        """Which of some solves, ``expected`` or not, are of a kind for which no closed form is made, as `challenge` has
+        it: where a fit is worse than stated noise lets expect, what was learnt is not relied on.
+        """
+        kinds, of = np.unique(self.stack.rows[:, numbers], axis=1, return_inverse=True)
+        names = tuple(entry.unknown.name for entry in self.equations.layout.entries)
+        known = np.array([(names, tuple(kind)) in self.cache.without_closed_form for kind in kinds.T.tolist()], bool)
+        return np.asarray(known[of] & (expected | self._noise_unknown))
 
     def _maker(self, apart: Apart) -> Callable[[int, Columns, int], Solution]:
         """What makes a solution of columns; what agrees in consensus, and several noises, are found again."""
@@ -239,13 +268,9 @@ class Together:
         return found
 
     def _stands(self, number: int, columns: Columns, place: int) -> bool:
-        """Whether a fit is as good as expected, or no closed form is made that might lead to a better one."""
-        if columns.expected[place] or self.equations.linear:
+        """Whether no closed form leads to a better minimum."""
+        if bool(self._without_form(np.array([number]), columns.expected[place : place + 1])[0]):
             return True
-        names = tuple(entry.unknown.name for entry in self.equations.layout.entries)
-        known = (names, tuple(self.stack.rows[:, number].tolist())) in self.cache.without_closed_form
-        if known and any(block.unknown_factor for block in self.problem.blocks):
-            return True  # where noise is stated the fit is worse than that, and what was learnt is not relied on
         equations, _ = assemble(self.problem, self.kernels, self.sets.selection(number).tables, {}, self.cache)
         found = Found(
             minimum=_minimum(equations, columns, place),
@@ -255,7 +280,7 @@ class Together:
             iterations=int(columns.iterations[place]),
             evaluations=int(columns.evaluations[place]),
         )
-        return challenged(equations, self.settings, found, self.problem, self.cache, many=True) is found
+        return challenged(equations, self.settings, found, self.problem, self.cache) is found
 
     def solution(self, number: int, columns: Columns, place: int) -> Solution:
         """All that is to be said of a solve that was solved, from the ``place`` of its end in the columns."""

@@ -150,9 +150,10 @@ class Columns:
     and its gradient times ``factor`` (T, size, n); ``rms`` and ``used`` (T, blocks) are the normalised root mean square
     of the residuals of each block of equations (NaN: there is none), and its rows in use. ``solved`` (T,): the end is a
     minimum that determines everything; ``clean`` (T,): and there is nothing else to be said of it. Where it is not,
-    columns hold anything. ``expected`` (T,): the fit is as good as stated noise lets expect. ``outliers`` are the rows
-    of each block that were left out, or are far off under a loss (None: none are looked for). ``priors`` (T, k): how
-    far estimates are from the k means that are known beforehand, not whitened, equation by equation. ``seconds`` (T,).
+    columns hold anything. ``expected`` (T,): the fit is as good as stated noise lets expect. ``challenged`` (T,): the
+    minimum is to be compared with what closed forms lead to. ``outliers`` are the rows of each block that were left
+    out, or are far off under a loss (None: none are looked for). ``priors`` (T, k): how far estimates are from the k
+    means that are known beforehand, not whitened, equation by equation. ``seconds`` (T,).
     ``limits`` are the constraints (None: there are none); with these, columns of ``factor`` and ``root`` are zero for
     the dimensions that they take away.
     """
@@ -178,6 +179,7 @@ class Columns:
     clean: Mask
     solved: Mask
     expected: Mask
+    challenged: Mask
     outliers: tuple[Rows | None, ...]
     priors: Floats
     seconds: Floats
