@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import field
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mbm import compiler
 from mbm.api import arguments, faults
-from mbm.api.varied import Varied, varied
-from mbm.compiler import Inputs, SolveSettings
-from mbm.problem.checks import check_data
-from mbm.problem.tables import Table
+from mbm.api.shapes import General, Shape, Shapes
+from mbm.compiler import Inputs
 from mbm.problem.types import Problem
 from mbm.report.geometric import GEOMETRIC, number_factors
 from mbm.report.types import SolveReport, SolveStatus
-from mbm.solution.native.stream import Stream, stream_of, threads
-from mbm.solution.types import Floats, Mask
+from mbm.solution.native.stream import Stream, threads
+from mbm.solution.types import Floats, Indices, Mask
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
@@ -74,20 +71,21 @@ class Estimator:
     """A compiled problem as a function from columns to estimates. Not to be shared between threads.
 
     All that is not an input stays as it was compiled: other columns, constants, noise, which rows count. ``inputs`` are
-    the columns in the order in which arrays are taken, each as long as its table and in the unit that its data clause
-    states. Each solve begins at the problem's start; at the estimates for the compiled data where it states none.
+    the columns in the order in which arrays are taken, in the unit that their data clause states. Where they are all
+    that equations use of a table, and nothing but values depends on its rows, data sets may have any number of rows of
+    it; of other tables they have those that were compiled. What solves so many rows is made ready when they first come.
+    Each solve begins at the problem's start; at the estimates for the compiled data where it states none.
 
-    ``fast``: there is native code for the problem. A data set that this does not solve cleanly, and every one without
-    it, goes the general way, which takes milliseconds and misses nothing.
+    ``fast``: there is native code for the problem; where there is none ``reason`` says why. A data set that this does
+    not solve cleanly, and every one without it, goes the general way, which takes milliseconds and misses nothing.
     """
 
     inputs: tuple[str, ...]
     names: tuple[str, ...]
     fast: bool
-    _varied: tuple[Varied, ...] = field(repr=False)
-    _entries: tuple[tuple[tuple[int, ...], Callable[[Floats], None]], ...] = field(repr=False)
-    _stream: Stream | RobustStream | None = field(repr=False)
-    _general: General = field(repr=False)
+    reason: str | None
+    _shapes: Shapes = field(repr=False)
+    _first: Shape = field(repr=False)
     _factors: Floats = field(repr=False)
     _outer: Floats = field(repr=False)
     _plain: bool = field(repr=False)
@@ -100,38 +98,27 @@ class Estimator:
             MbmError: the arrays do not fit (`wrong-input`), or the data do not go with the problem.
 
         """
-        ends = None if self._stream is None else self._quickly(self._stream, columns)
-        if ends is not None:
-            values, covariance, cost = ends
-            if not self._plain:
-                values, covariance = self._in_units(values, covariance)
-            return Estimates(self.names, values, covariance, cost, CONVERGED, True, self._places)
-        given = self._numbers(columns)
-        self._check(given, None)
-        report = self._general.report(self._varied, given)
-        return Estimates(self.names, *self._answer(report), False, self._places)
+        shape = self._first
+        ends = None if shape.stream is None else _quickly(shape, shape.stream, columns)
+        if ends is None:
+            given = self._numbers(columns)
+            shape = self._shapes.of(given, None)
+            if shape is not self._first and shape.stream is not None:
+                ends = _quickly(shape, shape.stream, given)
+            if ends is None:
+                return Estimates(self.names, *self._answer(self._shapes.solved(shape, given)), False, self._places)
+        values, covariance, cost = ends
+        if not self._plain:
+            values, covariance = self._in_units(values, covariance)
+        return Estimates(self.names, values, covariance, cost, CONVERGED, True, self._places)
 
-    def _quickly(
-        self, stream: Stream | RobustStream, columns: tuple[ArrayLike, ...]
-    ) -> tuple[Floats, Floats, float] | None:
-        """The solve by native code; None where it is not clean, or the arrays do not fit."""
-        try:
-            for (shape, enter), column in zip(self._entries, columns, strict=True):
-                cells = np.asarray(column)
-                if cells.dtype is not FLOAT64:
-                    cells = arguments.real(cells)
-                if cells.shape != shape:
-                    return None
-                enter(cells)
-        except (TypeError, ValueError, OverflowError):
-            return None
-        return stream.solved_one()
-
-    def many(self, *columns: ArrayLike, workers: int | None = None) -> Estimates:
+    def many(self, *columns: ArrayLike, rows: ArrayLike | None = None, workers: int | None = None) -> Estimates:
         """Solve T data sets: for each input an array (T, rows).
 
         Args:
             columns: the arrays.
+            rows: how many numbers of its lines, from the first, each data set has (T,), where lines are filled up to
+                one length; None: all of them.
             workers: threads; None: one a processor. Answers do not change.
 
         Raises:
@@ -142,28 +129,50 @@ class Estimator:
         workers = arguments.threads(workers)
         given = self._numbers(columns)
         count = len(given[0]) if given and given[0].ndim else 0
-        self._check(given, count)
+        if rows is None:
+            return self._alike(given, count, workers)
+        lengths = self._lengths(given, count, rows)
         n = len(self.names)
-        if self._stream is None:
+        found = Estimates(
+            self.names,
+            np.empty((count, len(self._factors))),
+            np.empty((count, n, n)),
+            np.empty(count),
+            np.full(count, CONVERGED, dtype=LABEL),
+            np.zeros(count, dtype=bool),
+            self._places,
+        )
+        for length in np.unique(lengths).tolist():
+            which = np.flatnonzero(lengths == length)
+            part = self._alike([cells[which, :length] for cells in given], len(which), workers)
+            for name in ("values", "covariance", "cost", "status", "clean"):
+                getattr(found, name)[which] = getattr(part, name)
+        return found
+
+    def _alike(self, given: list[Floats], count: int, workers: int | None) -> Estimates:
+        """So many data sets that have as many rows."""
+        shape = self._shapes.of(given, count)
+        n = len(self.names)
+        if shape.stream is None:
             values, covariance = np.empty((count, len(self._factors))), np.empty((count, n, n))
             cost, clean = np.empty(count), np.zeros(count, dtype=bool)
         else:
-            parameters = self._stream.parameters(count)
-            for each, cells in zip(self._varied, given, strict=True):
+            parameters = shape.stream.parameters(count)
+            for each, cells in zip(shape.columns, given, strict=True):
                 each.enter(cells, parameters)
-            ends = self._stream.solved(count, threads(workers, count))
+            ends = shape.stream.solved(count, threads(workers, count))
             values, covariance, cost, clean = ends.numbers, ends.covariance, ends.cost, ends.clean
             if not self._plain:
                 values, covariance = self._in_units(values, covariance)
         status = np.full(count, CONVERGED, dtype=LABEL)
         for t in np.flatnonzero(~clean).tolist():
-            report = self._general.report(self._varied, [cells[t] for cells in given])
+            report = self._shapes.solved(shape, [cells[t] for cells in given])
             values[t], covariance[t], cost[t], status[t] = self._answer(report)
         return Estimates(self.names, values, covariance, cost, status, clean, self._places)
 
     def _numbers(self, columns: tuple[ArrayLike, ...]) -> list[Floats]:
         """The arrays that are given, one for each input."""
-        if len(columns) != len(self._varied):
+        if len(columns) != len(self.inputs):
             raise MbmError(faults.wrong_count(self.inputs, len(columns)))
         given = []
         for name, column in zip(self.inputs, columns, strict=True):
@@ -173,12 +182,14 @@ class Estimator:
                 raise MbmError(faults.no_numbers(name)) from error
         return given
 
-    def _check(self, given: list[Floats], sets: int | None) -> None:
-        """Compare the shapes of the arrays with those of the tables; ``sets`` None: of one data set."""
-        leading = () if sets is None else (sets,)
-        for name, each, cells in zip(self.inputs, self._varied, given, strict=True):
-            if cells.shape != (*leading, each.rows):
-                raise MbmError(faults.wrong_shape(name, cells.shape, each.rows, sets))
+    def _lengths(self, given: list[Floats], count: int, rows: ArrayLike) -> Indices:
+        """How many rows each data set has (T,)."""
+        lengths = np.asarray(rows)
+        most = min((cells.shape[-1] for cells in given if cells.ndim == 2), default=0)
+        whole = lengths.dtype.kind in "iu" and lengths.shape == (count,)
+        if not whole or any(cells.ndim != 2 for cells in given) or bool(((lengths < 0) | (lengths > most)).any()):
+            raise MbmError(faults.wrong_rows(most, count))
+        return lengths.astype(np.int64)
 
     def _in_units(self, values: Floats, covariance: Floats) -> tuple[Floats, Floats]:
         """Values and covariance in the units of the report."""
@@ -188,53 +199,26 @@ class Estimator:
         n = len(self.names)
         found = report.covariance
         matrix = np.full((n, n), np.nan) if found is None or found.matrix is None else found.matrix / self._outer
+        numbers = np.concatenate([np.ravel(estimate.value) for estimate in report.estimates])
         cost = np.nan if report.cost is None else report.cost
-        return numbers_of(report) / self._factors, matrix, cost, report.status.label
+        return numbers / self._factors, matrix, cost, report.status.label
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class General:
-    """The general path for tables of which some columns are replaced."""
-
-    compilation: Compilation
-    origin: Origin
-    inputs: Inputs
-
-    def report(self, columns: tuple[Varied, ...] = (), given: list[Floats] | None = None) -> SolveReport:
-        """The solve of the compiled data, with ``given`` (rows,) in place of some columns.
-
-        Raises:
-            MbmError: the data do not go with the problem.
-
-        """
-        found = self.compilation.elaborated
-        tables = dict(found.tables)
-        for each, cells in zip(columns, given or (), strict=True):
-            tables[each.table] = _replaced(tables[each.table], each, cells)
-        errors, _ = check_data(found.problem, tables)
-        if errors:
-            raise MbmError(*errors)
-        result = compiler.solved(
-            replace(found, tables=tables),
-            self.compilation.kernels,
-            self.inputs,
-            SolveSettings(covariance_full=True),
-            self.compilation.cache,
-            self.origin.file,
-            self.origin.registry,
-        )
-        return result.solves[0]
-
-
-def _replaced(table: Table, column: Varied, cells: Floats) -> Table:
-    before = table.columns[column.name]
-    numbers = np.array(cells) * column.factor
-    return replace(table, columns={**table.columns, column.name: replace(before, numbers=numbers)})
-
-
-def numbers_of(report: SolveReport) -> Floats:
-    """The numbers of all unknowns (N,) in SI."""
-    return np.concatenate([np.ravel(estimate.value) for estimate in report.estimates])
+def _quickly(
+    shape: Shape, stream: Stream | RobustStream, columns: Sequence[ArrayLike]
+) -> tuple[Floats, Floats, float] | None:
+    """The solve of one data set by native code; None where it is not clean, or the arrays do not fit."""
+    try:
+        for (wanted, enter), column in zip(shape.entries, columns, strict=True):
+            cells = np.asarray(column)
+            if cells.dtype is not FLOAT64:
+                cells = arguments.real(cells)
+            if cells.shape != wanted:
+                return None
+            enter(cells)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return stream.solved_one()
 
 
 def estimator(compilation: Compilation, origin: Origin, inputs: Inputs, columns: tuple[str, ...]) -> Estimator:
@@ -244,24 +228,12 @@ def estimator(compilation: Compilation, origin: Origin, inputs: Inputs, columns:
         MbmError: a column cannot be an input, the problem asks for several solves, the compiled data do not go with it.
 
     """
-    from mbm.solution.estimate import assemble
-    from mbm.solution.settings import settings_of
-
-    found = compilation.elaborated
-    problem, tables = found.problem, found.tables
-    _one_descent(problem)
-    starts = {name: np.asarray(values, dtype=np.float64) for name, values in found.starts.items()}
-    equations, _ = assemble(problem, compilation.kernels, tables, starts, compilation.cache)
-    if equations.implicit is not None:
-        equations = equations.straightened() or equations
-    chosen = varied(problem, tables, (*equations.groups, *equations.constraints), columns)
-    general = General(compilation=compilation, origin=origin, inputs=inputs)
-    first = general.report()
+    _one_descent(compilation.elaborated.problem)
+    shapes = Shapes(General(compilation=compilation, origin=origin, inputs=inputs), columns)
+    first = shapes.report
     if first.covariance is None:
         raise TypeError(first.status)
     factors = np.array(first.covariance.factors)
-    settings = settings_of(problem.request, forms=origin.registry.closed_forms)
-    stream = stream_of(problem, equations, settings, numbers_of(first))
     places, scales, offset = {}, [], 0
     for estimate in first.estimates:
         quantity, size = estimate.quantity, estimate.value.size
@@ -270,13 +242,12 @@ def estimator(compilation: Compilation, origin: Origin, inputs: Inputs, columns:
         places[quantity.name] = (slice(offset, offset + size), estimate.value.shape)
         offset += size
     return Estimator(
-        inputs=tuple(f"{each.table}.{each.name}" for each in chosen),
+        inputs=shapes.inputs,
         names=first.covariance.names,
-        fast=stream is not None,
-        _varied=chosen,
-        _entries=() if stream is None else tuple(((each.rows,), each.entry(stream.single)) for each in chosen),
-        _stream=stream,
-        _general=general,
+        fast=shapes.first.stream is not None,
+        reason=shapes.first.reason,
+        _shapes=shapes,
+        _first=shapes.first,
         _factors=np.concatenate(scales),
         _outer=np.outer(factors, factors),
         _plain=all(bool((each == 1.0).all()) for each in (factors, *scales)),

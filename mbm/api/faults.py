@@ -91,18 +91,46 @@ def repeated_input(name: str) -> Diagnostic:
     return Diagnostic(code=NO_SUCH_INPUT, message=f"`{name}` is named twice", place=None, hint="name each input once")
 
 
-def wrong_shape(name: str, shape: tuple[int, ...], rows: int, sets: int | None) -> Diagnostic:
-    """An array that has not ``rows`` numbers, or such a line for each of ``sets`` data sets (None: for one call)."""
+def wrong_shape(name: str, shape: tuple[int, ...], rows: int | None, sets: int | None, hint: str | None) -> Diagnostic:
+    """An array that has not ``rows`` numbers (None: any number), or such a line for each of ``sets`` data sets (None:
+    for one call). ``hint``: what to do about a table that keeps its rows.
+    """
     found = f"{' × '.join(map(str, shape))} numbers" if shape else "one number"
-    wanted = f"{rows}" if sets is None else f"{sets} × {rows}"
-    hint = "`compiled.solve(data=…)` takes tables of any length"
+    wanted = f"{'' if sets is None else f'{sets} × '}{'n' if rows is None else rows}"
     if sets is None and len(shape) == 2:
         hint = "`estimator.many` takes many data sets"
     return Diagnostic(
         code=WRONG_INPUT,
         message=f"`{name}` has {found}; {wanted} are wanted, one for each row of its table",
         place=None,
-        hint=hint,
+        hint=hint or "inputs of one table have as many numbers, for as many data sets",
+    )
+
+
+def held_by(table: str, column: str | None, what: str) -> str:
+    """What to do about a table whose rows decide more than values."""
+    reason = "its rows are" if column is None else f"`{table}.{column}` decides"
+    return f"`{table}` keeps its rows: {reason} {what}; `compiled.solve(data=…)` takes tables of any length"
+
+
+def lacking_inputs(table: str, columns: tuple[str, ...]) -> str:
+    """What to do about a table of which equations use columns that are no inputs."""
+    names = _listed(tuple(f"{table}.{column}" for column in columns), ", ")
+    return f"for any number of rows name what else equations use of `{table}` among the inputs: {names}"
+
+
+def compiled_empty(table: str) -> str:
+    """What to do about a table that had no rows when the estimator was made."""
+    return f"compile with rows in `{table}` for an estimator that takes any number of them"
+
+
+def wrong_rows(most: int, sets: int) -> Diagnostic:
+    """Numbers of rows that do not go with lines of ``most`` numbers for so many data sets."""
+    return Diagnostic(
+        code=WRONG_INPUT,
+        message=f"`rows` is not one whole number from 0 to {most} for each of {sets} data sets",
+        place=None,
+        hint="it says how many numbers of each line count; every array has a line for each data set",
     )
 
 

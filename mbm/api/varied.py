@@ -19,6 +19,10 @@ from mbm.values import dataclass
 Name = tuple[str, str]
 """A table and a column of it."""
 
+_NAMES, _JOINS = "the names of rows", "which row is joined"
+_NAMING = (_NAMES, _JOINS)
+"""What decides nothing more where inputs give all values that equations use."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Varied:
@@ -84,6 +88,28 @@ def varied(
     if wrong:
         raise MbmError(*wrong)
     return tuple(found)
+
+
+def held_tables(problem: Problem, groups: tuple[Group, ...], inputs: tuple[Varied, ...]) -> dict[str, str]:
+    """The tables of which data sets have the rows that were compiled, no others, with what to do about it in words.
+
+    Of the other tables inputs give all that equations ask of a row: they may have any number of rows.
+    """
+    found: dict[str, str] = {}
+    for (table, column), what in (*_of_tables(problem), *_of_options(problem), *_of_inputs(groups)):
+        if what not in _NAMING:
+            found.setdefault(table, faults.held_by(table, column, what))
+    for unknown in problem.unknowns:
+        if unknown.family is not None:
+            found.setdefault(
+                unknown.family.table, faults.held_by(unknown.family.table, None, "the members of a family")
+            )
+    given = {(each.table, each.name) for each in inputs}
+    lacking: dict[str, list[str]] = {}
+    for table, column in _used(groups):
+        if (table, column) not in given:
+            lacking.setdefault(table, []).append(column)
+    return {table: faults.lacking_inputs(table, tuple(columns)) for table, columns in lacking.items()} | found
 
 
 def _used(groups: tuple[Group, ...]) -> tuple[Name, ...]:
@@ -168,9 +194,9 @@ def _of_tables(problem: Problem) -> Iterator[tuple[Name, str]]:
     """Keys, joins, pairs, families, filters."""
     for plan in problem.plans:
         if plan.declaration.key is not None:
-            yield (plan.name, plan.declaration.key), "the names of rows"
+            yield (plan.name, plan.declaration.key), _NAMES
         for join in plan.joins:
-            yield (plan.name, join.column), "which row is joined"
+            yield (plan.name, join.column), _JOINS
         yield from _columns(plan.where, "which rows there are")
     for pair in problem.pairs:
         for table in (pair.first, pair.second):

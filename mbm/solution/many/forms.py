@@ -126,7 +126,7 @@ def formed(stack: Stack, first: Assembled, settings: Settings) -> Formed | None:
     candidate, layout = solver.plan.candidate, equations.layout
     if candidate.flat and bool((candidate.angles & np.isfinite(layout.lower[candidate.coordinates[0]])).any()):
         return None  # which turn of an angle lies within its bounds is found out one by one
-    told = known.of_rows(equations, (True,) * len(equations.groups), forms)
+    told = known.of_rows(equations, (True,) * len(equations.groups), forms, exact=True)
     if told is None:
         return None
     return Formed(

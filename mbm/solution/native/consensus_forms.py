@@ -2,7 +2,8 @@
 
 A closed form probes the equations to learn what each row is: a station and a length, a point and a line of sight. Most
 often these are affine in the row's data (lines of sight up to their length). Then rows with random data tell how, and
-later data sets need no probing.
+later data sets need no probing. Behind a lens that distorts, lines of sight are only nearly so: consensus finds them
+from there.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from mbm.solution.closed_forms.multilateration import Spheres
 from mbm.solution.closed_forms.pose_from_points import Sights
 from mbm.solution.closed_forms.types import ClosedForm
 from mbm.solution.native.consensus_rules import NO_FORM, Form
-from mbm.solution.types import Floats
+from mbm.solution.types import Floats, Mask
+from mbm.symbolic.types import ConstantInput
 from mbm.target.solver import consensus_records as c
 from mbm.values import dataclass
 
@@ -32,6 +34,10 @@ SPREAD = 0.3
 
 GROSS = 1e3
 """Deviation from the median beside the median deviation, from which data are no example of what data may be."""
+
+NEAR = 0.2
+"""What an affine dependence of curved lines of sight may leave, beside their largest component: Newton's method finds
+them from there."""
 
 AFFINE_ERROR = 1e-6
 """What an affine dependence may leave, beside the size of what it gives: probes are no more exact than that."""
@@ -45,18 +51,23 @@ NEARLY = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Map:
-    """What is known of the units of one equation: ``[data, 1] @ matrix``, (parameters + 1, width)."""
+    """What is known of the units of one equation: ``[data, 1] @ matrix``, (parameters + 1, width).
+
+    ``exact``: lines of sight too, not only nearly.
+    """
 
     group: int
     whitener: int
     matrix: Floats
+    exact: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class KnownForm:
     """A closed form for the problem; ``maps`` is None where each data set has to be probed by itself.
 
-    ``axis`` and ``sign`` are those of the component of lines of sight that has length 1 in the maps.
+    If the ``form`` is curved, they give lines of sight that are near those of the rows. ``axis`` and ``sign`` are those
+    of the component of lines of sight that has length 1 in the maps.
     """
 
     form: Form
@@ -64,9 +75,14 @@ class KnownForm:
     axis: int
     sign: float
 
-    def of_rows(self, equations: Assembled, ruled: tuple[bool, ...], forms: Iterable[ClosedForm]) -> Floats | None:
-        """What it knows of the units of all ruled groups (units, width), NaN where it knows nothing."""
-        if self.maps is None:
+    def of_rows(
+        self, equations: Assembled, ruled: tuple[bool, ...], forms: Iterable[ClosedForm], *, exact: bool = False
+    ) -> Floats | None:
+        """What it knows of the units of all ruled groups (units, width), NaN where it knows nothing.
+
+        ``exact``: curved lines of sight are found by probing, for callers that cannot find them from near ones.
+        """
+        if self.maps is None or (exact and self.form.curved):
             solver = minimal_solver(equations, equations.numbers, forms)
             return None if solver is None else _expanded(equations, ruled, solver, _told(solver), self.form.width)
         mine = [number for number, acts in enumerate(ruled) if acts]
@@ -114,20 +130,26 @@ def known_form(equations: Assembled, forms: Iterable[ClosedForm]) -> KnownForm |
         if bool((np.sign(told[:, 3 + axis]) != sign).any()):
             return KnownForm(form=form, maps=None, axis=axis, sign=sign)
     maps = _maps(equations, solver, given, axis if form.kind == c.SIGHTS else None)
-    found = KnownForm(form=form, maps=maps, axis=axis, sign=sign)
-    if maps is not None:
-        ruled = tuple(True for _ in equations.groups)
-        expected = _expanded(equations, ruled, solver, told, form.width)
-        mine = found.of_rows(equations, ruled, given)
-        if mine is None or not _agrees(mine, expected):
-            return replace(found, maps=None)
+    if maps is None:
+        return KnownForm(form=form, maps=None, axis=axis, sign=sign)
+    curved = any(not each.exact for each in maps)
+    found = KnownForm(form=replace(form, curved=curved), maps=maps, axis=axis, sign=sign)
+    ruled = tuple(True for _ in equations.groups)
+    expected = _expanded(equations, ruled, solver, told, form.width)
+    mine = found.of_rows(equations, ruled, given)
+    if mine is None or not _agrees(mine, expected, curved=curved):
+        return KnownForm(form=form, maps=None, axis=axis, sign=sign)
     return found
 
 
-def _agrees(mine: Floats, expected: Floats) -> bool:
+def _agrees(mine: Floats, expected: Floats, *, curved: bool) -> bool:
     known = np.isfinite(expected).all(axis=1)
-    size = np.abs(expected[known]).max(axis=1, initial=1.0, keepdims=True)
-    return bool((np.abs(mine[known] - expected[known]) <= AFFINE_ERROR * size).all())
+    error = np.abs(mine[known] - expected[known])
+    if curved and bool((error[:, 3:] > NEAR).any()):
+        return False
+    exact = slice(0, 3) if curved else slice(None)
+    size = np.abs(expected[known, exact]).max(axis=1, initial=1.0, keepdims=True)
+    return bool((error[:, exact] <= AFFINE_ERROR * size).all())
 
 
 def _form(solver: MinimalSolver) -> Form:
@@ -203,22 +225,25 @@ def _maps(
             first += len(piece.lines)
     found = []
     for piece, parts in zip(pieces, seen, strict=True):
-        matrix = _affine(np.vstack([p for p, _ in parts]), np.vstack([t for _, t in parts]))
+        matrix, exact = _affine(np.vstack([p for p, _ in parts]), np.vstack([t for _, t in parts]))
         group = next(k for k, g in enumerate(equations.groups) if g.first == piece.group.first)
         whitener = [w.first for w in piece.group.whiteners].index(piece.first)
-        if matrix is None:
+        if matrix is None or not (exact if axis is None else exact[:3]).all():
             return None
-        found.append(_Map(group=group, whitener=whitener, matrix=matrix))
+        found.append(_Map(group=group, whitener=whitener, matrix=matrix, exact=bool(exact.all())))
     return tuple(found)
 
 
 def _with_random_data(group: Group, generator: np.random.Generator) -> Group:
-    """A group of equations with other data, near those that it has but for what is grossly wrong."""
+    """A group of equations with other data, near those that it has but for what is grossly wrong; constants stay."""
     given = _without_gross_ones(group.parameters)
+    same = np.array([isinstance(p, ConstantInput) for p in group.kernel.parameters], dtype=bool)
+    same[same] = (given[:, same] == given[:1, same]).all(axis=0)  # for other data sets as well
     extent = np.ptp(given, axis=0) if len(given) else np.zeros(given.shape[1])
     typical = np.abs(given).max(initial=0.0) or 1.0
     size = np.maximum(extent, np.where(np.abs(given).max(axis=0, initial=0.0) > 0, np.abs(given).mean(axis=0), typical))
-    return replace(group, parameters=given + SPREAD * size * generator.uniform(-1.0, 1.0, given.shape))
+    moved = given + SPREAD * size * generator.uniform(-1.0, 1.0, given.shape)
+    return replace(group, parameters=np.where(same, given, moved))
 
 
 def _without_gross_ones(given: Floats) -> Floats:
@@ -231,18 +256,22 @@ def _without_gross_ones(given: Floats) -> Floats:
     return np.clip(given, middle - size, middle + size)
 
 
-def _affine(data: Floats, told: Floats) -> Floats | None:
-    """The matrix (p + 1, width) with ``[data, 1] @ matrix = told``; None if there is none, or several."""
+def _affine(data: Floats, told: Floats) -> tuple[Floats | None, Mask]:
+    """The matrix (p + 1, width) with ``[data, 1] @ matrix = told``, and for which columns (width,) that holds.
+
+    The matrix is None if there are several.
+    """
     middle, size = data.mean(axis=0), np.maximum(np.abs(data).max(axis=0), 1e-300)
-    design = np.column_stack([(data - middle) / size, np.ones(len(data))])
+    varying = np.flatnonzero((data != data[:1]).any(axis=0))
+    design = np.column_stack([((data - middle) / size)[:, varying], np.ones(len(data))])
     if len(design) <= design.shape[1] + 1 or np.linalg.matrix_rank(design) < design.shape[1]:
-        return None
+        return None, np.zeros(told.shape[1], dtype=bool)
     found = np.linalg.lstsq(design, told, rcond=None)[0]
-    if not bool((np.abs(design @ found - told) <= AFFINE_ERROR * np.abs(told).max(axis=0, initial=1.0)).all()):
-        return None
+    exact = (np.abs(design @ found - told) <= AFFINE_ERROR * np.abs(told).max(axis=0, initial=1.0)).all(axis=0)
     reach = np.abs(told).max(axis=0, initial=0.0)
-    slopes = _short(found[:-1] / size[:, None], reach / size[:, None])
-    return np.vstack([slopes, _short(found[-1:] - middle @ slopes, reach)])
+    slopes = np.zeros((data.shape[1], told.shape[1]))
+    slopes[varying] = _short(found[:-1] / size[varying, None], reach / size[varying, None])
+    return np.vstack([slopes, _short(found[-1:] - middle @ slopes, reach)]), np.asarray(exact)
 
 
 def _short(found: Floats, size: Floats) -> Floats:

@@ -39,11 +39,15 @@ class Rules:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
-    """A closed form by its kind and what it says of itself; ``width`` numbers for each unit."""
+    """A closed form by its kind and what it says of itself; ``width`` numbers for each unit.
+
+    ``curved``: what is known of lines of sight is near them, and consensus finds them from there.
+    """
 
     kind: int
     about: tuple[int, ...]
     width: int
+    curved: bool = False
 
 
 NO_FORM = Form(kind=0, about=(), width=0)
@@ -100,6 +104,7 @@ def rules_of(
         second_state=second,
         form=form.kind,
         form_width=form.width,
+        curved=int(form.curved),
         starts=starts,
         most_points=max(trials) * solutions + starts + 2 * FEW_STARTS + 4,
         thresholded=int(consensus.threshold is not None),

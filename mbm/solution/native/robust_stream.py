@@ -14,7 +14,7 @@ from mbm.solution.native.consensus import Begun, ConsensusEnds, Rooms, consensus
 from mbm.solution.native.consensus_forms import KnownForm, known_form
 from mbm.solution.native.consensus_rules import NO_FORM, rules_of
 from mbm.solution.native.consensus_rules import Rules as ConsensusRules
-from mbm.solution.native.stream_ends import Rules, StreamEnds
+from mbm.solution.native.stream_ends import NO_CODE, Rules, StreamEnds
 from mbm.solution.native.system import NativeSystem, native_code, system_of
 from mbm.solution.robust.binding import without_losses
 from mbm.solution.robust.consensus import LEAST_SHARE, SAMPLE
@@ -153,22 +153,25 @@ class RobustStream:
 
 def robust_stream_of(
     problem: Problem, equations: Assembled, settings: Settings, rules: Rules, *, given: bool
-) -> RobustStream | None:
-    """The equations of one data set as a stream with consensus; None: that is left to the general path.
+) -> RobustStream | str:
+    """The equations of one data set as a stream with consensus; why there is none, if that is left to the general path.
 
     ``given``: all starts are stated. Where they are not, a closed form has to give them. Noise must be stated, and all
     equations but constraints must be such as can be outliers.
     """
     consensus = settings.robust
-    if consensus is None or not _suits(problem, equations):
-        return None
+    unsuited = _unsuited(problem, equations)
+    if consensus is None or unsuited is not None:
+        return unsuited or "no consensus is asked for"
     plain = without_losses(equations)
     system = system_of(plain, settings)
     form = None if system is None else known_form(plain, settings.closed_forms)
-    if system is None or (form is not None and form.maps is None):
-        return None
+    if system is None:
+        return NO_CODE
+    if form is not None and form.maps is None:
+        return "what the closed form of subsets takes from the data follows no simple rule"
     if not given and (form is None or consensus.kind is ConsensusKind.GNC):  # whose starts decide more
-        return None
+        return "no closed form gives a start that consensus could begin at: state one with `:init`"
     acting = tuple(True for _ in plain.groups)
     asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=observed)
     own = rules_of(asked, plain, acting, form=NO_FORM if form is None else form.form)
@@ -189,14 +192,19 @@ def robust_stream_of(
     return RobustStream(system, agreement, rules)
 
 
-def _suits(problem: Problem, equations: Assembled) -> bool:
-    """Whether consensus and what follows from it are those of one piece, with one loss of information for all rows."""
-    if any(problem.blocks[group.kernel.owner].role is not BlockRole.OBSERVATION for group in equations.groups):
-        return False
-    if any(block.unknown_factor for block in problem.blocks) or equations.implicit is not None:
-        return False
-    if not equations.groups or any(group.left_out.any() for group in equations.groups):
-        return False
-    if not equations.dimension < equations.count <= SAMPLE:
-        return False
-    return equations.dimension == 1 or len(parts_of(equations)) == 1
+def _unsuited(problem: Problem, equations: Assembled) -> str | None:
+    """Why consensus and what follows from it are not those of one piece, with one loss of information for all rows."""
+    found = {
+        "priors stand beside what may be outliers": any(
+            problem.blocks[group.kernel.owner].role is not BlockRole.OBSERVATION for group in equations.groups
+        ),
+        "consensus finds unknown noise in several passes": any(block.unknown_factor for block in problem.blocks),
+        "consensus beside `:errors` takes several passes": equations.implicit is not None,
+        "rows are left out by their weight": any(group.left_out.any() for group in equations.groups),
+        "there are no more rows than unknowns": not equations.groups or equations.count <= equations.dimension,
+        f"consensus of more than {SAMPLE} residuals begins with a sample": equations.count > SAMPLE,
+    }
+    why = next((each for each, holds in found.items() if holds), None)
+    if why is None and equations.dimension > 1 and len(parts_of(equations)) > 1:
+        return "no equation connects all unknowns, and consensus takes the parts one by one"
+    return why

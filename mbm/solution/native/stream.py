@@ -15,7 +15,7 @@ from mbm.problem.types import Problem, UnknownKind
 from mbm.solution.assembly import Assembled
 from mbm.solution.challenge import USUAL
 from mbm.solution.native.code import Routine, SolverCode
-from mbm.solution.native.stream_ends import Rules, StreamEnds
+from mbm.solution.native.stream_ends import NO_CODE, Rules, StreamEnds
 from mbm.solution.native.system import NativeEnds, NativeSystem, system_of
 from mbm.solution.settings import Settings
 from mbm.solution.sparsity import sparse_suits
@@ -145,18 +145,22 @@ def threads(workers: int | None, count: int) -> int:
 
 def stream_of(
     problem: Problem, equations: Assembled, settings: Settings, estimates: Floats
-) -> Stream | RobustStream | None:
-    """The equations of one data set as a stream; None where the general path takes others than native code.
+) -> Stream | RobustStream | str:
+    """The equations of one data set as a stream; why there is none, where solves need what only the general path has.
 
     Solves begin at the stated start, or at the ``estimates`` (N,) for this data set where none is stated.
     """
-    if settings.routine is not None or sparse_suits(equations):
-        return None
-    if not settings.iterative or equations.lossy:
-        return None
     corrected = any(block.errors for block in problem.blocks)
-    if corrected and settings.robust is not None:
-        return None
+    unsuited = {
+        "`:method` names a way of its own": settings.routine is not None or not settings.iterative,
+        "the equations are large and sparse": sparse_suits(equations),
+        "a robust loss is looked at from several sides": equations.lossy,
+        "consensus beside `:errors` takes several passes": corrected and settings.robust is not None,
+        "several noises are unknown": settings.robust is None and _estimated(problem) and len(problem.blocks) > 1,
+    }
+    for why, holds in unsuited.items():
+        if holds:
+            return why
     layout = equations.layout
     given = not bool((np.isnan(layout.start) | layout.guessed).any())
     if settings.robust is not None:
@@ -164,11 +168,9 @@ def stream_of(
 
         rules = Rules(most=np.inf, estimated=False, angles=_angles(equations))
         return robust_stream_of(problem, equations, settings, rules, given=given)
-    if _estimated(problem) and len(problem.blocks) > 1:
-        return None
     system = system_of(equations, settings, often=True)
     if system is None or not isinstance(system.code, SolverCode):
-        return None
+        return NO_CODE
     names = tuple(entry.unknown.name for entry in layout.entries)
     kind = (names, tuple(group.rows for group in equations.groups))
     known = equations.groups[0].cache.without_closed_form
@@ -176,7 +178,7 @@ def stream_of(
     unchallenged = bool(equations.constraints) or (kind in known and _estimated(problem))
     alone = not corrected and (equations.linear or (given and unchallenged))
     if not alone and _estimated(problem):
-        return None
+        return "a fit of unknown noise does not show that a better one is elsewhere: state a start, or the noise"
     freedom = max(equations.count - equations.dimension, 1)
     rules = Rules(
         most=np.inf if alone else freedom + USUAL * sqrt(2.0 * freedom),

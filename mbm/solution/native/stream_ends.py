@@ -13,6 +13,9 @@ from mbm.values import dataclass
 
 TURN = 2.0 * pi
 
+NO_CODE = "there is no native code for such equations, or none on this machine"
+"""Why there is no stream."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StreamEnds:

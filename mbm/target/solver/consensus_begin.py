@@ -12,6 +12,7 @@ from mbm.target.solver.consensus_ranking import empty_lists
 from mbm.target.solver.consensus_records import NOWHERE, SPHERES, ConsensusWork, Rules, share_out_consensus
 from mbm.target.solver.consensus_rows import linearised, squares_at
 from mbm.target.solver.consensus_scores import GNC
+from mbm.target.solver.consensus_sights import find_sights
 from mbm.target.solver.consensus_trials import begin_trials, seldom_in_vain, size_of_subsets
 from mbm.target.solver.consensus_units import list_units, norm_directions, set_rounding
 from mbm.target.solver.description import Problem
@@ -130,6 +131,8 @@ def begin_consensus(problem: Problem, work: ConsensusWork) -> None:
         share_out_consensus(work)
     load_rows(problem, work.rows)
     list_units(problem, work)
+    if work.rules.curved == 1:
+        find_sights(problem, work)
     work.one_side = one_sided(work.rules, work.units.count, work.forms, work.form_scratch)
     work.size = begun_where_units_tell(problem, work)
     work.trials_wanted = 0

@@ -73,6 +73,8 @@ class Rules:
     """The closed form that fits subsets: 0 none, `SPHERES`, `SIGHTS`."""
     form_width: Integer
     """What it knows of each unit: so many numbers, NaN where it knows nothing; see `consensus_forms`."""
+    curved: Integer
+    """1: lines of sight are known nearly, and found from there: `consensus_sights`."""
     starts: Integer
     """Starts of each data set, at least one."""
     thresholded: Integer
@@ -232,6 +234,8 @@ class ConsensusWork:
     """A point."""
     form_scratch: Reals = sized("240")
     """120 numbers, and the rows of a subset with up to five unknowns."""
+    sights: Reals = sized("most_units * form_width")
+    """What the closed form knows of each unit, with lines of sight that were found from near ones."""
     directions: Reals = sized("chunk * n")
     """Rows of the Jacobian with norm 1, unit by unit (scalars, n)."""
     trials: Reals = sized("most_points * numbers")
