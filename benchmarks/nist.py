@@ -62,7 +62,7 @@ def fit(reference: ReferenceSet, start: int) -> Fit:
     solve = solved.first
     cells = [reference.name, str(start + 1), f"{correct:.1f}", f"{correct_sigma:.1f}"]
     times = [f"{1e3 * compiling:.0f}", f"{1e3 * solving:.2f}"]
-    line = [*cells, str(solve.iterations), str(solve.evaluations), *times, solve.status.label]
+    line = [*cells, str(solve.iterations), str(solve.evaluations), *times, solve.status]
     return Fit(
         correct=correct,
         correct_sigma=correct_sigma,

@@ -142,7 +142,7 @@ class Solved:
         """One row per solve: keys, status, cost, dof, scalars and sigmas; a pandas frame, else a dict of arrays."""
         found = solve_columns(self.result.solves)
         arrays = {name: np.asarray([key.get(name) for key in found.keys]) for name in found.key_names}
-        arrays["status"] = np.asarray([status.label for status in found.statuses])
+        arrays["status"] = np.asarray([status.value for status in found.statuses])
         arrays |= {name: np.asarray(found.fits[name]) for name in ("cost", "dof")}
         for scalar in found.scalars:
             for name, numbers in ((scalar.name, scalar.values), (f"{scalar.name}.sigma", scalar.sigmas)):

@@ -49,7 +49,7 @@ def write_solves(result: Result, stream: TextIO) -> None:
         [*_titles(keys, taken), *SOLVE_COLUMNS, *(text_cell(name + end) for name in names for end in ("", ".sigma"))]
     )
     cells = [[_key_cell(key.get(name)) for key in found.keys] for name in keys]
-    cells.append([status.label for status in found.statuses])
+    cells.append([status.value for status in found.statuses])
     cells += [[_cell(number) for number in numbers] for numbers in found.fits.values()]
     for scalar in found.scalars:  # what is not there is NaN
         cells += [[_cell(number) for number in numbers.tolist()] for numbers in (scalar.values, scalar.sigmas)]

@@ -63,7 +63,7 @@ def _fitting(solves: Sequence[SolveReport], width: int, full: bool) -> tuple[lis
     """The columns that fit, keys first, and how many scalars found no room."""
     columns = _key_columns(solves)
     if any(solve.status is not SolveStatus.CONVERGED for solve in solves):
-        columns.append(_column("status", (solve.status.label for solve in solves)))
+        columns.append(_column("status", (solve.status.value for solve in solves)))
     fit = [
         _column("cost", aligned(["" if s.cost is None else plain(s.cost, 5) for s in solves])),
         _column("dof", right("" if s.dof is None else str(s.dof) for s in solves)),
@@ -113,7 +113,7 @@ def _cell(scalar: Scalar | None) -> Measured:
 def _totals(solves: Sequence[SolveReport], width: int, paint: Paint) -> Iterator[str]:
     found = solve_columns(solves)
     counts = Counter(found.statuses)
-    parts = ", ".join(f"{counts[status]} {status.label}" for status in SolveStatus if counts[status])
+    parts = ", ".join(f"{counts[status]} {status.value}" for status in SolveStatus if counts[status])
     yield f"{len(solves)} solve{'' if len(solves) == 1 else 's'}: {parts}"
     pairs = zip(found.fits["cost"], found.fits["dof"], strict=True)
     fits = [(cost, dof) for cost, dof in pairs if cost is not None and dof is not None]
@@ -131,7 +131,7 @@ def _attention(solves: Sequence[SolveReport]) -> Iterator[str]:
     for solve in troubled[:_MOST_EXPLAINED]:
         key = ", ".join(f"{name} = {key_text(value)}" for name, value in solve.key.items())
         reasons = list(observability_sentences(solve.observability)) or [solve.message or solve.status.sentence]
-        yield f"{key}: {solve.status.label}: {'; '.join(reasons)}"
+        yield f"{key}: {solve.status.value}: {'; '.join(reasons)}"
     if len(troubled) > _MOST_EXPLAINED:
         yield f"… {len(troubled) - _MOST_EXPLAINED} more solves need attention"
 

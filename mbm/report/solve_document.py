@@ -42,7 +42,7 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
     factors = {item.quantity.name: item.quantity.factor for item in solve.estimates}
     written: dict[str, Any] = {
         "key": solve_key(solve.key),
-        "status": solve.status.label,
+        "status": solve.status.value,
         "message": solve.message,
         "method": solve.method,
         "iterations": solve.iterations,

@@ -51,7 +51,7 @@ def _heading(result: Result, status: SolveStatus | None, paint: Paint) -> str:
     head = paint(f"{where}problem `{result.problem}`", Style.HEADING)
     if status is None:
         return head
-    return f"{head}: {paint(status.label, Style.GOOD if status.trusted else Style.BAD)}"
+    return f"{head}: {paint(status.value, Style.GOOD if status.trusted else Style.BAD)}"
 
 
 def _one_solve(result: Result, solve: SolveReport, width: int, paint: Paint, full: bool) -> Iterator[str]:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
-from enum import Enum, StrEnum
+from enum import StrEnum
 from types import MappingProxyType
-from typing import Protocol, TypeAlias, runtime_checkable
+from typing import Protocol, Self, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +37,8 @@ class Kind(StrEnum):
     SIMILARITY = "similarity"
 
 
-class SolveStatus(Enum):
-    """How a solve ended: ``label`` is what documents hold, ``sentence`` what people read."""
+class SolveStatus(StrEnum):
+    """How a solve ended: the word is what documents hold, ``sentence`` what people read."""
 
     CONVERGED = ("converged", "the estimates are a minimum and the data determine all of them")
     NOT_CONVERGED = ("not-converged", "the iteration stopped before it reached a minimum")
@@ -46,9 +46,13 @@ class SolveStatus(Enum):
     INFEASIBLE = ("infeasible", "no point meets all constraints")
     UNOBSERVABLE = ("unobservable", "the data leave some of the unknowns, or a combination of them, free")
 
-    def __init__(self, label: str, sentence: str) -> None:
-        self.label = label
-        self.sentence = sentence
+    sentence: str
+
+    def __new__(cls, word: str, sentence: str) -> Self:
+        """The status called ``word``."""
+        status = str.__new__(cls, word)
+        status._value_, status.sentence = word, sentence
+        return status
 
     @property
     def trusted(self) -> bool:

@@ -32,7 +32,7 @@ def agree(found: object, solved: mbm.Solved, names: tuple[str, ...]) -> None:
     )
     assert found.names == solved.covariance.names
     assert found.cost == pytest.approx(solved.first.cost, rel=1e-9, abs=1e-18)
-    assert found.status == solved.first.status.label
+    assert found.status == solved.first.status
 
 
 def test_estimates_are_those_of_gauss_newton_computed_apart(compiled: mbm.CompiledProblem) -> None:

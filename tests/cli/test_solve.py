@@ -33,7 +33,7 @@ def test_an_answer_that_needs_attention_ends_with_1_and_is_written(
     path = tmp_path / "result.json"
     outcome = mbm("solve", "desk.mbm", "--json", path)
     assert outcome.status == 1
-    assert status.label in outcome.out
+    assert status in outcome.out
     assert json.loads(path.read_text())["status"] == "attention"
 
 

@@ -83,7 +83,7 @@ def test_places_of_the_mower(calibrated, tmp_path):
     tables, truth = calibrated
     found, solves = positions(tmp_path, tables)
     assert len(solves) == 373
-    assert {solve.status.label for solve in solves} == {"converged"}
+    assert {solve.status for solve in solves} == {"converged"}
     errors = np.hypot(*(found - truth).T)
     # Half a metre of noise, ten ranges, four unknowns: about half a metre; nothing is found at a mirrored place.
     assert np.median(errors) < 0.6

@@ -26,7 +26,7 @@ def posture(estimates):
 
 
 def test_a_fifth_of_the_starts_and_more_reach_the_best_minimum(solve):
-    assert solve.status.label == "converged"
+    assert solve.status == "converged"
     assert solve.cost == pytest.approx(COSTS[0], rel=1e-8)
     assert solve.starts.tried == STARTS
     assert solve.starts.best_found / STARTS >= 0.2

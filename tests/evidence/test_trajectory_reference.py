@@ -86,7 +86,7 @@ def test_every_similarity_is_the_one_computed_apart(walk, length):
     vio, ble = samples()
     result = walk(length)
     assert [s.key["t"] for s in result.solves] == list(range(COUNT))
-    assert [s.status.label for s in result.solves if s.key["t"] < 1] == ["skipped"]
+    assert [s.status for s in result.solves if s.key["t"] < 1] == ["skipped"]
     solved = found(result)
     assert result.status == "ok"
     for end in range(1, COUNT):

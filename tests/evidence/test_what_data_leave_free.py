@@ -79,7 +79,7 @@ def sentences(solved):
 def test_an_unknown_in_no_equation(tmp_path):
     solved = loaded(tmp_path, ABSENT, d=LINE).solve()
     alone = loaded(tmp_path, PLAIN, d=LINE).solve()
-    assert solved.first.status.label == "unobservable"
+    assert solved.first.status == "unobservable"
     assert sentences(solved) == ["`idle` appears in no equation that has data"]
     for name in ("a", "b"):
         # The same equations with a column of zeros beside them.

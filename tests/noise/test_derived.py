@@ -95,7 +95,7 @@ def test_rank_and_not_the_number_of_unknowns_counts_where_something_is_free():
     result = solved(f"""(problem p {DATA} (unknowns (a :init 1) (b :init 1) (c :init 0))
       (observe t (= y (+ (* a b) (* c x))) :sigma 0.1)
       (derive (product (* a b))))""")
-    assert (result.status, result.first.status.label) == ("attention", "unobservable")
+    assert (result.status, result.first.status) == ("attention", "unobservable")
     assert (result.observability.rank, result.first.dof) == (2, 7)
     assert result.first.cost == pytest.approx(FIT.cost, rel=1e-9)
     assert np.isnan(result["a"].sigma)

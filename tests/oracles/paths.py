@@ -34,7 +34,7 @@ def of_report(report) -> Answer:
     return Answer(
         values=flat(e.value for e in report.estimates),
         sigmas=flat(sigmas),
-        status=report.status.label,
+        status=report.status,
         cost=report.cost,
         dof=report.dof,
         factors=np.array([np.nan if f is None else f for f in report.noise.values()]),
@@ -100,7 +100,7 @@ def members(kind: Kind, sets: Sequence[Tables], least: int = 0, clause: str = ""
         Answer(
             values=flat(each.value[i] for each in found),
             sigmas=flat(each.sigma[i] for each in found),
-            status=report.status.label,
+            status=report.status,
         )
         for i in range(len(sets))
     ]

@@ -57,7 +57,7 @@ def judged(report, matrix: np.ndarray) -> list[str]:
     wrong += [] if report.dof == len(matrix) - rank else [f"{report.dof} degrees of freedom"]
     wrong += [] if (np.isfinite(sigma) == determined).all() else [f"σ {sigma}, determined: {determined}"]
     whole = rank == N
-    return wrong + ([] if (report.status.label == "converged") is whole else [report.status.label])
+    return wrong + ([] if (report.status == "converged") is whole else [report.status])
 
 
 @pytest.mark.parametrize("backend", ["native", "casadi", "numpy"])

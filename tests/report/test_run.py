@@ -33,7 +33,7 @@ def test_nothing_is_solved_where_no_solve_can_be_set_up(model: str, each: str) -
 def test_one_solve_that_can_be_set_up_is_a_result(model: str) -> None:
     problem = mbm.loads(TEXT.format(model=model, each="(for-each k)"))
     found = problem.solve(data={"d": table([0.0, 1.0, -2.0])})
-    assert [solve.status.label for solve in found.solves] == ["not-converged", "converged", "not-converged"]
+    assert [solve.status for solve in found.solves] == ["not-converged", "converged", "not-converged"]
     mean = 3.5
     # One number above one: rounding, or a quadratically convergent iteration stopped within it.
     assert found.solves[1].estimates[0].value == pytest.approx(mean if model == "a" else np.log(mean), rel=1e-9)

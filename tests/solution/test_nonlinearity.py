@@ -140,7 +140,7 @@ def sighted(far: float) -> mbm.Solved:
 def test_triangulation_at_long_range_warns_that_the_target_may_be_farther() -> None:
     """At 30 m the two directions differ by 3.8°, known to 1.4°: the far end of the range is nearly open."""
     solve = sighted(30.0).first
-    assert solve.status.label == "converged"
+    assert solve.status == "converged"
     (warning,) = [d for d in solve.diagnostics if d.code.name == "too-nonlinear"]
     assert "`p[1]`" in warning.message
     assert "above" in warning.message

@@ -154,7 +154,7 @@ def test_an_unknown_that_nothing_determines_makes_one_valley():
       (observe a (= 0.3 (+ x y)) :sigma 1) (observe b (= 0.1 (* 2 (+ x y))) :sigma 1) (solve :starts (random 20)))"""
     solved = mbm.loads(text).solve()
     assert solved.first.alternatives == ()
-    assert solved.first.status.label == "unobservable"
+    assert solved.first.status == "unobservable"
     assert solved.first.starts.tried == 20
 
 

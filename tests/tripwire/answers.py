@@ -67,7 +67,7 @@ def _of(report) -> Answer:
     every = np.concatenate(values)
     picked = np.unique(np.linspace(0, max(len(every) - 1, 0), NUMBERS).astype(int))[: len(every)]
     return Answer(
-        status=report.status.label,
+        status=report.status,
         values=every[picked],
         # as they are kept: seven digits
         sigmas=np.concatenate(sigmas)[picked].astype(np.float32).astype(float),

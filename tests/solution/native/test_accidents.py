@@ -39,7 +39,7 @@ def test_backends_agree_where_a_valley_ends_at_bounds(name):
     )
     native, plain = (mbm.loads(text).solve(backend=backend).first for backend in ("native", "numpy"))
     assert native.status is plain.status
-    assert native.status.label == "unobservable"
+    assert native.status == "unobservable"
     assert [e.at_bound is None for e in native.estimates] == [e.at_bound is None for e in plain.estimates]
     # Both are minima to 1e-10 standard deviations; costs agree to the square of that, which rounding covers.
     assert native.cost == pytest.approx(plain.cost, rel=1e-9)
