@@ -13,7 +13,7 @@ from mbm.report.digits import Measured, measured, plain
 from mbm.report.elements import Scalar, solve_scalars, unit_text
 from mbm.report.sentences import diagnostic_sentence, observability_sentences
 from mbm.report.solve_columns import solve_columns
-from mbm.report.types import SolveReport, SolveStatus
+from mbm.report.types import SolveReport, SolveStatus, Stated
 from mbm.text.shown import Paint, Style, cell_width
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
@@ -110,11 +110,16 @@ def _cell(scalar: Scalar | None) -> Measured:
     return measured(scalar.value, scalar.sigma, exact=scalar.fixed or scalar.at_bound)
 
 
+def statuses_in_words(solves: Sequence[SolveReport]) -> str:
+    """How many solves there are, and how many ended in which way."""
+    counts = Counter(solves.statuses() if isinstance(solves, Stated) else [solve.status for solve in solves])
+    parts = ", ".join(f"{counts[status]} {status.value}" for status in SolveStatus if counts[status])
+    return f"{len(solves)} solve{'' if len(solves) == 1 else 's'}{': ' if parts else ''}{parts}"
+
+
 def _totals(solves: Sequence[SolveReport], width: int, paint: Paint) -> Iterator[str]:
     found = solve_columns(solves)
-    counts = Counter(found.statuses)
-    parts = ", ".join(f"{counts[status]} {status.value}" for status in SolveStatus if counts[status])
-    yield f"{len(solves)} solve{'' if len(solves) == 1 else 's'}: {parts}"
+    yield statuses_in_words(solves)
     pairs = zip(found.fits["cost"], found.fits["dof"], strict=True)
     fits = [(cost, dof) for cost, dof in pairs if cost is not None and dof is not None]
     if fits and found.stated:

@@ -46,6 +46,18 @@ def table(result: Result, *, width: int = 80, color: bool = False, full: bool = 
     return joined((line.rstrip() for line in lines), color=color) + "\n"
 
 
+def headline(result: Result, *, color: bool = False) -> str:
+    """One line that says how all solves ended, with a line break at the end."""
+    paint, solves = Paint(color), result.solves
+    if len(solves) == 1 and not solves[0].key:
+        line = _heading(result, solves[0].status, paint)
+    else:
+        from mbm.report.many import statuses_in_words
+
+        line = f"{_heading(result, None, paint)}: {statuses_in_words(solves)}"
+    return joined((line,), color=color) + "\n"
+
+
 def _heading(result: Result, status: SolveStatus | None, paint: Paint) -> str:
     where = f"{result.file}: " if result.file else ""
     head = paint(f"{where}problem `{result.problem}`", Style.HEADING)

@@ -129,6 +129,14 @@ def test_warnings_go_to_standard_error_unless_quiet(
     assert mbm("-q", "solve", "desk.mbm").err == ""
 
 
+def test_quiet_prints_one_line(mbm: Run, tmp_path: Path) -> None:
+    path = tmp_path / "p.mbm"
+    path.write_text("(problem p (data d (table (k y) (1 2) (1 4) (2 3)))\n  (unknowns (a)) (observe d (= y a) :sigma 1))")
+    assert mbm("-q", "solve", path).out == f"{path}: problem `p`: converged\n"
+    path.write_text(path.read_text()[:-1] + "(for-each k))")
+    assert mbm("-q", "solve", path).out == f"{path}: problem `p`: 2 solves: 2 converged\n"
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

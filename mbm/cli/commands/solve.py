@@ -105,9 +105,12 @@ def _solve(given: dict[str, Any], screen: Terminal, loaded: Callable[[], None]) 
 
 
 def _print_table(result: Result, screen: Terminal) -> None:
-    from mbm.report.table import table
+    from mbm.report.table import headline, table
 
-    text = table(result, width=screen.width, color=screen.color, full=screen.verbose)
+    if screen.quiet:
+        text = headline(result, color=screen.color)
+    else:
+        text = table(result, width=screen.width, color=screen.color, full=screen.verbose)
     say(text, color=screen.color, end="")
 
 
