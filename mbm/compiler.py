@@ -243,7 +243,9 @@ def _requested(found: Elaborated, settings: SolveSettings, registry: Registry) -
     return replace(found, problem=asked)
 
 
-def emitted(found: Elaborated, target: str, registry: Registry) -> tuple[OutputFile, ...]:
+def emitted(
+    found: Elaborated, target: str, registry: Registry, init: Mapping[str, object] | None = None
+) -> tuple[OutputFile, ...]:
     """Typed equations + tables → the files of a solver in another language, tested against what this one answers."""
     from mbm.emit.blueprint import blueprint
     from mbm.emit.corrections import with_true_values
@@ -257,6 +259,10 @@ def emitted(found: Elaborated, target: str, registry: Registry) -> tuple[OutputF
     from mbm.version import __version__
 
     made = Target(target)
+    if init is not None:
+        from mbm.report.beginnings import with_beginnings
+
+        found = with_beginnings(found, init)
     found = with_true_values(found)
     refuse(found, made)
     model = symbolic(found)

@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 def emit_file(path: str | Path, options: SolveOptions, target: str) -> tuple[OutputFile, ...]:
     """The files of a solver for a problem; ``target`` is ``c``, ``python`` or ``casadi``.
 
-    Of ``options`` count the problem's name, constants and starts, the files of tables, and the sandbox. The data decide
-    nothing but the test that comes with the solver, and where it begins if the problem does not say.
+    Of ``options`` count the problem's name, constants and starts, the files of tables, initial values, and the sandbox.
+    The data decide nothing but the test that comes with the solver, and where it begins if neither the problem nor the
+    initial values say.
 
     Raises:
         MbmError: the problem or its data are wrong, or it has something that generated solvers do not have.
@@ -32,4 +33,4 @@ def emit_file(path: str | Path, options: SolveOptions, target: str) -> tuple[Out
         sandbox=options.sandbox,
     )
     found = compiler.elaborated(problem.program, options.problem, inputs, problem.registry)
-    return compiler.emitted(found, target, problem.registry)
+    return compiler.emitted(found, target, problem.registry, options.init)

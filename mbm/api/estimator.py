@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mbm.api.compilation import Compilation, Origin
     from mbm.solution.native.robust_stream import RobustStream
 
-CONVERGED = SolveStatus.CONVERGED
+CONVERGED = SolveStatus.CONVERGED.value
 FLOAT64 = np.dtype(np.float64)
 LABEL = f"<U{max(len(status.value) for status in SolveStatus)}"
 """The type of arrays of statuses."""
@@ -201,7 +201,7 @@ class Estimator:
         matrix = np.full((n, n), np.nan) if found is None or found.matrix is None else found.matrix / self._outer
         numbers = np.concatenate([np.ravel(estimate.value) for estimate in report.estimates])
         cost = np.nan if report.cost is None else report.cost
-        return numbers / self._factors, matrix, cost, report.status
+        return numbers / self._factors, matrix, cost, report.status.value
 
 
 def _quickly(

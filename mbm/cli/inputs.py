@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mbm.cli import faults
+from mbm.files.journal import note, option_role
 from mbm.text.faults import shown
 from mbm.text.types import MbmError
 
@@ -30,6 +31,12 @@ def named_paths(option: str, entries: Iterable[str]) -> dict[str, Path]:
             raise MbmError(faults.bad_call(f"{option} names `{name}` twice", "mbm solve"))
         paths[name] = Path(value)
     return paths
+
+
+def initial_values(path: Path) -> dict[str, Any]:
+    """What the file of ``--init`` holds; it counts among the files that the call reads. Raises as `json_object`."""
+    note(path, option_role("--init"))
+    return json_object(path)
 
 
 def json_object(path: Path) -> dict[str, Any]:

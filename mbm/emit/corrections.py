@@ -76,10 +76,11 @@ def _refuse(found: Elaborated) -> None:
     if problem.request.robust is not None or lossy:
         why = "consensus and losses act on the whole misfit of a row, which generated solvers take apart"
         raise MbmError(faults.not_emitted(place, "`:errors` beside consensus or a loss", why))
-    loose = [u for u in problem.unknowns if u.start is None and u.start_lower is None and u.lower is None]
+    stated = (u for u in problem.unknowns if u.name not in found.starts)
+    loose = [u for u in stated if u.start is None and u.start_lower is None and u.lower is None]
     if loose:
         why = f"generated solvers begin at stated values, and `{loose[0].name}` has none"
-        raise MbmError(faults.not_emitted(place, "`:errors` without starts", why, "state them with `:init`"))
+        raise MbmError(faults.not_emitted(place, "`:errors` without starts", why, faults.STATE_ONE))
 
 
 def _own(error: UncertainColumn) -> Place:

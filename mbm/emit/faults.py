@@ -12,6 +12,10 @@ NOT_EMITTED = Code(
 )
 
 
+STATE_ONE = "state a start with `:init`, or compile with `--init`"
+"""What to do about an unknown without a start."""
+
+
 def not_emitted(place: Place | None, what: str, why: str, instead: str = "use `mbm solve`") -> Diagnostic:
     """``what`` the problem has, ``why`` a generated solver cannot, and what to do ``instead``."""
     return Diagnostic(code=NOT_EMITTED, message=f"{what} cannot be compiled: {why}", place=place, hint=instead)

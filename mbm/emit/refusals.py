@@ -50,10 +50,14 @@ def refuse_startless(found: Elaborated, target: Target, agreement: Agreement | N
 
     """
     known = frozenset() if agreement is None else agreement.startless
-    open_ones = [u for i, u in enumerate(found.problem.unknowns) if i not in known and _startless(u)]
+    open_ones = [
+        u
+        for i, u in enumerate(found.problem.unknowns)
+        if i not in known and u.name not in found.starts and _startless(u)
+    ]
     why = "each data set needs a start, and none is stated"
     faults_found = [
-        faults.not_emitted(u.span, f"`for-each` with `{u.name}`", why, "state a start with `:init`")
+        faults.not_emitted(u.span, f"`for-each` with `{u.name}`", why, faults.STATE_ONE)
         for u in open_ones
         if target.solves and found.problem.request.for_each and u.family is None
     ]
@@ -114,7 +118,7 @@ def _starts(problem: Problem) -> Iterator[Diagnostic]:
         if unknown.family is not None and _startless(unknown):
             why = "a generated solver finds no starts"
             yield faults.not_emitted(
-                unknown.span, f"the family `{unknown.name}` without a start", why, "state one with `:init`"
+                unknown.span, f"the family `{unknown.name}` without a start", why, faults.STATE_ONE
             )
 
 

@@ -131,7 +131,9 @@ def test_warnings_go_to_standard_error_unless_quiet(
 
 def test_quiet_prints_one_line(mbm: Run, tmp_path: Path) -> None:
     path = tmp_path / "p.mbm"
-    path.write_text("(problem p (data d (table (k y) (1 2) (1 4) (2 3)))\n  (unknowns (a)) (observe d (= y a) :sigma 1))")
+    path.write_text(
+        "(problem p (data d (table (k y) (1 2) (1 4) (2 3)))\n  (unknowns (a)) (observe d (= y a) :sigma 1))"
+    )
     assert mbm("-q", "solve", path).out == f"{path}: problem `p`: converged\n"
     path.write_text(path.read_text()[:-1] + "(for-each k))")
     assert mbm("-q", "solve", path).out == f"{path}: problem `p`: 2 solves: 2 converged\n"

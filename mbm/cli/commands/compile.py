@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from mbm.cli.inputs import named_paths, named_texts
+from mbm.cli.inputs import initial_values, named_paths, named_texts
 from mbm.cli.options import problem_at, reads_so_far, terminal, verbosity_options
 from mbm.cli.output import say
 from mbm.files.folders import check_folder, write_folder
@@ -24,6 +24,7 @@ TARGETS = ("c", "python", "casadi")
 @click.option("--problem", metavar="NAME", help="The problem of the file, where it holds several.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A constant or initial value: h=70cm.")
 @click.option("--data", multiple=True, metavar="NAME=PATH", help="The file of a table.")
+@click.option("--init", metavar="VALUES.json", help="Where it begins: name → value, or a result document.")
 @click.option("--force", is_flag=True, help="Write into a folder that holds other files.")
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
 @verbosity_options
@@ -42,6 +43,7 @@ def command(**given: Any) -> int:
         problem=given["problem"],
         set=named_texts("--set", given["settings"]),
         data=named_paths("--data", given["data"]),
+        init=None if given["init"] is None else initial_values(Path(given["init"])),
         sandbox=None if given["sandbox"] is None else Path(given["sandbox"]),
     )
     files = emit_file(given["file"], options, given["target"])

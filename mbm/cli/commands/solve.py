@@ -11,14 +11,13 @@ import click
 from mbm.cli import faults
 from mbm.cli.documents import STANDARD_OUTPUT
 from mbm.cli.failure import print_diagnostics
-from mbm.cli.inputs import json_object, named_paths, named_texts
+from mbm.cli.inputs import initial_values, named_paths, named_texts
 from mbm.cli.interrupts import interruptible
 from mbm.cli.options import Terminal, problem_at, reads_so_far, terminal, verbosity_options
 from mbm.cli.output import say, write_bytes
 from mbm.cli.outputs import check_outputs, document_bytes, outputs_of, write_outputs
 from mbm.cli.progress import ProgressBar
 from mbm.cli.statuses import ATTENTION, OK, WRONG
-from mbm.files.journal import note, option_role
 from mbm.text.types import MbmError
 
 if TYPE_CHECKING:
@@ -89,7 +88,7 @@ def _solve(given: dict[str, Any], screen: Terminal, loaded: Callable[[], None]) 
             problem=given["problem"],
             set=named_texts("--set", given["settings"]),
             data=named_paths("--data", given["data"]),
-            init=None if given["init"] is None else _initial_values(Path(given["init"])),
+            init=None if given["init"] is None else initial_values(Path(given["init"])),
             starts=given["starts"],
             seed=given["seed"],
             method=given["method"],
@@ -112,8 +111,3 @@ def _print_table(result: Result, screen: Terminal) -> None:
     else:
         text = table(result, width=screen.width, color=screen.color, full=screen.verbose)
     say(text, color=screen.color, end="")
-
-
-def _initial_values(path: Path) -> dict[str, Any]:
-    note(path, option_role("--init"))
-    return json_object(path)

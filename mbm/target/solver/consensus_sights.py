@@ -17,7 +17,7 @@ from mbm.target.words import ConstantReals, Integer, Reals, call_kernel
 STEPS = 30
 """Steps of Newton's method; from near ones it takes five."""
 
-DIFFERENCE = 1e-6
+QUOTIENT_STEP = 1e-6
 """By which a slope is taken, beside a direction whose largest component is 1: the root of the rounding."""
 
 LAST_STEP = 1e-12
@@ -74,11 +74,11 @@ def found_sight(problem: Problem, u: Integer, work: ConsensusWork, sight: Reals)
         for k in range(2):
             i = (axis + 1 + k) % 3
             held = sight[i]
-            sight[i] = held + DIFFERENCE
+            sight[i] = held + QUOTIENT_STEP
             image_misfit(problem, u, sight, work, beside)
             sight[i] = held
             for j in range(2):
-                slopes[2 * j + k] = (beside[j] - misfit[j]) / DIFFERENCE
+                slopes[2 * j + k] = (beside[j] - misfit[j]) / QUOTIENT_STEP
         determinant = slopes[0] * slopes[3] - slopes[1] * slopes[2]
         step[0] = (slopes[1] * misfit[1] - slopes[3] * misfit[0]) / determinant
         step[1] = (slopes[2] * misfit[0] - slopes[0] * misfit[1]) / determinant
