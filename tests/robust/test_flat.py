@@ -140,6 +140,6 @@ def test_rows_without_weight_determine_nothing(backend: str) -> None:
     problem = mbm.loads("""(problem far (data d (table (x) (1.5) (2.25) (3.5) (4.75) (6.5)))
       (unknowns (a :init 1) (b :init 0 :sigma 2)) (observe d (= [a a] (* x [10 a])) :sigma 1 :loss tukey))""")
     solve = problem.solve(backend=backend).solves[0]
-    assert solve.status.value[0] == "unobservable"
+    assert solve.status == "unobservable"
     assert [name for each in solve.observability.unobservable for name in each.unknowns] == ["a"]
     assert problem.solve(backend=backend)["b"].sigma == pytest.approx(2.0)
