@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from math import sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,8 +19,13 @@ from mbm.solution.multistart import RANDOM
 from mbm.solution.random_starts import costs
 from mbm.solution.search import Alternative, Found, Tally
 from mbm.solution.settings import Settings
-from mbm.solution.starting import GIVEN
-from mbm.solution.types import Minimum
+from mbm.solution.sparsity import sparse_suits
+from mbm.solution.starting import GIVEN, Beginning
+from mbm.solution.types import Floats, Minimum
+from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.solution.closed_forms.completion import Completion
 
 LOWER = 1e-6
 """Share of the cost by which another minimum must be lower to take the place of the one that a given start leads to."""
@@ -30,56 +38,138 @@ USUAL = 5.0
 """Standard deviations of χ² within which a fit gives no cause for doubt."""
 
 
-def challenged(
-    equations: Assembled, settings: Settings, found: Found, problem: Problem, cache: EvaluationCache
-) -> Found:
-    """``found``, or what a closed form for all unknowns leads to where that is a better fit.
+class Challenge:
+    """What closed forms for all unknowns have to say against a start that was given.
 
-    A closed form's answer costs more than the minimum that it lies near: it is followed if it costs less than what
-    was found (hardly more, where it is that of a sample of very many rows), or nothing was found, or what was found
-    costs more than the stated noise lets expect (errors add up along a chain of poses: its start may cost more than a
-    wrong minimum). That no closed form is made for such equations is remembered in ``cache``, for the data sets to
-    come. It is learnt from data that were solved only, and not relied on where a fit is worse than stated noise lets
-    expect: what closed forms recognise is found by probing the data, and one that fails on these may succeed on the
-    next.
+    That no closed form is made for such equations is remembered in ``cache``, for the data sets to come. It is learnt
+    from data that were solved only, and not relied on where a fit is worse than stated noise lets expect: what closed
+    forms recognise is found by probing the data, and one that fails on these may succeed on the next.
     """
-    names = tuple(entry.unknown.name for entry in equations.layout.entries)
-    kind: Kind = (names, tuple(group.rows for group in equations.groups))
-    iterative = settings.method not in (Method.CLOSED_FORM, Method.DIRECT_SEARCH)
-    stated = found.origin in (GIVEN, GIVEN_START, RANDOM)
-    if not stated or not iterative or equations.linear or equations.lossy or settings.robust is not None:
-        return found
-    if equations.constraints:
-        return found
-    solved = found.minimum.reason.converged and bool(np.isfinite(found.minimum.cost))
-    if solved and kind in cache.without_closed_form and not _strained(equations, found, problem):
-        return found
-    # Here and below: loaded where a start is challenged only, so that other problems start at once.
-    from mbm.solution.closed_forms.completion import completions
-    from mbm.solution.closed_forms.situation import Situation
-    from mbm.solution.closed_forms.thinning import ENOUGH
 
-    numbers = np.where(equations.moving(), np.nan, found.minimum.point)
-    situation = Situation(layout=equations.layout, groups=equations.groups, numbers=numbers, most=ENOUGH)
-    reached = completions(situation, settings.closed_forms)
-    complete = [c for c in reached if not bool(np.isnan(c.numbers).any())]
-    if not complete:
-        if solved and not any(c.recognised for c in reached):
-            cache.without_closed_form.add(kind)
-        return found
-    fits = costs(equations, np.stack([c.numbers for c in complete]))
-    best = int(np.argmin(fits))
-    least = found.minimum.cost * (1.0 + FROM_A_SAMPLE if situation.thins else 1.0)
-    promising = fits[best] < least or _strained(equations, found, problem)
-    if not np.isfinite(fits[best]) or (found.minimum.reason.converged and not promising):
-        return found
-    other = minimise(equations, complete[best].numbers, settings, problem.span)
-    lower = other.cost < (1 - LOWER) * found.minimum.cost
-    rescued = not found.minimum.reason.converged and other.cost <= found.minimum.cost
-    worked = replace(
-        found, iterations=found.iterations + other.iterations, evaluations=found.evaluations + other.evaluations
-    )
-    return _beaten(worked, other, "; ".join(complete[best].used)) if lower or rescued else worked
+    def __init__(self, equations: Assembled, settings: Settings, problem: Problem, cache: EvaluationCache) -> None:
+        self._equations = equations
+        self._settings = settings
+        self._problem = problem
+        self._cache = cache
+        names = tuple(entry.unknown.name for entry in equations.layout.entries)
+        self._kind: Kind = (names, tuple(group.rows for group in equations.groups))
+        iterative = settings.method not in (Method.CLOSED_FORM, Method.DIRECT_SEARCH)
+        plain = not equations.lossy and not equations.constraints and settings.robust is None
+        self._open = iterative and plain and not equations.linear
+        self._led: Minimum | None = None
+
+    def anticipated(self, starts: Sequence[Beginning]) -> Found | None:
+        """What a closed form leads to, where it spares a long way from the one start that is stated; else None.
+
+        Of large sparse equations, if the closed form is the only one and costs less than the start, and what it leads
+        to fits as well as stated noise lets expect.
+        """
+        if not self._open or len(starts) != 1 or starts[0].origin != GIVEN or not sparse_suits(self._equations):
+            return None
+        form = self._form
+        if form is None or form.several or not form.cost < costs(self._equations, starts[0].point[None])[0]:
+            return None
+        self._led = led = minimise(self._equations, form.numbers, self._settings, self._problem.span)
+        if not led.reason.converged or not self._known_noise or self._strained(led):
+            return None
+        return Found(
+            minimum=led,
+            alternatives=(),
+            tally=None,
+            origin=form.origin,
+            iterations=led.iterations,
+            evaluations=led.evaluations,
+        )
+
+    def answered(self, found: Found) -> Found:
+        """``found``, or what a closed form leads to where that is a better fit.
+
+        A closed form's answer costs more than the minimum that it lies near: it is followed if it costs less than what
+        was found (hardly more, where it is that of a sample of very many rows), or nothing was found, or what was found
+        costs more than the stated noise lets expect (errors add up along a chain of poses: its start may cost more than
+        a wrong minimum).
+        """
+        if not self._open or found.origin not in (GIVEN, GIVEN_START, RANDOM):
+            return found
+        solved = found.minimum.reason.converged and bool(np.isfinite(found.minimum.cost))
+        strained = self._known_noise and self._strained(found.minimum)
+        if solved and self._kind in self._cache.without_closed_form and not strained:
+            return found
+        form = self._form
+        if form is None:
+            if solved and not self._recognised:
+                self._cache.without_closed_form.add(self._kind)
+            return found
+        promising = form.cost < found.minimum.cost * form.allowance or strained
+        if not np.isfinite(form.cost) or (found.minimum.reason.converged and not promising):
+            return found
+        other = self._led
+        if other is None:
+            other = minimise(self._equations, form.numbers, self._settings, self._problem.span)
+        lower = other.cost < (1 - LOWER) * found.minimum.cost
+        rescued = not found.minimum.reason.converged and other.cost <= found.minimum.cost
+        worked = replace(
+            found, iterations=found.iterations + other.iterations, evaluations=found.evaluations + other.evaluations
+        )
+        return _beaten(worked, other, form.origin) if lower or rescued else worked
+
+    @cached_property
+    def _reached(self) -> tuple[bool, tuple[Completion, ...]]:
+        """How far closed forms get; whether they were made of a sample of the rows."""
+        # Loaded where a start is challenged only, so that other problems start at once.
+        from mbm.solution.closed_forms.completion import completions
+        from mbm.solution.closed_forms.situation import Situation
+        from mbm.solution.closed_forms.thinning import ENOUGH
+
+        numbers = np.where(self._equations.moving(), np.nan, self._equations.numbers)
+        situation = Situation(
+            layout=self._equations.layout, groups=self._equations.groups, numbers=numbers, most=ENOUGH
+        )
+        return situation.thins, tuple(completions(situation, self._settings.closed_forms))
+
+    @property
+    def _recognised(self) -> bool:
+        return any(c.recognised for c in self._reached[1])
+
+    @cached_property
+    def _form(self) -> _Form | None:
+        """The best of the closed forms that give all numbers; None: there is none."""
+        thins, reached = self._reached
+        complete = [c for c in reached if not bool(np.isnan(c.numbers).any())]
+        if not complete:
+            return None
+        fits = costs(self._equations, np.stack([c.numbers for c in complete]))
+        best = int(np.argmin(fits))
+        return _Form(
+            numbers=complete[best].numbers,
+            cost=float(fits[best]),
+            origin="; ".join(complete[best].used),
+            several=len(complete) > 1,
+            allowance=1.0 + FROM_A_SAMPLE if thins else 1.0,
+        )
+
+    @property
+    def _known_noise(self) -> bool:
+        return not any(block.unknown_factor for block in self._problem.blocks)
+
+    def _strained(self, minimum: Minimum) -> bool:
+        """Whether the cost is larger than stated noise lets expect."""
+        freedom = max(self._equations.count - self._equations.dimension, 1)
+        return not minimum.cost < freedom + USUAL * sqrt(2.0 * freedom)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Form:
+    """A point (N,) from closed forms, and what it costs; ``several``: they give others, too.
+
+    ``allowance``: by which factor it may lie above the minimum near it.
+    """
+
+    numbers: Floats
+    cost: float
+    origin: str
+    several: bool
+    allowance: float
 
 
 def _beaten(found: Found, other: Minimum, origin: str) -> Found:
@@ -95,10 +185,3 @@ def _beaten(found: Found, other: Minimum, origin: str) -> Found:
         alternatives=(former, *found.alternatives) if found.minimum.reason.converged else found.alternatives,
         tally=Tally(tried=found.tally.tried + 1, converged=found.tally.converged + converged, best_found=1),
     )
-
-
-def _strained(equations: Assembled, found: Found, problem: Problem) -> bool:
-    """Whether the noise is stated, and the cost larger than it gives."""
-    freedom = max(equations.count - equations.dimension, 1)
-    stated = not any(block.unknown_factor for block in problem.blocks)
-    return stated and not found.minimum.cost < freedom + USUAL * sqrt(2.0 * freedom)

@@ -16,7 +16,7 @@ from mbm.solution.assembling import blank
 from mbm.solution.assembly import Assembled
 from mbm.solution.binder import Binder
 from mbm.solution.binding import EvaluationCache
-from mbm.solution.challenge import challenged
+from mbm.solution.challenge import Challenge
 from mbm.solution.derived import Propagation
 from mbm.solution.gauge import with_gauge
 from mbm.solution.minimise import solver_name
@@ -79,8 +79,11 @@ def estimate(
     equations, binder = assemble(problem, kernels, tables, starts, cache)
     robust = prepared(problem, equations, settings, lambda: starting_points(equations, settings, last))
     equations = robust.equations.with_factors(robust.factors)
-    found = search(equations, robust.starts, settings, problem, derived_agreement(problem, binder, kernels))
-    found = challenged(equations, settings, found, problem, cache)
+    challenge = Challenge(equations, settings, problem, cache)
+    found = challenge.anticipated(robust.starts)
+    if found is None:
+        found = search(equations, robust.starts, settings, problem, derived_agreement(problem, binder, kernels))
+        found = challenge.answered(found)
     end = reached(problem, robust, settings, found)
     run = Run(
         problem=problem, kernels=kernels, tables=tables, key=key, settings=settings, equations=equations, binder=binder

@@ -18,7 +18,7 @@ from mbm.kernels.types import KernelSet
 from mbm.problem.types import Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import EvaluationCache
-from mbm.solution.challenge import LOWER, challenged
+from mbm.solution.challenge import LOWER, Challenge
 from mbm.solution.estimate import Run, answered, assemble
 from mbm.solution.many.answers import answers
 from mbm.solution.many.chain import NOT_SOLVED, SAME_ENDS
@@ -280,7 +280,7 @@ class Together:
             iterations=int(columns.iterations[place]),
             evaluations=int(columns.evaluations[place]),
         )
-        return challenged(equations, self.settings, found, self.problem, self.cache) is found
+        return Challenge(equations, self.settings, self.problem, self.cache).answered(found) is found
 
     def solution(self, number: int, columns: Columns, place: int) -> Solution:
         """All that is to be said of a solve that was solved, from the ``place`` of its end in the columns."""

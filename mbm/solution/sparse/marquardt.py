@@ -1,8 +1,9 @@
 """Marquardt's method on block-sparse normal equations.
 
-Damping as Nielsen (1999) adapts it, with the diagonal of ``JᵀJ`` as the metric, clamped as Ceres does. Points without a
-finite residual or Jacobian are refused, the cost never grows by more than its rounding, and the iteration ends where
-the dense solvers end: at a relative offset below the tolerance (Bates and Watts 1981), or at rounding.
+Damping as Nielsen (1999) adapts it, less where the linear model holds, with the diagonal of ``JᵀJ`` as the metric,
+clamped as Ceres does. Points without a finite residual or Jacobian are refused, the cost never grows by more than its
+rounding, and the iteration ends where the dense solvers end: at a relative offset below the tolerance (Bates and Watts
+1981), or at rounding.
 """
 
 from __future__ import annotations
@@ -34,6 +35,13 @@ COMPILED = 20_000
 
 FIRST = 1e-4
 """Damping of the first step, relative to the diagonal."""
+
+GOOD = 0.75
+"""Gain ratio above which the linear model holds, so that …"""
+
+RELIEF = 0.1
+"""… damping shrinks faster than Nielsen's rule has it: the far ends of long chains of poses are damped long before
+anything else is."""
 
 LEAST = 1e-10
 """Damping that is as good as none, and keeps singular equations solvable."""
@@ -315,7 +323,7 @@ def _shortened(state: State) -> State:
 
 
 def _accepted(state: State, there: Place, share: float) -> State:
-    damping = max(state.damping * damping_factor(share), LEAST)
+    damping = max(state.damping * (RELIEF if share > GOOD else damping_factor(share)), LEAST)
     return replace(
         state,
         place=there,
