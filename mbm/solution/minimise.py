@@ -28,8 +28,16 @@ ROUGH = 20
 ROUGHLY = 0.05
 """Iterations and relative offset of a fit whose end is only a start."""
 
-SPARSE, LINEAR = "lm-sparse", "linear"
-"""Names of methods that nobody asks for by name."""
+LINEAR = "linear"
+"""The name of a method that nobody asks for by name."""
+
+SPARSE = {
+    Method.AUTO: "dogleg-sparse",  # fewer iterations than Marquardt's on every pose graph tried, as many on bundles
+    Method.MARQUARDT: "lm-sparse",
+    Method.DOGLEG: "dogleg-sparse",
+    Method.GAUSS_NEWTON: "gauss-newton-sparse",
+}
+"""The methods that the sparse solver has, and what it calls them."""
 
 
 def solver_name(equations: Equations, settings: Settings) -> str:
@@ -42,7 +50,7 @@ def solver_name(equations: Equations, settings: Settings) -> str:
 
         return method_name(settings)
     if _sparse(equations, settings):
-        return SPARSE
+        return SPARSE[method]
     if method is Method.AUTO and one_step_suits(equations):
         return LINEAR
     only_begin = (Method.AUTO, Method.DIRECT_SEARCH, Method.IPOPT)
@@ -92,7 +100,7 @@ def minima(equations: Equations, starts: Floats, settings: Settings, place: Plac
 
 def _sparse(equations: Equations, settings: Settings) -> bool:
     """Whether the sparse solver is taken."""
-    return settings.method in (Method.AUTO, Method.MARQUARDT) and sparse_suits(equations)
+    return settings.method in SPARSE and sparse_suits(equations)
 
 
 def _bound(equations: Equations, settings: Settings) -> ConstrainedEquations | None:

@@ -71,7 +71,7 @@ def test_so_it_does_in_sparse_problems(monkeypatch):
     # both in one equation of two, so that the problem does not fall apart
     tied = BESIDE.replace("(derive", "(observe d (= (* 0 y) (* 0 a b)) :sigma 1) (derive")
     solve = mbm.loads(f"(problem p {tied})").solve()
-    assert solve.first.method == "lm-sparse"
+    assert solve.first.method == "dogleg-sparse"
     check_beside(solve)
 
 

@@ -1,9 +1,9 @@
-"""Marquardt's method on block-sparse normal equations.
+"""Marquardt's method on block-sparse normal equations, and others that differ in how they limit steps.
 
 Damping as Nielsen (1999) adapts it, less where the linear model holds, with the diagonal of ``JᵀJ`` as the metric,
 clamped as Ceres does. Points without a finite residual or Jacobian are refused, the cost never grows by more than its
 rounding, and the iteration ends where the dense solvers end: at a relative offset below the tolerance (Bates and Watts
-1981), or at rounding.
+1981), or at rounding. The dogleg and Gauss-Newton limit undamped steps to a trust radius (Moré 1978): `limited`.
 """
 
 from __future__ import annotations
@@ -15,19 +15,21 @@ from typing import Any
 import numpy as np
 
 from mbm.kernels.types import MachineCode
+from mbm.problem.types import Method
 from mbm.solution.assembly import Assembled
 from mbm.solution.metric import first_bad
 from mbm.solution.pushing import pushed
 from mbm.solution.settings import Settings
 from mbm.solution.sparse.deferred import DeferredMatrix
 from mbm.solution.sparse.equations import blocked
+from mbm.solution.sparse.limited import RULES, length_of, limited
 from mbm.solution.sparse.normal import Normal
 from mbm.solution.sparse.place import BlockEquations, Place, inside, moved, normal_at, place_at
 from mbm.solution.sparse.structure import Structure, Values
 from mbm.solution.sparse.system import BlockJacobian, Factorised, Plan, factorised, plan
 from mbm.solution.types import Equations, Floats, Minimum, Reason
 from mbm.target.decisions import LEAST_GAIN_RATIO, OFFSET_DECREASE, UNDECIDED
-from mbm.target.step_control import damping_factor, relative_offset
+from mbm.target.step_control import damping_factor, radius_after, relative_offset
 from mbm.values import dataclass
 
 COMPILED = 20_000
@@ -68,17 +70,22 @@ BOX_ROUNDS = 20
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Known:
     """What need not be computed again: ``normal`` of the place; ``factors``, those of the place if its ``normal`` is
-    there, else of the place before; the ``step`` from the place, and the decrease that it promises.
+    there, else of the place before; the ``step`` from the place, and the decrease that it promises; the ``whole`` one,
+    undamped and not limited, likewise.
     """
 
     normal: Normal | None = None
     factors: Factorised | None = None
     step: tuple[Floats, float] | None = None
+    whole: tuple[Floats, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class State:
-    """An immutable value; ``reason`` is None while there is something left to do. ``growth`` is Nielsen's ν."""
+    """An immutable value; ``reason`` is None while there is something left to do. ``growth`` is Nielsen's ν.
+
+    ``rule`` says how steps are limited: by ``damping``, or to a ``radius``; ``length`` is that of the last step then.
+    """
 
     equations: BlockEquations
     plan: Plan
@@ -87,8 +94,11 @@ class State:
     point: Floats
     residuals: Floats
     tolerance: float
+    rule: Method
     damping: float
     growth: float
+    radius: float
+    length: float
     offset: float
     iterations: int
     evaluations: int
@@ -107,7 +117,7 @@ def sparse_minimum(equations: Equations, start: Floats, settings: Settings) -> M
     if own is None:
         message = "equations without blocks"
         raise TypeError(message)
-    state = _begun(own, start, settings.tolerance, settings.workers)
+    state = _begun(own, start, settings)
     while state.reason is None and state.iterations < settings.max_iterations and state.place is not None:
         if settings.stopped():
             return _answer(state, Reason.INTERRUPTED)
@@ -123,9 +133,10 @@ def _blocks(equations: Equations) -> BlockEquations | None:
     return blocked(equations) if isinstance(equations, Assembled) and not equations.profiled else None
 
 
-def _begun(equations: BlockEquations, start: Floats, tolerance: float, workers: int | None) -> State:
+def _begun(equations: BlockEquations, start: Floats, settings: Settings) -> State:
     layout = equations.structure()
-    found = _planned(layout, equations.machine_code, workers)
+    found = _planned(layout, equations.machine_code, settings.workers)
+    rule = Method.DOGLEG if settings.method is Method.AUTO else settings.method
     point = inside(equations, start)
     residuals = equations.residuals(point)
     row, reason, place = first_bad(residuals), Reason.NOT_FINITE_AT_START, None
@@ -142,9 +153,12 @@ def _begun(equations: BlockEquations, start: Floats, tolerance: float, workers: 
         known=Known(),
         point=point,
         residuals=residuals,
-        tolerance=tolerance,
-        damping=LEAST if equations.linear else FIRST,
+        tolerance=settings.tolerance,
+        rule=rule,
+        damping=LEAST if equations.linear or rule in RULES else FIRST,
         growth=2.0,
+        radius=inf,
+        length=inf,
         offset=inf,
         iterations=0,
         evaluations=1,
@@ -172,9 +186,9 @@ def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
             state = _shortened(state)
             continue
         point = moved(equations, here, state.plan, step)
-        offset = _offset(equations, here, promise)
+        offset = _offset(equations, here, promise if state.known.whole is None else state.known.whole[1])
         if offset <= state.tolerance and (state.damping > LEAST or state.known.normal is None):
-            state = replace(state, damping=LEAST, known=replace(state.known, factors=None, step=None))
+            state = replace(state, damping=LEAST, known=Known(normal=state.known.normal))
             continue
         state = replace(state, offset=offset)
         if offset > CLOSE:  # these factors are of no use elsewhere, and make room for the next Jacobian
@@ -241,15 +255,27 @@ def _next(state: State, here: Place) -> tuple[State, tuple[Floats, float] | None
     known = state.known
     if known.step is not None:
         return replace(state, known=replace(known, step=None)), known.step
+    if known.whole is not None:
+        return _within(state, here, known.whole)
     if known.normal is None and known.factors is not None and state.offset <= CLOSE:
         step = _along(known.factors, here)
         promise = 0.0 if step is None else _promise(state.plan, here, step)
         if step is not None and promise > 0.0 and _offset(state.equations, here, promise) <= QUICK * state.offset:
-            return state, (step, promise)
+            return (state, (step, promise)) if state.rule not in RULES else _within(state, here, (step, promise))
     normal = normal_at(state.plan, here) if known.normal is None else known.normal
     step, factors = _solved(state, here, normal)
     found = None if step is None else (step, _promise(state.plan, here, step))
-    return replace(state, known=Known(normal=normal, factors=factors)), found
+    state = replace(state, known=Known(normal=normal, factors=factors))
+    return (state, found) if found is None or state.rule not in RULES else _within(state, here, found)
+
+
+def _within(state: State, here: Place, whole: tuple[Floats, float]) -> tuple[State, tuple[Floats, float]]:
+    """The ``whole`` step and what it promises, limited to the radius, and the state that knows both."""
+    squares = np.clip(here.squares, *DIAGONAL)
+    step = limited(state.rule, state.plan, here, whole[0], squares, state.radius)
+    promise = whole[1] if step is whole[0] else _promise(state.plan, here, step)
+    known = replace(state.known, whole=whole)
+    return replace(state, known=known, length=length_of(step, squares)), (step, promise)
 
 
 def _along(factors: Factorised, here: Place) -> Floats | None:
@@ -311,9 +337,11 @@ def _better(equations: BlockEquations, state: State, there: Place) -> State | No
 
 
 def _shortened(state: State) -> State:
-    """More damping; but factors of another place are given up first."""
+    """More damping, or a shorter radius; but factors of another place are given up first."""
     if state.known.normal is None and state.known.factors is not None:
         return replace(state, known=Known())
+    if state.rule in RULES and state.known.whole is not None:
+        return replace(state, radius=0.5 * min(state.radius, state.length), known=replace(state.known, step=None))
     return replace(
         state,
         damping=min(state.damping * state.growth, MOST),
@@ -323,6 +351,7 @@ def _shortened(state: State) -> State:
 
 
 def _accepted(state: State, there: Place, share: float) -> State:
+    whole = state.known.whole is not None and state.length <= state.radius
     damping = max(state.damping * (RELIEF if share > GOOD else damping_factor(share)), LEAST)
     return replace(
         state,
@@ -332,6 +361,7 @@ def _accepted(state: State, there: Place, share: float) -> State:
         residuals=there.residuals,
         damping=damping,
         growth=2.0,
+        radius=radius_after(share, state.radius, state.length, int(whole)) if state.rule in RULES else state.radius,
         iterations=state.iterations + 1,
     )
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import mbm
+from mbm.problem.types import Method
 from mbm.report.types import SolveStatus
 from mbm.solution import sparsity
 from mbm.solution.sparse import marquardt
+from mbm.solution.sparse.limited import limited
 
 STATIONS, POINTS = 5, 14
 SAME = 1e-8
@@ -82,7 +86,7 @@ def blockwise(monkeypatch):
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_same_answer(blockwise, variant):
     sparse, dense = blockwise(**VARIANTS[variant]), solved(**VARIANTS[variant])
-    assert (sparse.first.method, dense.first.method) == ("lm-sparse", "lm")
+    assert (sparse.first.method, dense.first.method) == ("dogleg-sparse", "lm")
     assert sparse.first.status is dense.first.status
     assert sparse.first.cost == pytest.approx(dense.first.cost, rel=SAME)
     assert sparse.first.dof == dense.first.dof
@@ -111,7 +115,7 @@ def test_compiled_routines_with_many_parts_and_threads_give_the_same_answer(bloc
     for few in (compiled.FEW, 0):  # sums for each part, or target by target
         monkeypatch.setattr(compiled, "FEW", few)
         found = blockwise(**VARIANTS[variant])
-        assert found.first.method == "lm-sparse"
+        assert found.first.method == "dogleg-sparse"
         assert found.first.cost == pytest.approx(plain.first.cost, rel=SAME)
         for own, other in zip(found.first.estimates, plain.first.estimates, strict=True):
             np.testing.assert_allclose(own.value, other.value, atol=SAME)
@@ -185,6 +189,47 @@ def test_the_elements_of_a_long_array_are_blocks_of_their_own(monkeypatch):
     monkeypatch.setattr(sparsity, "MOST_DENSE", 0)
     monkeypatch.setattr(sparsity, "SPARSE", 1.0)
     sparse = mbm.loads(text).solve(data=data, init=start)
-    assert (sparse.first.method, dense.first.method) == ("lm-sparse", "lm")
+    assert (sparse.first.method, dense.first.method) == ("dogleg-sparse", "lm")
     np.testing.assert_allclose(sparse["a"].value, dense["a"].value, atol=SAME)
     np.testing.assert_allclose(sparse["a"].sigma, dense["a"].sigma, rtol=SAME)
+
+
+@pytest.mark.parametrize("variant", ["fixed", "bounds", "loss"])
+@pytest.mark.parametrize("method", ["lm", "dogleg", "gauss-newton"])
+def test_every_rule_of_steps_leads_to_the_same_minimum(blockwise, method, variant):
+    held = VARIANTS[variant]
+    found, dense = blockwise(**held, more=f"(solve :method {method})"), solved(**held)
+    assert found.first.method == f"{method}-sparse"
+    assert found.first.status == dense.first.status
+    assert found.first.cost == pytest.approx(dense.first.cost, rel=SAME)
+    for own, other in zip(found.first.estimates, dense.first.estimates, strict=True):
+        np.testing.assert_allclose(own.value, other.value, atol=SAME)
+
+
+def test_limited_steps_are_powells():
+    """Against the path worked out densely: to the lowest point downhill, and from there to the undamped step."""
+    random = np.random.default_rng(7)
+    J, r = random.standard_normal((12, 5)) * [1, 10, 0.1, 3, 1], random.standard_normal(12)
+
+    class Whole:
+        @staticmethod
+        def image(values, step):
+            return J @ step
+
+    gradient, squares = J.T @ r, (J**2).sum(axis=0)
+    place = SimpleNamespace(gradient=gradient, values=None, gaps=None)
+    step = -np.linalg.solve(J.T @ J, gradient)
+    d = np.sqrt(squares)
+    slope = -gradient / d
+    cauchy = slope * (slope @ slope) / np.square(J @ (slope / d)).sum()
+    far = np.linalg.norm(d * step)
+    for radius in np.array([0.05, 0.3, 0.6, 0.9, 0.99, 1.5]) * far:
+        path = [share * cauchy for share in np.linspace(0.0, 1.0, 20_001)]
+        path += [cauchy + share * (d * step - cauchy) for share in np.linspace(0.0, 1.0, 20_001)]
+        expected = max((p for p in path if np.linalg.norm(p) <= radius), key=np.linalg.norm)
+        found = d * limited(Method.DOGLEG, Whole, place, step, squares, radius)
+        assert np.linalg.norm(found) == pytest.approx(min(radius, far), rel=1e-12)
+        # Points of the path are 1/20,000 of its parts apart.
+        np.testing.assert_allclose(found, expected, rtol=0, atol=2e-4 * far)
+        whole = d * limited(Method.GAUSS_NEWTON, Whole, place, step, squares, radius)
+        np.testing.assert_allclose(whole, d * step * min(radius / far, 1.0), rtol=1e-12)
