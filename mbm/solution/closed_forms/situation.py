@@ -111,7 +111,7 @@ class Candidate:
         columns = np.full(len(self.situation.layout.number), -1, dtype=np.int64)
         columns[self.coordinates] = np.arange(self.coordinates.shape[1])
         for group, lines, member in self.lines:
-            scale = _precision(group)
+            scale = _precision(group, lines)
             index = group.index[lines]
             for first, last in ranges(group):
                 piece = Piece(
@@ -126,7 +126,7 @@ class Candidate:
                 pieces.append(piece)
                 members.append(member)
                 units.append(group.units[lines, first])
-                weights.append(scale[lines, first:last].mean(axis=1))
+                weights.append(scale[:, first:last].mean(axis=1))
         return Rows(
             columns=columns,
             pieces=tuple(pieces),
@@ -137,10 +137,10 @@ class Candidate:
         )
 
 
-def _precision(group: Group) -> Floats:
-    """1/σ² of each output (rows, outputs), for weighting among rows; correlations are left out."""
-    parts = [w.weights**2 if w.weights.ndim == 2 else np.square(w.weights).sum(axis=1) for w in group.whiteners]
-    return np.hstack(parts)
+def _precision(group: Group, lines: Indices) -> Floats:
+    """1/σ² of each output (lines, outputs) of some rows, for weighting among these; correlations are left out."""
+    weights = [each.weights[lines] for each in group.whiteners]
+    return np.hstack([w**2 if w.ndim == 2 else np.square(w).sum(axis=1) for w in weights])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
