@@ -65,6 +65,14 @@ def _complete(asked: str) -> int:
 def _invoke(arguments: Sequence[str], journal: Journal) -> object:
     from mbm.cli.group import cli
 
+    odd = next((argument for argument in arguments if "\0" in argument), None)
+    if odd is not None:  # Click would hand it to the file system, which raises what is no mistake of a file
+        from mbm.cli.faults import bad_call
+        from mbm.text.faults import shown
+        from mbm.text.types import MbmError
+
+        raise MbmError(bad_call(f"`{shown(odd)}` holds a NUL, which no file name and no value can", "mbm"))
+
     with cli.make_context("mbm", list(arguments), obj=journal) as context:
         return cli.invoke(context)
 

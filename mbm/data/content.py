@@ -17,7 +17,7 @@ from mbm.files import reading
 from mbm.files.memory import PER_VALUE, check_memory, largest_file, text_memory
 from mbm.text.types import DataPlace, MbmError
 
-UNPACKED, PACKED_SHARE = 32_000_000, 100
+UNPACKED, PACKED_SHARE = 16_000_000, 100
 """Bytes to which a small file may unpack, and how many times its own size a larger one: measurements written as text
 shrink to a tenth or so; what shrinks to a thousandth was made to fill the memory."""
 

@@ -38,6 +38,9 @@ LARGE, FEW_KEPT = 20_000, 3
 So it does where measured values are corrected.
 """
 
+HUGE = 500_000
+"""The same for the best one alone: each start takes seconds."""
+
 DIRECT_SEARCH = 30_000
 """Random points of `:method direct-search`: in Nishida's room 99 % of searches then see a point within 10 cm."""
 
@@ -184,8 +187,8 @@ def _random(
             points = np.stack([solved_linearly(equations, point, linear) for point in points])
     found = costs(equations, points)
     corrected = any(group.kernel.corrections is not None for group in equations.groups)
-    slow = max(equations.count, equations.dimension) * equations.dimension > LARGE or corrected
-    kept = FEW_KEPT if slow else KEPT
+    numbers = max(equations.count, equations.dimension) * equations.dimension
+    kept = 1 if numbers > HUGE else FEW_KEPT if numbers > LARGE or corrected else KEPT
     order = [i for i in np.argsort(found, kind="stable")[:kept] if np.isfinite(found[i])]
     if not order:
         _refuse(equations.layout, missing)

@@ -33,7 +33,9 @@ def lines_of(text: str, *, separator: str | None = None) -> list[Line]:
         stripped = line.strip()
         if stripped and not stripped.startswith("#"):
             fields = stripped.split(separator)
-            found.append((number, fields if separator is None else [field.strip() for field in fields]))
+            if separator is not None and len(stripped.split(None, 1)) > 1:
+                fields = [field.strip() for field in fields]
+            found.append((number, fields))
     return found
 
 

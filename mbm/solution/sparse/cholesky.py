@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf, sqrt
 from typing import Protocol
 
 import numpy as np
@@ -47,7 +48,10 @@ class FrontFactor:
         x = np.array(right[self.fronts.order])
         for front, corner, lower in zip(self.fronts.fronts, self.corners, self.lower, strict=True):
             own = slice(front.first, front.first + front.width)
-            x[own] = dtrsm(1.0, corner.T, x[own], lower=0, trans_a=1)
+            if front.width == 1:
+                x[own] /= corner[0, 0]
+            else:
+                x[own] = dtrsm(1.0, corner.T, x[own], lower=0, trans_a=1)
             if lower.size:
                 x[front.rows[front.width :]] -= lower @ x[own]
         for front, corner, lower in zip(
@@ -57,7 +61,7 @@ class FrontFactor:
             found = x[own]
             if lower.size:
                 found = found - lower.T @ x[front.rows[front.width :]]
-            x[own] = dtrsm(1.0, corner.T, found, lower=0)
+            x[own] = found / corner[0, 0] if front.width == 1 else dtrsm(1.0, corner.T, found, lower=0)
         result = np.empty_like(x)
         result[self.fronts.order] = x
         return result
@@ -109,6 +113,13 @@ def factorise(found: Fronts, entries: Floats) -> FrontFactor | None:
     below: list[Floats] = []
     for number, front in enumerate(found.fronts):
         width, size = front.width, len(front.rows)
+        if size == 1 and not pending[number]:  # what no equation mentions, thousands of which may be
+            square = float(entries[front.source[0]]) if len(front.source) else 0.0
+            if not 0.0 < square < inf:
+                return None
+            corners.append(np.full((1, 1), sqrt(square)))
+            below.append(np.empty((0, 1)))
+            continue
         whole = np.zeros((size, size))
         whole.reshape(-1)[front.target] = entries[front.source]
         for child, update in pending[number]:
