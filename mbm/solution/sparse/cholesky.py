@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf, sqrt
 from typing import Protocol
 
 import numpy as np
 
 from mbm.solution.sparse.fronts import Fronts
-from mbm.solution.types import Floats
+from mbm.solution.types import Floats, Indices
 from mbm.values import dataclass
 
 
@@ -35,33 +34,40 @@ class SparseSolver(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrontFactor:
-    """``P A Pᵀ = L Lᵀ``; for each front the lower triangle of its columns and the rows below it."""
+    """``P A Pᵀ = L Lᵀ``; for each of the ``numbers`` of fronts the lower triangle of its columns and the rows below it.
+
+    The other fronts are single columns that touch no other, as those of what no equation mentions, of which there may
+    be thousands: ``alone`` are their places, ``squares`` their elements, ``sources`` the entries that hold these.
+    """
 
     fronts: Fronts
+    numbers: Sequence[int]
     corners: Sequence[Floats]
     lower: Sequence[Floats]
+    alone: Indices
+    squares: Floats
+    sources: Indices
 
     def solve(self, right: Floats) -> Floats:
         """``A⁻¹ right`` for a right side (n, k)."""
         from scipy.linalg.blas import dtrsm
 
         x = np.array(right[self.fronts.order])
-        for front, corner, lower in zip(self.fronts.fronts, self.corners, self.lower, strict=True):
+        x[self.alone] /= self.squares[:, None]
+        own_fronts = [self.fronts.fronts[number] for number in self.numbers]
+        for front, corner, lower in zip(own_fronts, self.corners, self.lower, strict=True):
             own = slice(front.first, front.first + front.width)
-            if front.width == 1:
-                x[own] /= corner[0, 0]
-            else:
-                x[own] = dtrsm(1.0, corner.T, x[own], lower=0, trans_a=1)
+            x[own] = dtrsm(1.0, corner.T, x[own], lower=0, trans_a=1)
             if lower.size:
                 x[front.rows[front.width :]] -= lower @ x[own]
         for front, corner, lower in zip(
-            reversed(self.fronts.fronts), reversed(self.corners), reversed(self.lower), strict=True
+            reversed(own_fronts), reversed(self.corners), reversed(self.lower), strict=True
         ):
             own = slice(front.first, front.first + front.width)
             found = x[own]
             if lower.size:
                 found = found - lower.T @ x[front.rows[front.width :]]
-            x[own] = found / corner[0, 0] if front.width == 1 else dtrsm(1.0, corner.T, found, lower=0)
+            x[own] = dtrsm(1.0, corner.T, found, lower=0)
         result = np.empty_like(x)
         result[self.fronts.order] = x
         return result
@@ -75,13 +81,16 @@ class FrontFactor:
         from scipy.linalg.blas import dtrsm
 
         result = np.empty(entries)
+        result[self.sources] = 1.0 / self.squares
         known: dict[int, Floats] = {}
         waiting = [0] * len(self.fronts.fronts)
-        for front in self.fronts.fronts:
-            if front.parent >= 0:
-                waiting[front.parent] += 1
-        for number in range(len(self.fronts.fronts) - 1, -1, -1):
-            front, corner, lower = self.fronts.fronts[number], self.corners[number], self.lower[number]
+        for number in self.numbers:
+            parent = self.fronts.fronts[number].parent
+            if parent >= 0:
+                waiting[parent] += 1
+        for k in range(len(self.numbers) - 1, -1, -1):
+            number, corner, lower = self.numbers[k], self.corners[k], self.lower[k]
+            front = self.fronts.fronts[number]
             width, size = front.width, len(front.rows)
             part = np.empty((size, size))
             root = np.asarray(dtrsm(1.0, corner.T, np.eye(width), lower=0, trans_a=1))
@@ -108,24 +117,25 @@ def factorise(found: Fronts, entries: Floats) -> FrontFactor | None:
     """The factor of the matrix whose entries are given in the order of the fronts' analysis; None: not positive."""
     from scipy.linalg.blas import dtrsm
 
-    pending: list[list[tuple[int, Floats]]] = [[] for _ in found.fronts]
+    taken = {front.parent for front in found.fronts}
+    single = [len(f.rows) == 1 and len(f.source) == 1 and k not in taken for k, f in enumerate(found.fronts)]
+    numbers = [number for number, alone in enumerate(single) if not alone]
+    lone = [front for front, alone in zip(found.fronts, single, strict=True) if alone]
+    sources = np.array([front.source[0] for front in lone], dtype=np.int64)
+    squares = entries[sources]
+    if not bool(((squares > 0.0) & np.isfinite(squares)).all()):
+        return None
+    pending: dict[int, list[tuple[int, Floats]]] = {number: [] for number in numbers}
     corners: list[Floats] = []
     below: list[Floats] = []
-    for number, front in enumerate(found.fronts):
+    for number in numbers:
+        front = found.fronts[number]
         width, size = front.width, len(front.rows)
-        if size == 1 and not pending[number]:  # what no equation mentions, thousands of which may be
-            square = float(entries[front.source[0]]) if len(front.source) else 0.0
-            if not 0.0 < square < inf:
-                return None
-            corners.append(np.full((1, 1), sqrt(square)))
-            below.append(np.empty((0, 1)))
-            continue
         whole = np.zeros((size, size))
         whole.reshape(-1)[front.target] = entries[front.source]
-        for child, update in pending[number]:
+        for child, update in pending.pop(number):
             into = found.fronts[child].into
             whole[into[:, None], into] += update
-        pending[number] = []
         try:
             corner: Floats = np.asarray(np.linalg.cholesky(whole[:width, :width]), dtype=np.float64)
         except np.linalg.LinAlgError:
@@ -139,4 +149,12 @@ def factorise(found: Fronts, entries: Floats) -> FrontFactor | None:
                 pending[front.parent].append((number, whole[width:, width:] - lower @ lower.T))
         corners.append(corner)
         below.append(lower)
-    return FrontFactor(fronts=found, corners=corners, lower=below)
+    return FrontFactor(
+        fronts=found,
+        numbers=numbers,
+        corners=corners,
+        lower=below,
+        alone=np.array([front.first for front in lone], dtype=np.int64),
+        squares=squares,
+        sources=sources,
+    )
