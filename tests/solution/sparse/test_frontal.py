@@ -114,3 +114,22 @@ def test_fronts_stand_in_postorder(made):
     for number in range(len(tree.fronts)):
         inside = range(number - below[number] + 1, number)
         assert all(tree.fronts[k].parent in range(number - below[number] + 1, number + 1) for k in inside)
+
+
+@pytest.mark.parametrize("sizes", [[1] * 9, [1, 3, 1, 1, 2, 1]])
+def test_columns_that_touch_no_other_are_divided_at_once(sizes):
+    """By the fronts of NumPy and SciPy."""
+    from mbm.solution.sparse.cholesky import factorise
+
+    generator = np.random.default_rng(4)
+    blocks = np.array(sizes)
+    owner = np.repeat(np.arange(len(blocks)), blocks)
+    whole = np.where(owner[:, None] == owner, generator.standard_normal((len(owner), len(owner))), 0.0)
+    whole = whole @ whole.T + np.eye(len(owner))
+    row, column = np.nonzero(np.triu(whole))
+    factor = factorise(fronts(row, column, blocks), whole[row, column])
+    right = generator.standard_normal((len(owner), 3))
+    # Of well conditioned matrices of nine rows, the roundings are those of a few operations.
+    np.testing.assert_allclose(factor.solve(right), np.linalg.solve(whole, right), rtol=1e-11, atol=1e-13)
+    np.testing.assert_allclose(factor.inverse(len(row)), np.linalg.inv(whole)[row, column], rtol=1e-11, atol=1e-13)
+    assert factorise(fronts(row, column, blocks), np.where(row == column, -1.0, whole[row, column])) is None
