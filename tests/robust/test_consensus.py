@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
+import mbm
 from mbm.problem.types import ConsensusKind
 from mbm.solution.robust.subsets import first_states, needed_trials
 from mbm.solution.robust.units import consistency, limits, medians, quantile, robust_variance
@@ -195,3 +197,30 @@ def test_robust_variance_is_the_papers_formula():
     found = robust_variance(residuals**2, scalar_units(6), 2)
     # 1.4826 is rounded in the papers.
     assert np.sqrt(found) == pytest.approx(1.4826 * (1 + 5 / 4) * np.sqrt(np.median(residuals**2)), rel=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["lmeds", "ransac", "msac"])
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_whether_another_consensus_is_as_good_does_not_depend_on_the_unit(kind, scale):
+    """A line with four outliers among twenty rows, whose noise is not stated: nothing else explains as many."""
+    random = np.random.default_rng(1)
+    x = np.linspace(0.0, 10.0, 20)
+    y = 1.0 + 0.5 * x + 0.1 * random.standard_normal(20)
+    y[[3, 8, 12, 15]] += [3.0, -4.0, 5.0, 2.5]
+    text = f"""(problem p (data d external) (unknowns (a :init 0) (b :init 0))
+      (observe d (= y (+ a (* b x))) :sigma unknown) (solve :robust {kind}))"""
+    found = mbm.loads(text).solve(data={"d": {"x": x, "y": scale * y}}).first
+    assert found.status == "converged"
+    assert "ambiguous-consensus" not in [diagnostic.code.name for diagnostic in found.diagnostics]
+
+
+def test_a_table_without_rows_beside_consensus_is_no_cause_for_warnings():
+    text = """(problem p (unknowns (p (vector 2)))
+      (data d (table (sx sy r) (0 0 5.0) (5 4 2.9) (10 0 6.9) (3 -3 5.1) (7 6 4.4))) (data e external)
+      (observe d (= r (distance p [sx sy])) :sigma 3) (observe e (= q (distance p [ex ey])) :sigma 1)
+      (solve :robust lmeds))"""
+    nothing = np.zeros(0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = mbm.loads(text).solve(data={"e": {"ex": nothing, "ey": nothing, "q": nothing}})
+    assert found.first.status == "converged"

@@ -236,20 +236,20 @@ def _maps(
 
 def _with_random_data(group: Group, generator: np.random.Generator) -> Group:
     """A group of equations with other data, near those that it has but for what is grossly wrong; constants stay."""
+    if not len(group.parameters):
+        return group
     given = _without_gross_ones(group.parameters)
     same = np.array([isinstance(p, ConstantInput) for p in group.kernel.parameters], dtype=bool)
     same[same] = (given[:, same] == given[:1, same]).all(axis=0)  # for other data sets as well
-    extent = np.ptp(given, axis=0) if len(given) else np.zeros(given.shape[1])
     typical = np.abs(given).max(initial=0.0) or 1.0
-    size = np.maximum(extent, np.where(np.abs(given).max(axis=0, initial=0.0) > 0, np.abs(given).mean(axis=0), typical))
+    mean = np.abs(given).mean(axis=0)
+    size = np.maximum(np.ptp(given, axis=0), np.where(mean > 0.0, mean, typical))
     moved = given + SPREAD * size * generator.uniform(-1.0, 1.0, given.shape)
     return replace(group, parameters=np.where(same, given, moved))
 
 
 def _without_gross_ones(given: Floats) -> Floats:
     """Data (rows, p), those far off the others of their column brought nearer."""
-    if not len(given):
-        return given
     middle = np.median(given, axis=0)
     spread, level = np.median(np.abs(given - middle), axis=0), np.abs(middle)
     size = GROSS * np.where(spread > 0.0, spread, np.where(level > 0.0, level, 1.0))

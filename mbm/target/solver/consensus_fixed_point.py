@@ -106,14 +106,14 @@ def rival(best: Integer, last: Integer, work: ConsensusWork) -> Integer:
     here = 0.0
     for u in range(units.count):
         if own[u] <= units.cuts[u] * units.variances[u]:
-            here += own[u]
+            here += own[u] / units.variances[u]
     for k in range(last):
         if work.objectives[k] < lowest + AS_GOOD:
             theirs = work.candidate_squares[k * units.count :]
             there = 0.0
             for u in range(units.count):
                 if own[u] <= units.cuts[u] * units.variances[u]:
-                    there += min(theirs[u], 1e6)
+                    there += min(theirs[u] / units.variances[u], 1e6)
             if there > here + APART:
                 return 1
     return 0
