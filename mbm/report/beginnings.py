@@ -18,7 +18,7 @@ from mbm.problem.elaborated import Elaborated
 from mbm.problem.naming import key_text
 from mbm.problem.tables import CellKey, Column, Table
 from mbm.problem.types import Family, RowValues, Unknown, UnknownKind, ValueCase
-from mbm.report.given_starts import given_starts
+from mbm.report.given_starts import given_starts, member_of_row, rows_of_solve
 from mbm.report.types import Floats
 from mbm.rotations import matrix_of_quaternion, planar
 from mbm.solution.selection import selections
@@ -57,21 +57,16 @@ def _alike(unknown: Unknown, own: list[tuple[Mapping[str, CellKey], Floats]]) ->
 
 def _by_row(unknown: Unknown, family: Family, table: Table, own: list[tuple[Mapping[str, CellKey], Floats]]) -> Floats:
     """What is stated of the member that each row of the family's table belongs to (rows, width)."""
-    keys = np.empty(len(table), dtype=object)
-    keys[:] = list(table.keys(family.column if family.column is not None else family.key))
+    member = member_of_row(family, table)
     found = np.full((len(table), stated_of_numbers(unknown, np.zeros((1, unknown.size))).shape[1]), np.nan)
     for key, values in own:
-        mine = np.ones(len(table), dtype=bool)
-        for column, wanted in key.items():
-            if column in table.columns:
-                mine &= np.array([cell == wanted for cell in table.keys(column)], dtype=bool)
-        rows = np.flatnonzero(mine)
-        place = {member: number for number, member in enumerate(dict.fromkeys(keys[rows].tolist()))}
-        numbers = np.reshape(values, (len(place), -1))[[place[member] for member in keys[rows].tolist()]]
+        rows = rows_of_solve(table, key)
+        place = {each: number for number, each in enumerate(dict.fromkeys(member[row] for row in rows))}
+        numbers = np.reshape(values, (len(place), -1))[[place[member[row]] for row in rows]]
         found[rows] = stated_of_numbers(unknown, numbers)
     lacking = np.flatnonzero(~np.isfinite(found).all(axis=1))
     if len(lacking):
-        what = f"`--init` without `{unknown.name}[{key_text(keys[lacking[0]])}]`"
+        what = f"`--init` without `{unknown.name}[{key_text(member[lacking[0]])}]`"
         why = "members begin where their table says, and it says nothing of this one"
         raise MbmError(faults.not_emitted(unknown.span, what, why, "give a value for every member, or for none"))
     return found
@@ -83,7 +78,11 @@ def _stated(
     """The unknown with a start for each member: in columns that its table gets, or for each value of its column."""
     table, width = tables[family.table], numbers.shape[1]
     if family.column is None:
-        titles = [f"{unknown.name} start {i + 1}" if width > 1 else f"{unknown.name} start" for i in range(width)]
+        title = f"{unknown.name} start"
+        taken = {*raw[family.table].columns, *raw[family.table].provenance.source_columns.values()}
+        while any(name.startswith(title) for name in taken):
+            title = f"the {title}"  # a column of the file is called so
+        titles = [f"{title} {i + 1}" if width > 1 else title for i in range(width)]
         every = np.zeros((len(raw[family.table]), width))  # rows that do not count have a start, too
         every[table.rows - 1] = numbers
         raw[family.table] = _with(raw[family.table], titles, every)

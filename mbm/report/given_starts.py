@@ -12,7 +12,7 @@ from mbm.expression.dimension import NONE
 from mbm.expression.units import parse_unit
 from mbm.problem.naming import key_text
 from mbm.problem.tables import CellKey, Table
-from mbm.problem.types import Problem, Unknown, UnknownKind
+from mbm.problem.types import Family, Problem, Unknown, UnknownKind
 from mbm.report import faults
 from mbm.report.geometric import GEOMETRIC, number_factors
 from mbm.report.initial import InitialValue, initial_values, is_document
@@ -74,13 +74,22 @@ def members(unknown: Unknown, tables: Mapping[str, Table], key: Mapping[str, Cel
     family = unknown.family
     if family is None:
         return ()
-    table = tables[family.table]
+    cells = member_of_row(family, tables[family.table])
+    return tuple(dict.fromkeys(cells[row] for row in rows_of_solve(tables[family.table], key)))
+
+
+def member_of_row(family: Family, table: Table) -> Sequence[CellKey]:
+    """The key of the member that each row of a family's table belongs to."""
+    return table.keys(family.column if family.column is not None else family.key)
+
+
+def rows_of_solve(table: Table, key: Mapping[str, CellKey]) -> list[int]:
+    """The rows of a table, from 0, that belong to the solve with a ``for-each`` key."""
     picked = np.ones(len(table), dtype=bool)
     for column, wanted in key.items():
         if column in table.columns:
             picked &= np.array([cell == wanted for cell in table.keys(column)], dtype=bool)
-    kept = table.take(np.flatnonzero(picked))
-    return tuple(dict.fromkeys(kept.keys(family.column if family.column is not None else family.key)))
+    return [int(row) for row in np.flatnonzero(picked)]
 
 
 def _check_complete(unknown: Unknown, value: Floats) -> None:

@@ -148,3 +148,14 @@ def test_every_member_or_none_has_a_start(tmp_path: Path, capsys: pytest.Capture
     assert 'error[not-emitted]: `--init` without `g["c"]` cannot be compiled' in told
     assert "give a value for every member, or for none" in told
     assert "error[bad-initial-values]" in refusal(tmp_path, text, {"nobody": 1.0}, capsys)
+
+
+def test_a_column_that_is_called_as_a_start_is_left_alone(tmp_path: Path) -> None:
+    text = """(problem p (data m (csv "m.csv") :key id :columns ((offset "g start")))
+      (data d (table (who y) ("a" 2.1) ("b" 3.2)) :with (m who))
+      (unknowns (g :per m)) (observe d (= y (+ (g who) m.offset)) :sigma 0.1))"""
+    (tmp_path / "m.csv").write_text("id,g start\na,7\nb,8\n", encoding="utf-8")
+    folder = compiled(tmp_path, text, {"g": {"keys": ["a", "b"], "value": [1.0, 2.0]}}, "python")
+    assert (folder / "data" / "m.csv").read_text(encoding="utf-8").splitlines()[0] == "g start,id,the g start"
+    done = called("python", "test_p.py", folder=folder)
+    assert done.returncode == 0, done.stdout + done.stderr
