@@ -84,7 +84,8 @@ class Known:
 class State:
     """An immutable value; ``reason`` is None while there is something left to do. ``growth`` is Nielsen's ν.
 
-    ``rule`` says how steps are limited: by ``damping``, or to a ``radius``; ``length`` is that of the last step then.
+    ``rule`` says how steps are limited: by ``damping``, or to a ``radius``; then ``length`` is that of the last step,
+    and ``limited`` whether it was.
     """
 
     equations: BlockEquations
@@ -99,6 +100,7 @@ class State:
     growth: float
     radius: float
     length: float
+    limited: bool
     offset: float
     iterations: int
     evaluations: int
@@ -159,6 +161,7 @@ def _begun(equations: BlockEquations, start: Floats, settings: Settings) -> Stat
         growth=2.0,
         radius=inf,
         length=inf,
+        limited=False,
         offset=inf,
         iterations=0,
         evaluations=1,
@@ -273,9 +276,10 @@ def _within(state: State, here: Place, whole: tuple[Floats, float]) -> tuple[Sta
     """The ``whole`` step and what it promises, limited to the radius, and the state that knows both."""
     squares = np.clip(here.squares, *DIAGONAL)
     step = limited(state.rule, state.plan, here, whole[0], squares, state.radius)
-    promise = whole[1] if step is whole[0] else _promise(state.plan, here, step)
+    shorter = step is not whole[0]
+    promise = _promise(state.plan, here, step) if shorter else whole[1]
     known = replace(state.known, whole=whole)
-    return replace(state, known=known, length=length_of(step, squares)), (step, promise)
+    return replace(state, known=known, length=length_of(step, squares), limited=shorter), (step, promise)
 
 
 def _along(factors: Factorised, here: Place) -> Floats | None:
@@ -351,7 +355,6 @@ def _shortened(state: State) -> State:
 
 
 def _accepted(state: State, there: Place, share: float) -> State:
-    whole = state.known.whole is not None and state.length <= state.radius
     damping = max(state.damping * (RELIEF if share > GOOD else damping_factor(share)), LEAST)
     return replace(
         state,
@@ -361,7 +364,7 @@ def _accepted(state: State, there: Place, share: float) -> State:
         residuals=there.residuals,
         damping=damping,
         growth=2.0,
-        radius=radius_after(share, state.radius, state.length, int(whole)) if state.rule in RULES else state.radius,
+        radius=radius_after(share, state.radius, state.length, int(not state.limited)),
         iterations=state.iterations + 1,
     )
 
