@@ -184,7 +184,7 @@ class Estimator:
 
     def _lengths(self, given: list[Floats], count: int, rows: ArrayLike) -> Indices:
         """How many rows each data set has (T,)."""
-        lengths = np.asarray(rows)
+        lengths = np.asarray(rows) if np.size(rows) else np.zeros(np.shape(rows), dtype=np.int64)
         most = min((cells.shape[-1] for cells in given if cells.ndim == 2), default=0)
         whole = lengths.dtype.kind in "iu" and lengths.shape == (count,)
         if not whole or any(cells.ndim != 2 for cells in given) or bool(((lengths < 0) | (lengths > most)).any()):

@@ -23,9 +23,9 @@ NOT_A_STREAM = Code(
 )
 WRONG_INPUT = Code(
     "wrong-input",
-    "An array given to an estimator has another shape than the table that it was compiled with asks for.",
+    "An array given to an estimator has another shape than its table asks for, or than the other arrays of the table.",
     "Give one array for each column, with as many numbers as the table has rows; `estimator.many` takes one such line "
-    "for each data set.",
+    "for each data set. A table may have any number of rows if the inputs are all that equations use of it.",
 )
 
 WRONG_ARGUMENT = Code(

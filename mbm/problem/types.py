@@ -374,6 +374,11 @@ class Problem:
     warnings: tuple[Diagnostic, ...] = ()
     span: Span
 
+    @property
+    def estimates_noise(self) -> bool:
+        """Whether some noise follows from the residuals, so that the size of a fit does not tell whether it is good."""
+        return any(block.unknown_factor for block in self.blocks)
+
     def unknown(self, name: str) -> Unknown:
         """An unknown by name."""
         return next(u for u in self.unknowns if u.name == name)

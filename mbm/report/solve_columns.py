@@ -98,7 +98,7 @@ class _Maker:
         columns, begin = reports.block.columns, reports.block.which.start
         for i, place in enumerate(places.tolist()):
             self.keys[place] = reports.key(i)
-        self.stated &= not any(block.unknown_factor for block in reports.problem.blocks)
+        self.stated &= not reports.problem.estimates_noise
         for name in FITS:
             fits = self.fits[name]
             for place, number in zip(places.tolist(), _numbers(getattr(columns, name)), strict=True):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from math import sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +20,7 @@ from mbm.solution.search import Alternative, Found, Tally
 from mbm.solution.settings import Settings
 from mbm.solution.sparsity import sparse_suits
 from mbm.solution.starting import GIVEN, Beginning
-from mbm.solution.types import Floats, Minimum
+from mbm.solution.types import Floats, Indices, Minimum
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -38,6 +37,18 @@ USUAL = 5.0
 """Standard deviations of χ² within which a fit gives no cause for doubt."""
 
 
+def usual_cost(freedom: Indices | int) -> Floats:
+    """The cost that a fit with stated noise and so many degrees of freedom (…) stays below, if nothing is wrong."""
+    usual = np.maximum(freedom, 1)
+    return np.asarray(usual + USUAL * np.sqrt(2.0 * usual))
+
+
+def kind_of(equations: Assembled) -> Kind:
+    """What decides whether there is a closed form, by which the cache remembers that there is none."""
+    names = tuple(entry.unknown.name for entry in equations.layout.entries)
+    return names, tuple(group.rows for group in equations.groups)
+
+
 class Challenge:
     """What closed forms for all unknowns have to say against a start that was given.
 
@@ -51,8 +62,7 @@ class Challenge:
         self._settings = settings
         self._problem = problem
         self._cache = cache
-        names = tuple(entry.unknown.name for entry in equations.layout.entries)
-        self._kind: Kind = (names, tuple(group.rows for group in equations.groups))
+        self._kind = kind_of(equations)
         iterative = settings.method not in (Method.CLOSED_FORM, Method.DIRECT_SEARCH)
         plain = not equations.lossy and not equations.constraints and settings.robust is None
         self._open = iterative and plain and not equations.linear
@@ -64,13 +74,15 @@ class Challenge:
         Of large sparse equations, if the closed form is the only one and costs less than the start, and what it leads
         to fits as well as stated noise lets expect.
         """
-        if not self._open or len(starts) != 1 or starts[0].origin != GIVEN or not sparse_suits(self._equations):
+        if not self._open or self._problem.estimates_noise or not sparse_suits(self._equations):
+            return None
+        if len(starts) != 1 or starts[0].origin != GIVEN:
             return None
         form = self._form
         if form is None or form.several or not form.cost < costs(self._equations, starts[0].point[None])[0]:
             return None
         self._led = led = minimise(self._equations, form.numbers, self._settings, self._problem.span)
-        if not led.reason.converged or not self._known_noise or self._strained(led):
+        if not led.reason.converged or self._strained(led):
             return None
         return Found(
             minimum=led,
@@ -92,7 +104,7 @@ class Challenge:
         if not self._open or found.origin not in (GIVEN, GIVEN_START, RANDOM):
             return found
         solved = found.minimum.reason.converged and bool(np.isfinite(found.minimum.cost))
-        strained = self._known_noise and self._strained(found.minimum)
+        strained = not self._problem.estimates_noise and self._strained(found.minimum)
         if solved and self._kind in self._cache.without_closed_form and not strained:
             return found
         form = self._form
@@ -100,7 +112,7 @@ class Challenge:
             if solved and not self._recognised:
                 self._cache.without_closed_form.add(self._kind)
             return found
-        promising = form.cost < found.minimum.cost * form.allowance or strained
+        promising = form.cost < found.minimum.cost * form.allowance or strained or self._led is not None
         if not np.isfinite(form.cost) or (found.minimum.reason.converged and not promising):
             return found
         other = self._led
@@ -148,14 +160,9 @@ class Challenge:
             allowance=1.0 + FROM_A_SAMPLE if thins else 1.0,
         )
 
-    @property
-    def _known_noise(self) -> bool:
-        return not any(block.unknown_factor for block in self._problem.blocks)
-
     def _strained(self, minimum: Minimum) -> bool:
         """Whether the cost is larger than stated noise lets expect."""
-        freedom = max(self._equations.count - self._equations.dimension, 1)
-        return not minimum.cost < freedom + USUAL * sqrt(2.0 * freedom)
+        return not minimum.cost < usual_cost(self._equations.count - self._equations.dimension)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

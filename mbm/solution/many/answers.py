@@ -10,7 +10,7 @@ import numpy as np
 
 from mbm.expression.nodes import Column, leaves
 from mbm.problem.types import Block, BlockRole, Problem
-from mbm.solution.challenge import USUAL
+from mbm.solution.challenge import usual_cost
 from mbm.solution.many.derived import derived_columns
 from mbm.solution.many.doubts import doubtful, stationary
 from mbm.solution.many.factor import Factors, Spread, factors
@@ -89,7 +89,7 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         priors=_priors(problem, stack, portion, ends.points),
         clean=clean,
         solved=solved,
-        expected=_expected(ends.cost, freedom) & known,
+        expected=(ends.cost < usual_cost(freedom)) & known,
         challenged=_challenged(ends, other=lossy or surface is not None),
         limits=_limits(problem, stack, which, portion, ends, surface),
         seconds=np.full(len(which), (perf_counter() - began) / len(which)),
@@ -154,12 +154,6 @@ def _used(problem: Problem, portion: Portion, counting: Mask) -> Indices:
 def _converged(ends: Ends) -> Mask:
     converged = np.array([reason.converged for reason in REASONS])
     return np.asarray((ends.reason >= 0) & converged[ends.reason])
-
-
-def _expected(cost: Floats, freedom: Indices) -> Mask:
-    """Solves (K,) that fit as stated noise lets expect."""
-    usual = np.maximum(freedom, 1)
-    return np.asarray(cost < usual + USUAL * np.sqrt(2.0 * usual))
 
 
 def _challenged(ends: Ends, *, other: bool) -> Mask:

@@ -109,8 +109,6 @@ def formed(stack: Stack, first: Assembled, settings: Settings) -> Formed | None:
     ``first`` are the equations of one solve, in which the form is recognised.
     """
     equations, forms = stack.equations, settings.closed_forms
-    if any(group.positions is None for group in equations.groups):
-        return None
     if any(entry.keys is not None for entry in equations.layout.entries):
         return None
     if int(stack.rows.max(initial=0)) > ENOUGH:
@@ -151,13 +149,15 @@ def _of_all(plan: Plan, told: Floats, precision: Floats) -> Plan:
     data: Any = plan.data
     if isinstance(data, Spheres):
         d = data.stations.shape[1]
+        known, weight = np.isfinite(told).all(axis=1), np.full(len(told), np.nan)
+        weight[known] = weights_of_squares(precision[known], told[known, d], data.offset)
         data = replace(
             data,
             stations=told[:, :d],
             length=told[:, d],
             extra=told[:, d + 1],
             slope=told[:, d + 2],
-            weight=weights_of_squares(precision, told[:, d], data.offset),
+            weight=weight,
         )
     elif isinstance(data, Sights):
         data = replace(data, moved=replace(data.moved, points=told[:, :3]), bearings=told[:, 3:])

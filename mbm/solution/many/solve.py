@@ -222,17 +222,13 @@ class Together:
         """
         points, least = form.best(numbers)
         found = least < cost
-        if self._noise_unknown:
+        if self.problem.estimates_noise:
             return found
         strained = ~found & ~expected & np.isfinite(least)
         solver = solver_of(self.stack, self.settings) if strained.any() else None
         if solver is not None:
             found[strained] = solver(numbers[strained], points[strained]).cost < (1 - LOWER) * cost[strained]
         return found
-
-    @property
-    def _noise_unknown(self) -> bool:
-        return any(block.unknown_factor for block in self.problem.blocks)
 
     def _without_form(self, numbers: Indices, expected: Mask) -> Mask:
         """Which of some solves, ``expected`` or not, are of a kind for which no closed form is made, as `challenge` has
@@ -241,7 +237,7 @@ class Together:
         kinds, of = np.unique(self.stack.rows[:, numbers], axis=1, return_inverse=True)
         names = tuple(entry.unknown.name for entry in self.equations.layout.entries)
         known = np.array([(names, tuple(kind)) in self.cache.without_closed_form for kind in kinds.T.tolist()], bool)
-        return np.asarray(known[of] & (expected | self._noise_unknown))
+        return np.asarray(known[of] & (expected | self.problem.estimates_noise))
 
     def _maker(self, apart: Apart) -> Callable[[int, Columns, int], Solution]:
         """What makes a solution of columns; what agrees in consensus, and several noises, are found again."""
@@ -280,7 +276,8 @@ class Together:
             iterations=int(columns.iterations[place]),
             evaluations=int(columns.evaluations[place]),
         )
-        return Challenge(equations, self.settings, self.problem, self.cache).answered(found) is found
+        answered = Challenge(equations, self.settings, self.problem, self.cache).answered(found)
+        return answered.minimum is found.minimum
 
     def solution(self, number: int, columns: Columns, place: int) -> Solution:
         """All that is to be said of a solve that was solved, from the ``place`` of its end in the columns."""

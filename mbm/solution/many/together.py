@@ -166,7 +166,7 @@ def _descent(
             solve(which, begun[which.start : which.stop]),
             given=None if given is None else given[which.start : which.stop],
         )
-    known = settings.robust is None and not any(block.unknown_factor for block in problem.blocks)
+    known = settings.robust is None and not problem.estimates_noise
     ends, began = Chain(
         stack=bound,
         solve=solve,

@@ -198,7 +198,7 @@ def _unsuited(problem: Problem, equations: Assembled) -> str | None:
         "priors stand beside what may be outliers": any(
             problem.blocks[group.kernel.owner].role is not BlockRole.OBSERVATION for group in equations.groups
         ),
-        "consensus finds unknown noise in several passes": any(block.unknown_factor for block in problem.blocks),
+        "consensus finds unknown noise in several passes": problem.estimates_noise,
         "consensus beside `:errors` takes several passes": equations.implicit is not None,
         "rows are left out by their weight": any(group.left_out.any() for group in equations.groups),
         "there are no more rows than unknowns": not equations.groups or equations.count <= equations.dimension,

@@ -6,14 +6,13 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import field, replace
-from math import sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.problem.types import Problem, UnknownKind
 from mbm.solution.assembly import Assembled
-from mbm.solution.challenge import USUAL
+from mbm.solution.challenge import kind_of, usual_cost
 from mbm.solution.native.code import Routine, SolverCode
 from mbm.solution.native.stream_ends import NO_CODE, Rules, StreamEnds
 from mbm.solution.native.system import NativeEnds, NativeSystem, system_of
@@ -156,7 +155,7 @@ def stream_of(
         "the equations are large and sparse": sparse_suits(equations),
         "a robust loss is looked at from several sides": equations.lossy,
         "consensus beside `:errors` takes several passes": corrected and settings.robust is not None,
-        "several noises are unknown": settings.robust is None and _estimated(problem) and len(problem.blocks) > 1,
+        "several noises are unknown": settings.robust is None and problem.estimates_noise and len(problem.blocks) > 1,
     }
     for why, holds in unsuited.items():
         if holds:
@@ -171,18 +170,15 @@ def stream_of(
     system = system_of(equations, settings, often=True)
     if system is None or not isinstance(system.code, SolverCode):
         return NO_CODE
-    names = tuple(entry.unknown.name for entry in layout.entries)
-    kind = (names, tuple(group.rows for group in equations.groups))
     known = equations.groups[0].cache.without_closed_form
     # what was learnt of closed forms is not relied on where stated noise tells a bad fit
-    unchallenged = bool(equations.constraints) or (kind in known and _estimated(problem))
+    unchallenged = bool(equations.constraints) or (kind_of(equations) in known and problem.estimates_noise)
     alone = not corrected and (equations.linear or (given and unchallenged))
-    if not alone and _estimated(problem):
+    if not alone and problem.estimates_noise:
         return "a fit of unknown noise does not show that a better one is elsewhere: state a start, or the noise"
-    freedom = max(equations.count - equations.dimension, 1)
     rules = Rules(
-        most=np.inf if alone else freedom + USUAL * sqrt(2.0 * freedom),
-        estimated=_estimated(problem),
+        most=np.inf if alone else float(usual_cost(equations.count - equations.dimension)),
+        estimated=problem.estimates_noise,
         angles=_angles(equations),
     )
     return Stream(system, layout.start if given else estimates, rules)
@@ -192,8 +188,3 @@ def _angles(equations: Assembled) -> tuple[int, ...]:
     """The numbers that are angles."""
     turning = (entry for entry in equations.layout.entries if entry.unknown.kind is UnknownKind.ANGLE)
     return tuple(number for entry in turning for number in range(entry.offset, entry.offset + entry.count))
-
-
-def _estimated(problem: Problem) -> bool:
-    """Whether some noise follows from the residuals."""
-    return any(block.unknown_factor for block in problem.blocks)

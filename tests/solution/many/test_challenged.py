@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 
 import mbm
 
-BODY = "(unknowns (p (vector 2) :init [4 -2])) (observe d (= r (distance p [sx sy])) :sigma {sigma})"
+BODY = "(unknowns (p (vector 2) :init [4 -2]{prior})) (observe d (= r (distance p [sx sy])) :sigma {sigma})"
 FEW, MANY = 5, 60
 """Solves that are made one by one, and those that are bound together."""
 
@@ -28,14 +28,14 @@ def columns(stations, ranges):
     return {"sx": stations[..., 0].ravel(), "sy": stations[..., 1].ravel(), "r": ranges.ravel()}
 
 
-def together(stations, ranges, sigma):
+def together(stations, ranges, sigma, prior=""):
     data = {"run": np.repeat(np.arange(len(ranges)), ranges.shape[1]), **columns(stations, ranges)}
-    text = f"(problem p (data d (table (run sx sy r))) {BODY.format(sigma=sigma)} (for-each run))"
+    text = f"(problem p (data d (table (run sx sy r))) {BODY.format(sigma=sigma, prior=prior)} (for-each run))"
     return [solve.cost for solve in mbm.loads(text).compile(data={"d": data}).solve().solves]
 
 
-def one_by_one(stations, ranges, sigma):
-    text = f"(problem p (data d (table (sx sy r))) {BODY.format(sigma=sigma)})"
+def one_by_one(stations, ranges, sigma, prior=""):
+    text = f"(problem p (data d (table (sx sy r))) {BODY.format(sigma=sigma, prior=prior)})"
     alone = mbm.loads(text).compile(data={"d": columns(stations[:1], ranges[:1])})
     sets = ({"d": columns(s[None], r[None])} for s, r in zip(stations, ranges, strict=True))
     return [alone.solve(data=each).solves[0].cost for each in sets]
@@ -56,9 +56,9 @@ def test_the_answer_is_the_lower_of_the_minima_on_both_sides(count):
     np.testing.assert_allclose(together(stations, ranges, "0.05"), least, rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.parametrize("sigma", ["0.05", "unknown"])
-def test_many_solves_end_where_each_does_alone(sigma):
+@pytest.mark.parametrize(("sigma", "prior"), [("0.05", ""), ("unknown", ""), ("0.05", " :sigma 3")])
+def test_many_solves_end_where_each_does_alone(sigma, prior):
     """Also where wrong ranges leave a fit that noise does not explain, and no answer of a closed form is lower."""
     stations, ranges = drawn(300, wrong=0.15)
-    many, alone = together(stations, ranges, sigma), one_by_one(stations, ranges, sigma)
+    many, alone = together(stations, ranges, sigma, prior), one_by_one(stations, ranges, sigma, prior)
     np.testing.assert_allclose(many, alone, rtol=1e-6, atol=1e-9)
