@@ -8,7 +8,7 @@ from types import MappingProxyType
 from mbm.expression.algebra import number, total
 from mbm.expression.nodes import Apply
 from mbm.language import faults
-from mbm.language.coerce import condition, conditional, integer, vector
+from mbm.language.coerce import condition, conditional, integer, scalar, vector
 from mbm.language.functions import UserFunction
 from mbm.language.limits import ITEMS_PER_STEP
 from mbm.language.parameters import parse_parameters
@@ -151,7 +151,7 @@ def _sum(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
     if not terms:
         return number(0, form.span)
     if all(isinstance(t, SCALARS) for t in terms):
-        return total(tuple(t for t in terms if isinstance(t, SCALARS)), form.span)
+        return total(tuple(scalar(t, body.span, "a number or a vector") for t in terms), form.span)
     result: Value = terms[0] if isinstance(terms[0], Array) else vector(terms[0], body.span)
     for term in terms[1:]:
         evaluator.budget.make(size_of(term), form)

@@ -31,6 +31,11 @@ def test_closures_keep_the_scope_they_were_made_in(lisp):
     assert lisp("(let* ((f (lambda () a)) (a 5)) (f))", a=1.0) == 1.0
 
 
+@pytest.mark.parametrize(("last", "there"), [(1, "(> a 0)"), (2, "(< a a)")])
+def test_sums_are_of_numbers_or_vectors(lisp, last, there):
+    assert lisp.fault(f"(sum (i 1 {last}) {there})", a=1.0) == ("wrong-kind", there)
+
+
 def test_functions_see_the_file_not_their_caller(lisp):
     assert lisp.fault("(let ((hidden 1)) (f))", "(defun f () hidden)")[0] == "unknown-name"
 
