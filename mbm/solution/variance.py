@@ -11,9 +11,10 @@ from mbm.solution.types import Components, Fit, Floats, Indices, Noise, NoiseSta
 from mbm.target.chi_square import chi_square_tail
 from mbm.target.decisions import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS
 
-Reweighted = Callable[[Floats], tuple[Floats, Floats]]
+Reweighted = Callable[[Floats], tuple[Floats, Floats] | None]
 """From the noise factors (one for each unknown group) to the residuals (m,) and redundancy numbers (m,) at the minimum
-with the rows of group k whitened by its sigma times factor k. The caller starts each solve where the last one ended."""
+with the rows of group k whitened by its sigma times factor k; None: no minimum was found with the work that is left.
+The caller starts each solve where the last one ended."""
 
 VANISHED = 1e-12
 """A factor that falls below this share of its first value belongs to a group that is fitted exactly."""
@@ -65,13 +66,17 @@ def variance_components(solve: Reweighted, groups: Sequence[Indices]) -> Compone
 
     Simplified Helmert iteration (Förstner 1979): ``s_k² ← s_k² · SSE_k / r_k`` with the whitened residuals and the
     redundancy of group k, until all factors settle. A group that is fitted exactly, or that has no redundancy, keeps
-    its last factor and says so.
+    its last factor and says so. Residuals of no minimum, or whose squares are no finite numbers, tell nothing of
+    noise: the factors that led to them are the last, unsettled.
     """
     factors = np.ones(len(groups))
     first = np.ones(len(groups))
     states = [NoiseState.ESTIMATED] * len(groups)
     for rounds in range(1, NOISE_ROUNDS + 1):
-        residuals, redundancy = solve(factors)
+        at_minimum = solve(factors)
+        if at_minimum is None:
+            break
+        residuals, redundancy = at_minimum
         ratios = np.ones(len(groups))
         for k, rows in enumerate(groups):
             share = float(redundancy[rows].sum())
@@ -81,6 +86,8 @@ def variance_components(solve: Reweighted, groups: Sequence[Indices]) -> Compone
             if states[k] is NoiseState.ESTIMATED:
                 ratios[k] = sqrt(squares / share)
         updated = factors * ratios
+        if not np.isfinite(updated).all():
+            break
         if rounds == 1:
             first = updated
         for k in range(len(groups)):

@@ -15,12 +15,13 @@ from mbm.solution.robust.types import Prepared
 from mbm.solution.search import Alternative, Found, reweighted
 from mbm.solution.settings import Settings
 from mbm.solution.stationary import without_stationary
-from mbm.solution.types import Floats, Minimum, Noise, Observability
+from mbm.solution.types import Floats, Minimum, Noise, Observability, Reason
 from mbm.solution.variance import common_factor, redundancy_numbers, variance_components
 from mbm.values import dataclass
 
-REWEIGHTED_ITERATIONS = 500
-"""Iterations that the rounds of the variance components may take together; those left over get one each."""
+REWEIGHTED_SEARCHES = 5
+"""Times the limit of iterations that the rounds of the variance components may take together. Those left over get one
+each, and the first of them that is at no minimum then is the last."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -103,12 +104,18 @@ class _Weighing:
             by_row[block_rows(self.equations.groups, number)] = value
         return by_row
 
-    def _reweighted(self, factors: Floats) -> tuple[Floats, Floats]:
+    def _reweighted(self, factors: Floats) -> tuple[Floats, Floats] | None:
         minimum = self._minimise(self._row_factors(factors))
+        if minimum.reason is Reason.MAX_ITERATIONS and self._left() <= 0:
+            return None
         observed = self._observed(minimum)
         return self._robust.scattering(minimum.residuals), redundancy_numbers(
             minimum.jacobian, observed, minimum.blocks
         )
+
+    def _left(self) -> int:
+        """Iterations that the rounds have left."""
+        return REWEIGHTED_SEARCHES * self.settings.max_iterations - self.iterations
 
     def _observed(self, minimum: Minimum) -> Observability:
         return observed_at(minimum, self.equations.coordinates(minimum.point))
@@ -124,7 +131,7 @@ class _Weighing:
             return first
         limit = self.settings.max_iterations
         if self.iterations:
-            limit = min(limit, max(REWEIGHTED_ITERATIONS - self.iterations, 1))
+            limit = min(limit, max(self._left(), 1))
         settings = replace(self.settings, max_iterations=limit)
         minimum = minimise(self.equations.with_factors(factors), self._point, settings, self._place)
         self.iterations += minimum.iterations

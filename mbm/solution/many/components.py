@@ -20,7 +20,7 @@ from mbm.solution.many.types import REASONS, Ends, Kept, Solver, Which
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.solution.variance import VANISHED
-from mbm.solution.weighing import REWEIGHTED_ITERATIONS
+from mbm.solution.weighing import REWEIGHTED_SEARCHES
 from mbm.target.decisions import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS
 
 if TYPE_CHECKING:
@@ -149,7 +149,7 @@ class Rounds:
         ):
             target[which] = own
         self.ends = replace(ends, iterations=iterations, evaluations=evaluations)
-        limit = REWEIGHTED_ITERATIONS - self._settings.max_iterations  # beyond, the general path cuts rounds short
+        limit = (REWEIGHTED_SEARCHES - 1) * self._settings.max_iterations  # beyond, the general path cuts rounds short
         self.lost[which] |= ~_converged(found) | (iterations[which] > limit)
 
     def _minima(self, which: Indices, points: Floats) -> Ends:
