@@ -94,6 +94,10 @@ class Elimination:
         """The same with corrections to first order."""
         return replace(self, rough=True, _whole=None, _memory=_Memory())
 
+    def forget(self) -> None:
+        """Begin anew: the next corrections are found without those of the point before."""
+        self._memory.point, self._memory.solved = None, ()
+
     def add_residuals(self, numbers: Floats, target: Floats) -> None:
         """Enter the whitened residuals into those of all equations; NaN where no corrections meet the equations."""
         for system, solved in zip(self.systems, self._solved(numbers), strict=True):

@@ -68,7 +68,7 @@ def function_minimum(
 
     ends = system_of_function(equations, settings).one(start, stopped=stopped, end="set_end")
     found = minimum_at(equations, ends, 0, sure=True)
-    return replace(_without_value(equations, ends.numbers[0]), reason=Reason.NO_FINITE_STEP) if found is None else found
+    return replace(without_value(equations, ends.numbers[0]), reason=Reason.NO_FINITE_STEP) if found is None else found
 
 
 def native_minima(equations: Assembled, starts: Floats, settings: Settings) -> Iterator[Minimum | None]:
@@ -121,7 +121,7 @@ def minimum_at(
     """
     code, point = int(ends.states[k, of.REASON]), ends.numbers[k]
     if code == of.NOT_FINITE_AT_START:
-        return _without_value(equations, point) if sure else None
+        return without_value(equations, point) if sure else None
     if not sure and code not in SURE:
         return None
     with np.errstate(all="ignore"):
@@ -145,7 +145,7 @@ def minimum_at(
 
 
 @np.errstate(all="ignore")
-def _without_value(equations: Equations, start: Floats) -> Minimum:
+def without_value(equations: Equations, start: Floats) -> Minimum:
     """A start where something is not finite, with the first row that is not."""
     residuals = equations.residuals(start)
     cost = float(residuals @ residuals)
