@@ -76,9 +76,10 @@ def column_from_values(name: str, values: Sequence[object], path: str) -> Column
     A text stays one even if it reads as a number; in a column with texts the numbers become texts.
     Raises MbmError bad-cell for truth values and all else, naming ``path``, row and column.
     """
-    if {type(value) for value in values} <= {float, int}:
-        return Column(name=name, numbers=frozen([_to_float(value) for value in values]))  # type: ignore[arg-type]
-    if {type(value) for value in values} <= {str, NoneType}:
+    kinds = set(map(type, values))
+    if kinds <= {float, int, NoneType}:
+        return Column(name=name, numbers=_numbers_of(values))  # type: ignore[arg-type]
+    if kinds <= {str, NoneType}:
         return mixed_column(name, values)  # type: ignore[arg-type]
     cells = [_checked(value, DataPlace(file=path, row=row, column=name)) for row, value in enumerate(values, start=1)]
     return mixed_column(name, cells)
@@ -88,7 +89,15 @@ def mixed_column(name: str, cells: Sequence[Cell]) -> Column:
     """The column of checked cells: numbers, texts and None for gaps."""
     if any(isinstance(cell, str) for cell in cells):
         return Column(name=name, texts=tuple(_to_text(cell) for cell in cells))
-    return Column(name=name, numbers=frozen([_to_float(cell) for cell in cells]))  # type: ignore[arg-type]
+    return Column(name=name, numbers=_numbers_of(cells))  # type: ignore[arg-type]
+
+
+def _numbers_of(cells: Sequence[Real | float | None]) -> Numbers:
+    """The cells as numbers, gaps as NaN. All at once where no whole number is beyond what a double holds."""
+    try:
+        return frozen(cells)  # type: ignore[arg-type]  # None is NaN to NumPy
+    except OverflowError:
+        return frozen([_to_float(cell) for cell in cells])
 
 
 def column_from_array(name: str, array: NDArray[Any], path: str) -> Column:

@@ -210,4 +210,4 @@ def _quotes(form: Form) -> list[str]:
 
 def _is_quoted(form: Form) -> bool:
     """It is written with a prefix, not spelt ``(quote x)``."""
-    return isinstance(form, Sequence) and not form.span.text.startswith(("(", "["))
+    return isinstance(form, Sequence) and not form.span.source.text.startswith(("(", "["), form.span.start)
