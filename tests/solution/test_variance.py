@@ -135,3 +135,17 @@ def test_group_that_is_fitted_exactly_or_unchecked():
     # Three redundant rows: s² = SSE/3 of the line alone.
     rest = np.linalg.lstsq(matrix[:5, :2], y, rcond=None)[1][0]
     assert found.noises[0].factor == pytest.approx(np.sqrt(rest / 3), rel=1e-9)
+
+
+@pytest.mark.parametrize("at_minimum", [None, (np.array([1e200, 1.0]), np.ones(2))])
+def test_rounds_end_where_nothing_is_told_of_the_noise(at_minimum):
+    asked = []
+
+    def solve(factors):
+        asked.append(factors.copy())
+        return (np.array([2.0, 1.0]), np.ones(2)) if len(asked) == 1 else at_minimum
+
+    found = variance_components(solve, [np.array([0])])
+    assert not found.settled
+    assert [noise.factor for noise in found.noises] == [2.0]
+    assert len(asked) == 2

@@ -5,7 +5,7 @@ from fractions import Fraction
 import pytest
 
 from mbm.text.reader import read
-from mbm.text.types import Bracket, Keyword, Numeral, Sequence, Source, Symbol, Text
+from mbm.text.types import Bracket, Keyword, MbmError, Numeral, Sequence, Source, Symbol, Text
 
 
 def read_one(text):
@@ -130,3 +130,10 @@ def test_two_hundred_levels_are_read():
 def test_a_file_with_windows_line_breaks_reads_alike():
     plain = "(a ; c\n b)\n(c)"
     assert read(Source("t", plain.replace("\n", "\r\n"))) == read(Source("t", plain))
+
+
+@pytest.mark.parametrize("tail", ["x_", "..", "#", "e", "/"])
+def test_rows_of_digits_are_read_once(tail):
+    # Half a million digits: where each is given back and tried again, this does not end within hours.
+    with pytest.raises(MbmError):
+        read(Source(name="p.mbm", text="(" + "9" * 500_000 + tail + ")"))
