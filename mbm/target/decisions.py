@@ -201,6 +201,9 @@ FIT_STEPS = 12
 MOST_FITS = 4000
 """Several starts are tried with each subset, up to so many fits; beyond, subsets and starts are paired off."""
 
+LEAST_SHARE = 0.5
+"""A solution that fewer units than this share agree with explains nothing."""
+
 MANY_CONNECTED = 60
 """Connected unknowns from which on no subsets are sampled."""
 

@@ -136,3 +136,25 @@ def test_points_off_an_ellipse_with_errors_in_both_coordinates():
     found = np.concatenate([np.ravel(e.value) for e in solve.estimates])
     sigma = np.concatenate([np.ravel(e.sigma) for e in solve.estimates])
     assert (np.abs(found - [1.0, 0.5, 3.0, 2.0]) < 4.5 * sigma).all()
+
+
+@pytest.mark.parametrize("init", ["0", "7"])
+def test_a_far_start_of_very_many_connected_unknowns_is_no_end(init):
+    """A chain over kilometres from zeros: every equation is thousands of deviations off there, whatever it is worth."""
+    random = np.random.default_rng(1)
+    count = 100
+    heights = np.concatenate([[0.0], np.cumsum(50 + 20 * random.normal(size=count - 1))])
+    pairs = np.array([(i, i + step) for step in (1, 2, 3) for i in range(count - step)])
+    wrong = random.choice(len(pairs), 30, replace=False)
+    rises = heights[pairs[:, 1]] - heights[pairs[:, 0]] + 0.01 * random.normal(size=len(pairs))
+    rises[wrong] += 5 * random.normal(size=30)
+    data = {"nodes": {"id": np.arange(count)}, "steps": {"a": pairs[:, 0], "b": pairs[:, 1], "dh": rises}}
+    text = CHAIN.format(noise=":sigma 0.01", robust="lmeds").replace(":init first", f":init {init}")
+    found = mbm.loads(text).solve(data=data)
+    good = np.setdiff1d(np.arange(len(pairs)), wrong)
+    slopes = np.zeros((len(good), count))
+    slopes[np.arange(len(good)), pairs[good, 1]] = 1.0
+    slopes[np.arange(len(good)), pairs[good, 0]] = -1.0
+    expected = np.linalg.lstsq(slopes[:, 1:], rises[good], rcond=None)[0]
+    # of good rows 5 % are left out, and of wrong ones those within some deviations stay: a deviation of 0.01 or two
+    np.testing.assert_allclose(found["h"].value[1:], expected, atol=0.03)

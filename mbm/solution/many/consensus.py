@@ -17,6 +17,7 @@ from mbm.solution.many.types import Ends, Kept, Solver, Which
 from mbm.solution.robust.types import Asked, observed, with_loss
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.target.decisions import CONSENSUS_ROUNDING, LEAST_SHARE
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -188,8 +189,6 @@ def _factors(
 
     ``units`` are the solve and the group of each unit.
     """
-    from mbm.target.decisions import CONSENSUS_ROUNDING
-
     count, equations, (solve, group) = len(which), ruled.stack.equations, units
     portion = Portion(ruled.stack, which)
     residuals, slopes = portion.linearised(found.points)
@@ -222,7 +221,6 @@ def _kept(
     ruled: _Ruled, which: Which, found: ConsensusEnds, solve: Indices, group: Indices, *, estimated: bool
 ) -> tuple[Kept, Mask]:
     """What agrees in each solve, and the solves (K,) in which that is plainly so; ``estimated``: some noise is."""
-    from mbm.solution.robust.consensus import LEAST_SHARE
     from mbm.solution.robust.units import consistency
     from mbm.target.solver import consensus_records as c
 

@@ -17,13 +17,14 @@ from mbm.solution.native.consensus_rules import Rules as ConsensusRules
 from mbm.solution.native.stream_ends import NO_CODE, Rules, StreamEnds
 from mbm.solution.native.system import NativeSystem, native_code, system_of
 from mbm.solution.robust.binding import without_losses
-from mbm.solution.robust.consensus import LEAST_SHARE, SAMPLE
+from mbm.solution.robust.consensus import SAMPLE
 from mbm.solution.robust.parts import parts_of
 from mbm.solution.robust.types import Asked, observed
 from mbm.solution.robust.units import consistency
 from mbm.solution.settings import Settings
 from mbm.solution.starting import with_idle_ones
 from mbm.solution.types import Floats, Indices, Mask
+from mbm.target.decisions import LEAST_SHARE
 from mbm.target.solver import consensus_records as c
 from mbm.target.solver import description as of
 from mbm.values import dataclass

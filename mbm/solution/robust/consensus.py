@@ -30,7 +30,7 @@ from mbm.solution.robust.units import Units, consistency
 from mbm.solution.settings import Settings
 from mbm.solution.starting import Beginning
 from mbm.solution.types import Floats, Noise, NoiseState
-from mbm.target.decisions import MANY_CONNECTED, STATED
+from mbm.target.decisions import LEAST_SHARE, MANY_CONNECTED, STATED
 from mbm.text.types import Diagnostic, MbmError
 
 Starts: TypeAlias = Callable[[], tuple[Beginning, ...]]
@@ -39,9 +39,6 @@ Starts: TypeAlias = Callable[[], tuple[Beginning, ...]]
 SAMPLE = 10_000
 """With more units the trials are judged by so many, drawn at random: the best of them is the best of all but for luck
 that the last fits, to all units, do not depend on."""
-
-LEAST_SHARE = 0.5
-"""A solution that fewer units than this share agree with explains nothing."""
 
 
 def agreeing(

@@ -6,6 +6,7 @@ ended; then inliers are chosen and fitted until they stay the same. Any solver d
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from mbm.problem.kinds import LossKind
 from mbm.problem.types import Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.minimise import minimise
+from mbm.solution.robust.binding import without_losses
 from mbm.solution.robust.losses import LossFunction
 from mbm.solution.robust.scale import noise_and_limits
 from mbm.solution.robust.scores import cuts, variances_at
@@ -21,7 +23,7 @@ from mbm.solution.robust.types import Agreed, Asked
 from mbm.solution.robust.units import Units
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Mask
-from mbm.target.decisions import STATED
+from mbm.target.decisions import LEAST_SHARE, STATED
 
 WIDTHS = (64.0, 16.0, 8.0, 4.0, 2.0, 1.0)
 """Parameters of the loss one after the other, in multiples of the limit."""
@@ -40,12 +42,11 @@ def agree_by_losses(asked: Asked, equations: Assembled, units: Units, start: Flo
     problem = asked.problem
     cut = cuts(units, asked.consensus.threshold)
     way = replace(asked.settings, max_iterations=FEW_STEPS, robust=None)
-    plain = replace(equations, groups=tuple(replace(g, losses=()) for g in equations.groups))
+    plain = without_losses(equations)
     acting = np.zeros(equations.whole, dtype=bool)
     acting[units.of_row >= 0] = True
 
-    def narrowed(widths: tuple[float, ...]) -> Agreed:
-        point = start
+    def narrowed(widths: tuple[float, ...], point: Floats) -> Agreed:
         squares = units.squares(plain.plain_residuals(point))
         for width in widths:
             variances = _variances(squares, units, equations.dimension)
@@ -55,8 +56,17 @@ def agree_by_losses(asked: Asked, equations: Assembled, units: Units, start: Flo
             squares = units.squares(plain.plain_residuals(point))
         return _settled(problem, plain, units, point, cut, way)
 
-    candidates = [narrowed(WIDTHS), narrowed(NARROW)]
-    counts = [int(units.components[c.inliers].sum()) for c in candidates]
+    found = _best([narrowed(WIDTHS, start), narrowed(NARROW, start)], units)
+    if found.share >= LEAST_SHARE:
+        return found
+    # So far from the start that the losses hold next to nothing: least squares see every row.
+    fitted = minimise(plain, start, replace(way, max_iterations=asked.settings.max_iterations), problem.span).point
+    return _best([found, narrowed(WIDTHS, fitted)], units)
+
+
+def _best(candidates: Sequence[Agreed], units: Units) -> Agreed:
+    """The one that most residuals agree with; of equals the first."""
+    counts = [int(units.components[candidate.inliers].sum()) for candidate in candidates]
     return candidates[int(np.argmax(counts))]
 
 

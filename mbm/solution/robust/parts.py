@@ -11,10 +11,12 @@ import numpy as np
 
 from mbm.solution.assembly import Assembled
 from mbm.solution.excerpt import excerpt
+from mbm.solution.minimise import minimise
 from mbm.solution.native.agreeing import agreed
+from mbm.solution.robust.binding import without_losses
 from mbm.solution.robust.types import Agreed, Asked
 from mbm.solution.robust.units import Units
-from mbm.solution.types import Floats, Indices
+from mbm.solution.types import Floats, Indices, Mask
 from mbm.target.decisions import STATED
 from mbm.values import dataclass
 
@@ -67,39 +69,53 @@ def _lowest(label: Indices, columns: Indices) -> Indices:
 
 
 def agree_in_parts(asked: Asked, equations: Assembled, units: Units, parts: tuple[Part, ...], start: Floats) -> Agreed:
-    """The units that agree, part by part; noise that parts share is found first, then all parts are judged by it."""
-    found = _each(asked, equations, units, parts, start)
+    """The units that agree, part by part; noise that parts share is found first, then all parts are judged by it.
+
+    Of that noise those parts tell whose rows are more than their unknowns.
+    """
+    found, judged = _each(asked, equations, units, parts, start)
     unknown = units.group != STATED
     if not unknown.any():
         return found
     common = np.ones(units.count)
     for group in np.unique(units.group[unknown]).tolist():
         mine = units.group == group
-        common[mine] = float(np.median(found.variances[mine]))
+        telling = mine & judged & found.inliers
+        common[mine] = float(np.median(found.variances[telling])) if telling.any() else 1.0
     factors = np.ones(equations.whole) if equations.factors is None else equations.factors.copy()
     ruled = units.of_row >= 0
     factors[ruled] *= np.sqrt(common[units.of_row[ruled]])
-    again = _each(replace(asked, stated=True), equations.with_factors(factors), units, parts, start)
+    again, _ = _each(replace(asked, stated=True), equations.with_factors(factors), units, parts, start)
     return replace(again, variances=again.variances * common, limits=again.limits * common)
 
 
-def _each(asked: Asked, equations: Assembled, units: Units, parts: tuple[Part, ...], start: Floats) -> Agreed:
-    """Consensus of one part after the other; parts that nothing contradicts agree."""
-    inliers = np.ones(units.count, dtype=bool)
+def _each(
+    asked: Asked, equations: Assembled, units: Units, parts: tuple[Part, ...], start: Floats
+) -> tuple[Agreed, Mask]:
+    """Consensus of one part after the other, and which units (U,) it judged.
+
+    Parts that nothing contradicts agree: they are fitted as they are, for a loss would hold them where they start.
+    """
+    inliers, judged = np.ones(units.count, dtype=bool), np.zeros(units.count, dtype=bool)
     limits, variances = np.full(units.count, np.inf), np.ones(units.count)
     point, trials, ambiguous, cut_short = start, 0, False, False
     alone = replace(asked, settings=replace(asked.settings, forms=tuple))  # no closed form is probed for each of them
     for part in parts:
         mine = np.unique(units.of_row[part.rows])
         mine = mine[mine >= 0]
-        if units.components[mine].sum() <= len(part.columns):
+        if not len(mine):
             continue
         own = excerpt(equations, part.columns, np.unique(equations.units[part.rows]))
+        if units.components[mine].sum() <= len(part.columns):
+            plain = minimise(without_losses(own), point, asked.settings, asked.problem.span)
+            point = plain.point if np.isfinite(plain.cost) else point
+            continue
         found = agreed(alone, own, point[None], once=True)
+        judged[mine] = True
         inliers[mine], limits[mine], variances[mine] = found.inliers, found.limits, found.variances
         point, trials = found.point, trials + found.trials
         ambiguous, cut_short = ambiguous or found.ambiguous, cut_short or found.cut_short
-    return Agreed(
+    together = Agreed(
         point=point,
         inliers=inliers,
         limits=limits,
@@ -108,3 +124,4 @@ def _each(asked: Asked, equations: Assembled, units: Units, parts: tuple[Part, .
         ambiguous=ambiguous,
         cut_short=cut_short,
     )
+    return together, judged
