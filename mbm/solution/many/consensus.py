@@ -17,7 +17,7 @@ from mbm.solution.many.types import Ends, Kept, Solver, Which
 from mbm.solution.robust.types import Asked, observed, with_loss
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices, Mask
-from mbm.target.decisions import CONSENSUS_ROUNDING, LEAST_SHARE
+from mbm.target.decisions import CONSENSUS_ROUNDING, LEAST_SHARE, MANY_CONNECTED
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -32,7 +32,8 @@ class _Ruled:
     """Consensus for the data sets of a stack.
 
     ``native`` has all data sets, ``acting`` says which groups have units that may be left out; ``known`` (units, width)
-    is what a closed form knows of the units of all groups (None: nothing), ``startless`` that it gives the starts.
+    is what a closed form knows of the units of all groups (None: nothing), ``startless`` that it gives the starts,
+    ``whole`` (T,) which data sets no part of is connected with nothing else: others are brought to agreement in parts.
     """
 
     stack: Stack
@@ -42,6 +43,7 @@ class _Ruled:
     acting: tuple[bool, ...]
     known: Floats | None
     startless: bool
+    whole: Mask
     settings: Settings
 
     def agree(self, which: Which, points: Floats) -> tuple[ConsensusEnds, Indices, Indices]:
@@ -122,6 +124,7 @@ def loss_solver(problem: Problem, stack: Stack, first: Assembled, points: Floats
         found, solve_of, group = ruled.agree(which, begun)
         # without enough equations no minimal subset gives a start, and the general path begins at a plain fit
         agreed = found.agreed & (stack.residuals[places_of(which)] >= first.dimension)
+        agreed &= ruled.whole[places_of(which)]
         agreed &= (found.states[:, c.Verdict.ambiguous] == 0) | convex  # the general path warns of it
         places = np.asarray(which)
         if not scaled and not len(unknown):
@@ -140,7 +143,6 @@ def _ruled(asked: Asked, stack: Stack, first: Assembled, points: Floats) -> _Rul
     from mbm.solution.native.consensus_rules import NO_FORM, rules_of
     from mbm.solution.native.system import native_code
     from mbm.solution.robust.consensus import SAMPLE
-    from mbm.solution.robust.parts import parts_of
 
     settings, groups, acting = asked.settings, stack.equations.groups, asked.acting(stack.equations)
     if int(stack.residuals.max(initial=0)) > SAMPLE or not any(acting):
@@ -148,7 +150,8 @@ def _ruled(asked: Asked, stack: Stack, first: Assembled, points: Floats) -> _Rul
     ruled = [group for group, mine in zip(groups, acting, strict=True) if mine]
     if any(group.positions is None or group.left_out.any() for group in ruled):
         return None
-    if first.dimension > 1 and len(parts_of(first)) > 1:
+    whole = _in_one_piece(stack)
+    if first.dimension > MANY_CONNECTED or not whole.any():
         return None
     native = native_sets(stack, settings)
     if native is None:
@@ -173,6 +176,7 @@ def _ruled(asked: Asked, stack: Stack, first: Assembled, points: Floats) -> _Rul
         acting=acting,
         known=known,
         startless=startless,
+        whole=whole,
     )
 
 
@@ -248,6 +252,7 @@ def _kept(
     every = np.bincount(solve, minlength=count)
     agreeing = np.bincount(solve, weights=found.inside, minlength=count)
     good = found.agreed & (found.states[:, c.Verdict.ambiguous] == 0) & (every > 0)
+    good &= ruled.whole[places_of(which)]
     good &= agreeing >= np.maximum(LEAST_SHARE * every, 1)
     if estimated:  # what is fitted exactly has no noise, and roundings decide which of such fits is taken
         good &= inliers > stack.equations.dimension
@@ -255,3 +260,23 @@ def _kept(
         # a solve that no more scalars than unknowns could contradict is not asked for agreement by the general path
         good &= scalars > stack.equations.dimension
     return Kept(outputs=tuple(outputs), information=tuple(left), count=(kept + inliers).astype(np.int64)), good
+
+
+def _in_one_piece(stack: Stack) -> Mask:
+    """The solves (T,) in which equations connect all coordinates."""
+    from mbm.solution.robust.parts import connections
+
+    equations, solves = stack.equations, stack.solves
+    place = np.full(len(equations.layout.number), -1, dtype=np.int64)
+    place[equations.free] = np.arange(equations.dimension)
+    touched = []
+    for number, group in enumerate((*equations.groups, *equations.constraints)):
+        columns = place[group.touched]
+        if len(columns) == 1:  # all rows alike
+            solve = np.flatnonzero(stack.rows[number] > 0)
+        else:
+            solve, rows = stack.lines(number, range(solves))
+            columns = columns[rows]
+        touched.append(np.where(columns >= 0, columns + equations.dimension * solve[:, None], -1))
+    label = connections(touched, equations.dimension * solves).reshape(solves, equations.dimension)
+    return np.asarray((label == label[:, :1]).all(axis=1), dtype=bool)

@@ -24,7 +24,7 @@ from mbm.solution.robust.units import consistency
 from mbm.solution.settings import Settings
 from mbm.solution.starting import with_idle_ones
 from mbm.solution.types import Floats, Indices, Mask
-from mbm.target.decisions import LEAST_SHARE
+from mbm.target.decisions import LEAST_SHARE, MANY_CONNECTED
 from mbm.target.solver import consensus_records as c
 from mbm.target.solver import description as of
 from mbm.values import dataclass
@@ -203,6 +203,7 @@ def _unsuited(problem: Problem, equations: Assembled) -> str | None:
         "consensus beside `:errors` takes several passes": equations.implicit is not None,
         "rows are left out by their weight": any(group.left_out.any() for group in equations.groups),
         "there are no more rows than unknowns": not equations.groups or equations.count <= equations.dimension,
+        f"consensus of more than {MANY_CONNECTED} unknowns takes losses": equations.dimension > MANY_CONNECTED,
         f"consensus of more than {SAMPLE} residuals begins with a sample": equations.count > SAMPLE,
     }
     why = next((each for each, holds in found.items() if holds), None)

@@ -5,6 +5,7 @@ Sixty places from twelve ranges each need sixty clean triples: no trial has them
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -35,16 +36,7 @@ def parts_of(equations: Assembled) -> tuple[Part, ...]:
     place[equations.free] = np.arange(equations.dimension)
     touched = [place[group.touched] for group in (*equations.groups, *equations.constraints)]
     joined = any(_touches_all(columns, equations.dimension) for columns in touched)
-    label = np.zeros(equations.dimension, dtype=np.int64) if joined else np.arange(equations.dimension)
-    while not joined:
-        before = label.copy()
-        for columns in touched:
-            lowest = _lowest(label, columns)
-            inside = columns >= 0
-            np.minimum.at(label, columns[inside], np.broadcast_to(lowest[:, None], columns.shape)[inside])
-        label = label[label]
-        if bool((label == before).all()):
-            break
+    label = np.zeros(equations.dimension, dtype=np.int64) if joined else connections(touched, equations.dimension)
     of_row = np.full(equations.whole, -1, dtype=np.int64)
     for group, columns in zip(equations.groups, touched, strict=False):
         lowest = _lowest(label, columns)
@@ -55,6 +47,20 @@ def parts_of(equations: Assembled) -> tuple[Part, ...]:
         Part(columns=equations.free[label == each], rows=np.flatnonzero(of_row == each))
         for each in np.unique(label).tolist()
     )
+
+
+def connections(touched: Sequence[Indices], count: int) -> Indices:
+    """The first coordinate that each of ``count`` is connected with; ``touched`` (R, k) by each row, -1: nothing."""
+    label = np.arange(count)
+    while True:
+        before = label.copy()
+        for columns in touched:
+            lowest = _lowest(label, columns)
+            inside = columns >= 0
+            np.minimum.at(label, columns[inside], np.broadcast_to(lowest[:, None], columns.shape)[inside])
+        label = label[label]
+        if bool((label == before).all()):
+            return label
 
 
 def _touches_all(columns: Indices, dimension: int) -> bool:
