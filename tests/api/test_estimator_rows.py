@@ -125,6 +125,17 @@ def test_why_estimators_go_the_general_way(more: str, why: str | None) -> None:
         assert estimator.reason == why
 
 
+def test_consensus_of_very_many_connected_unknowns_is_none_of_subsets() -> None:
+    text = """(problem chain (data s external) (unknowns (h (array 61) :init 0)) (solve :robust lmeds)
+      (observe s (= rise (- (h j) (h k))) :sigma 1))"""
+    steps = {"j": np.arange(2, 62), "k": np.arange(1, 61)}
+    table = {name: np.concatenate([column, column]) for name, column in steps.items()}
+    compiled = mbm.loads(text).compile(data={"s": {**table, "rise": np.ones(120)}})
+    estimator = compiled.estimator("rise")
+    if available():
+        assert estimator.reason == "consensus of more than 60 unknowns takes losses in place of subsets"
+
+
 def refusal(call: Callable[[], object]) -> tuple[str, str, str]:
     with pytest.raises(mbm.MbmError) as caught:
         call()

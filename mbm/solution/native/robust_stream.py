@@ -203,7 +203,8 @@ def _unsuited(problem: Problem, equations: Assembled) -> str | None:
         "consensus beside `:errors` takes several passes": equations.implicit is not None,
         "rows are left out by their weight": any(group.left_out.any() for group in equations.groups),
         "there are no more rows than unknowns": not equations.groups or equations.count <= equations.dimension,
-        f"consensus of more than {MANY_CONNECTED} unknowns takes losses": equations.dimension > MANY_CONNECTED,
+        f"consensus of more than {MANY_CONNECTED} unknowns takes losses in place of subsets": equations.dimension
+        > MANY_CONNECTED,
         f"consensus of more than {SAMPLE} residuals begins with a sample": equations.count > SAMPLE,
     }
     why = next((each for each, holds in found.items() if holds), None)
