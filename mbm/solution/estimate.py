@@ -19,7 +19,6 @@ from mbm.solution.binding import EvaluationCache
 from mbm.solution.challenge import Challenge
 from mbm.solution.derived import Propagation
 from mbm.solution.gauge import with_gauge
-from mbm.solution.implicit.confirmed import confirmed
 from mbm.solution.minimise import solver_name
 from mbm.solution.motion import with_motions
 from mbm.solution.multistart import starting_points
@@ -111,7 +110,11 @@ def answered(
     """What is known at a minimum: the rank decision, the covariance, derived quantities, and what is to be doubted."""
     problem, equations = run.problem, run.equations
     weighted = end.equations
-    minimum = confirmed(weighted, end.minimum)
+    minimum = end.minimum
+    if weighted.implicit is not None:  # loaded by such equations only, so that the others start at once
+        from mbm.solution.implicit.confirmed import confirmed
+
+        minimum = confirmed(weighted, minimum)
     observed = _observed(equations, weighted, minimum, robust, run.settings)
     tested = robust.tested(minimum.residuals)
     outcome = statistics(problem, weighted, minimum, observed, end.noise, end.factors, tested)

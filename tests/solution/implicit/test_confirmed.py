@@ -39,12 +39,13 @@ def minimum_at(a: float) -> Minimum:
 
 
 def test_a_minimum_with_corrections_stays():
-    minimum = minimum_at(-1.0)
-    assert confirmed(equations(), minimum) is minimum
+    minimum, found = minimum_at(-1.0), equations()
+    assert confirmed(found, minimum) is minimum
 
 
 def test_a_minimum_without_corrections_is_none():
-    found = confirmed(equations(), minimum_at(2.0))
+    rootless = equations()
+    found = confirmed(rootless, minimum_at(2.0))
     assert found.reason is Reason.NO_FINITE_STEP
     assert not found.reason.converged
     assert (found.bad_row, found.iterations) == (0, 4)
