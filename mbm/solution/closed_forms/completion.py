@@ -55,7 +55,7 @@ def completions(situation: Situation, forms: Iterable[ClosedForm]) -> tuple[Comp
 
 
 def plans(situation: Situation, forms: Iterable[ClosedForm]) -> Iterator[Plan]:
-    """The closed forms that fit some of the unknown numbers."""
+    """The closed forms that fit some of the unknown numbers, and have rows to begin from that have values."""
     every = tuple(forms)
     for candidate in situation.candidates():
         yield from _plans_of(candidate, every)
@@ -65,7 +65,7 @@ def _plans_of(candidate: Candidate, forms: tuple[ClosedForm, ...]) -> Iterator[P
     together = candidate.coupled or candidate.paired
     for form in forms:
         plan = form.recognises(candidate.situation, candidate) if form.joint or not together else None
-        if plan is not None:
+        if plan is not None and len(plan.rows):
             yield plan
 
 

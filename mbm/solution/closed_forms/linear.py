@@ -45,6 +45,8 @@ class Linear:
         origin = np.zeros(size)
         values, slopes = rows.values(origin)[:, 0], rows.slopes(origin)[:, 0]
         usable = np.isfinite(values) & finite(slopes, 1)
+        if int(usable.sum()) < size:
+            return None
         root = np.sqrt(rows.weight[usable])
         data = AffineRows(matrix=slopes[usable] * root[:, None], offset=values[usable] * root)
         return Plan(form=self, candidate=candidate, rows=rows.picked(usable), minimal=size, data=data)

@@ -224,3 +224,16 @@ def test_check_tells_few_of_many_unknowns_that_nothing_mentions() -> None:
     found = mbm.loads(separate(100)).check()
     assert [d.code.name for d in found] == ["unmentioned"] * 30 + ["more-faults"]
     assert "70 more" in found[-1].message
+
+
+@pytest.mark.parametrize("rows", [1, 5])
+@pytest.mark.parametrize("option", [":loss cauchy", ":loss (huber 1.5)", ""])
+def test_linear_rows_that_all_lack_a_value_are_no_closed_form(rows: int, option: str) -> None:
+    """2ax = atanh(x) has no value for x > 1: only the prior is left, and the solve says so instead of failing."""
+    text = (
+        "(problem p (data d external) (unknowns (a :init 1) (b :init 2)) "
+        f"(observe d (= (* 2 a x) (atanh x)) :sigma 1 {option}) (constraints (normal (+ a b) 1 1)))"
+    )
+    solved = mbm.loads(text).solve(data={"d": {"x": np.linspace(1.5, 6.5, rows)}})
+    assert solved.first.status == "not-converged"
+    assert "no finite value" in solved.first.message
