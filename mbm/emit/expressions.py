@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import field
 from math import pi
 
@@ -10,43 +10,6 @@ from mbm.emit.types import InputValue
 from mbm.expression.nodes import Apply, Expression, Leaf, Number, Opaque, Operation, postorder
 from mbm.target.program import Instruction, Operator, Program
 from mbm.values import dataclass
-
-_DIRECT: Mapping[Operation, Operator] = {
-    Operation.ADD: Operator.ADD,
-    Operation.SUBTRACT: Operator.SUB,
-    Operation.NEGATE: Operator.NEG,
-    Operation.MULTIPLY: Operator.MUL,
-    Operation.DIVIDE: Operator.DIV,
-    Operation.POWER: Operator.POW,
-    Operation.SQRT: Operator.SQRT,
-    Operation.EXP: Operator.EXP,
-    Operation.LOG: Operator.LOG,
-    Operation.ABS: Operator.ABS,
-    Operation.SIGN: Operator.SIGN,
-    Operation.FLOOR: Operator.FLOOR,
-    Operation.MINIMUM: Operator.MIN,
-    Operation.MAXIMUM: Operator.MAX,
-    Operation.HYPOT: Operator.HYPOT,
-    Operation.SIN: Operator.SIN,
-    Operation.COS: Operator.COS,
-    Operation.TAN: Operator.TAN,
-    Operation.ASIN: Operator.ASIN,
-    Operation.ACOS: Operator.ACOS,
-    Operation.ATAN: Operator.ATAN,
-    Operation.ATAN2: Operator.ATAN2,
-    Operation.SINH: Operator.SINH,
-    Operation.COSH: Operator.COSH,
-    Operation.TANH: Operator.TANH,
-    Operation.ASINH: Operator.ASINH,
-    Operation.ACOSH: Operator.ACOSH,
-    Operation.ATANH: Operator.ATANH,
-    Operation.LESS: Operator.LESS,
-    Operation.LESS_EQUAL: Operator.LESS_EQUAL,
-    Operation.EQUAL: Operator.EQUAL,
-    Operation.NOT: Operator.NOT,
-    Operation.AND: Operator.AND,
-    Operation.OR: Operator.OR,
-}
 
 PlaceOf = Callable[[Leaf], InputValue]
 """Where the number of a column or constant stands."""
@@ -121,9 +84,6 @@ class _Builder:
         if operation is Operation.FINITE:
             difference = self.apply(Operator.SUB, given[0], given[0])
             return self.apply(Operator.EQUAL, difference, self.constant(0.0))
-        if len(given) > 2:
-            found = given[0]
-            for argument in given[1:]:
-                found = self.apply(_DIRECT[operation], found, argument)
-            return found
-        return self.apply(_DIRECT[operation], *given)
+        if operation.operator is None:
+            raise TypeError(operation)
+        return self.apply(operation.operator, *given)

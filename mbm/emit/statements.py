@@ -23,6 +23,11 @@ class Shape:
     wanted: tuple[int, ...] = ()
 
 
+def called(name: str, operator: Operator) -> Shape:
+    """An operation that is written as a call."""
+    return Shape(f"{name}({', '.join(['{0}', '{1}'][: operator.arguments])})")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dialect:
     """A language: how operations and numbers are written."""

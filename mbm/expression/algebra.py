@@ -7,18 +7,25 @@ dimensions are both open, or both known, are combined.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 
 from mbm.expression.dimension import NONE, Dimension
-from mbm.expression.nodes import CONDITIONS, Apply, Constant, Expression, Number, Operation, postorder
+from mbm.expression.nodes import (
+    CONDITIONS,
+    Angles,
+    Apply,
+    Constant,
+    Dimensions,
+    Expression,
+    Number,
+    Operation,
+    postorder,
+)  # fmt: skip
 from mbm.text.types import Span
 
 ZERO, ONE, TWO = (Number(value, NONE) for value in range(3))
 """Numbers without a dimension."""
-
-_ANGLE_SURVIVES = frozenset({Operation.ADD, Operation.SUBTRACT, Operation.NEGATE})
-_ANGLE_BORN = frozenset({Operation.ATAN2, Operation.AS_ANGLE, Operation.WRAP})
 
 MAXIMUM_BITS = 4096
 """Exact integers and fractions that grow longer than this become floating-point numbers or an error."""
@@ -30,25 +37,6 @@ MAXIMUM_RIGHT_ANGLES = 8
 
 class UndefinedValueError(ArithmeticError):
     """An operation on constants has no finite value; the message says which."""
-
-
-_REAL_FUNCTIONS: Mapping[Operation, Callable[[float], float]] = {
-    Operation.EXP: math.exp,
-    Operation.LOG: math.log,
-    Operation.SQRT: math.sqrt,
-    Operation.SIN: math.sin,
-    Operation.COS: math.cos,
-    Operation.TAN: math.tan,
-    Operation.ASIN: math.asin,
-    Operation.ACOS: math.acos,
-    Operation.ATAN: math.atan,
-    Operation.SINH: math.sinh,
-    Operation.COSH: math.cosh,
-    Operation.TANH: math.tanh,
-    Operation.ASINH: math.asinh,
-    Operation.ACOSH: math.acosh,
-    Operation.ATANH: math.atanh,
-}
 
 
 def wrap_angle(value: float) -> float:
@@ -80,14 +68,13 @@ def apply(operation: Operation, *arguments: Expression, span: Span | None = None
         folded = _fold(operation, numbers, span)
         if folded is not None:
             return folded
-    angle = operation in _ANGLE_BORN or (operation in _ANGLE_SURVIVES and _any_angle(arguments))
-    if operation is Operation.IF:
-        angle = arguments[1].angle or arguments[2].angle
-    return Apply(operation, arguments, angle, span)
+    return Apply(operation, arguments, _is_angle(operation, arguments), span)
 
 
-def _any_angle(arguments: Sequence[Expression]) -> bool:
-    return True in [a.angle for a in arguments]
+def _is_angle(operation: Operation, arguments: Sequence[Expression]) -> bool:
+    if operation.angles is Angles.KEPT:
+        return True in [a.angle for a in arguments[-2:]]
+    return operation.angles is Angles.MADE
 
 
 def add(a: Expression, b: Expression, span: Span | None = None) -> Expression:
@@ -180,8 +167,7 @@ def _fold(operation: Operation, arguments: list[Number], span: Span | None) -> E
     value = fold_values(operation, [a.value for a in arguments])
     if isinstance(value, bool):
         return None
-    angle = operation in _ANGLE_BORN or (operation in _ANGLE_SURVIVES and _any_angle(arguments))
-    return Number(value, dimension, span, angle)
+    return Number(value, dimension, span, _is_angle(operation, arguments))
 
 
 _CLASH = Dimension(())
@@ -189,38 +175,33 @@ _CLASH = Dimension(())
 
 
 def _folded_dimension(operation: Operation, arguments: list[Number], known: list[Dimension | None]) -> Dimension | None:
-    first = known[0]
-    if operation in (Operation.ADD, Operation.SUBTRACT, Operation.MINIMUM, Operation.MAXIMUM, Operation.HYPOT):
-        if known[0] is None or known[1] is None:
-            return known[0] or known[1]
-        return first if known[0] == known[1] else _CLASH
-    if operation in (Operation.NEGATE, Operation.ABS):
+    first, second, rule = known[0], known[-1], operation.dimensions
+    if rule is Dimensions.ALIKE:
+        if first is None or second is None:
+            return first or second
+        return first if first == second else _CLASH
+    if rule is Dimensions.KEPT:
         return first
-    if operation in (Operation.MULTIPLY, Operation.DIVIDE):
-        second = known[1]
+    if rule in (Dimensions.PRODUCT, Dimensions.QUOTIENT):
         if first is None and (second is None or second.is_none):
             return None  # a number whose dimension is open stays one when a pure number multiplies or divides it
-        if second is None and first is not None and first.is_none and operation is Operation.MULTIPLY:
+        if second is None and first is not None and first.is_none and rule is Dimensions.PRODUCT:
             return None
         if first is None or second is None:
             return _CLASH
-        return first * second if operation is Operation.MULTIPLY else first / second
-    if operation is Operation.POWER:
-        if known[1] is not None and not known[1].is_none:
+        return first * second if rule is Dimensions.PRODUCT else first / second
+    if rule is Dimensions.POWER:
+        if second is not None and not second.is_none:
             return _CLASH
         if first is None:
             return None
         exponent = arguments[1].value
         return first**exponent if isinstance(exponent, int | Fraction) else (NONE if first.is_none else _CLASH)
-    if operation is Operation.SQRT:
+    if rule is Dimensions.ROOT:
         return first ** Fraction(1, 2) if first is not None else None
-    if operation is Operation.ATAN2:
-        return NONE if known[0] == known[1] or None in known else _CLASH
-    if operation is Operation.FLOOR:
-        return first
-    if operation is Operation.SIGN:
-        return NONE
-    return NONE if all(d is None or d.is_none for d in known) else _CLASH
+    if rule is Dimensions.COMPARED:
+        return NONE if first == second or None in known else _CLASH
+    return NONE if rule is Dimensions.ANY or all(d is None or d.is_none for d in known) else _CLASH
 
 
 def fold_values(operation: Operation, values: list[int | Fraction | float]) -> int | Fraction | float | bool:
@@ -263,11 +244,6 @@ def _shown(value: int | Fraction | float) -> str:
 
 
 def _fold_values(operation: Operation, v: list[int | Fraction | float]) -> int | Fraction | float | bool:
-    if operation in _REAL_FUNCTIONS:
-        if operation is Operation.SQRT and isinstance(v[0], int) and v[0] >= 0 and math.isqrt(v[0]) ** 2 == v[0]:
-            return math.isqrt(v[0])
-        exact = _right_angle(operation, float(v[0]))
-        return exact if exact is not None else _REAL_FUNCTIONS[operation](float(v[0]))
     match operation:
         case Operation.ADD:
             return v[0] + v[1]
@@ -291,10 +267,6 @@ def _fold_values(operation: Operation, v: list[int | Fraction | float]) -> int |
             return v[0] if v[0] <= v[1] else v[1]
         case Operation.MAXIMUM:
             return v[0] if v[0] >= v[1] else v[1]
-        case Operation.HYPOT:
-            return math.hypot(v[0], v[1])
-        case Operation.ATAN2:
-            return math.atan2(v[0], v[1])
         case Operation.WRAP:
             return wrap_angle(float(v[0]))
         case Operation.LESS:
@@ -306,7 +278,19 @@ def _fold_values(operation: Operation, v: list[int | Fraction | float]) -> int |
         case Operation.FINITE:
             return True
         case _:
-            return v[0]
+            return _function(operation, v)
+
+
+def _function(operation: Operation, v: list[int | Fraction | float]) -> int | Fraction | float:
+    if operation.operator is None:
+        return v[0]
+    if operation is Operation.SQRT and isinstance(v[0], int) and v[0] >= 0 and math.isqrt(v[0]) ** 2 == v[0]:
+        return math.isqrt(v[0])
+    exact = _right_angle(operation, float(v[0]))
+    if exact is not None:
+        return exact
+    found: float = getattr(math, operation.operator.value)(*map(float, v))
+    return found
 
 
 def _right_angle(operation: Operation, angle: float) -> int | None:

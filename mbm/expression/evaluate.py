@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.expression.nodes import Apply, Expression, Leaf, Number, Operation, nearest, postorder
+from mbm.target.numpy_functions import function_of
 
 Values: TypeAlias = NDArray[np.float64] | float
 Lookup: TypeAlias = Callable[[Leaf], Values]
@@ -46,34 +47,9 @@ def _choose(test: Values, then: Values, other: Values) -> Values:
 
 
 _FUNCTIONS: Mapping[Operation, Callable[..., Values]] = {
-    Operation.ADD: np.add,
-    Operation.SUBTRACT: np.subtract,
-    Operation.NEGATE: np.negative,
-    Operation.MULTIPLY: np.multiply,
-    Operation.DIVIDE: np.divide,
-    Operation.POWER: np.power,
-    Operation.SQRT: np.sqrt,
-    Operation.EXP: np.exp,
-    Operation.LOG: np.log,
-    Operation.ABS: np.abs,
-    Operation.SIGN: np.sign,
-    Operation.FLOOR: np.floor,
+    **{each: function_of(each.operator) for each in Operation if each.operator is not None},
     Operation.MINIMUM: np.minimum,
     Operation.MAXIMUM: np.maximum,
-    Operation.HYPOT: np.hypot,
-    Operation.SIN: np.sin,
-    Operation.COS: np.cos,
-    Operation.TAN: np.tan,
-    Operation.ASIN: np.arcsin,
-    Operation.ACOS: np.arccos,
-    Operation.ATAN: np.arctan,
-    Operation.ATAN2: np.arctan2,
-    Operation.SINH: np.sinh,
-    Operation.COSH: np.cosh,
-    Operation.TANH: np.tanh,
-    Operation.ASINH: np.arcsinh,
-    Operation.ACOSH: np.arccosh,
-    Operation.ATANH: np.arctanh,
     Operation.WRAP: _wrap,
     Operation.AS_ANGLE: np.positive,
     Operation.IF: _choose,
@@ -85,6 +61,7 @@ _FUNCTIONS: Mapping[Operation, Callable[..., Values]] = {
     Operation.OR: _or,
     Operation.FINITE: lambda a: np.asarray(np.isfinite(a), dtype=np.float64),
 }
+"""A missing number counts otherwise in comparisons and choices than it does in straight-line programs."""
 
 
 def evaluate(roots: tuple[Expression, ...], lookup: Lookup) -> tuple[Values, ...]:

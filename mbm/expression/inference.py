@@ -14,16 +14,11 @@ from typing import TypeAlias
 
 from mbm.expression.algebra import UndefinedValueError, constant_value
 from mbm.expression.dimension import NONE, Dimension, Exponent, whole
-from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Number, Operation, leaves, postorder
+from mbm.expression.nodes import Apply, Column, Component, Constant, Dimensions, Expression, Number, leaves, postorder
 from mbm.text.types import Span
 from mbm.values import dataclass
 
 Variable: TypeAlias = tuple[object, ...]
-
-_SAME = frozenset({Operation.ADD, Operation.SUBTRACT, Operation.MINIMUM, Operation.MAXIMUM, Operation.HYPOT})
-_KEPT = frozenset({Operation.NEGATE, Operation.ABS, Operation.FLOOR})
-_COMPARISONS = frozenset({Operation.LESS, Operation.LESS_EQUAL, Operation.EQUAL})
-_LOGIC = frozenset({Operation.NOT, Operation.AND, Operation.OR})
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,29 +128,28 @@ class Inference:
     def _term(self, node: Expression) -> Term:
         if not isinstance(node, Apply):
             return self._leaf(node)
-        operation, arguments = node.operation, node.arguments
+        rule, arguments = node.operation.dimensions, node.arguments
         terms = [self._terms[id(a)] for a in arguments]
-        if operation in _SAME:
-            self._equate(arguments[0], arguments[1], node.span)
-            return self._carrier(arguments[0], arguments[1])
-        if operation is Operation.IF:
-            self._equate(arguments[1], arguments[2], node.span)
-            return self._carrier(arguments[1], arguments[2])
-        if operation in _KEPT:
-            return terms[0]
-        if operation is Operation.MULTIPLY:
-            return terms[0].combine(terms[1], 1)
-        if operation is Operation.DIVIDE:
-            return terms[0].combine(terms[1], -1)
-        if operation is Operation.SQRT:
-            return Term(NONE).combine(terms[0], Fraction(1, 2))
-        if operation is Operation.POWER:
-            return self._power(node, terms)
-        if operation in _COMPARISONS or operation is Operation.ATAN2:
-            self._equate(arguments[0], arguments[1], node.span)
-        elif operation not in (Operation.SIGN, Operation.FINITE) and operation not in _LOGIC:
-            for argument in arguments:
-                self._pure(argument, node.span)
+        match rule:
+            case Dimensions.ALIKE:
+                left, right = arguments[-2:]
+                self._equate(left, right, node.span)
+                return self._carrier(left, right)
+            case Dimensions.KEPT:
+                return terms[0]
+            case Dimensions.PRODUCT | Dimensions.QUOTIENT:
+                return terms[0].combine(terms[1], 1 if rule is Dimensions.PRODUCT else -1)
+            case Dimensions.ROOT:
+                return Term(NONE).combine(terms[0], Fraction(1, 2))
+            case Dimensions.POWER:
+                return self._power(node, terms)
+            case Dimensions.COMPARED:
+                self._equate(arguments[0], arguments[1], node.span)
+            case Dimensions.PURE:
+                for argument in arguments:
+                    self._pure(argument, node.span)
+            case Dimensions.ANY:
+                pass
         return Term(NONE)
 
     def _power(self, node: Apply, terms: list[Term]) -> Term:

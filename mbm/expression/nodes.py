@@ -8,56 +8,101 @@ from __future__ import annotations
 
 import math
 from dataclasses import field
-from enum import StrEnum
+from enum import Enum, StrEnum
 from fractions import Fraction
-from typing import TypeAlias
+from typing import Self, TypeAlias
 
 from mbm.expression.dimension import Dimension
+from mbm.target.program import Operator
 from mbm.text.types import Form, Span
 from mbm.values import dataclass
 
 
-class Operation(StrEnum):
-    """What a node computes from its arguments; the value is the name that the language uses."""
+class Dimensions(Enum):
+    """What an operation asks of the dimensions of its arguments, and what the value has."""
 
-    ADD = "+"
-    SUBTRACT = "-"
-    NEGATE = "negate"
-    MULTIPLY = "*"
-    DIVIDE = "/"
-    POWER = "^"
-    SQRT = "sqrt"
-    EXP = "exp"
-    LOG = "log"
-    ABS = "abs"
-    SIGN = "sign"
-    FLOOR = "floor"
-    MINIMUM = "min"
-    MAXIMUM = "max"
-    HYPOT = "hypot"
-    SIN = "sin"
-    COS = "cos"
-    TAN = "tan"
-    ASIN = "asin"
-    ACOS = "acos"
-    ATAN = "atan"
-    ATAN2 = "atan2"
-    SINH = "sinh"
-    COSH = "cosh"
-    TANH = "tanh"
-    ASINH = "asinh"
-    ACOSH = "acosh"
-    ATANH = "atanh"
-    WRAP = "wrap"
-    AS_ANGLE = "angle"
-    IF = "if"
-    LESS = "<"
-    LESS_EQUAL = "<="
-    EQUAL = "="
-    NOT = "not"
-    AND = "and"
-    OR = "or"
-    FINITE = "finite"
+    PURE = "none: they are pure numbers, and so is the value"
+    ANY = "nothing; the value is a pure number"
+    COMPARED = "both are alike; the value is a pure number"
+    ALIKE = "the last two are alike, and so is the value"
+    KEPT = "nothing; the value has that of the argument"
+    PRODUCT = "nothing; they are multiplied"
+    QUOTIENT = "nothing; they are divided"
+    ROOT = "nothing; half of each exponent"
+    POWER = "the exponent is a pure number, and the base if that is not known"
+
+
+class Angles(Enum):
+    """Whether the value of an operation is an angle, whose differences wrap."""
+
+    NEVER = "never"
+    KEPT = "where one of the last two arguments is"
+    MADE = "always"
+
+
+class Operation(StrEnum):
+    """What a node computes from its arguments; the value is the name that the language uses.
+
+    ``operator`` is what computes it in straight-line programs, if one does alone. An elementary function without
+    anything of its own is ``NAME = "name", Operator.NAME``: Python's `math`, NumPy, SymPy, CasADi, C and machine code
+    have it under the names that the operator says.
+    """
+
+    operator: Operator | None
+    dimensions: Dimensions
+    angles: Angles
+
+    def __new__(
+        cls,
+        name: str,
+        operator: Operator | None = None,
+        dimensions: Dimensions = Dimensions.PURE,
+        angles: Angles = Angles.NEVER,
+    ) -> Self:
+        """One operation."""
+        made = str.__new__(cls, name)
+        made._value_ = name
+        made.operator, made.dimensions, made.angles = operator, dimensions, angles
+        return made
+
+    ADD = "+", Operator.ADD, Dimensions.ALIKE, Angles.KEPT
+    SUBTRACT = "-", Operator.SUB, Dimensions.ALIKE, Angles.KEPT
+    NEGATE = "negate", Operator.NEG, Dimensions.KEPT, Angles.KEPT
+    MULTIPLY = "*", Operator.MUL, Dimensions.PRODUCT
+    DIVIDE = "/", Operator.DIV, Dimensions.QUOTIENT
+    POWER = "^", Operator.POW, Dimensions.POWER
+    SQRT = "sqrt", Operator.SQRT, Dimensions.ROOT
+    EXP = "exp", Operator.EXP
+    LOG = "log", Operator.LOG
+    ABS = "abs", Operator.ABS, Dimensions.KEPT
+    SIGN = "sign", Operator.SIGN, Dimensions.ANY
+    FLOOR = "floor", Operator.FLOOR, Dimensions.KEPT
+    MINIMUM = "min", Operator.MIN, Dimensions.ALIKE
+    MAXIMUM = "max", Operator.MAX, Dimensions.ALIKE
+    HYPOT = "hypot", Operator.HYPOT, Dimensions.ALIKE
+    SIN = "sin", Operator.SIN
+    COS = "cos", Operator.COS
+    TAN = "tan", Operator.TAN
+    ASIN = "asin", Operator.ASIN
+    ACOS = "acos", Operator.ACOS
+    ATAN = "atan", Operator.ATAN
+    ATAN2 = "atan2", Operator.ATAN2, Dimensions.COMPARED, Angles.MADE
+    SINH = "sinh", Operator.SINH
+    COSH = "cosh", Operator.COSH
+    TANH = "tanh", Operator.TANH
+    ASINH = "asinh", Operator.ASINH
+    ACOSH = "acosh", Operator.ACOSH
+    ATANH = "atanh", Operator.ATANH
+    WRAP = "wrap", None, Dimensions.PURE, Angles.MADE
+    AS_ANGLE = "angle", None, Dimensions.PURE, Angles.MADE
+    IF = "if", None, Dimensions.ALIKE, Angles.KEPT
+    LESS = "<", Operator.LESS, Dimensions.COMPARED
+    LESS_EQUAL = "<=", Operator.LESS_EQUAL, Dimensions.COMPARED
+    EQUAL = "=", Operator.EQUAL, Dimensions.COMPARED
+    NOT = "not", Operator.NOT, Dimensions.ANY
+    AND = "and", Operator.AND, Dimensions.ANY
+    OR = "or", Operator.OR, Dimensions.ANY
+    FINITE = "finite", None, Dimensions.ANY
 
     # That of `Enum` is a function in Python; operations are looked up in tables all the time.
     __hash__ = str.__hash__

@@ -2,60 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import casadi
 
 from mbm.target.program import Operator, Program
 
-_FUNCTIONS: Mapping[Operator, Callable[..., casadi.SX]] = {
-    Operator.ADD: lambda a, b: a + b,
-    Operator.SUB: lambda a, b: a - b,
-    Operator.MUL: lambda a, b: a * b,
-    Operator.DIV: lambda a, b: a / b,
-    Operator.NEG: lambda a: -a,
-    Operator.EXP: casadi.exp,
-    Operator.LOG: casadi.log,
-    Operator.POW: casadi.power,
-    Operator.SQRT: casadi.sqrt,
-    Operator.SQUARE: lambda a: a * a,
-    Operator.TWICE: lambda a: 2 * a,
-    Operator.RECIPROCAL: lambda a: 1 / a,
-    Operator.SIN: casadi.sin,
-    Operator.COS: casadi.cos,
-    Operator.TAN: casadi.tan,
-    Operator.ASIN: casadi.asin,
-    Operator.ACOS: casadi.acos,
-    Operator.ATAN: casadi.atan,
-    Operator.ATAN2: casadi.atan2,
-    Operator.SINH: casadi.sinh,
-    Operator.COSH: casadi.cosh,
-    Operator.TANH: casadi.tanh,
-    Operator.ASINH: casadi.asinh,
-    Operator.ACOSH: casadi.acosh,
-    Operator.ATANH: casadi.atanh,
-    Operator.LESS: lambda a, b: a < b,
-    Operator.LESS_EQUAL: lambda a, b: a <= b,
-    Operator.EQUAL: lambda a, b: a == b,
-    Operator.NOT_EQUAL: lambda a, b: a != b,
-    Operator.NOT: casadi.logic_not,
-    Operator.AND: casadi.logic_and,
-    Operator.OR: casadi.logic_or,
-    Operator.SELECT: lambda test, value: casadi.SX.binary(casadi.OP_IF_ELSE_ZERO, test, value),
-    Operator.FLOOR: casadi.floor,
-    Operator.CEIL: casadi.ceil,
-    Operator.FMOD: casadi.fmod,
-    Operator.REMAINDER: casadi.remainder,
-    Operator.ABS: casadi.fabs,
-    Operator.SIGN: casadi.sign,
-    Operator.COPYSIGN: casadi.copysign,
-    Operator.MIN: casadi.fmin,
-    Operator.MAX: casadi.fmax,
-    Operator.HYPOT: casadi.hypot,
-    Operator.LOG1P: casadi.log1p,
-    Operator.EXPM1: casadi.expm1,
-    Operator.ERF: casadi.erf,
-}
+CODES: Mapping[Operator, int] = {operator: getattr(casadi, f"OP_{operator.value.upper()}") for operator in Operator}
+"""What CasADi calls the operations."""
+
+
+def applied(operator: Operator, *arguments: casadi.SX) -> casadi.SX:
+    """One operation."""
+    apply = casadi.SX.unary if operator.arguments == 1 else casadi.SX.binary
+    return apply(CODES[operator], *arguments)
 
 
 def function_of(name: str, program: Program) -> casadi.Function:
@@ -70,6 +30,6 @@ def function_of(name: str, program: Program) -> casadi.Function:
             values[value] = scalar
     for instruction in program.instructions:
         arguments = [values[a] for a in instruction.arguments]
-        values[instruction.target] = _FUNCTIONS[instruction.operator](*arguments)
+        values[instruction.target] = applied(instruction.operator, *arguments)
     outputs = [casadi.SX(0) if value < 0 else values[value] for value in program.outputs]
     return casadi.Function(name, [inputs], [casadi.densify(casadi.vertcat(*outputs))])

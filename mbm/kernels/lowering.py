@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import reduce
+from functools import partial, reduce
 from typing import Any
 
 import casadi
 import sympy
 
-from mbm.symbolic.conversion import Finite
+from mbm.kernels.functions import applied
+from mbm.symbolic.conversion import ELEMENTARY, Finite
 from mbm.values import dataclass
 
 
@@ -45,27 +46,10 @@ _FUNCTIONS: Mapping[type, Callable[..., casadi.SX]] = {
     sympy.Add: _add,
     sympy.Mul: _multiply,
     sympy.Pow: _power,
-    sympy.exp: casadi.exp,
-    sympy.log: casadi.log,
-    sympy.Abs: casadi.fabs,
-    sympy.sign: casadi.sign,
-    sympy.floor: casadi.floor,
+    **{function: partial(applied, each.operator) for each, function in ELEMENTARY.items() if each.operator is not None},
     sympy.ceiling: casadi.ceil,
     sympy.Min: lambda *a: reduce(casadi.fmin, a),
     sympy.Max: lambda *a: reduce(casadi.fmax, a),
-    sympy.sin: casadi.sin,
-    sympy.cos: casadi.cos,
-    sympy.tan: casadi.tan,
-    sympy.asin: casadi.asin,
-    sympy.acos: casadi.acos,
-    sympy.atan: casadi.atan,
-    sympy.atan2: casadi.atan2,
-    sympy.sinh: casadi.sinh,
-    sympy.cosh: casadi.cosh,
-    sympy.tanh: casadi.tanh,
-    sympy.asinh: casadi.asinh,
-    sympy.acosh: casadi.acosh,
-    sympy.atanh: casadi.atanh,
     sympy.StrictLessThan: lambda a, b: a < b,
     sympy.LessThan: lambda a, b: a <= b,
     sympy.StrictGreaterThan: lambda a, b: a > b,

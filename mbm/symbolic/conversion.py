@@ -54,7 +54,7 @@ def _as_written(operation: type[sympy.Basic]) -> Callable[..., sympy.Basic]:
     return make
 
 
-_OPERATIONS: Mapping[Operation, Callable[..., sympy.Basic]] = {
+_OWN: Mapping[Operation, Callable[..., sympy.Basic]] = {
     Operation.ADD: sympy.Add,
     Operation.SUBTRACT: lambda a, b: sympy.Add(a, sympy.Mul(sympy.Integer(-1), b)),
     Operation.NEGATE: lambda a: sympy.Mul(sympy.Integer(-1), a),
@@ -62,29 +62,11 @@ _OPERATIONS: Mapping[Operation, Callable[..., sympy.Basic]] = {
     Operation.DIVIDE: lambda a, b: sympy.Mul(a, sympy.Pow(b, sympy.Integer(-1))),
     Operation.POWER: sympy.Pow,
     Operation.SQRT: lambda a: sympy.Pow(a, sympy.Rational(1, 2)),
-    Operation.EXP: sympy.exp,
-    Operation.LOG: sympy.log,
-    Operation.ABS: sympy.Abs,
-    Operation.SIGN: sympy.sign,
-    Operation.FLOOR: sympy.floor,
     Operation.MINIMUM: _as_written(sympy.Min),
     Operation.MAXIMUM: _as_written(sympy.Max),
     Operation.HYPOT: lambda a, b: sympy.Pow(
         sympy.Add(sympy.Pow(a, sympy.Integer(2)), sympy.Pow(b, sympy.Integer(2))), sympy.Rational(1, 2)
     ),
-    Operation.SIN: sympy.sin,
-    Operation.COS: sympy.cos,
-    Operation.TAN: sympy.tan,
-    Operation.ASIN: sympy.asin,
-    Operation.ACOS: sympy.acos,
-    Operation.ATAN: sympy.atan,
-    Operation.ATAN2: sympy.atan2,
-    Operation.SINH: sympy.sinh,
-    Operation.COSH: sympy.cosh,
-    Operation.TANH: sympy.tanh,
-    Operation.ASINH: sympy.asinh,
-    Operation.ACOSH: sympy.acosh,
-    Operation.ATANH: sympy.atanh,
     Operation.WRAP: _wrap,
     Operation.AS_ANGLE: lambda a: a,
     Operation.IF: _piecewise,
@@ -96,6 +78,16 @@ _OPERATIONS: Mapping[Operation, Callable[..., sympy.Basic]] = {
     Operation.OR: _as_written(sympy.Or),
     Operation.FINITE: Finite,
 }
+"""What SymPy has no function for, or writes as something else."""
+
+ELEMENTARY: Mapping[Operation, type[sympy.Function]] = {
+    operation: sympy.Abs if operation is Operation.ABS else getattr(sympy, operation.value)
+    for operation in Operation
+    if operation not in _OWN
+}
+"""The functions that SymPy has by their names."""
+
+_OPERATIONS: Mapping[Operation, Callable[..., sympy.Basic]] = {**_OWN, **ELEMENTARY}
 
 
 def as_written() -> AbstractContextManager[None]:

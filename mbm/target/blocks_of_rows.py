@@ -23,9 +23,6 @@ def module_of(programs: Mapping[str, Program], library: VectorLibrary | None) ->
     Args:
         programs: by the names of their functions.
         library: the vector library to call, if any.
-
-    Raises:
-        NoPrinterError: a program has an operation that cannot be printed.
     """
     text = Text(library)
     for name, program in programs.items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
@@ -39,17 +39,10 @@ from mbm.target.tree import (
     View,
     While,
 )
+from mbm.target.vectors import INTRINSICS
 
 REAL, INTEGER = ir.DoubleType(), ir.IntType(64)
-_INTRINSICS: Mapping[Intrinsic, str] = {
-    Intrinsic.SQRT: "llvm.sqrt",
-    Intrinsic.FABS: "llvm.fabs",
-    Intrinsic.FLOOR: "llvm.floor",
-    Intrinsic.CEIL: "llvm.ceil",
-    Intrinsic.COPYSIGN: "llvm.copysign",
-    Intrinsic.FMIN: "llvm.minnum",
-    Intrinsic.FMAX: "llvm.maxnum",
-}
+_INTRINSICS = {operator.value: f"llvm.{name}" for operator, name in INTRINSICS.items()}
 """What LLVM does itself; the others are functions of the C library."""
 
 
@@ -347,9 +340,9 @@ class _Lowering:
         if node.function in (Intrinsic.MAX, Intrinsic.MIN):
             sign = ">" if node.function is Intrinsic.MAX else "<"
             return builder.select(builder.fcmp_ordered(sign, *arguments), *arguments)
-        if node.function in _INTRINSICS:
+        if node.function.value in _INTRINSICS:
             signature = ir.FunctionType(REAL, [REAL] * len(arguments))
-            declared = self._target.declare_intrinsic(_INTRINSICS[node.function], [REAL], signature)
+            declared = self._target.declare_intrinsic(_INTRINSICS[node.function.value], [REAL], signature)
             return builder.call(declared, arguments)
         return builder.call(library_function(self._target, node.function.value, len(arguments)), arguments)
 

@@ -59,9 +59,6 @@ def function(name: str, source: NormalRows, text: Text) -> None:
     ``inputs`` stand as in `blocks_of_rows`; ``weights[(block * outputs + o) * LANES + lane]`` is the factor of output
     o; where that of the first output of a unit is 0, the unit takes no part, whatever its values are. ``losses[2 u]``
     and ``losses[2 u + 1]`` are the parameter and the shape of the loss of unit u. What is summed is added to ``sums``.
-
-    Raises:
-        NoPrinterError: the program has an operation that cannot be printed.
     """
     arrays = ", ".join(f"ptr noalias readonly %{array}" for array in ("inputs", "weights", "losses"))
     text.lines.append(f"define void @{name}({arrays}, ptr noalias %sums, i64 %blocks) nounwind {{")

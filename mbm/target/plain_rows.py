@@ -32,9 +32,6 @@ def module_of(tables: Mapping[str, Table], library: VectorLibrary | None) -> str
     Args:
         tables: by the names of their functions.
         library: the vector library to call, if any.
-
-    Raises:
-        NoPrinterError: a program has an operation that cannot be printed.
     """
     text = Text(library)
     for name, table in tables.items():

@@ -6,56 +6,72 @@ This is the form in which kernels leave CasADi, and from which they are interpre
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import Self
 
 from mbm.values import dataclass
 
 
 class Operator(StrEnum):
-    """The operations of straight-line programs; the value is the printed name."""
+    """The operations of straight-line programs: the name, how many values each takes, and what NumPy calls it.
 
-    ADD = "add"
-    SUB = "sub"
-    MUL = "mul"
-    DIV = "div"
-    NEG = "neg"
+    The name is that of CasADi's ``OP_…``; functions that C has in ``math.h`` have the name from there. Whoever
+    evaluates or prints an operation goes by these, and writes out only what is no function there.
+    """
+
+    arguments: int
+    numpy: str
+
+    def __new__(cls, name: str, arguments: int = 1, numpy: str | None = None) -> Self:
+        """One operation."""
+        made = str.__new__(cls, name)
+        made._value_ = name
+        made.arguments = arguments
+        made.numpy = numpy or name
+        return made
+
+    ADD = "add", 2
+    SUB = "sub", 2, "subtract"
+    MUL = "mul", 2, "multiply"
+    DIV = "div", 2, "divide"
+    NEG = "neg", 1, "negative"
     EXP = "exp"
     LOG = "log"
-    POW = "pow"
+    POW = "pow", 2, "power"
     SQRT = "sqrt"
-    SQUARE = "sq"
+    SQUARE = "sq", 1, "square"
     TWICE = "twice"
-    RECIPROCAL = "inv"
+    RECIPROCAL = "inv", 1, "reciprocal"
     SIN = "sin"
     COS = "cos"
     TAN = "tan"
-    ASIN = "asin"
-    ACOS = "acos"
-    ATAN = "atan"
-    ATAN2 = "atan2"
+    ASIN = "asin", 1, "arcsin"
+    ACOS = "acos", 1, "arccos"
+    ATAN = "atan", 1, "arctan"
+    ATAN2 = "atan2", 2, "arctan2"
     SINH = "sinh"
     COSH = "cosh"
     TANH = "tanh"
-    ASINH = "asinh"
-    ACOSH = "acosh"
-    ATANH = "atanh"
-    LESS = "lt"
-    LESS_EQUAL = "le"
-    EQUAL = "eq"
-    NOT_EQUAL = "ne"
-    NOT = "not"
-    AND = "and"
-    OR = "or"
-    SELECT = "if_else_zero"
+    ASINH = "asinh", 1, "arcsinh"
+    ACOSH = "acosh", 1, "arccosh"
+    ATANH = "atanh", 1, "arctanh"
+    LESS = "lt", 2, "less"
+    LESS_EQUAL = "le", 2, "less_equal"
+    EQUAL = "eq", 2, "equal"
+    NOT_EQUAL = "ne", 2, "not_equal"
+    NOT = "not", 1, "logical_not"
+    AND = "and", 2, "logical_and"
+    OR = "or", 2, "logical_or"
+    SELECT = "if_else_zero", 2
     FLOOR = "floor"
     CEIL = "ceil"
-    FMOD = "fmod"
-    REMAINDER = "remainder"
-    ABS = "fabs"
+    FMOD = "fmod", 2
+    REMAINDER = "remainder", 2
+    ABS = "fabs", 1, "abs"
     SIGN = "sign"
-    COPYSIGN = "copysign"
-    MIN = "fmin"
-    MAX = "fmax"
-    HYPOT = "hypot"
+    COPYSIGN = "copysign", 2
+    MIN = "fmin", 2
+    MAX = "fmax", 2
+    HYPOT = "hypot", 2
     LOG1P = "log1p"
     EXPM1 = "expm1"
     ERF = "erf"

@@ -21,7 +21,6 @@ from mbm.target.vectors import (
     ROUND,
     SCALAR,
     VECTORISED,
-    NoPrinterError,
     angles_of,
 )
 
@@ -33,9 +32,6 @@ def function(name: str, program: Program, numbers: int, lines: int, text: Text) 
 
     The first ``numbers`` inputs are those of the point, the others the data. Outputs come in columns of ``lines``,
     which begin ``stride`` apart in the target.
-
-    Raises:
-        NoPrinterError: the program has an operation that cannot be printed.
     """
     arrays = "ptr noalias readonly %point, ptr noalias readonly %data, ptr noalias %target"
     text.lines += [f"define void @{name}({arrays}, i64 %stride) nounwind {{", "entry:"]
@@ -163,10 +159,8 @@ class _Values:
             found = text.call(operator.value, "double", arguments)
         elif operator is Operator.SIGN:
             found = self._sign(a)
-        elif operator in _SHORT:
-            found = text.new(_SHORT[operator].format(a=a))
         else:
-            raise NoPrinterError(str(operator))
+            found = text.new(_SHORT[operator].format(a=a))
         self.reals[instruction.target] = found
 
     def _sign(self, a: str) -> str:

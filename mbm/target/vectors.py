@@ -15,11 +15,6 @@ from mbm.target.program import Instruction, Operator, Program
 from mbm.target.solver.description import LANES
 from mbm.target.vector_text import MASK, MINUS_ONE, ONE, VECTOR, ZERO, Text, number
 
-
-class NoPrinterError(Exception):
-    """An operation without a printer here; another backend has to evaluate the program. An internal fault."""
-
-
 BINARY: Mapping[Operator, str] = {
     Operator.ADD: "fadd",
     Operator.SUB: "fsub",
@@ -43,30 +38,6 @@ INTRINSICS: Mapping[Operator, str] = {
     Operator.MIN: "minnum",
     Operator.MAX: "maxnum",
 }
-VECTORISED: Mapping[Operator, int] = {
-    Operator.EXP: 1,
-    Operator.LOG: 1,
-    Operator.POW: 2,
-    Operator.SIN: 1,
-    Operator.COS: 1,
-    Operator.TAN: 1,
-    Operator.ASIN: 1,
-    Operator.ACOS: 1,
-    Operator.ATAN: 1,
-    Operator.ATAN2: 2,
-    Operator.SINH: 1,
-    Operator.COSH: 1,
-    Operator.TANH: 1,
-    Operator.ASINH: 1,
-    Operator.ACOSH: 1,
-    Operator.ATANH: 1,
-    Operator.HYPOT: 2,
-    Operator.LOG1P: 1,
-    Operator.EXPM1: 1,
-    Operator.ERF: 1,
-}
-"""What vector libraries may have, with the number of arguments; the C library has it under the same names."""
-
 SCALAR = (Operator.FMOD, Operator.REMAINDER)
 """What only the C library has: exact, by long division."""
 
@@ -78,9 +49,6 @@ def outputs_of(program: Program, inputs: list[str], text: Text) -> list[str]:
         program: what to compute.
         inputs: the names of vectors, one for each input.
         text: where the instructions go.
-
-    Raises:
-        NoPrinterError: the program has an operation that cannot be printed.
     """
     values = _Values(program, inputs, text)
     for instruction in program.instructions:
@@ -134,14 +102,12 @@ class _Values:
             found = text.new(f"{BINARY[operator]} {VECTOR} {arguments[0]}, {arguments[1]}")
         elif operator in INTRINSICS:
             found = text.intrinsic(INTRINSICS[operator], arguments)
-        elif operator in VECTORISED:
-            found = text.by_library(operator.value, arguments)
         elif operator in SCALAR:
             found = text.by_lane(operator.value, arguments)
         elif operator in _SHORT:
             found = _SHORT[operator](text, arguments[0])
         else:
-            raise NoPrinterError(str(operator))
+            found = text.by_library(operator.value, arguments)
         self._reals[instruction.target] = found
 
     def _together(self, value: int) -> Mapping[Operator, str]:
@@ -186,3 +152,8 @@ _SHORT: Mapping[Operator, Callable[[Text, str], str]] = {
     Operator.RECIPROCAL: lambda text, a: text.new(f"fdiv {VECTOR} {ONE}, {a}"),
     Operator.SIGN: _sign,
 }
+
+VECTORISED = frozenset(Operator).difference(
+    BINARY, COMPARISONS, LOGICAL, INTRINSICS, SCALAR, _SHORT, (Operator.NOT, Operator.SELECT)
+)
+"""Elementary functions: vector libraries may have them, the C library has all of them."""

@@ -6,53 +6,9 @@ from collections.abc import Mapping
 
 from mbm.emit.c.text import bare
 from mbm.emit.reserved import RESERVED
-from mbm.emit.statements import ARITHMETIC, Dialect, Shape
+from mbm.emit.statements import ARITHMETIC, Dialect, called
 from mbm.target.c import number
 from mbm.target.program import Operator
-
-_CALLED: Mapping[Operator, str] = {
-    Operator.EXP: "exp",
-    Operator.LOG: "log",
-    Operator.SQRT: "sqrt",
-    Operator.SIN: "sin",
-    Operator.COS: "cos",
-    Operator.TAN: "tan",
-    Operator.ASIN: "asin",
-    Operator.ACOS: "acos",
-    Operator.ATAN: "atan",
-    Operator.SINH: "sinh",
-    Operator.COSH: "cosh",
-    Operator.TANH: "tanh",
-    Operator.ASINH: "asinh",
-    Operator.ACOSH: "acosh",
-    Operator.ATANH: "atanh",
-    Operator.FLOOR: "floor",
-    Operator.CEIL: "ceil",
-    Operator.ABS: "fabs",
-    Operator.LOG1P: "log1p",
-    Operator.EXPM1: "expm1",
-    Operator.ERF: "erf",
-    Operator.SIGN: "kernel_sign",
-    Operator.SQUARE: "kernel_square",
-    Operator.NOT: "kernel_not",
-}
-_CALLED_WITH_TWO: Mapping[Operator, str] = {
-    Operator.POW: "pow",
-    Operator.ATAN2: "atan2",
-    Operator.FMOD: "fmod",
-    Operator.REMAINDER: "remainder",
-    Operator.COPYSIGN: "copysign",
-    Operator.MIN: "fmin",
-    Operator.MAX: "fmax",
-    Operator.HYPOT: "hypot",
-    Operator.LESS: "kernel_less",
-    Operator.LESS_EQUAL: "kernel_less_equal",
-    Operator.EQUAL: "kernel_equal",
-    Operator.NOT_EQUAL: "kernel_not_equal",
-    Operator.AND: "kernel_and",
-    Operator.OR: "kernel_or",
-    Operator.SELECT: "kernel_select",
-}
 
 HELPERS: Mapping[str, str] = {
     "kernel_sign": "(double a) { return a > 0.0 ? 1.0 : a < 0.0 ? -1.0 : a; }",
@@ -68,14 +24,12 @@ HELPERS: Mapping[str, str] = {
 }
 """Functions that C does not have; a file holds those that it uses."""
 
+_NAMES = {o: helper if (helper := f"kernel_{o.name.lower()}") in HELPERS else o.value for o in Operator}
+
 DIALECT = Dialect(
-    shapes={
-        **ARITHMETIC,
-        **{operator: Shape(f"{name}({{0}})") for operator, name in _CALLED.items()},
-        **{operator: Shape(f"{name}({{0}}, {{1}})") for operator, name in _CALLED_WITH_TWO.items()},
-    },
+    shapes={**{o: called(name, o) for o, name in _NAMES.items()}, **ARITHMETIC},
     number=number,
-    reserved=RESERVED | frozenset(_CALLED.values()) | frozenset(_CALLED_WITH_TWO.values()),
+    reserved=RESERVED.union(name for o, name in _NAMES.items() if o not in ARITHMETIC),
 )
 
 

@@ -14,7 +14,6 @@ from mbm.kernels.native.processor import vector_library
 from mbm.kernels.types import BackendUnavailableError, Evaluation, Floats, Kernel, MachineCode, Stream
 from mbm.target import plain_rows
 from mbm.target.solver.description import LANES
-from mbm.target.vectors import NoPrinterError
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -114,7 +113,7 @@ def _padded(inputs: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NativeBackend(MachineCode):
-    """Kernels as machine code; object code is kept in ``store``. Kernels that it cannot print go to CasADi.
+    """Kernels as machine code; object code is kept in ``store``.
 
     Local to one compiled problem in one thread: what was compiled is kept for each kernel and level.
     """
@@ -123,23 +122,13 @@ class NativeBackend(MachineCode):
 
     def prepare(self, kernel: Kernel, rows: int) -> Evaluation:
         """Buffers for ``rows`` rows; the machine code is made once for each kernel."""
-        try:
-            code = self._compiled(kernel, level_for(kernel, rows) if rows >= MANY else PLAIN)
-        except NoPrinterError:
-            from mbm.kernels.backends import casadi_map
-
-            return casadi_map.BACKEND.prepare(kernel, rows)
+        code = self._compiled(kernel, level_for(kernel, rows) if rows >= MANY else PLAIN)
         whole = np.zeros((_blocks(rows) * LANES, code.width))
         return _Evaluation(whole[:rows], code, whole, np.empty((len(whole), code.outputs)))
 
     def stream(self, kernel: Kernel) -> Stream:
         """The kernel for points by the thousand."""
-        try:
-            return _Stream(self._compiled(kernel, level_for(kernel, 0)))
-        except NoPrinterError:
-            from mbm.kernels.backends import numpy_stream
-
-            return numpy_stream.BACKEND.stream(kernel)
+        return _Stream(self._compiled(kernel, level_for(kernel, 0)))
 
     def _compiled(self, kernel: Kernel, level: int) -> _Code:
         key = (id(kernel), level)

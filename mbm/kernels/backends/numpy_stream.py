@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.kernels.types import Floats, Kernel
+from mbm.target.numpy_functions import function_of
 from mbm.target.program import Operator, Program
 from mbm.values import dataclass
 
@@ -20,64 +21,30 @@ BLOCK = 1024
 """Rows evaluated together: their values stay in the cache, and Python's share of the work is small."""
 
 
-def _erf(x: Floats) -> Floats:
-    from scipy.special import erf
-
-    return np.asarray(erf(x), dtype=np.float64)
-
-
 def _truth(function: Callable[..., NDArray[np.bool_]]) -> Callable[..., Floats]:
     """0.0 or 1.0, which add up as numbers do: the derivative of ``max`` at a tie is the mean of two comparisons."""
     return lambda *arguments: function(*arguments).astype(np.float64)
 
 
-_FUNCTIONS: Mapping[Operator, Callable[..., Floats]] = {
+_TRUTHS = (
+    Operator.LESS, Operator.LESS_EQUAL, Operator.EQUAL, Operator.NOT_EQUAL, Operator.NOT, Operator.AND, Operator.OR
+)  # fmt: skip
+
+_OWN: Mapping[Operator, Callable[..., Floats]] = {
     Operator.ADD: operator.add,
     Operator.SUB: operator.sub,
     Operator.MUL: operator.mul,
     Operator.DIV: operator.truediv,
     Operator.NEG: operator.neg,
-    Operator.EXP: np.exp,
-    Operator.LOG: np.log,
-    Operator.POW: np.power,
-    Operator.SQRT: np.sqrt,
-    Operator.SQUARE: np.square,
     Operator.TWICE: lambda a: a + a,
-    Operator.RECIPROCAL: np.reciprocal,
-    Operator.SIN: np.sin,
-    Operator.COS: np.cos,
-    Operator.TAN: np.tan,
-    Operator.ASIN: np.arcsin,
-    Operator.ACOS: np.arccos,
-    Operator.ATAN: np.arctan,
-    Operator.ATAN2: np.arctan2,
-    Operator.SINH: np.sinh,
-    Operator.COSH: np.cosh,
-    Operator.TANH: np.tanh,
-    Operator.ASINH: np.arcsinh,
-    Operator.ACOSH: np.arccosh,
-    Operator.ATANH: np.arctanh,
-    Operator.LESS: _truth(np.less),
-    Operator.LESS_EQUAL: _truth(np.less_equal),
-    Operator.EQUAL: _truth(np.equal),
-    Operator.NOT_EQUAL: _truth(np.not_equal),
-    Operator.NOT: _truth(np.logical_not),
-    Operator.AND: _truth(np.logical_and),
-    Operator.OR: _truth(np.logical_or),
     Operator.SELECT: lambda test, value: np.where(test != 0, value, 0.0),
-    Operator.FLOOR: np.floor,
-    Operator.CEIL: np.ceil,
-    Operator.FMOD: np.fmod,
     Operator.REMAINDER: lambda a, b: a - b * np.rint(a / b),
-    Operator.ABS: np.abs,
-    Operator.SIGN: np.sign,
-    Operator.COPYSIGN: np.copysign,
-    Operator.MIN: np.fmin,
-    Operator.MAX: np.fmax,
-    Operator.HYPOT: np.hypot,
-    Operator.LOG1P: np.log1p,
-    Operator.EXPM1: np.expm1,
-    Operator.ERF: _erf,
+    **{each: _truth(getattr(np, each.numpy)) for each in _TRUTHS},
+}
+"""What NumPy has no function for, or a slower one, or one that gives no numbers."""
+
+_FUNCTIONS: Mapping[Operator, Callable[..., Floats]] = {
+    each: _OWN[each] if each in _OWN else function_of(each) for each in Operator
 }
 
 

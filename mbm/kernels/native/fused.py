@@ -26,9 +26,6 @@ def united_code(program: Program, numbers: int, residuals: int, store: Store | N
         numbers: how many of its inputs are those of a point.
         residuals: outputs in a column.
         store: where machine code is kept; None: nowhere.
-
-    Raises:
-        NoPrinterError: the program has an operation that cannot be printed.
     """
     text = Text(vector_library())
     function("jacobian", program, numbers, residuals, text)

@@ -54,9 +54,6 @@ def native_kernels(kernels: KernelSet, store: Store | None, rows: int = 0) -> Na
         kernels: the kernels.
         store: where object code is kept; None: nowhere.
         rows: about how many rows a solve has; many are worth better code.
-
-    Raises:
-        NoPrinterError: a kernel has an operation that cannot be printed.
     """
     programs = {}
     for k, kernel in enumerate(kernels.kernels):

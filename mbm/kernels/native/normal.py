@@ -58,9 +58,6 @@ def normal_kernels(
         units: the outputs of each kernel that belong together, with their losses.
         store: where object code is kept; None: nowhere.
         rows: about how many rows a solve has.
-
-    Raises:
-        NoPrinterError: a kernel has an operation that cannot be printed.
     """
     text = Text(vector_library())
     for k, kernel in kernels.items():

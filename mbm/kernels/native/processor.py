@@ -42,7 +42,7 @@ def vector_library() -> VectorLibrary:
     flags = _told().get("flags", "").split()
     for flag, prefix, width in _LIBMVEC:
         whole = VectorLibrary(prefix=prefix, width=width, functions=frozenset(), fused="fma" in flags)
-        names = {operator.value: whole.name(operator.value, count) for operator, count in VECTORISED.items()}
+        names = {operator.value: whole.name(operator.value, operator.arguments) for operator in VECTORISED}
         there = image.present(names.values())
         functions = frozenset(name for name, symbol in names.items() if symbol in there)
         if flag in flags and functions:

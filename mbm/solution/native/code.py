@@ -162,9 +162,9 @@ class NativeCode:
         self._sure = isinstance(backend, MachineCode)
         self._solver: AnyCode | None = None
         self._consensus: AnyCode | None = None
-        self._kernels: dict[tuple[int, ...], NativeKernels | None] = {}
+        self._kernels: dict[tuple[int, ...], NativeKernels] = {}
         self._callbacks: dict[tuple[int, ...], CallbackKernels] = {}
-        self.sums: dict[object, NormalKernels | None] = {}
+        self.sums: dict[object, NormalKernels] = {}
         self.systems: dict[object, Described] = {}
 
     @property
@@ -204,17 +204,11 @@ class NativeCode:
             self._callbacks[key] = CallbackKernels(streams, widths)
         return self._callbacks[key]
 
-    def kernels(self, numbers: Sequence[int], kernels: Sequence[Kernel], rows: int) -> NativeKernels | None:
-        """The code of some kernels, the k-th under the number k; None where one cannot be printed."""
-        from mbm.kernels.native.kernels import native_kernels
-        from mbm.target.vectors import NoPrinterError
-
+    def kernels(self, numbers: Sequence[int], kernels: Sequence[Kernel], rows: int) -> NativeKernels:
+        """The code of some kernels, the k-th under the number k."""
         key = tuple(numbers)
         if key not in self._kernels:
-            try:
-                found = native_kernels(KernelSet(name="system", kernels=tuple(kernels)), self.store, rows)
-            except NoPrinterError:
-                self._kernels[key] = None
-            else:
-                self._kernels[key] = found
+            from mbm.kernels.native.kernels import native_kernels
+
+            self._kernels[key] = native_kernels(KernelSet(name="system", kernels=tuple(kernels)), self.store, rows)
         return self._kernels[key]

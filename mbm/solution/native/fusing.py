@@ -54,9 +54,8 @@ def places_of(groups: Sequence[Group], rows: Sequence[int]) -> tuple[bytes, ...]
 
 
 def fused_rows(equations: Assembled, rows: Sequence[int], store: Store | None) -> Fused | None:
-    """The function for so many rows of each group; None where there are none, or an operation has no code."""
+    """The function for so many rows of each group; None where there are none."""
     from mbm.kernels.native.fused import united_code
-    from mbm.target.vectors import NoPrinterError
 
     if not any(rows):
         return None
@@ -66,10 +65,7 @@ def fused_rows(equations: Assembled, rows: Sequence[int], store: Store | None) -
     parts = [_part(group, count, column) for group, count in zip(equations.groups, counts, strict=True) if count]
     residuals = sum(part.rows * part.outputs for part in parts)
     numbers = len(equations.layout.start)
-    try:
-        library = united_code(fused(parts, numbers, equations.dimension), numbers, residuals, store)
-    except NoPrinterError:
-        return None
+    library = united_code(fused(parts, numbers, equations.dimension), numbers, residuals, store)
     head = np.zeros(of.FUSED, dtype=np.int64)
     head[of.Fused.values] = library.address("values")
     head[of.Fused.jacobian] = library.address("jacobian")

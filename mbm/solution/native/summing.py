@@ -32,7 +32,7 @@ def summable(group: Group) -> bool:
 
 
 def sum_addresses(code: NativeCode, groups: Sequence[Group | None]) -> list[int]:
-    """Addresses of the functions that sum the normal equations of groups; 0 where None is asked for, or none is."""
+    """Addresses of the functions that sum the normal equations of groups; 0 where None is asked for."""
     found = []
     for group in groups:
         if group is None:
@@ -41,22 +41,17 @@ def sum_addresses(code: NativeCode, groups: Sequence[Group | None]) -> list[int]
         key = (group.number, tuple(None if loss is None else loss.kind for loss in group.losses))
         if key not in code.sums:
             code.sums[key] = _sums_of(group, code.store)
-        made = code.sums[key]
-        found.append(0 if made is None else made.normal_address(0))
+        found.append(code.sums[key].normal_address(0))
     return found
 
 
-def _sums_of(group: Group, store: Store | None) -> NormalKernels | None:
-    """The function of one group under the number 0; None where its kernel has an operation without code."""
+def _sums_of(group: Group, store: Store | None) -> NormalKernels:
+    """The function of one group under the number 0."""
     from mbm.kernels.native.normal import normal_kernels
     from mbm.target.normal_rows import Unit
     from mbm.target.solver.description import NO_LOSS
-    from mbm.target.vectors import NoPrinterError
 
     losses = [NO_LOSS if loss is None else loss.number for loss in group.losses]
     losses = losses or [NO_LOSS] * len(group.whiteners)
     units = [Unit(first=w.first, last=w.last, loss=k) for w, k in zip(group.whiteners, losses, strict=True)]
-    try:
-        return normal_kernels({0: group.kernel}, {0: tuple(units)}, store)
-    except NoPrinterError:
-        return None
+    return normal_kernels({0: group.kernel}, {0: tuple(units)}, store)

@@ -376,11 +376,10 @@ def system_of(
 
 
 def _kernels(code: NativeCode, groups: Sequence[Group], *, compiled: bool) -> NativeKernels | CallbackKernels:
-    """The kernels of groups, as machine code where that is wanted and can be made."""
+    """The kernels of groups, as machine code where that is wanted."""
     numbers, kernels = [g.number for g in groups], [g.kernel for g in groups]
-    found = code.kernels(numbers, kernels, max(g.rows for g in groups)) if compiled else None
-    if found is not None:
-        return found
+    if compiled:
+        return code.kernels(numbers, kernels, max(g.rows for g in groups))
     return code.callbacks(numbers, kernels, [g.cache.stream(g.number, g.kernel) for g in groups])
 
 

@@ -15,7 +15,6 @@ from mbm.kernels.backends import casadi_map, native, numpy_stream
 from mbm.kernels.native.kernels import LONG, MANY, level_for, native_kernels
 from mbm.kernels.types import KernelSet
 from mbm.target.solver.description import LANES
-from mbm.target.vectors import NoPrinterError
 
 PROBLEMS = sorted((Path(__file__).parents[3] / "problems").glob("*/*.mbm"))
 CASES = [(path, name) for path in PROBLEMS for name in mbm.load(path).names]
@@ -99,17 +98,6 @@ def test_inputs_of_streams_need_not_lie_together(kernel):
     inputs = np.random.default_rng(1).uniform(0.5, 1.5, (9, 6))[:, ::2]
     stream = native.backend(None).stream(kernel)
     np.testing.assert_array_equal(stream.values(inputs), stream.values(inputs.copy()))
-
-
-def test_kernels_without_a_printer_go_to_casadi(kernel, monkeypatch):
-    def refuse(*_):
-        raise NoPrinterError("cube")
-
-    monkeypatch.setattr(native, "_code", refuse)
-    backend = native.backend(None)
-    evaluation = backend.prepare(kernel, 3)
-    assert type(evaluation) is type(casadi_map.BACKEND.prepare(kernel, 3))
-    assert type(backend.stream(kernel)) is type(numpy_stream.BACKEND.stream(kernel))
 
 
 def test_long_kernels_are_optimised_where_many_rows_pay_for_it(kernel):

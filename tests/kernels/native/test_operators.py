@@ -18,7 +18,6 @@ from mbm.target import blocks_of_rows, straight_line
 from mbm.target.program import Instruction, Operator, Program
 from mbm.target.solver.description import LANES
 from mbm.target.vector_text import Text
-from mbm.target.vectors import NoPrinterError
 
 ULPS = 4
 """Units in the last place that libmvec's manual allows its functions; the C library keeps to two."""
@@ -282,11 +281,3 @@ def test_truths_add_up_and_masks_combine():
         target = np.empty(5)
         call(row.ctypes.data, row.ctypes.data, target.ctypes.data, 5)
         np.testing.assert_array_equal(target, line)
-
-
-def test_what_has_no_printer_is_named():
-    program = replace(single(Operator.ADD), instructions=(Instruction(2, "cube", (0, 1)),))
-    with pytest.raises(NoPrinterError, match="cube"):
-        blocks_of_rows.module_of({"f": program}, None)
-    with pytest.raises(NoPrinterError, match="cube"):
-        straight_line.function("f", program, 2, 1, Text(None))
