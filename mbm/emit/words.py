@@ -9,6 +9,7 @@ from mbm.emit.foreign import Foreign, Word, listed, told
 from mbm.emit.markdown import code, fenced, prose
 from mbm.emit.types import BlockShape, Blueprint, ColumnValue, Key, UnknownShape
 from mbm.problem.types import BlockRole, Method, NoiseKind
+from mbm.target.solver.description import MARQUARDT, RULES
 
 METHODS = {Method.DOGLEG: "Powell's dogleg", Method.GAUSS_NEWTON: "that of Gauss and Newton"}
 """What the iterations are called that are not Marquardt's."""
@@ -47,7 +48,8 @@ def described(blueprint: Blueprint) -> Iterator[str]:
         yield "begins some standard deviations away from the answer (`start` in `reference.csv`). With other data, say"
         yield "where to begin."
         yield ""
-    method = METHODS.get(blueprint.settings.method, "Marquardt's")
+    asked = blueprint.settings.method
+    method = METHODS.get(asked, "Marquardt's" if RULES.get(asked, MARQUARDT) == MARQUARDT else code(asked))
     yield f"The iteration is {method} in a trust region, for at most {blueprint.settings.max_iterations} iterations."
     yield ""
 

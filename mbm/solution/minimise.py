@@ -16,6 +16,7 @@ from mbm.solution.pushing import with_pushed_bounds
 from mbm.solution.settings import Settings
 from mbm.solution.sparsity import sparse_suits
 from mbm.solution.types import Correctable, Equations, Floats, Minimum, Reason
+from mbm.target.solver.description import RULES
 from mbm.text.types import MbmError, Place
 
 if TYPE_CHECKING:
@@ -33,9 +34,7 @@ LINEAR = "linear"
 
 SPARSE = {
     Method.AUTO: "dogleg-sparse",  # fewer iterations than Marquardt's on every pose graph tried, as many on bundles
-    Method.MARQUARDT: "lm-sparse",
-    Method.DOGLEG: "dogleg-sparse",
-    Method.GAUSS_NEWTON: "gauss-newton-sparse",
+    **{Method(rule): f"{rule}-sparse" for rule in RULES},
 }
 """The methods that the sparse solver has, and what it calls them."""
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from mbm.problem.types import Consensus, ConstraintMethod, Gauge, GivenStarts, Method, RandomStarts, Request
 from mbm.solution.interruption import Interruption
+from mbm.target.solver.description import RULES
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ class Settings:
     @property
     def iterative(self) -> bool:
         """The method goes on from any start, by one of the rules of steps of the trust region."""
-        return self.method in (Method.AUTO, Method.MARQUARDT, Method.DOGLEG, Method.GAUSS_NEWTON)
+        return self.method is Method.AUTO or self.method.value in RULES
 
     def threads(self, starts: int) -> int:
         """Threads for so many starts."""

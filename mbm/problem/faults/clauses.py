@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mbm.language.limits import more_work
+from mbm.target.solver.description import RULES
 from mbm.text.suggest import closest
 from mbm.text.types import Code, Diagnostic, Source, Span
 
@@ -28,7 +29,10 @@ UNKNOWN_SOURCE = Code(
 UNKNOWN_TYPE = Code(
     "unknown-type", "An unknown has a type that the language does not know.", "Use one of the types of the manual."
 )
-UNKNOWN_METHOD = Code("unknown-method", "`:method` names no solver.", "Use `auto`, `lm`, `dogleg` or `gauss-newton`.")
+_RULES = [f"`{rule}`" for rule in RULES]
+UNKNOWN_METHOD = Code(
+    "unknown-method", "`:method` names no solver.", f"Use `auto`, {', '.join(_RULES[:-1])} or {_RULES[-1]}."
+)
 UNKNOWN_OVERRIDE = Code(
     "unknown-override",
     "A constant or start is given from outside, but the problem has no constant or unknown of that name.",

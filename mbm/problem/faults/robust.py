@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from mbm.target.solver.losses import LOSSES
 from mbm.text.types import Code, Diagnostic, Span
+
+_LOSSES = [f"`({kind} a c)`" if traits.shaped else f"`{kind}`" for kind, traits in LOSSES.items()]
 
 UNKNOWN_LOSS = Code(
     "unknown-loss",
     "`:loss` names no robust loss.",
-    "Use `none`, `huber`, `soft-l1`, `cauchy`, `tukey`, `geman-mcclure` or `(barron a c)`.",
+    f"Use `none`, {', '.join(_LOSSES[:-1])} or {_LOSSES[-1]}.",
 )
 UNKNOWN_CONSENSUS = Code(
     "unknown-consensus",

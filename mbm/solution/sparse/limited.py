@@ -13,8 +13,9 @@ from mbm.problem.types import Method
 from mbm.solution.sparse.place import Place
 from mbm.solution.sparse.system import Plan
 from mbm.solution.types import Floats
+from mbm.target.solver import description as of
 
-RULES = (Method.GAUSS_NEWTON, Method.DOGLEG)
+RULES = tuple(Method(name) for name, number in of.RULES.items() if number != of.MARQUARDT)
 """The methods whose steps are such."""
 
 

@@ -287,7 +287,7 @@ DOGLEG = 1
 """Along the gradient to its minimum, then straight towards the undamped step (Powell 1970)."""
 GAUSS_NEWTON = 2
 """The undamped step, shortened (Hartley 1961)."""
-RULES: Mapping[str, int] = {"dogleg": DOGLEG, "gauss-newton": GAUSS_NEWTON}
+RULES: Mapping[str, int] = {"lm": MARQUARDT, "dogleg": DOGLEG, "gauss-newton": GAUSS_NEWTON}
 """By the names that ``:method`` knows; all other methods that iterate are Marquardt's."""
 
 # --- reasons ----------------------------------------------------------------------------------------------------
