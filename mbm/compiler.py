@@ -81,6 +81,7 @@ def read(source: Source, path: Path, registry: Registry, sandbox: Path | None = 
 
 def elaborated(program: Program, name: str | None, inputs: Inputs, registry: Registry) -> Elaborated:
     """Definitions and tables → typed equations, checked as far as no number decides."""
+    from mbm.data.types import Formats
     from mbm.language.limits import recursion_room
     from mbm.problem.builder import Front, elaborate
     from mbm.problem.clauses import select_problem
@@ -93,6 +94,7 @@ def elaborated(program: Program, name: str | None, inputs: Inputs, registry: Reg
             Front(
                 vocabulary=registry.vocabulary(),
                 limits=registry.limits,
+                formats=Formats(registry.readers()),
                 routines=lambda: tuple(form.name for form in registry.closed_forms()),
             ),
             inputs.overrides,

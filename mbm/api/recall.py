@@ -51,6 +51,7 @@ MAKERS = (
     "kernels",
     "language",
     "problem",
+    "registry",
     "shapes",
     "symbolic",
     "target",

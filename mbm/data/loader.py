@@ -179,14 +179,14 @@ def _reader_for(
     """
     declared = readers.get(declaration.source)
     ending = (path.with_suffix("") if path.suffix.lower() in COMPRESSED else path).suffix.lower()
-    single = [reader for reader in readers.values() if isinstance(reader, Reader)]
-    claiming: list[Reader | ManyReader] = [reader for reader in single if ending in reader.extensions]
-    if declared is not None and (ending in declared.extensions or not claiming):
+    if declared is not None and ending in declared.extensions:
         return declared
-    if not claiming:
-        endings = [extension for reader in single for extension in reader.extensions]
+    single = (reader for reader in readers.values() if isinstance(reader, Reader))
+    found = next((reader for reader in single if ending in reader.extensions), declared)
+    if found is None:
+        endings = [e for reader in readers.values() if isinstance(reader, Reader) for e in reader.extensions]
         raise MbmError(faults.unknown_format(declaration.span, path.as_posix(), endings))
-    return claiming[0]
+    return found
 
 
 def _read(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
 from pathlib import Path
 
@@ -80,3 +80,23 @@ def asked(table: RawTable | MbmError) -> RawTable:
     if isinstance(table, MbmError):
         raise table
     return table
+
+
+class Formats(Mapping[str, tuple[str, ...]]):
+    """The formats that readers know: the names of the tables in a file of each, none where a file is one table."""
+
+    def __init__(self, readers: Mapping[str, Reader | ManyReader]) -> None:
+        self._readers = readers
+
+    def __getitem__(self, name: str) -> tuple[str, ...]:
+        reader = self._readers[name]
+        return reader.parts if isinstance(reader, ManyReader) else ()
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._readers
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._readers)
+
+    def __len__(self) -> int:
+        return len(self._readers)

@@ -29,7 +29,7 @@ from mbm.problem.reading.errors import with_shared_errors
 from mbm.problem.reading.observations import read_observation
 from mbm.problem.reading.pairs import read_pair
 from mbm.problem.reading.request import read_request
-from mbm.problem.reading.sources import DataClause, in_join_order, read_source, refuse_overwriting
+from mbm.problem.reading.sources import DataClause, Formats, in_join_order, read_source, refuse_overwriting
 from mbm.problem.reading.unknowns import Declaration, declare_unknowns, given_start, read_unknown
 from mbm.problem.reading.windows import read_window
 from mbm.problem.sampling import refuse_corrected
@@ -47,10 +47,11 @@ Loader = Callable[[Iterable[TableDeclaration]], Mapping[str, Table]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Front:
-    """What elaboration needs besides the text: the vocabulary, the bounds of evaluation, the names of closed forms."""
+    """What elaboration needs besides the text: the vocabulary, bounds of evaluation, formats, names of closed forms."""
 
     vocabulary: Vocabulary
     limits: Limits
+    formats: Formats
     routines: Routines = tuple
 
 
@@ -70,7 +71,7 @@ def elaborate(
     world = session.evaluator.world
     if not isinstance(world, ProblemScope):
         raise TypeError(world)
-    work = Workspace(session.evaluator, world, tables, front.routines)
+    work = Workspace(session.evaluator, world, tables, front.formats, front.routines)
     _functions(work, session, clauses)
     constants = [name for c in _all(clauses, "constants") for name in read_constants(work, c, overrides)]
     numbers = constant_values(work, constants, definition.span)
@@ -178,7 +179,7 @@ def _tables(
     found: dict[str, DataClause] = {}
     for clause in _all(clauses, "data"):
         with work.collecting():
-            data = read_source(work.evaluator, work.scope, clause)
+            data = read_source(work.evaluator, work.scope, clause, work.formats)
             name = data.declaration.name
             if name in found:
                 other = found[name].declaration.span

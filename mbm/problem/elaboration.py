@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import field
 from typing import TypeAlias, TypeVar
@@ -56,13 +56,15 @@ class Reads:
 class Workspace:
     """The elaboration at work: local to one call, handed from clause to clause. ``diagnostics`` collects the errors.
 
-    ``routines`` gives the names of the registered closed forms, which may be asked for as methods; ``reads`` keeps
-    account of the values that decided something, ``extent`` of what there is to compile.
+    ``formats`` has the formats of files with the tables in them; ``routines`` gives the names of the registered closed
+    forms, which may be asked for as methods; ``reads`` keeps account of the values that decided something, ``extent``
+    of what there is to compile.
     """
 
     evaluator: Evaluator
     scope: ProblemScope
     tables: dict[str, Table]
+    formats: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     routines: Routines = tuple
     diagnostics: list[Diagnostic] = field(default_factory=list)
     undeclared: set[str] = field(default_factory=set)

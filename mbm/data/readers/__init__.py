@@ -20,6 +20,9 @@ class _Readers(Mapping[str, Reader | ManyReader]):
         reader: Reader | ManyReader = import_module(f"{__name__}.{name}").READER
         return reader
 
+    def __contains__(self, name: object) -> bool:
+        return name in _NAMES
+
     def __iter__(self) -> Iterator[str]:
         return iter(_NAMES)
 

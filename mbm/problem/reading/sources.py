@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
+from typing import TypeAlias
 
 from mbm.expression.nodes import Constant, Number, nearest
 from mbm.expression.units import Unit
@@ -22,11 +22,9 @@ USAGE = (
     '(data name (csv "path") [:key column] [:with (table column)] [:columns ((new old :unit u)…)] '
     "[:where form] [:missing skip])"
 )
-FILES = ("csv", "tsv", "json", "npz", "parquet", "tum", "kitti", "euroc")
-PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {"bal": ("cameras", "points", "observations"), "g2o": ("vertices", "edges")}
-)
-"""Formats whose files hold several tables, with their names."""
+Formats: TypeAlias = Mapping[str, tuple[str, ...]]
+"""The formats of files by name; of those whose files hold several tables, the names of these."""
+
 LATER = ("image", "contour", "chessboard")
 
 
@@ -57,8 +55,8 @@ class _Source:
     inline: _Inline | None = None
 
 
-def read_source(evaluator: Evaluator, scope: Scope, clause: Sequence) -> DataClause:
-    """The declaration that a data clause makes."""
+def read_source(evaluator: Evaluator, scope: Scope, clause: Sequence, formats: Formats) -> DataClause:
+    """The declaration that a data clause makes; ``formats`` are those that there are readers for."""
     items = clause.items[1:]
     if len(items) < 2 or not isinstance(items[0], Symbol):
         raise MbmError(language_faults.bad_form(clause.span, "a data clause has a name and a source", USAGE))
@@ -72,7 +70,7 @@ def read_source(evaluator: Evaluator, scope: Scope, clause: Sequence) -> DataCla
     )
     if options.positional:
         raise MbmError(language_faults.bad_form(options.positional[0].span, "a data clause has one source", USAGE))
-    origin = _source(evaluator, scope, items[1])
+    origin = _source(evaluator, scope, items[1], formats)
     inline = origin.inline
     columns = _columns(options.get("columns"))
     if inline is not None:
@@ -136,28 +134,27 @@ def refuse_overwriting(table: Table, clause: DataClause, tables: Mapping[str, Ta
             taken[name] = join.span
 
 
-def _source(evaluator: Evaluator, scope: Scope, form: Form) -> _Source:
+def _source(evaluator: Evaluator, scope: Scope, form: Form, formats: Formats) -> _Source:
     if isinstance(form, Symbol) and form.name == "external":
         return _Source(format="external")
     head = form.head if isinstance(form, Sequence) else None
     if head in LATER:
         raise MbmError(language_faults.not_available_yet(form.span, f"the source `{head}`", "other file formats"))
-    if isinstance(form, Sequence) and head in FILES:
-        if len(form.items) != 2 or not isinstance(form.items[1], Text):
-            raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes one path", f'({head} "path")'))
-        return _Source(format=str(head), path=form.items[1].value)
-    if isinstance(form, Sequence) and head in PARTS:
-        return _part(form, str(head))
+    if isinstance(form, Sequence) and head is not None and head in formats:
+        return _file(form, head, formats[head])
     if isinstance(form, Sequence) and head == "table":
         return _Source(format="table", inline=_inline(evaluator, scope, form))
     shown = head or form.span.text
-    known = (*FILES, *PARTS, "table", "external", *LATER)
+    known = (*formats, "table", "external", *LATER)
     raise MbmError(faults.unknown_source(form.span, shown, closest(shown, known)))
 
 
-def _part(form: Sequence, head: str) -> _Source:
-    """``(g2o "path" :edges)``: one of the tables of a file."""
-    parts = PARTS[head]
+def _file(form: Sequence, head: str, parts: tuple[str, ...]) -> _Source:
+    """``(csv "path")``; ``(g2o "path" :edges)``: one of the tables of a file."""
+    if not parts:
+        if len(form.items) != 2 or not isinstance(form.items[1], Text):
+            raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes one path", f'({head} "path")'))
+        return _Source(format=head, path=form.items[1].value)
     usage = f'({head} "path" {" | ".join(f":{part}" for part in parts)})'
     if len(form.items) != 3 or not isinstance(form.items[1], Text) or not isinstance(form.items[2], Keyword):
         raise MbmError(language_faults.bad_form(form.span, f"`{head}` takes a path and the table that is meant", usage))

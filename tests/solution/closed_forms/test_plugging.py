@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from mbm.registry import ENTRY_POINTS, standard_registry
+from mbm.registry import CLOSED_FORMS, standard_registry
 from mbm.solution.closed_forms.multilateration import MULTILATERATION
 from mbm.solution.closed_forms.standard import STANDARD
 
@@ -24,7 +24,7 @@ class Announced:
 
 def test_the_callers_come_first_then_those_of_packages_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
     def entry_points(group: str) -> list[Announced]:
-        return [Announced("zulu"), Announced("alpha")] if group == ENTRY_POINTS else []
+        return [Announced("zulu"), Announced("alpha")] if group == CLOSED_FORMS else []
 
     monkeypatch.setattr(importlib.metadata, "entry_points", entry_points)
     found = standard_registry((replace(MULTILATERATION, name="mine"),)).closed_forms()

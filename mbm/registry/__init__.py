@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import field
-from functools import cache
+from dataclasses import field, replace
+from functools import cache, partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -19,16 +19,29 @@ if TYPE_CHECKING:
     from mbm.solution.closed_forms.types import ClosedForm
 
 
+CLOSED_FORMS, READERS, FUNCTIONS = "mbm.closed_forms", "mbm.readers", "mbm.functions"
+"""The groups of entry points by which Python packages add closed forms, file formats, and functions of the language."""
+
+
 def _vocabulary() -> Vocabulary:
+    from mbm.language.deferred import DeferredFunction
+    from mbm.language.values import Builtin
+    from mbm.registry.plug_ins import Group
     from mbm.shapes.vocabulary import vocabulary
 
-    return vocabulary()
+    words = vocabulary()
+    group = Group(name=FUNCTIONS, wanted="function of the language", suits=lambda found: isinstance(found, Builtin))
+    added = {name: DeferredFunction(name, partial(group.loaded, point)) for name, point in group.announced().items()}
+    return replace(words, functions={**added, **words.functions}) if added else words
 
 
 def _readers() -> Mapping[str, Reader | ManyReader]:
-    from mbm.data.readers import READERS
+    from mbm.data.readers import READERS as OWN
+    from mbm.data.types import ManyReader, Reader
+    from mbm.registry.plug_ins import Group, WithPlugIns
 
-    return READERS
+    group = Group(name=READERS, wanted="reader", suits=lambda found: isinstance(found, Reader | ManyReader))
+    return WithPlugIns(OWN, group)
 
 
 def _casadi(store: Store | None) -> Backend:
@@ -98,20 +111,18 @@ class Registry:
         return suited(backend, kernels)
 
 
-ENTRY_POINTS = "mbm.closed_forms"
-"""The group of entry points by which Python packages add closed forms."""
-
-
 def standard_registry(closed_forms: tuple[ClosedForm, ...] = ()) -> Registry:
     """What mbm itself brings, and what packages add; ``closed_forms`` of the caller are tried before all others."""
     # packages are asked once, not for each solve
     forms = cache(lambda: (*closed_forms, *_installed(), *_closed_forms()))
-    return Registry(vocabulary=cache(_vocabulary), closed_forms=forms)
+    return Registry(vocabulary=cache(_vocabulary), readers=cache(_readers), closed_forms=forms)
 
 
 def _installed() -> tuple[ClosedForm, ...]:
     """The closed forms that installed packages announce, by name."""
-    from importlib.metadata import entry_points
+    from mbm.registry.plug_ins import Group
 
-    found = sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name)
-    return tuple(point.load() for point in found)
+    methods = ("name", "joint", "recognises", "solve")
+    suits = lambda found: all(hasattr(found, method) for method in methods)  # noqa: E731
+    group = Group(name=CLOSED_FORMS, wanted="closed form", suits=suits)
+    return tuple(group.loaded(point) for point in group.announced().values())
