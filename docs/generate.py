@@ -29,7 +29,7 @@ from mbm.language.vocabulary import (
 )
 from mbm.problem.vocabulary import NOT_YET as PROBLEM_NOT_YET
 from mbm.problem.vocabulary import SPECIAL_FORMS as PROBLEM_FORMS
-from mbm.registry import standard_registry
+from mbm.registry.standard import standard_registry
 from mbm.shapes.library import LibraryModel
 from mbm.shapes.vocabulary import FEATURE_FUNCTIONS
 from mbm.solution.minimise import DENSE_LIMIT

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from mbm.problem.dependence import Facts
     from mbm.problem.tables import Table, TableDeclaration
     from mbm.problem.types import Override
-    from mbm.registry import Registry
+    from mbm.registry.standard import Registry
     from mbm.report.options import Progress
     from mbm.report.simulated import Simulator
     from mbm.report.types import Result

@@ -13,7 +13,7 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.api.reading import Reading
     from mbm.kernels.types import KernelSet
-    from mbm.registry import Registry
+    from mbm.registry.standard import Registry
     from mbm.solution.binding import EvaluationCache
 
 

@@ -19,7 +19,7 @@ from mbm.compiler import Inputs
 from mbm.files.journal import THE_PROBLEM, Journal, note, noting
 from mbm.files.source import read_file
 from mbm.problem.types import Override
-from mbm.registry import Registry, standard_registry
+from mbm.registry.standard import Registry, standard_registry
 from mbm.text.types import Diagnostic, MbmError, Source
 from mbm.values import dataclass
 

@@ -20,7 +20,7 @@ from mbm.api.recall import (
 )
 from mbm.compiler import Inputs
 from mbm.files.journal import Journal, noting
-from mbm.registry import Registry
+from mbm.registry.standard import Registry
 
 if TYPE_CHECKING:
     from mbm.language.program import Program

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from mbm.language.program import Program
     from mbm.problem.dependence import Facts
     from mbm.problem.tables import Table
-    from mbm.registry import Registry
+    from mbm.registry.standard import Registry
     from mbm.solution.binding import Kind
 
 TEXT, TABLES, PROBLEM, STARTS = "text", "tables", "problem", "starts"

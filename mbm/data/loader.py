@@ -181,12 +181,21 @@ def _reader_for(
     ending = (path.with_suffix("") if path.suffix.lower() in COMPRESSED else path).suffix.lower()
     if declared is not None and ending in declared.extensions:
         return declared
-    single = (reader for reader in readers.values() if isinstance(reader, Reader))
-    found = next((reader for reader in single if ending in reader.extensions), declared)
-    if found is None:
-        endings = [e for reader in readers.values() if isinstance(reader, Reader) for e in reader.extensions]
-        raise MbmError(faults.unknown_format(declaration.span, path.as_posix(), endings))
-    return found
+    endings: list[str] = []
+    broken: list[MbmError] = []
+    for name in readers:
+        try:
+            reader = readers[name]
+        except MbmError as error:  # that of an installed package: it harms no files but its own
+            broken.append(error)
+            continue
+        if isinstance(reader, Reader):
+            if ending in reader.extensions:
+                return reader
+            endings += reader.extensions
+    if declared is not None:
+        return declared
+    raise broken[0] if broken else MbmError(faults.unknown_format(declaration.span, path.as_posix(), endings))
 
 
 def _read(

@@ -45,7 +45,7 @@ class Group:
         except Exception as error:
             raise MbmError(self._broken(point, span, f"{type(error).__name__}: {error}")) from error
         if not self.suits(found):
-            raise MbmError(self._broken(point, span, f"a {type(found).__name__} is no {self.wanted}"))
+            raise MbmError(self._broken(point, span, f"it is of the type {type(found).__name__}, and no {self.wanted}"))
         return found
 
     def _broken(self, point: EntryPoint, span: Span | None, reason: str) -> Any:

@@ -10,7 +10,7 @@ from mbm.expression.nodes import Column, Expression
 from mbm.language.limits import recursion_room
 from mbm.language.scope import LocalScope
 from mbm.language.session import open_session
-from mbm.registry import standard_registry
+from mbm.registry.standard import standard_registry
 from mbm.shapes.model import make_model
 from mbm.text.reader import read
 from mbm.text.types import Source

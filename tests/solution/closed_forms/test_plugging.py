@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from mbm.registry import CLOSED_FORMS, standard_registry
+from mbm.registry.standard import CLOSED_FORMS, standard_registry
 from mbm.solution.closed_forms.multilateration import MULTILATERATION
 from mbm.solution.closed_forms.standard import STANDARD
 

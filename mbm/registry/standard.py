@@ -1,0 +1,128 @@
+"""What is plugged in: one immutable value, made here and passed as an argument; no module holds any of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import field, replace
+from functools import cache, partial
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from mbm.language.limits import Limits
+from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.data.types import ManyReader, Reader
+    from mbm.kernels.store import Store
+    from mbm.kernels.types import Backend, KernelSet
+    from mbm.language.values import Vocabulary
+    from mbm.solution.closed_forms.types import ClosedForm
+
+
+CLOSED_FORMS, READERS, FUNCTIONS = "mbm.closed_forms", "mbm.readers", "mbm.functions"
+"""The groups of entry points by which Python packages add closed forms, file formats, and functions of the language."""
+
+
+def _vocabulary() -> Vocabulary:
+    from mbm.language.deferred import DeferredFunction
+    from mbm.language.values import Builtin
+    from mbm.registry.plug_ins import Group
+    from mbm.shapes.vocabulary import vocabulary
+
+    words = vocabulary()
+    group = Group(name=FUNCTIONS, wanted="function of the language", suits=lambda found: isinstance(found, Builtin))
+    added = {name: DeferredFunction(name, partial(group.loaded, point)) for name, point in group.announced().items()}
+    return replace(words, functions={**added, **words.functions}) if added else words
+
+
+def _readers() -> Mapping[str, Reader | ManyReader]:
+    from mbm.data.readers import READERS as OWN
+    from mbm.data.types import ManyReader, Reader
+    from mbm.registry.plug_ins import Group, WithPlugIns
+
+    group = Group(name=READERS, wanted="reader", suits=lambda found: isinstance(found, Reader | ManyReader))
+    return WithPlugIns(OWN, group)
+
+
+def _casadi(store: Store | None) -> Backend:
+    from mbm.kernels.backends.casadi_map import CasadiBackend
+
+    return CasadiBackend(store=store)
+
+
+def _numpy(store: Store | None) -> Backend:
+    from mbm.kernels.backends.numpy_stream import NumpyBackend
+
+    return NumpyBackend(store=store)
+
+
+def _native(store: Store | None) -> Backend:
+    from mbm.kernels.backends.native import backend
+
+    return backend(store)
+
+
+def _automatic(store: Store | None) -> Backend:
+    from mbm.kernels.backends.automatic import backend
+
+    return backend(store)
+
+
+def _closed_forms() -> tuple[ClosedForm, ...]:
+    from mbm.solution.closed_forms.standard import STANDARD
+
+    return STANDARD
+
+
+def _store() -> Store | None:
+    from mbm.kernels.store import standard_store
+
+    return standard_store()
+
+
+_BACKENDS: Mapping[str, Callable[[Store | None], Backend]] = MappingProxyType(
+    {"auto": _automatic, "native": _native, "casadi": _casadi, "numpy": _numpy}
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Registry:
+    """Vocabulary, readers by name, what makes a backend by the name that ``--backend`` gives it, and the closed forms.
+
+    Each is called where it is needed: a warm start does without most of them. ``store`` is what keeps equations,
+    kernels and object code from one process to the next, if anything does.
+    """
+
+    vocabulary: Callable[[], Vocabulary] = _vocabulary
+    readers: Callable[[], Mapping[str, Reader | ManyReader]] = _readers
+    backends: Mapping[str, Callable[[Store | None], Backend]] = field(default_factory=lambda: _BACKENDS)
+    store: Callable[[], Store | None] = _store
+    closed_forms: Callable[[], tuple[ClosedForm, ...]] = _closed_forms
+    limits: Limits = field(default_factory=Limits)
+
+    def backend(self, name: str) -> Backend:
+        """The backend of a name, with the store to keep what it compiles in."""
+        return self.backends[name](self.store())
+
+    def suited(self, backend: Backend, kernels: KernelSet) -> Backend:
+        """``backend``, or what stands in for it where these kernels are not for it."""
+        from mbm.kernels.backends.automatic import suited
+
+        return suited(backend, kernels)
+
+
+def standard_registry(closed_forms: tuple[ClosedForm, ...] = ()) -> Registry:
+    """What mbm itself brings, and what packages add; ``closed_forms`` of the caller are tried before all others."""
+    # packages are asked once, not for each solve
+    forms = cache(lambda: (*closed_forms, *_installed(), *_closed_forms()))
+    return Registry(vocabulary=cache(_vocabulary), readers=cache(_readers), closed_forms=forms)
+
+
+def _installed() -> tuple[ClosedForm, ...]:
+    """The closed forms that installed packages announce, by name."""
+    from mbm.registry.plug_ins import Group
+
+    methods = ("name", "joint", "recognises", "solve")
+    suits = lambda found: all(hasattr(found, method) for method in methods)  # noqa: E731
+    group = Group(name=CLOSED_FORMS, wanted="closed form", suits=suits)
+    return tuple(group.loaded(point) for point in group.announced().values())
