@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field, replace
 from functools import cache, partial
 from types import MappingProxyType
@@ -35,13 +35,41 @@ def _vocabulary() -> Vocabulary:
     return replace(words, functions={**added, **words.functions}) if added else words
 
 
+class _Readers(Mapping[str, "Reader | ManyReader"]):
+    """The readers of mbm by name, and then those of packages, which are asked for names that mbm does not have."""
+
+    def __init__(self, own: Mapping[str, Reader | ManyReader]) -> None:
+        self._own = own
+        self._found: Mapping[str, Callable[[], Reader | ManyReader]] | None = None
+
+    @property
+    def _added(self) -> Mapping[str, Callable[[], Reader | ManyReader]]:
+        if self._found is None:
+            from mbm.data.types import ManyReader, Reader
+            from mbm.registry.plug_ins import Group
+
+            group = Group(name=READERS, wanted="reader", suits=lambda found: isinstance(found, Reader | ManyReader))
+            self._found = {name: partial(group.loaded, point) for name, point in group.announced().items()}
+        return self._found
+
+    def __getitem__(self, name: str) -> Reader | ManyReader:
+        return self._own[name] if name in self._own else self._added[name]()
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._own or name in self._added
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self._own
+        yield from (name for name in self._added if name not in self._own)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
 def _readers() -> Mapping[str, Reader | ManyReader]:
     from mbm.data.readers import READERS as OWN
-    from mbm.data.types import ManyReader, Reader
-    from mbm.registry.plug_ins import Group, WithPlugIns
 
-    group = Group(name=READERS, wanted="reader", suits=lambda found: isinstance(found, Reader | ManyReader))
-    return WithPlugIns(OWN, group)
+    return _Readers(OWN)
 
 
 def _casadi(store: Store | None) -> Backend:
@@ -122,7 +150,8 @@ def _installed() -> tuple[ClosedForm, ...]:
     """The closed forms that installed packages announce, by name."""
     from mbm.registry.plug_ins import Group
 
-    methods = ("name", "joint", "recognises", "solve")
-    suits = lambda found: all(hasattr(found, method) for method in methods)  # noqa: E731
-    group = Group(name=CLOSED_FORMS, wanted="closed form", suits=suits)
+    members = ("name", "joint", "recognises", "solve")
+    group = Group(
+        name=CLOSED_FORMS, wanted="closed form", suits=lambda found: all(hasattr(found, each) for each in members)
+    )
     return tuple(group.loaded(point) for point in group.announced().values())

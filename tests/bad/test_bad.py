@@ -31,6 +31,7 @@ ELSEWHERE = {
     "bad-array": "data/test_data_diagnostics.py",
     "bad-call": "cli/test_main.py",
     "bad-initial-values": "report/test_initial.py",
+    "broken-plug-in": "registry/test_plug_ins.py",
     "bad-json": "cli/test_solve.py",
     "deciding-input": "api/test_estimator.py",
     "exists-already": "cli/test_commands.py",

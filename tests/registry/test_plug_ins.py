@@ -125,3 +125,12 @@ def test_the_number_of_arguments_is_checked(problem: Problem) -> None:
 )
 def test_a_broken_package_is_named(problem: Problem, data: str, equation: str, reason: str) -> None:
     assert reason in fault(problem(data, equation))
+
+
+def test_a_broken_closed_form_is_named(problem: Problem, tmp_path: Path) -> None:
+    (tmp_path / "site" / "extra_package-1.0.dist-info" / "entry_points.txt").write_text(
+        "[mbm.closed_forms]\nbroken = extra:NOTHING\n", "utf-8"
+    )
+    made = problem('(csv "t.csv")', "(* a x)")
+    with pytest.raises(MbmError, match="broken-plug-in: `broken` of the package `extra-package` cannot be used"):
+        made.solve(method="closed-form")

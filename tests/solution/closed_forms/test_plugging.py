@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 from dataclasses import replace
 
 import pytest
 
+from mbm.registry import plug_ins
 from mbm.registry.standard import CLOSED_FORMS, standard_registry
 from mbm.solution.closed_forms.multilateration import MULTILATERATION
 from mbm.solution.closed_forms.standard import STANDARD
@@ -26,7 +26,7 @@ def test_the_callers_come_first_then_those_of_packages_by_name(monkeypatch: pyte
     def entry_points(group: str) -> list[Announced]:
         return [Announced("zulu"), Announced("alpha")] if group == CLOSED_FORMS else []
 
-    monkeypatch.setattr(importlib.metadata, "entry_points", entry_points)
+    monkeypatch.setattr(plug_ins, "entry_points", entry_points)
     found = standard_registry((replace(MULTILATERATION, name="mine"),)).closed_forms()
     assert [form.name for form in found] == ["mine", "alpha", "zulu", *(form.name for form in STANDARD)]
 
