@@ -11,17 +11,16 @@ BROKEN_PLUG_IN = Code(
     "Update or remove the package.",
 )
 
+REASON_LENGTH = 200
+"""Characters that are told of why a package does not load."""
+
 
 def broken_plug_in(span: Span | None, name: str, group: str, package: str, reason: str) -> Diagnostic:
     """An entry point that cannot be loaded, or leads to something else."""
     where = shown(package)
     return Diagnostic(
         code=BROKEN_PLUG_IN,
-        message=f"`{shown(name)}` of the package `{where}` cannot be used: {shown(reason, LONGEST)}",
+        message=f"`{shown(name)}` of the package `{where}` cannot be used: {shown(reason, REASON_LENGTH)}",
         place=span,
         hint=f"update or remove `{where}`, which announces it as an entry point of `{group}`",
     )
-
-
-LONGEST = 200
-"""Characters of what a package says of itself."""
