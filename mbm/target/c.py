@@ -24,7 +24,6 @@ from mbm.target.tree import (
     For,
     Function,
     If,
-    Intrinsic,
     Literal,
     Logical,
     Module,
@@ -240,11 +239,11 @@ def _logical(node: Logical) -> tuple[str, int]:
 
 def _primitive(node: Primitive) -> str:
     arguments = [_at(a) for a in node.arguments]
-    if node.function in (Intrinsic.MAX, Intrinsic.MIN):
-        return f"mbm_{node.function.value}({', '.join(arguments)})"
-    if node.function is Intrinsic.ISFINITE:
+    if node.function in ("max", "min"):
+        return f"mbm_{node.function}({', '.join(arguments)})"
+    if node.function == "isfinite":
         return f"mbm_isfinite({arguments[0]})"
-    return f"{node.function.value}({', '.join(arguments)})"
+    return f"{node.function}({', '.join(arguments)})"
 
 
 def number(value: float | int) -> str:

@@ -17,16 +17,12 @@ from typing import Any
 import numpy as np
 
 from mbm.target.definitions import Definitions
+from mbm.target.numpy_functions import function_of
+from mbm.target.program import LIBRARY
 
-_ALIKE = ("sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh", "log1p", "expm1", "hypot", "floor", "ceil")
 NAMES: Mapping[str, Any] = {
-    **{name: getattr(np, name) for name in (*_ALIKE, "isfinite", "where", "logical_and", "logical_or", "logical_not")},
-    "fabs": np.abs,
-    "pow": np.power,
-    "asin": np.arcsin,
-    "acos": np.arccos,
-    "atan": np.arctan,
-    "atan2": np.arctan2,
+    **{operator.value: function_of(operator) for operator in LIBRARY},
+    **{name: getattr(np, name) for name in ("isfinite", "where", "logical_and", "logical_or", "logical_not")},
     "max": lambda a, b: np.where(a > b, a, b),
     "min": lambda a, b: np.where(a < b, a, b),
     "float": float,

@@ -24,6 +24,7 @@ from mbm.target.folding import COMPARISONS, OPERATORS, assigns_or_leaves, compar
 from mbm.target.kinds import Held, Kind, Member, Record, Records, Type
 from mbm.target.tree import (
     EXTERNAL,
+    INTRINSICS,
     Assign,
     Break,
     Call,
@@ -36,7 +37,6 @@ from mbm.target.tree import (
     For,
     Function,
     If,
-    Intrinsic,
     Literal,
     Logical,
     Module,
@@ -347,9 +347,8 @@ class _Reader:
     def _call(self, name: str, arguments: tuple[Expression, ...], node: ast.AST) -> Expression:
         if name == "float" and len(arguments) == 1:
             return Convert(arguments[0])
-        intrinsic = next((i for i in Intrinsic if i.value == name), None)
-        if intrinsic is not None:
-            return Primitive(intrinsic, arguments)
+        if name in INTRINSICS:
+            return Primitive(name, arguments)
         source = self._globals.get(name)
         if not isinstance(source, FunctionType):
             raise self._refuse(node)

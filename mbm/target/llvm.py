@@ -25,7 +25,6 @@ from mbm.target.tree import (
     For,
     Function,
     If,
-    Intrinsic,
     Literal,
     Logical,
     Module,
@@ -334,17 +333,17 @@ class _Lowering:
     def _primitive(self, node: Primitive) -> Any:
         builder = self._builder
         arguments = [self._value(a) for a in node.arguments]
-        if node.function is Intrinsic.ISFINITE:
+        if node.function == "isfinite":
             difference = builder.fsub(arguments[0], arguments[0])
             return builder.zext(builder.fcmp_ordered("==", difference, REAL(0.0)), INTEGER)
-        if node.function in (Intrinsic.MAX, Intrinsic.MIN):
-            sign = ">" if node.function is Intrinsic.MAX else "<"
+        if node.function in ("max", "min"):
+            sign = ">" if node.function == "max" else "<"
             return builder.select(builder.fcmp_ordered(sign, *arguments), *arguments)
-        if node.function.value in _INTRINSICS:
+        if node.function in _INTRINSICS:
             signature = ir.FunctionType(REAL, [REAL] * len(arguments))
-            declared = self._target.declare_intrinsic(_INTRINSICS[node.function.value], [REAL], signature)
+            declared = self._target.declare_intrinsic(_INTRINSICS[node.function], [REAL], signature)
             return builder.call(declared, arguments)
-        return builder.call(library_function(self._target, node.function.value, len(arguments)), arguments)
+        return builder.call(library_function(self._target, node.function, len(arguments)), arguments)
 
 
 def library_function(target: ir.Module, name: str, arguments: int) -> Any:

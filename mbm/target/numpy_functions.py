@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,11 +17,18 @@ def _erf(x: Any) -> NDArray[np.float64]:
     return np.asarray(erf(x), dtype=np.float64)
 
 
+def _remainder(a: Any, b: Any) -> Any:
+    return a - b * np.rint(a / b)
+
+
+_OWN: Mapping[Operator, Callable[..., Any]] = {Operator.ERF: _erf, Operator.REMAINDER: _remainder}
+
+
 def function_of(operator: Operator) -> Callable[..., Any]:
-    """What NumPy calls an operation; SciPy's error function, which NumPy lacks.
+    """What NumPy calls an operation; of what it lacks, a function made of others.
 
     Raises:
-        AttributeError: NumPy has no function for it (`SELECT`, `TWICE`).
+        AttributeError: there is none (`SELECT`, `TWICE`).
     """
-    function: Callable[..., Any] = _erf if operator is Operator.ERF else getattr(np, operator.numpy)
+    function: Callable[..., Any] = _OWN[operator] if operator in _OWN else getattr(np, operator.numpy)
     return function

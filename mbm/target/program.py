@@ -77,6 +77,14 @@ class Operator(StrEnum):
     ERF = "erf"
 
 
+LIBRARY = frozenset(Operator).difference(
+    (Operator.ADD, Operator.SUB, Operator.MUL, Operator.DIV, Operator.NEG, Operator.SQUARE, Operator.TWICE),
+    (Operator.RECIPROCAL, Operator.SIGN, Operator.LESS, Operator.LESS_EQUAL, Operator.EQUAL, Operator.NOT_EQUAL),
+    (Operator.NOT, Operator.AND, Operator.OR, Operator.SELECT),
+)
+"""The functions of C's ``math.h``."""
+
+
 @dataclass(frozen=True, slots=True)
 class Instruction:
     """``value[target] = operator(value[arguments]…)``."""

@@ -28,7 +28,6 @@ from mbm.target.tree import (
     For,
     Function,
     If,
-    Intrinsic,
     Literal,
     Logical,
     Module,
@@ -46,11 +45,7 @@ from mbm.target.tree import (
 _PRECEDENCE = {"or": 1, "and": 2, "not": 3, "+": 5, "-": 5, "*": 6, "/": 6, "//": 6, "%": 6}
 _COMPARISON = 4
 _UNARY = 7
-_NAMES: Mapping[Intrinsic, str] = {
-    Intrinsic.MAX: "greater",
-    Intrinsic.MIN: "smaller",
-    Intrinsic.REMAINDER: "nearest_remainder",
-}
+_NAMES = {"max": "greater", "min": "smaller", "remainder": "nearest_remainder"}
 
 
 PRIMITIVES: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -197,7 +192,7 @@ def _expression(node: Expression) -> tuple[str, int]:
         case Convert():
             return f"float64({_at(node.argument)})", ATOM
         case Primitive():
-            name = _NAMES.get(node.function, node.function.value)
+            name = _NAMES.get(node.function, node.function)
             return f"{name}({', '.join(_at(a) for a in node.arguments)})", ATOM
         case Call():
             return f"{node.function}({', '.join(_number(a) for a in node.arguments)})", ATOM

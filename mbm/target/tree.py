@@ -7,55 +7,22 @@ statements with loops and branches.
 
 from __future__ import annotations
 
-from enum import Enum
 from typing import TypeAlias
 
 from mbm.target.kinds import Kind, Member, Record, Type
+from mbm.target.program import LIBRARY
 from mbm.values import dataclass
 
 ATOM = 9
 """Precedence, in printed text, of what never needs brackets: names, numbers, elements, calls."""
 
 
-class Intrinsic(Enum):
-    """Functions that every target brings; the value is the name in solvers. All take reals and give one.
+INTRINSICS = frozenset({"max", "min", "isfinite", *(operator.value for operator in LIBRARY)})
+"""Functions that every target brings, by their names in solvers. All take reals and give one.
 
-    ``max(a, b)`` is a where a > b, else b, and ``min`` likewise: what they make of NaN is the same in every target.
-    The others are those of C99's ``math.h``: ``fmin`` and ``fmax`` give the number where one argument is NaN.
-    """
-
-    SQRT = "sqrt"
-    FABS = "fabs"
-    EXP = "exp"
-    LOG = "log"
-    SIN = "sin"
-    COS = "cos"
-    TAN = "tan"
-    ASIN = "asin"
-    ACOS = "acos"
-    ATAN = "atan"
-    ATAN2 = "atan2"
-    SINH = "sinh"
-    COSH = "cosh"
-    TANH = "tanh"
-    ASINH = "asinh"
-    ACOSH = "acosh"
-    ATANH = "atanh"
-    LOG1P = "log1p"
-    EXPM1 = "expm1"
-    ERF = "erf"
-    POW = "pow"
-    HYPOT = "hypot"
-    FLOOR = "floor"
-    CEIL = "ceil"
-    FMOD = "fmod"
-    REMAINDER = "remainder"
-    COPYSIGN = "copysign"
-    FMIN = "fmin"
-    FMAX = "fmax"
-    MAX = "max"
-    MIN = "min"
-    ISFINITE = "isfinite"
+``max(a, b)`` is a where a > b, else b, and ``min`` likewise: what they make of NaN is the same in every target.
+The others are those of C99's ``math.h``: ``fmin`` and ``fmax`` give the number where one argument is NaN.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,13 +175,13 @@ class Convert:
 class Primitive:
     """An intrinsic function of reals; ``isfinite`` gives a condition."""
 
-    function: Intrinsic
+    function: str
     arguments: tuple[Expression, ...]
 
     @property
     def type(self) -> Type:
         """REAL, of ``isfinite`` INTEGER."""
-        return Type.INTEGER if self.function is Intrinsic.ISFINITE else Type.REAL
+        return Type.INTEGER if self.function == "isfinite" else Type.REAL
 
 
 @dataclass(frozen=True, slots=True)

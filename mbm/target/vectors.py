@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from mbm.target import sine_and_cosine
-from mbm.target.program import Instruction, Operator, Program
+from mbm.target.program import LIBRARY, Instruction, Operator, Program
 from mbm.target.solver.description import LANES
 from mbm.target.vector_text import MASK, MINUS_ONE, ONE, VECTOR, ZERO, Text, number
 
@@ -40,6 +40,9 @@ INTRINSICS: Mapping[Operator, str] = {
 }
 SCALAR = (Operator.FMOD, Operator.REMAINDER)
 """What only the C library has: exact, by long division."""
+
+VECTORISED = LIBRARY.difference(INTRINSICS, SCALAR)
+"""Elementary functions: vector libraries may have them, the C library has all of them."""
 
 
 def outputs_of(program: Program, inputs: list[str], text: Text) -> list[str]:
@@ -152,8 +155,3 @@ _SHORT: Mapping[Operator, Callable[[Text, str], str]] = {
     Operator.RECIPROCAL: lambda text, a: text.new(f"fdiv {VECTOR} {ONE}, {a}"),
     Operator.SIGN: _sign,
 }
-
-VECTORISED = frozenset(Operator).difference(
-    BINARY, COMPARISONS, LOGICAL, INTRINSICS, SCALAR, _SHORT, (Operator.NOT, Operator.SELECT)
-)
-"""Elementary functions: vector libraries may have them, the C library has all of them."""

@@ -42,7 +42,7 @@ from numpy import fmax, fmin
 
 from mbm.target import c, python
 from mbm.target.from_python import NotInTargetLanguageError, module_of
-from mbm.target.tree import Assign, For, If, Intrinsic, Literal, Name, Primitive, Type
+from mbm.target.tree import Assign, For, If, Literal, Name, Primitive, Type
 from mbm.target.words import ConstantReals, Integer, Real, Reals, call_kernel, distinct_arrays
 
 
@@ -275,7 +275,7 @@ def test_kernels_are_called_by_address():
 def test_literals_and_primitives_have_types():
     assert [Literal(1).type, Literal(1.0).type] == [Type.INTEGER, Type.REAL]
     name = Name("x", Type.REAL)
-    assert Primitive(Intrinsic.ISFINITE, (name,)).type is Type.INTEGER
+    assert Primitive("isfinite", (name,)).type is Type.INTEGER
     assert Assign(name, Literal(1.0)).value.type is Type.REAL
 
 

@@ -38,7 +38,6 @@ _OWN: Mapping[Operator, Callable[..., Floats]] = {
     Operator.NEG: operator.neg,
     Operator.TWICE: lambda a: a + a,
     Operator.SELECT: lambda test, value: np.where(test != 0, value, 0.0),
-    Operator.REMAINDER: lambda a, b: a - b * np.rint(a / b),
     **{each: _truth(getattr(np, each.numpy)) for each in _TRUTHS},
 }
 """What NumPy has no function for, or a slower one, or one that gives no numbers."""
