@@ -1,23 +1,27 @@
-"""Equations that Python evaluates as a whole, for the compiled solver: residuals and Jacobian are one fused kernel."""
+"""Equations that Python evaluates as a whole, for the compiled solver.
+
+Residuals and Jacobian are one fused kernel; constraints are a block of one row with all of them.
+"""
 
 from __future__ import annotations
 
 import ctypes
 from dataclasses import field
 from functools import cache
-from typing import Any
+from typing import Any, Protocol, cast
 
 import numpy as np
 
 from mbm.solution.assembly import Assembled
 from mbm.solution.forwarding import Forwarding
-from mbm.solution.native.callbacks import Guard, address_of, memory
+from mbm.solution.native.callbacks import KERNEL, Guard, address_of, memory
 from mbm.solution.native.code import AnyCode, NativeCode
-from mbm.solution.native.packing import Fused, Rows, function_arrays
+from mbm.solution.native.packing import Fused, Limits, Rows, function_arrays
 from mbm.solution.native.system import NativeSystem, iteration_of, native_code
 from mbm.solution.settings import Settings
-from mbm.solution.types import Equations, Floats
+from mbm.solution.types import Equations, Floats, Mask
 from mbm.target.solver import description as of
+from mbm.target.solver.description import LANES
 from mbm.values import dataclass
 
 CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
@@ -51,9 +55,16 @@ class Remembered:
         return self._jacobian
 
 
+class _Limited(Protocol):
+    @property
+    def equality(self) -> Mask: ...
+    def constraint_values(self, x: Floats) -> Floats: ...
+    def constraint_jacobian(self, x: Floats) -> Floats: ...
+
+
 @dataclass(slots=True, kw_only=True, eq=False)
 class Function:
-    """Residuals and Jacobian of ``equations`` as kernels, at points of so many ``numbers``."""
+    """What ``equations`` have, residuals and constraints, as kernels, at points of so many ``numbers``."""
 
     equations: Equations
     numbers: int
@@ -71,6 +82,40 @@ class Function:
         head[of.Fused.values], head[of.Fused.jacobian] = (address_of(callback) for callback in self._held)
         head[of.Fused.residuals] = self.equations.count
         return Fused(table=head, reals=1, library=self)
+
+    def limits(self) -> Limits:
+        """The same of the constraints."""
+        callbacks = KERNEL(self._limits), KERNEL(self._limit_slopes)
+        self._held = (*self._held, *callbacks)
+        values, jacobian = (address_of(callback) for callback in callbacks)
+        return Limits(values=values, jacobian=jacobian, equality=self._limited.equality)
+
+    @property
+    def _limited(self) -> _Limited:
+        return cast(_Limited, self.equations)
+
+    def _limits(self, given: int, target: int, _blocks: int) -> None:
+        found = memory(target, LANES * len(self._limited.equality)).reshape(-1, LANES)
+
+        def evaluate() -> None:
+            found[...] = self._limited.constraint_values(self._first_lane(given))[:, None]
+
+        self.guard.fill(found, evaluate)
+
+    def _limit_slopes(self, given: int, target: int, _blocks: int) -> None:
+        count = len(self._limited.equality)
+        found = memory(target, LANES * count * (1 + self.equations.dimension)).reshape(-1, LANES)
+
+        def evaluate() -> None:
+            here = self._first_lane(given)
+            found[:count] = self._limited.constraint_values(here)[:, None]
+            found[count:] = self._limited.constraint_jacobian(here).reshape(-1, 1)
+
+        self.guard.fill(found, evaluate)
+
+    def _first_lane(self, given: int) -> Floats:
+        """A point as a kernel is given it; all lanes are equal."""
+        return memory(given, LANES * self.numbers)[::LANES].copy()
 
     def _values(self, point: int, _data: int, target: int, _stride: int) -> None:
         found = memory(target, self.equations.count)
@@ -104,19 +149,27 @@ def solver_code() -> AnyCode:
     return NativeCode(None).solver
 
 
-def system_of_function(equations: Equations, settings: Settings) -> NativeSystem:
-    """Any equations for the native solver: their residuals and Jacobian are asked for as `Equations` has them."""
+def system_of_function(equations: Equations, settings: Settings, *, constrained: bool = False) -> NativeSystem:
+    """Any equations for the native solver: their residuals and Jacobian are asked for as `Equations` has them.
+
+    ``constrained``: their constraints as well.
+    """
     base = underlying(equations)
     function = Function(equations=equations, numbers=equations.dimension if base is None else len(base.layout.start))
     system, constants = function_arrays(
-        equations, base, iteration_of(equations, settings, direct=None, strict=False), function.fused()
+        equations,
+        base,
+        iteration_of(equations, settings, direct=False if constrained else None, strict=False),
+        function.fused(),
+        function.limits() if constrained else None,
     )
-    none, nowhere = np.zeros(1), np.zeros(1, dtype=np.int64)
-    data = np.array([[equations.count]], dtype=np.int64)
+    none = np.zeros(1)
+    places = np.arange(max(function.numbers, equations.dimension))
+    data = np.array([[equations.count, *(constrained * [0, 0, 0, 0, 1])]], dtype=np.int64)
     return NativeSystem(
         system=system,
         constants=constants,
-        rows=Rows(parameters=none, weights=none, index=nowhere, columns=nowhere, data=data),
+        rows=Rows(parameters=none, weights=none, index=places, columns=places, data=data),
         code=_code(base),
         held=function,
         failed=function.guard.raise_failure,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import Group
-from mbm.solution.types import Equations, Floats, Indices
+from mbm.solution.types import Equations, Floats, Indices, Mask
 from mbm.solution.whitening import Whitener
 from mbm.target.records import slot
 from mbm.target.solver import description as of
@@ -37,6 +37,15 @@ class Fused:
     table: Indices
     reals: int
     library: object = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Limits:
+    """All constraints of some equations as one row of a kernel: what addresses give, and which (k,) are equations."""
+
+    values: int
+    jacobian: int
+    equality: Mask
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -209,20 +218,50 @@ def system_arrays(
 
 
 def function_arrays(
-    equations: Equations, base: Assembled | None, iteration: Iteration, fused: Fused
+    equations: Equations, base: Assembled | None, iteration: Iteration, fused: Fused, limits: Limits | None = None
 ) -> tuple[Indices, Floats]:
-    """``system`` and ``constants`` for equations of which ``fused`` gives all residuals.
+    """``system`` and ``constants`` for equations of which ``fused`` gives all residuals, and ``limits`` all constraints.
 
     ``base`` are those whose unknowns they have; None: a point is the coordinates, which steps add to.
     """
     rows = equations.count
+    numbers = equations.dimension if base is None else len(base.layout.start)
+    count = 0 if limits is None else len(limits.equality)
     sizes = (
-        (of.Problem.most_residuals, rows + 4),
-        (of.Problem.chunk, rows + -rows % 4),
+        (of.Problem.constraint_blocks, int(count > 0)),
+        (of.Problem.most_multipliers, count),
+        (of.Problem.most_residuals, rows + 4 + LANES * count),
+        (of.Problem.most_inputs, LANES * numbers * int(count > 0)),
+        (of.Problem.most_weights, LANES * 2 * count),
+        (of.Problem.most_outputs, LANES * count * (1 + equations.dimension)),
+        (of.Problem.chunk, max(rows + -rows % 4, LANES * count)),
         (of.Problem.profiled, bool(getattr(equations, "profiled", False))),
     )
-    system = _described(equations, base, iteration, sizes, [], fused)
+    tables = [] if limits is None else _limit_block(limits, numbers, equations.dimension)
+    system = _described(equations, base, iteration, sizes, tables, fused)
     return system, _constants(equations, iteration, [])
+
+
+def _limit_block(limits: Limits, numbers: int, n: int) -> list[Indices]:
+    """The table of the one block of constraints: each depends on every number and every coordinate."""
+    count = len(limits.equality)
+    block = np.zeros(of.BLOCK, dtype=np.int64)
+    outputs, tangents = np.divmod(np.arange(count * n), n)
+    nonzeros = np.stack([outputs, tangents, np.full(count * n, -1)], axis=1).ravel()
+    for at, value in (
+        (of.Block.values, limits.values),
+        (of.Block.jacobian, limits.jacobian),
+        (of.Block.outputs, count),
+        (of.Block.variables, numbers),
+        (of.Block.tangents, n),
+        (of.Block.nonzero_count, count * n),
+        (of.Block.noise, -1),
+        (slot(of.Block, "units"), of.BLOCK),
+        (slot(of.Block, "nonzeros"), of.BLOCK),
+        (slot(of.Block, "equality"), of.BLOCK + nonzeros.size),
+    ):
+        block[at] = value
+    return [block, nonzeros, limits.equality.astype(np.int64)]
 
 
 def _described(
