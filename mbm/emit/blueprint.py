@@ -343,4 +343,9 @@ def _bounded(manifold: Manifold) -> tuple[int, ...]:
 
 
 def _settings(request: Request) -> SolverSettings:
-    return SolverSettings(method=request.method, max_iterations=request.max_iterations, tolerance=request.tolerance)
+    return SolverSettings(
+        method=request.method,
+        constraints=request.constraints,
+        max_iterations=request.max_iterations,
+        tolerance=request.tolerance,
+    )

@@ -9,7 +9,7 @@ import numpy as np
 from mbm.emit.foreign import Foreign
 from mbm.emit.routines.description import UNKNOWN
 from mbm.emit.types import BlockCase, BlockShape, Blueprint, EquationShape
-from mbm.problem.types import BlockRole, NoiseKind
+from mbm.problem.types import BlockRole, ConstraintMethod, NoiseKind
 from mbm.target.records import slot
 from mbm.target.solver import description as at
 from mbm.target.solver.losses import LOSSES
@@ -70,6 +70,7 @@ def static_system(blueprint: Blueprint) -> StaticSystem:
     prefix[at.Problem.residual_blocks], prefix[at.Problem.constraint_blocks] = len(measured), len(cases) - len(measured)
     prefix[slot(at.Problem, "blocks")] = at.HEADER
     prefix[at.Problem.iterations] = blueprint.settings.max_iterations
+    prefix[at.Problem.exact] = int(blueprint.settings.constraints is ConstraintMethod.EXACT)
     prefix[at.Problem.rule] = at.RULES.get(blueprint.settings.method.value, at.MARQUARDT)
     prefix[at.Problem.noises] = 0 if scaled else len(unknown)
     lossy = any(b.loss is not None for b, _ in measured)

@@ -13,7 +13,7 @@ from typing import TypeAlias
 from mbm.emit.answers import Agreement, Floats, Reference, Whole
 from mbm.emit.foreign import Foreign
 from mbm.kernels.types import Kernel
-from mbm.problem.types import BlockRole, Loss, Method, NoiseKind, UnknownKind
+from mbm.problem.types import BlockRole, ConstraintMethod, Loss, Method, NoiseKind, UnknownKind
 from mbm.target.program import Program
 from mbm.values import dataclass
 
@@ -286,6 +286,7 @@ class SolverSettings:
     """How the iteration goes on, and ends."""
 
     method: Method
+    constraints: ConstraintMethod
     max_iterations: int
     tolerance: float
 

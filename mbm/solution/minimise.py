@@ -12,7 +12,6 @@ from mbm.solution.assembly import Assembled
 from mbm.solution.native.minimum import native_minima, native_minimum
 from mbm.solution.native.system import one_step_suits
 from mbm.solution.nudging import SINGULAR, beside
-from mbm.solution.pushing import with_pushed_bounds
 from mbm.solution.settings import Settings
 from mbm.solution.sparsity import sparse_suits
 from mbm.solution.types import Correctable, Equations, Floats, Minimum, Reason
@@ -78,7 +77,7 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
     if found.reason in SINGULAR and settings.method is not Method.CLOSED_FORM:
         others = (_from(equations, bound, point, settings) for point in beside(equations, start, settings.seed))
         found = next((other for other in others if other.reason not in SINGULAR), found)
-    return with_pushed_bounds(equations, found)
+    return found
 
 
 def minima(equations: Equations, starts: Floats, settings: Settings, place: Place | None = None) -> Iterator[Minimum]:
@@ -87,14 +86,14 @@ def minima(equations: Equations, starts: Floats, settings: Settings, place: Plac
     alone = len(starts) < 2 or _sparse(equations, settings) or settings.method in (Method.CLOSED_FORM, Method.IPOPT)
     if not alone and isinstance(equations, Assembled) and not equations.profiled:
         if equations.constraints:
-            from mbm.solution.constrained.by_kernels import kernel_constrained_minima
+            from mbm.solution.constrained.solve import constrained_minima
 
-            found = kernel_constrained_minima(equations, starts, settings)
+            found = constrained_minima(equations, starts, settings)
         else:
             found = native_minima(equations, starts, settings)
     for start, native in zip(starts, found, strict=True):
         each = native if native is not None and native.reason not in SINGULAR else None
-        yield with_pushed_bounds(equations, each or minimise(equations, start, settings, place))
+        yield each or minimise(equations, start, settings, place)
 
 
 def _sparse(equations: Equations, settings: Settings) -> bool:
@@ -115,11 +114,9 @@ def _bound(equations: Equations, settings: Settings) -> ConstrainedEquations | N
 def _from(equations: Equations, bound: ConstrainedEquations | None, start: Floats, settings: Settings) -> Minimum:
     """Where the solver gets from the start; ``bound`` are the equations if they have constraints."""
     if settings.method is not Method.CLOSED_FORM and bound is not None:
-        from mbm.solution.constrained.by_kernels import kernel_constrained_minimum
         from mbm.solution.constrained.solve import constrained_minimum
 
-        native = kernel_constrained_minimum(equations, start, settings, _stopped(settings))
-        return constrained_minimum(bound, start, settings) if native is None else native
+        return constrained_minimum(bound, start, settings, _stopped(settings))
     if _sparse(equations, settings):
         # Here and below: methods that few problems need are loaded by those that do, so that small ones start at once.
         from mbm.solution.sparse.marquardt import sparse_minimum

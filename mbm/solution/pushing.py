@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.solution.types import Equations, Floats, Minimum
+from mbm.solution.types import Floats
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,17 +23,3 @@ def pushed(at_bound: NDArray[np.int8], slopes: Floats, lengths: Floats, x: Float
     made_of = np.sqrt(np.square(lengths * x).sum())
     idle = np.abs(slopes) <= lengths * (IDLE * np.sqrt(cost) + ROUNDED_PUSH * made_of)
     return np.where(idle, 0, at_bound).astype(np.int8)
-
-
-@np.errstate(all="ignore")
-def with_pushed_bounds(equations: Equations, minimum: Minimum) -> Minimum:
-    """The minimum with coordinates held only where the residuals push; dense problems without constraints.
-
-    Constraints push as well, and say so themselves; the sparse solver looks at its own columns.
-    """
-    if minimum.blocks is not None or minimum.constraints is not None or not minimum.at_bound.any():
-        return minimum
-    lengths = np.linalg.norm(minimum.jacobian, axis=0)
-    slopes = minimum.jacobian.T @ minimum.residuals
-    sides = pushed(minimum.at_bound, slopes, lengths, equations.coordinates(minimum.point), minimum.cost)
-    return replace(minimum, at_bound=sides)

@@ -9,15 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.solution.constrained.penalised import least_violation
 from mbm.solution.constrained.types import ConstrainedEquations
+from mbm.solution.constrained.violation import STILL, least_violation
 from mbm.solution.forwarding import Forwarding
 from mbm.solution.types import Conflict, Floats, Indices, Mask, Minimum
 from mbm.values import dataclass
-
-TOLERANCE = 1e-10
-STILL = 1e-7
-"""Violations (in units of the constraints) that are none: the search for the least has this accuracy at least."""
 
 LARGEST = 200
 """Members of a contradiction that are tried one by one; of more, all that take part are named."""
@@ -85,5 +81,5 @@ def _impossible(
         elif kind == "upper":
             upper[i] = equations.upper[i]
     part = _Part(equations=equations, chosen=chosen, lower=lower, upper=upper)
-    _, left = least_violation(part, point, unit[chosen], TOLERANCE, limit)
+    _, left = least_violation(part, point, unit[chosen], limit)
     return not bool((left <= STILL).all())

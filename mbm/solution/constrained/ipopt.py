@@ -1,7 +1,7 @@
 """``:method ipopt``: the interior-point method of Wächter and Biegler (2006), as CasADi brings it.
 
 It sees the cost and the constraints as functions of a step from the start in scaled coordinates, with their gradients;
-the Hessian is approximated on the way. Sequential steps give the last digits, the multipliers and the active set.
+the Hessian is approximated on the way. The compiled solver gives the last digits, the multipliers and the active set.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ from typing import Any, Protocol, cast
 import numpy as np
 
 from mbm.solution.constrained.linearise import linearise
-from mbm.solution.constrained.minimise import Constrained, by_sequential_steps
-from mbm.solution.constrained.types import ConstrainedEquations, Stopped, never
+from mbm.solution.constrained.types import ConstrainedEquations
 from mbm.solution.types import Floats
 
 PRECISION = 1e-8
@@ -29,6 +28,20 @@ otherwise be searched along, fifty evaluations each time, until ``max_iter``."""
 
 class _Charted(Protocol):
     def chart_slopes(self, x: Floats, step: Floats) -> Floats: ...
+
+
+def last_step(equations: ConstrainedEquations, point: Floats) -> Floats:
+    """The point after one Gauss-Newton step, if that stays inside the bounds and no cost shows a loss.
+
+    Beside rows of great weight the cost does not tell what Ipopt leaves of the way for the others.
+    """
+    here = linearise(equations, point)
+    step = -np.linalg.lstsq(here.jacobian / here.scale, here.residuals, rcond=None)[0] / here.scale
+    there = equations.retract(point, step)
+    coordinates, residuals = equations.coordinates(there), equations.residuals(there)
+    inside = bool(((coordinates >= equations.lower) & (coordinates <= equations.upper)).all())
+    length = float(np.sqrt(residuals @ residuals))
+    return there if inside and length <= np.sqrt(here.cost) + here.noise else point
 
 
 class _Along:
@@ -69,24 +82,12 @@ class _Along:
         return turned / self.scale
 
 
-def by_interior_points(
-    equations: ConstrainedEquations,
-    start: Floats,
-    *,
-    tolerance: float,
-    limit: int,
-    seed: int = 1,
-    stopped: Stopped = never,
-) -> Constrained:
-    """Ipopt from the start, then sequential steps from where it ended."""
-    point = _interior(_Along(equations, start), limit)
-    return by_sequential_steps(equations, point, tolerance=tolerance, limit=limit, seed=seed, stopped=stopped)
-
-
-def _interior(along: _Along, limit: int) -> Floats:
+def interior_point(equations: ConstrainedEquations, start: Floats, limit: int) -> Floats:
+    """Where Ipopt gets from the start in so many iterations."""
+    along = _Along(equations, start)
     import casadi
 
-    equations, size, count = along.equations, along.equations.dimension, len(along.unit)
+    size, count = equations.dimension, len(along.unit)
     objective, conditions = _callbacks(casadi, along, size, count)
     step = casadi.MX.sym("step", size)
     options: Any = {

@@ -11,13 +11,11 @@ from mbm.target.decisions import EPSILON, MET, ROUNDING_ERRORS
 
 
 @np.errstate(all="ignore")
-def linearise(equations: ConstrainedEquations, x: Floats, before: Linearised | None = None) -> Linearised:
-    """Everything at ``x``; ``before`` is where it was reached from, whose scale is kept where it is larger."""
+def linearise(equations: ConstrainedEquations, x: Floats) -> Linearised:
+    """Everything at ``x``."""
     residuals, values = equations.residuals(x), equations.constraint_values(x)
     jacobian, slopes = equations.jacobian(x), equations.constraint_jacobian(x)
     scale = metric(jacobian, slopes)
-    if before is not None:
-        scale = np.maximum(scale, before.scale)
     size = magnitudes(equations, equations.coordinates(x))
     terms = column_norms(jacobian) * size
     noise = ROUNDING_ERRORS * EPSILON * float(np.sqrt(terms @ terms) + np.sqrt(residuals @ residuals))
@@ -43,9 +41,3 @@ def violations(values: Floats, equality: Mask) -> Floats:
 def met(here: Linearised, equality: Mask, share: float = MET) -> Mask:
     """Which constraints hold, as far as anybody can tell, shape (k,)."""
     return np.asarray(violations(here.values, equality) <= share * here.unit + here.rounding, dtype=bool)
-
-
-def finite(here: Linearised) -> bool:
-    """Everything there has a value."""
-    parts = (here.residuals, here.jacobian, here.values, here.slopes)
-    return all(bool(np.isfinite(part).all()) for part in parts)

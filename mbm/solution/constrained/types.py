@@ -1,20 +1,11 @@
-"""What the constrained solvers are given, and what they carry from iteration to iteration."""
+"""Equations with constraints, and what they are at a point to first order."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol, TypeAlias, cast
+from typing import Protocol, cast
 
 from mbm.solution.types import Equations, Floats, Mask
 from mbm.values import dataclass
-
-Stopped: TypeAlias = Callable[[], bool]
-"""Asked between iterations: the search is to end with the best point so far."""
-
-
-def never() -> bool:
-    """Nobody stops the search."""
-    return False
 
 
 class ConstrainedEquations(Equations, Protocol):
@@ -64,8 +55,3 @@ class Linearised:
     def cost(self) -> float:
         """``Σ r²``."""
         return float(self.residuals @ self.residuals)
-
-    @property
-    def slack(self) -> float:
-        """Rounding of ``cost``."""
-        return float(2.0 * self.noise * self.cost**0.5 + self.noise * self.noise)

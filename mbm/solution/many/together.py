@@ -11,7 +11,7 @@ import numpy as np
 
 from mbm.kernels.types import KernelSet
 from mbm.problem.tables import Table
-from mbm.problem.types import ConstraintMethod, Problem
+from mbm.problem.types import Problem
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import EvaluationCache, affine
 from mbm.solution.many.chain import NOT_SOLVED, Chain, places_before
@@ -194,7 +194,7 @@ def _simple(problem: Problem, bound: Stack, settings: Settings) -> bool:
     """Whether constraints stand beside nothing but equations of one noise, and losses with one minimum."""
     convex = all(loss.convex for group in bound.equations.groups for loss in group.losses)
     odd = estimated_on_the_way(problem) or settings.robust is not None
-    return settings.constraints is ConstraintMethod.PENALTY and convex and not odd
+    return convex and not odd
 
 
 def _begins_at_agreement(problem: Problem, bound: Stack) -> bool:

@@ -52,7 +52,7 @@ class Limits:
 class Iteration:
     """How a solve goes on: at ``most`` so many iterations, to a relative offset of ``tolerance``.
 
-    ``direct``: the one step of affine equations; ``strict`` and ``rule`` as in `description.Problem`.
+    ``direct``: the one step of affine equations; the others as in `description.Problem`.
     """
 
     most: int
@@ -60,6 +60,7 @@ class Iteration:
     direct: bool = False
     strict: bool = True
     rule: int = of.MARQUARDT
+    exact: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -220,7 +221,7 @@ def system_arrays(
 def function_arrays(
     equations: Equations, base: Assembled | None, iteration: Iteration, fused: Fused, limits: Limits | None = None
 ) -> tuple[Indices, Floats]:
-    """``system`` and ``constants`` for equations of which ``fused`` gives all residuals, and ``limits`` all constraints.
+    """``system`` and ``constants`` for equations of which ``fused`` gives the residuals, ``limits`` the constraints.
 
     ``base`` are those whose unknowns they have; None: a point is the coordinates, which steps add to.
     """
@@ -287,6 +288,7 @@ def _described(
         (of.Problem.iterations, iteration.most),
         (of.Problem.strict, iteration.strict),
         (of.Problem.rule, iteration.rule),
+        (of.Problem.exact, iteration.exact),
         (of.Problem.direct, iteration.direct),
         (slot(of.Problem, "number_of"), of.HEADER),
         (slot(of.Problem, "positive"), of.HEADER + n),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.problem.types import Method
+from mbm.problem.types import ConstraintMethod, Method
 from mbm.solution.assembly import Assembled
 from mbm.solution.binding import EvaluationCache, Group
 from mbm.solution.native.code import AnyCode, Described, NativeCode
@@ -298,6 +298,7 @@ def iteration_of(equations: Equations, settings: Settings, *, direct: bool | Non
         direct=direct,
         strict=strict,
         rule=of.RULES.get(settings.method.value, of.MARQUARDT),
+        exact=settings.constraints is ConstraintMethod.EXACT,
     )
 
 

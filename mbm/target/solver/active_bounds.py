@@ -12,10 +12,13 @@ from mbm.target.decisions import IDLE, ROUNDED_PUSH
 from mbm.target.words import ConstantReals, Integer, Integers, Real
 
 
-def release_inactive(n: Integer, triangle: ConstantReals, x: ConstantReals, cost: Real, sides: Integers) -> None:
+def release_inactive(
+    n: Integer, triangle: ConstantReals, x: ConstantReals, cost: Real, pulls: ConstantReals, sides: Integers
+) -> None:
     """``sides`` (n,) become 0 where the slope ``Jᵀ r`` is nothing beside the length of its column and ``cost`` = rᵀ r.
 
-    ``triangle`` (n + 1, n + 1) of ``[J r]``; ``x`` (n,) are the coordinates.
+    ``triangle`` (n + 1, n + 1) of ``[J r]``; ``x`` (n,) are the coordinates, ``pulls`` (n,) what constraints add to
+    the slope.
     """
     width = n + 1
     bounded = 0
@@ -33,7 +36,7 @@ def release_inactive(n: Integer, triangle: ConstantReals, x: ConstantReals, cost
     for j in range(n):
         if sides[j] != 0:
             length = 0.0
-            slope = 0.0
+            slope = pulls[j]
             for i in range(j + 1):
                 length += triangle[i * width + j] * triangle[i * width + j]
                 slope += triangle[i * width + j] * triangle[i * width + n]

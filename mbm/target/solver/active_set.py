@@ -16,34 +16,19 @@ from mbm.target.words import Integer, Real
 
 def set_active(problem: Problem, work: Work) -> None:
     """`held`: the units of the equations, and of the inequalities that have a multiplier."""
-    done = 0
-    for b in range(problem.residual_blocks, problem.residual_blocks + problem.constraint_blocks):
-        block = problem.blocks[b]
-        lines = block.outputs
-        count = lines * work.rows.data.blocks[b].rows
-        for k in range(count):
-            c = done + k
-            work.held[c] = work.units[c]
-            if block.equality[k % lines] == 0 and not work.multipliers[c] > 0.0:
-                work.held[c] = 0.0
-        done += count
+    for c in range(constraint_count(problem, work.rows.data)):
+        holds = work.equation[c] == 1 or work.multipliers[c] > 0.0
+        work.held[c] = work.units[c] if holds else 0.0
 
 
 def largest_violation(problem: Problem, work: Work) -> Real:
     """Of the equations and of the inequalities that hold like them: in units, beyond rounding."""
     worst = 0.0
-    done = 0
-    for b in range(problem.residual_blocks, problem.residual_blocks + problem.constraint_blocks):
-        block = problem.blocks[b]
-        lines = block.outputs
-        count = lines * work.rows.data.blocks[b].rows
-        for k in range(count):
-            c = done + k
-            missed = fabs(work.values[c]) - work.roundings[c]
-            holds = block.equality[k % lines] != 0 or work.held[c] != 0.0
-            if holds and missed > worst * work.units[c]:
-                worst = missed / work.units[c]
-        done += count
+    for c in range(constraint_count(problem, work.rows.data)):
+        missed = fabs(work.values[c]) - work.roundings[c]
+        holds = work.equation[c] == 1 or work.held[c] != 0.0
+        if holds and missed > worst * work.units[c]:
+            worst = missed / work.units[c]
     return worst
 
 
@@ -58,23 +43,16 @@ def change_active(problem: Problem, nothing: Real, work: Work) -> Integer:
     pulled = -1
     most = EXACT
     least = -nothing
-    done = 0
-    for b in range(problem.residual_blocks, problem.residual_blocks + problem.constraint_blocks):
-        block = problem.blocks[b]
-        lines = block.outputs
-        count = lines * work.rows.data.blocks[b].rows
-        for k in range(count):
-            c = done + k
-            if block.equality[k % lines] == 0:
-                if held[c] == 0.0 and work.values[c] - work.roundings[c] > most * units[c]:
-                    most = (work.values[c] - work.roundings[c]) / units[c]
-                    overstepped = c
-                if held[c] != 0.0 and forces[c] * units[c] < least:
-                    least = forces[c] * units[c]
-                    pulled = c
-                if forces[c] < 0.0:
-                    forces[c] = 0.0
-        done += count
+    for c in range(constraint_count(problem, work.rows.data)):
+        if work.equation[c] == 0:
+            if held[c] == 0.0 and work.values[c] - work.roundings[c] > most * units[c]:
+                most = (work.values[c] - work.roundings[c]) / units[c]
+                overstepped = c
+            if held[c] != 0.0 and forces[c] * units[c] < least:
+                least = forces[c] * units[c]
+                pulled = c
+            if forces[c] < 0.0:
+                forces[c] = 0.0
     if overstepped >= 0:
         held[overstepped] = units[overstepped]
         return 1

@@ -6,6 +6,7 @@ from mbm.target.decisions import PUSHED
 from mbm.target.records import Reference, record, view
 from mbm.target.solver.active_bounds import release_inactive
 from mbm.target.solver.beginning import begin, constraint_count, solve_directly
+from mbm.target.solver.constraint_values import tell_equations
 from mbm.target.solver.constraints import begin_rounds, next_round, set_held
 from mbm.target.solver.covariance import set_covariance, undetermined
 from mbm.target.solver.description import (
@@ -36,7 +37,8 @@ from mbm.target.solver.description import (
     Problem,
 )
 from mbm.target.solver.equations import load_rows, residuals_at_point
-from mbm.target.solver.linear_algebra import copied, dot, filled
+from mbm.target.solver.linear_algebra import add_multiple, copied, dot, filled
+from mbm.target.solver.sequential import begin_steps, sequential_step
 from mbm.target.solver.sweeps import sweep
 from mbm.target.solver.trust_region import iterate
 from mbm.target.solver.workspace import Answer, Linearisation, Work, share_out
@@ -84,7 +86,11 @@ def start_solve(
     work.round = 0
     work.penalised = 0
     work.tolerance = work.rows.constants[TOLERANCE]
-    if problem.constraint_blocks > 0:
+    work.sequential = 0
+    tell_equations(problem, work)
+    if problem.constraint_blocks > 0 and problem.exact == 1:
+        begin_steps(problem, work)
+    elif problem.constraint_blocks > 0:
         begin_rounds(problem, work)
     else:
         begin(problem, work)
@@ -104,11 +110,14 @@ def go_on(
         while work.stop == RUNNING and work.iterations < problem.iterations:
             if work.iterations >= last:
                 return 0
-            iterate(problem, work)
+            if work.sequential == 1:
+                sequential_step(problem, work)
+            else:
+                iterate(problem, work)
         if work.stop == RUNNING:
             work.stop = MAX_ITERATIONS
         going = 0
-        if problem.constraint_blocks > 0 and work.penalised == 1:
+        if problem.constraint_blocks > 0 and work.penalised == 1 and work.sequential == 0:
             going = next_round(problem, work)
     return 1
 
@@ -153,11 +162,29 @@ def set_end(problem: Problem, work: Work) -> None:
     states[DEFICIENT] = 1 if here.deficient > 0 else 0
     results[OFFSET] = here.offset
     results[COST] = here.cost
+    results[VIOLATION] = 0.0
+    filled(problem.most_multipliers, 0.0, answer.multipliers)
+    n = problem.n
+    copied((n + 1) * (n + 1), here.triangle, answer.triangle)
     if work.stop == NOT_FINITE_AT_START:
-        for j in range(problem.n):
+        for j in range(n):
             answer.sides[j] = 0
-    else:
-        set_sides(problem, work.rows.constants, here, answer.sides)
+        return
+    set_sides(problem, work.rows.constants, here, answer.sides)
+    pulls = work.gradient
+    filled(n, 0.0, pulls)
+    if work.penalised == 1:
+        residuals = work.rows.residuals
+        size = residuals_at_point(problem, work.rows, here.point, 1, 0, residuals)
+        results[COST] = dot(size, residuals, residuals)
+        results[VIOLATION] = work.worst
+        set_held(problem, results[COST], work)
+        copied(constraint_count(problem, work.rows.data), work.multipliers, answer.multipliers)
+        for c in range(constraint_count(problem, work.rows.data)):
+            add_multiple(n, work.multipliers[c], work.slopes[c * n :], pulls)
+    if work.penalised == 1 or (LANES > 1 and here.squared_condition > SURE):
+        sweep(problem, here.point, 0, 0, work.rows, work.rows.constants, answer.triangle)
+    release_inactive(n, answer.triangle, here.x, results[COST], pulls, answer.sides)
 
 
 def finish_solve(problem: Problem, work: Work) -> None:
@@ -171,9 +198,6 @@ def finish_solve(problem: Problem, work: Work) -> None:
     n = problem.n
     here = work.here
     set_end(problem, work)
-    results[VIOLATION] = 0.0
-    filled(problem.most_multipliers, 0.0, answer.multipliers)
-    copied((n + 1) * (n + 1), here.triangle, triangle)
     residuals = work.rows.residuals
     point = here.point
     count = constraint_count(problem, work.rows.data)
@@ -186,18 +210,6 @@ def finish_solve(problem: Problem, work: Work) -> None:
         work.rank = 0
         work.loose = 0
         return
-    if work.penalised == 1:
-        size = residuals_at_point(problem, work.rows, point, 1, 0, residuals)
-        results[COST] = dot(size, residuals, residuals)
-        sweep(problem, point, 0, 0, work.rows, work.rows.constants, triangle)
-        results[VIOLATION] = work.worst
-        set_held(problem, results[COST], work)
-        copied(count, work.multipliers, answer.multipliers)
-    else:
-        if LANES > 1 and here.squared_condition > SURE:
-            sweep(problem, point, 0, 0, work.rows, work.rows.constants, triangle)
-        # constraints push as well, and say so themselves
-        release_inactive(n, triangle, here.x, results[COST], sides)
     results[PLAIN_COST] = results[COST]
     if lossy(problem) == 1:
         size = residuals_at_point(problem, work.rows, point, 0, 0, residuals)

@@ -72,7 +72,7 @@ def set_null_space(
             if found < reflected and fabs(line[found]) > REPEATED * length:
                 work.along[found] = (-work.values[c] - dot(found, line, work.along)) / line[found]
                 for k in range(reflected):
-                    lower[found * reflected + k] = line[k]
+                    lower[found * n + k] = line[k]
                 found += 1
             else:
                 held[c] = 0.0
@@ -82,17 +82,23 @@ def set_null_space(
             total += triangle[i * (n + 1) + chosen[k]] * triangle[i * (n + 1) + n]
         gradient[k] = total / scale[k]
     to_null_space(count, reflected, reflections, gradient)
+    set_forces(n, holding, found, work)
+    return found
+
+
+def set_forces(n: Integer, holding: Integer, found: Integer, work: Work) -> None:
+    """The multipliers of what is `held`, ``Lᵀ λ = -Yᵀ g``, for a turned gradient g in `gradient`."""
+    line = work.line
     last = found
     for back in range(holding):
         c = holding - 1 - back
-        if held[c] != 0.0:
+        if work.held[c] != 0.0:
             last -= 1
-            total = -gradient[last]
+            total = -work.gradient[last]
             for k in range(last + 1, found):
-                total -= lower[k * reflected + last] * line[k]
-            line[last] = total / lower[last * reflected + last]
+                total -= work.lower[k * n + last] * line[k]
+            line[last] = total / work.lower[last * n + last]
             work.forces[c] = line[last]
-    return found
 
 
 def kkt_step(

@@ -48,9 +48,14 @@ def linearise(
     work: Work,
 ) -> None:
     """Values and slopes of all constraints at a point."""
+    filled(constraint_count(problem, work.rows.data) * problem.n, 0.0, work.slopes)
+    evaluate(problem, point, 1, work, work.values)
+
+
+def evaluate(problem: Problem, point: ConstantReals, sloped: Integer, work: Work, values: Reals) -> None:
+    """Values of all constraints at a point; with ``sloped`` 1 their derivatives are added to zeros in `slopes`."""
     n = problem.n
     rows = work.rows
-    filled(constraint_count(problem, rows.data) * n, 0.0, work.slopes)
     inputs = 0
     done = 0
     for b in range(problem.residual_blocks + problem.constraint_blocks):
@@ -66,17 +71,34 @@ def linearise(
                 own = portion(problem, block) * LANES
                 if first + own > count:
                     own = count - first
-                call_kernel(
-                    block.jacobian, rows.inputs[inputs + first // LANES * width :], rows.outputs, groups_of(own)
-                )
-                # fmt: off
-                add_slopes(
-                    problem, block, columns, first, own, rows.outputs, work.values[done:], work.slopes[done * n :]
-                )
-                # fmt: on
+                given = rows.inputs[inputs + first // LANES * width :]
+                if sloped == 1:
+                    call_kernel(block.jacobian, given, rows.outputs, groups_of(own))
+                    # fmt: off
+                    add_slopes(
+                        problem, block, columns, first, own, rows.outputs, values[done:], work.slopes[done * n :]
+                    )
+                    # fmt: on
+                else:
+                    call_kernel(block.values, given, rows.outputs, groups_of(own))
+                    for row in range(own):
+                        for i in range(block.outputs):
+                            at = (row // LANES * block.outputs + i) * LANES + row % LANES
+                            values[done + row * block.outputs + i] = rows.outputs[at]
                 done += own * block.outputs
                 first += own
         inputs += groups_of(count) * width
+
+
+def tell_equations(problem: Problem, work: Work) -> None:
+    """Which constraints of the data set are equations."""
+    done = 0
+    for b in range(problem.residual_blocks, problem.residual_blocks + problem.constraint_blocks):
+        block = problem.blocks[b]
+        count = block.outputs * work.rows.data.blocks[b].rows
+        for k in range(count):
+            work.equation[done + k] = block.equality[k % block.outputs]
+        done += count
 
 
 def set_units(problem: Problem, place: Linearisation, first: Integer, work: Work) -> None:

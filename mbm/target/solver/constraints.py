@@ -63,27 +63,19 @@ def update_multipliers(problem: Problem, work: Work) -> Real:
     units = work.units
     values = work.values
     worst = 0.0
-    done = 0
-    for b in range(problem.residual_blocks, problem.residual_blocks + problem.constraint_blocks):
-        block = problem.blocks[b]
-        lines = block.outputs
-        count = lines * work.rows.data.blocks[b].rows
-        for k in range(count):
-            c = done + k
-            equal = block.equality[k % lines]
-            updated = work.multipliers[c] + values[c] / units[c] * weight * weight / units[c]
-            missed = fabs(values[c])
-            if equal == 0:
-                if updated < 0.0:
-                    updated = 0.0
-                # One that pushes must hold as an equation does; one that does not must not be overstepped.
-                if updated == 0.0 and values[c] < 0.0:
-                    missed = 0.0
-            work.multipliers[c] = updated
-            missed -= work.roundings[c]
-            if missed > worst * units[c]:
-                worst = missed / units[c]
-        done += count
+    for c in range(constraint_count(problem, work.rows.data)):
+        updated = work.multipliers[c] + values[c] / units[c] * weight * weight / units[c]
+        missed = fabs(values[c])
+        if work.equation[c] == 0:
+            if updated < 0.0:
+                updated = 0.0
+            # One that pushes must hold as an equation does; one that does not must not be overstepped.
+            if updated == 0.0 and values[c] < 0.0:
+                missed = 0.0
+        work.multipliers[c] = updated
+        missed -= work.roundings[c]
+        if missed > worst * units[c]:
+            worst = missed / units[c]
     return worst
 
 
@@ -130,7 +122,8 @@ def next_round(
     settled = work.tolerance <= work.rows.constants[TOLERANCE] and work.stop != FLAT
     stalled = not worst <= SHRINKS * work.worst
     over = settled and (worst <= EXACT or (stalled and worst <= MET and work.weight >= ENOUGH))
-    if over or work.round >= ROUNDS:
+    hopeless = stalled and worst > MET and work.weight >= MOST
+    if over or hopeless or work.round >= ROUNDS:
         work.worst = worst
         if over:
             return 0
@@ -150,16 +143,9 @@ def next_round(
 
 def set_held(problem: Problem, cost: Real, work: Work) -> None:
     """Mark the constraints that hold the estimates, by their units; the others have no multiplier."""
-    done = 0
-    for b in range(problem.residual_blocks, problem.residual_blocks + problem.constraint_blocks):
-        block = problem.blocks[b]
-        lines = block.outputs
-        count = lines * work.rows.data.blocks[b].rows
-        for k in range(count):
-            c = done + k
-            work.held[c] = work.units[c]
-            pushed = work.multipliers[c] * work.units[c] > PUSHED * (1.0 + sqrt(cost))
-            if block.equality[k % lines] == 0 and not pushed:
-                work.held[c] = 0.0
-                work.multipliers[c] = 0.0
-        done += count
+    for c in range(constraint_count(problem, work.rows.data)):
+        work.held[c] = work.units[c]
+        pushed = work.multipliers[c] * work.units[c] > PUSHED * (1.0 + sqrt(cost))
+        if work.equation[c] == 0 and not pushed:
+            work.held[c] = 0.0
+            work.multipliers[c] = 0.0

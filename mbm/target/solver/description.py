@@ -174,6 +174,8 @@ class Problem:
     with steps of least length, a column counts as dependent where only rounding is left of it."""
     rule: Integer
     """How steps are limited: `MARQUARDT`, `DOGLEG` or `GAUSS_NEWTON`."""
+    exact: Integer
+    """1: sequential quadratic programming meets the constraints, and penalties only where that gets stuck."""
     profiled: Integer
     """1: something is eliminated from the residuals: the Jacobian is not their derivative, though ``Jᵀ r`` is the exact
     gradient of ``Σ r² / 2``."""

@@ -76,6 +76,17 @@ def set_free(
         free[j] = 0.0 if low or high else 1.0
 
 
+def set_cost_rounding(problem: Problem, place: Linearisation) -> None:
+    """The rounding of ``‖r‖`` and of the cost at a place whose norms are known."""
+    terms = 0.0
+    for j in range(problem.n):
+        size = fabs(place.x[j]) if problem.number_of[j] >= 0 else 1.0
+        terms += place.norms[j] * size * place.norms[j] * size
+    noise = ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(place.cost))
+    place.rounding = noise
+    place.cost_rounding = 2.0 * noise * sqrt(place.cost) + noise * noise
+
+
 def arrive(
     problem: Problem,
     place: Linearisation,
@@ -105,13 +116,7 @@ def arrive(
             if old[j] > peak[j]:
                 peak[j] = old[j]
     set_metric(problem, x, peak, place.scale)
-    terms = 0.0
-    for j in range(n):
-        size = fabs(x[j]) if problem.number_of[j] >= 0 else 1.0
-        terms += norms[j] * size * norms[j] * size
-    noise = ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(place.cost))
-    place.rounding = noise
-    place.cost_rounding = 2.0 * noise * sqrt(place.cost) + noise * noise
+    set_cost_rounding(problem, place)
     least = dependent_share(problem, work.count)
     deficient += set_factor(n, least, triangle, place.scale, place.factor, place.projected)
     place.deficient = deficient

@@ -143,6 +143,14 @@ class Work:
     """Residuals that count, with those of penalties."""
     penalised: Integer
     """1: the constraints act as penalties, 0: they are left out."""
+    sequential: Integer
+    """1: steps are those of sequential quadratic programming."""
+    contradicting: Integer
+    """The last of those whose linearised constraints had no common point, in a row."""
+    active: Integer
+    """Active inequalities of a subproblem."""
+    damping: Real
+    """That of their steps, in scaled coordinates."""
     undamped: Integer
     """1: the step tried is the undamped one."""
     summed: Integer
@@ -200,6 +208,8 @@ class Work:
     small_rows: Reals = sized("n * (n + 1)")
     """… and rows to go into it, column by column, ``n`` to a column."""
 
+    equation: Integers = sized("most_multipliers")
+    """1 for constraints that are equations, 0 for inequalities."""
     multipliers: Reals = sized("most_multipliers")
     units: Reals = sized("most_multipliers")
     values: Reals = sized("most_multipliers")
@@ -210,6 +220,26 @@ class Work:
     """The multipliers at a place on their surface."""
     slopes: Reals = sized("most_multipliers * n")
     """Derivatives of the constraints."""
+    trial_values: Reals = sized("most_multipliers")
+    violation_weights: Reals = sized("most_multipliers")
+    """What a violation adds to the merit function."""
+    pushes: Reals = sized("n")
+    """Multipliers of bounds in a subproblem: negative at lower, positive at upper ones."""
+    faces: Integers = sized("n")
+    """Active inequalities of a subproblem: constraints, then lower bounds from their count on, then upper bounds."""
+    face_limits: Reals = sized("n")
+    face_sizes: Reals = sized("n")
+    face_forces: Reals = sized("n")
+    face_changes: Reals = sized("n")
+    normals: Reals = sized("n * n")
+    """The normals of the active inequalities, of unit length, one to a row …"""
+    face_basis: Reals = sized("n * n")
+    """… and an orthonormal basis of what they span …"""
+    face_triangle: Reals = sized("n * n")
+    """… in which they are the columns of this upper triangle."""
+    nearest: Reals = sized("n")
+    onward: Reals = sized("n")
+    normal: Reals = sized("n")
 
 
 def work_reals(problem: Problem) -> Integer:

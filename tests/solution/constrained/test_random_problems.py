@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
 from mbm.problem.types import ConstraintMethod
-from mbm.solution.constrained.minimise import by_penalties, by_sequential_steps
 from mbm.solution.minimise import minimise
 from mbm.solution.observability import observed_at
 from mbm.solution.settings import Settings
@@ -223,11 +224,21 @@ def test_inequalities_that_do_not_bind_leave_the_plain_minimum(seed, method):
     assert observed_at(found, found.point).dimension == 4
 
 
-@pytest.mark.parametrize("search", [by_penalties, by_sequential_steps])
-def test_interruption_gives_the_best_point_so_far(search):
-    problem, start, _ = random_problem(1)
-    asked = iter([False, False, True])
-    found = search(problem, start, tolerance=1e-10, limit=100, stopped=lambda: next(asked, True))
+@BOTH
+def test_interruption_gives_the_best_point_so_far(method):
+    problem, start, _ = random_problem(7)
+
+    class After:
+        """A user who interrupts when asked for the third time."""
+
+        asked = 0
+
+        @property
+        def requested(self):
+            self.asked += 1
+            return self.asked > 2
+
+    found = minimise(problem, start, replace(settings(method), interruption=After()))
     assert found.reason is Reason.INTERRUPTED
     assert 0 < found.iterations <= 2
-    assert np.isfinite(found.state.place.cost)
+    assert np.isfinite(found.cost)

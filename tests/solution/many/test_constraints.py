@@ -21,7 +21,7 @@ pytestmark = pytest.mark.skipif(not available(), reason="without machine code so
 PUSHED = {  # in some solves, and not in others
     *("an inequality", "an inequality, unknown noise", "both", "both, unknown noise", "said twice", "of rows"),
     *("affine", "affine, unknown noise", "affine without a start", "a prior", "a loss", "rotations", "bounds"),
-    *("windows", "windows of unknown noise"),
+    *("windows", "windows of unknown noise", "exact"),
 }
 MADE_TOGETHER = sorted(
     PUSHED | {"an equation", "an equation, unknown noise", "an unknown that an equation alone determines"}

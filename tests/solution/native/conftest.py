@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import mbm
-import mbm.solution.constrained.by_kernels as constrained
+import mbm.solution.constrained.solve as constrained
 import mbm.solution.native.minimum as native
 from mbm.solution import challenge, minimise, search, weighing
 

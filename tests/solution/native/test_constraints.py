@@ -1,4 +1,4 @@
-"""Constrained minima on random data: native, by penalties and by sequential steps, against Kuhn and Tucker.
+"""Constrained minima on random data: by kernels and as a whole, by both methods, against Kuhn and Tucker.
 
 Slopes come from complex steps through formulas written here: they are exact to rounding.
 """
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mbm.problem.types import ConstraintMethod
-from mbm.solution.constrained import by_kernels
+from mbm.solution.constrained import solve
 from mbm.solution.minimise import minimise
 from mbm.solution.native.system import system_of
 from mbm.target.solver import description as of
@@ -123,7 +123,7 @@ def test_random_data(kind, seed, both, monkeypatch):
     violated = np.where(equations.equality, np.abs(values), values)
     assert violated.max() < 1e-12
     assert (multipliers[~(equations.equality[equations.equality | (values > -1e-9)])] > -1e-9).all()
-    monkeypatch.setattr(by_kernels, "kernel_constrained_minimum", lambda *_: None)
+    monkeypatch.setattr(solve, "kernel_constrained_minimum", lambda *_: None)
     for method in ConstraintMethod:
         general = minimise(equations, start, replace(settings, constraints=method), place=None)
         there, _, _ = error(general.point, residuals, constraints, equations.equality)

@@ -16,7 +16,15 @@ def test_only_what_residuals_push_is_held(solver):
     second = jacobian[:, 1]
     residuals = residuals - second * (second @ residuals) / (second @ second)
     sides = np.array([1, -1, 0])
-    solver("release_inactive", 3, triangle_of(jacobian, residuals), np.ones(3), float(residuals @ residuals), sides)
+    solver(
+        "release_inactive",
+        3,
+        triangle_of(jacobian, residuals),
+        np.ones(3),
+        float(residuals @ residuals),
+        np.zeros(3),
+        sides,
+    )
     assert sides.tolist() == [1, 0, 0]
 
 
@@ -25,5 +33,5 @@ def test_roundings_of_vanishing_residuals_do_not_push(solver):
     # roundings of numbers of the size 1e3, with any direction
     residuals = 1e-13 * matrix(3, 1).ravel()
     sides = np.array([1, -1, 1])
-    solver("release_inactive", 3, triangle_of(jacobian, residuals), x, float(residuals @ residuals), sides)
+    solver("release_inactive", 3, triangle_of(jacobian, residuals), x, float(residuals @ residuals), np.zeros(3), sides)
     assert sides.tolist() == [0, 0, 0]

@@ -1,0 +1,51 @@
+"""A search that ended with violations → a point that meets the constraints, or those that contradict one another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mbm.solution.constrained.conflict import conflict_at
+from mbm.solution.constrained.linearise import linearise, met
+from mbm.solution.constrained.types import ConstrainedEquations
+from mbm.solution.constrained.violation import STILL, least_violation
+from mbm.solution.settings import Settings
+from mbm.solution.types import Conflict, Floats
+
+PLACES = 10
+"""Points around the start from which a feasible one is searched for before there is said to be none."""
+
+
+def feasible_point(
+    equations: ConstrainedEquations, here: Floats, start: Floats, settings: Settings
+) -> tuple[Floats, Conflict | None]:
+    """A point that meets the constraints; or the point of least violation, with what contradicts there."""
+    least, fewest, unit_there = None, np.inf, np.zeros(0)
+    for point in _places(equations, here, start, settings.seed):
+        unit = linearise(equations, point).unit
+        found, left = least_violation(equations, point, unit, settings.max_iterations)
+        if not np.isfinite(found.cost):
+            continue
+        if bool((left <= STILL).all()) or bool(met(linearise(equations, found.point), equations.equality).all()):
+            return found.point, None
+        if found.cost < fewest:
+            least, fewest, unit_there = found, found.cost, unit
+    if least is None:
+        return here, None
+    return least.point, conflict_at(equations, least, unit_there, settings.max_iterations)
+
+
+def _places(equations: ConstrainedEquations, here: Floats, start: Floats, seed: int) -> Iterator[Floats]:
+    """Where the search for a point that meets the constraints begins: here, at the start, around them, in the box."""
+    yield here
+    yield start
+    random = np.random.default_rng(seed)
+    low, high = equations.lower, equations.upper
+    boxed = np.isfinite(low) & np.isfinite(high)
+    sizes = np.maximum(np.abs(equations.coordinates(start)), 1.0 / linearise(equations, start).scale)
+    for _ in range(PLACES):
+        moved = equations.retract(start, sizes * random.normal(size=equations.dimension))
+        inside = np.where(boxed, low + random.random(equations.dimension) * np.where(boxed, high - low, 0.0), 0.0)
+        coordinates = np.clip(np.where(boxed, inside, equations.coordinates(moved)), low, high)
+        yield equations.placed(moved, coordinates)
