@@ -10,37 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.solution.constrained.types import ConstrainedEquations
-from mbm.solution.constrained.violation import STILL, least_violation
-from mbm.solution.forwarding import Forwarding
-from mbm.solution.types import Conflict, Floats, Indices, Mask, Minimum
-from mbm.values import dataclass
+from mbm.solution.constrained.violation import STILL, Violations, least_violation
+from mbm.solution.types import Conflict, Floats, Minimum
 
 LARGEST = 200
 """Members of a contradiction that are tried one by one; of more, all that take part are named."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Part(Forwarding):
-    """Some of the constraints and bounds, as equations of their own."""
-
-    equations: ConstrainedEquations
-    chosen: Indices
-    lower: Floats
-    upper: Floats
-
-    @property
-    def linear(self) -> bool:
-        return False
-
-    @property
-    def equality(self) -> Mask:
-        return self.equations.equality[self.chosen]
-
-    def constraint_values(self, x: Floats) -> Floats:
-        return self.equations.constraint_values(x)[self.chosen]
-
-    def constraint_jacobian(self, x: Floats) -> Floats:
-        return self.equations.constraint_jacobian(x)[self.chosen]
 
 
 def conflict_at(equations: ConstrainedEquations, least: Minimum, unit: Floats, limit: int) -> Conflict:
@@ -80,6 +54,5 @@ def _impossible(
             lower[i] = equations.lower[i]
         elif kind == "upper":
             upper[i] = equations.upper[i]
-    part = _Part(equations=equations, chosen=chosen, lower=lower, upper=upper)
-    _, left = least_violation(part, point, unit[chosen], limit)
-    return not bool((left <= STILL).all())
+    part = Violations(equations=equations, chosen=chosen, unit=unit[chosen], lower=lower, upper=upper)
+    return not bool((np.abs(least_violation(part, point, limit).residuals) <= STILL).all())

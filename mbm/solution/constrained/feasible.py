@@ -9,7 +9,7 @@ import numpy as np
 from mbm.solution.constrained.conflict import conflict_at
 from mbm.solution.constrained.linearise import linearise, met
 from mbm.solution.constrained.types import ConstrainedEquations
-from mbm.solution.constrained.violation import STILL, least_violation
+from mbm.solution.constrained.violation import STILL, Violations, least_violation
 from mbm.solution.settings import Settings
 from mbm.solution.types import Conflict, Floats
 
@@ -24,10 +24,14 @@ def feasible_point(
     least, fewest, unit_there = None, np.inf, np.zeros(0)
     for point in _places(equations, here, start, settings.seed):
         unit = linearise(equations, point).unit
-        found, left = least_violation(equations, point, unit, settings.max_iterations)
+        alone = Violations(
+            equations=equations, chosen=np.arange(unit.size), unit=unit, lower=equations.lower, upper=equations.upper
+        )
+        found = least_violation(alone, point, settings.max_iterations)
         if not np.isfinite(found.cost):
             continue
-        if bool((left <= STILL).all()) or bool(met(linearise(equations, found.point), equations.equality).all()):
+        holds = bool((np.abs(found.residuals) <= STILL).all())
+        if holds or bool(met(linearise(equations, found.point), equations.equality).all()):
             return found.point, None
         if found.cost < fewest:
             least, fewest, unit_there = found, found.cost, unit

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.problem.types import Method
-from mbm.solution.constrained.linearise import violations
 from mbm.solution.constrained.types import ConstrainedEquations
 from mbm.solution.forwarding import Forwarding
 from mbm.solution.native.minimum import native_minimum
 from mbm.solution.settings import Settings
-from mbm.solution.types import Floats, Minimum
+from mbm.solution.types import Floats, Indices, Mask, Minimum
 from mbm.values import dataclass
 
 TOLERANCE = 1e-10
@@ -19,16 +18,18 @@ STILL = 1e-7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Violations(Forwarding):
-    """A residual for each constraint, in its ``unit`` (k,); of inequalities only where positive."""
+class Violations(Forwarding):
+    """A residual for each constraint ``chosen`` (k,), in its ``unit`` (k,); 0 of an inequality that holds."""
 
     equations: ConstrainedEquations
+    chosen: Indices
     unit: Floats
     lower: Floats
     upper: Floats
 
     @property
     def count(self) -> int:
+        """Constraints."""
         return len(self.unit)
 
     @property
@@ -37,17 +38,21 @@ class _Violations(Forwarding):
         return False
 
     def residuals(self, x: Floats) -> Floats:
-        values = self.equations.constraint_values(x) / self.unit
-        return np.where(self.equations.equality | np.isnan(values), values, np.maximum(values, 0.0))
+        """The violations, of equations with their signs."""
+        values = self.equations.constraint_values(x)[self.chosen]
+        return np.where(self._equality | np.isnan(values), values, np.maximum(values, 0.0)) / self.unit
 
     def jacobian(self, x: Floats) -> Floats:
-        acting = self.equations.equality | ~(self.equations.constraint_values(x) <= 0.0)
-        return self.equations.constraint_jacobian(x) * (acting / self.unit)[:, None]
+        """Their derivatives."""
+        acting = self._equality | ~(self.equations.constraint_values(x)[self.chosen] <= 0.0)
+        return self.equations.constraint_jacobian(x)[self.chosen] * (acting / self.unit)[:, None]
+
+    @property
+    def _equality(self) -> Mask:
+        return self.equations.equality[self.chosen]
 
 
-def least_violation(equations: ConstrainedEquations, start: Floats, unit: Floats, limit: int) -> tuple[Minimum, Floats]:
-    """The point near ``start`` where ``Σ (violation/unit)²`` is least, and the violations (k,) there in units."""
-    alone = _Violations(equations=equations, unit=unit, lower=equations.lower, upper=equations.upper)
+def least_violation(alone: Violations, start: Floats, limit: int) -> Minimum:
+    """The point near ``start`` where ``Σ (violation/unit)²`` is least; its residuals are the violations."""
     settings = Settings(method=Method.MARQUARDT, max_iterations=limit, tolerance=TOLERANCE)
-    found = native_minimum(alone, start, settings)
-    return found, violations(equations.constraint_values(found.point), equations.equality) / unit
+    return native_minimum(alone, start, settings)

@@ -8,18 +8,19 @@ from __future__ import annotations
 import ctypes
 from dataclasses import field
 from functools import cache
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 
 from mbm.solution.assembly import Assembled
+from mbm.solution.constrained.types import ConstrainedEquations
 from mbm.solution.forwarding import Forwarding
 from mbm.solution.native.callbacks import KERNEL, Guard, address_of, memory
 from mbm.solution.native.code import AnyCode, NativeCode
 from mbm.solution.native.packing import Fused, Limits, Rows, function_arrays
 from mbm.solution.native.system import NativeSystem, iteration_of, native_code
 from mbm.solution.settings import Settings
-from mbm.solution.types import Equations, Floats, Mask
+from mbm.solution.types import Equations, Floats
 from mbm.target.solver import description as of
 from mbm.target.solver.description import LANES
 from mbm.values import dataclass
@@ -55,13 +56,6 @@ class Remembered:
         return self._jacobian
 
 
-class _Limited(Protocol):
-    @property
-    def equality(self) -> Mask: ...
-    def constraint_values(self, x: Floats) -> Floats: ...
-    def constraint_jacobian(self, x: Floats) -> Floats: ...
-
-
 @dataclass(slots=True, kw_only=True, eq=False)
 class Function:
     """What ``equations`` have, residuals and constraints, as kernels, at points of so many ``numbers``."""
@@ -91,8 +85,8 @@ class Function:
         return Limits(values=values, jacobian=jacobian, equality=self._limited.equality)
 
     @property
-    def _limited(self) -> _Limited:
-        return cast(_Limited, self.equations)
+    def _limited(self) -> ConstrainedEquations:
+        return cast(ConstrainedEquations, self.equations)
 
     def _limits(self, given: int, target: int, _blocks: int) -> None:
         found = memory(target, LANES * len(self._limited.equality)).reshape(-1, LANES)

@@ -187,11 +187,9 @@ def system_arrays(
 ) -> tuple[Indices, Floats]:
     """``system`` and ``constants`` for the groups of ``equations`` with up to ``most_rows`` rows each.
 
-    ``at_a_time`` residuals go through kernels together.
-
-    ``addresses`` are those of values, Jacobian and sums (0: none) of each group's kernel, in the order of the groups,
-    then constraints; ``summed_from`` is the number of rows from which
-    the sums are taken, ``fused`` the function for the rows of some groups.
+    ``at_a_time`` residuals go through kernels together. ``addresses`` are those of values, Jacobian and sums (0: none)
+    of each group's kernel, in the order of the groups, then constraints; ``summed_from`` is the number of rows from
+    which the sums are taken, ``fused`` the function for the rows of some groups.
     """
     n = equations.dimension
     groups = (*equations.groups, *equations.constraints)

@@ -2,7 +2,7 @@
 
 To the residuals come ``weight · (c/unit + shift)``, for inequalities only where positive, with ``shift`` the
 multiplier in units of the penalty. Rounds of Marquardt's method, with growing weights and updated multipliers, until
-the constraints hold to rounding; units and constants are those of `solution.constrained`.
+the constraints hold to rounding.
 """
 
 from __future__ import annotations

@@ -1,16 +1,15 @@
 """The end of a constrained solve: Newton's steps on the surface of the constraints that the penalties show to hold.
 
 Heavy penalties drown the residuals' digits in their own roundings. Once they have come near, with the signs of the
-multipliers, equations alone are left to be solved, and those converge quadratically; tests and constants are those of
-`solution.constrained.sequential`. Where the steps do not end in a minimum for which the signs are right, nothing has
-happened: the penalties go on.
+multipliers, equations alone are left to be solved, and those converge quadratically. Where the steps do not end in a
+minimum for which the signs are right, nothing has happened: the search goes on.
 """
 
 from __future__ import annotations
 
 from math import fabs, inf, isfinite, sqrt
 
-from mbm.target.decisions import DIFFERENCE, EXACT, LEAST_DIFFERENCE, MET, POLISH, SETTLED, SLOW_KKT
+from mbm.target.decisions import DIFFERENCE, EXACT, LEAST_DIFFERENCE, MET, MOST_DENSE, POLISH, SETTLED, SLOW_KKT
 from mbm.target.solver.active_set import change_active, largest_violation, pushes_on_bounds, set_active
 from mbm.target.solver.beginning import constraint_count
 from mbm.target.solver.constraint_manifold import choose_free, kkt_step, set_null_space
@@ -201,7 +200,7 @@ def polish(
         if steps == 0 and not (place.offset <= CLOSE or place.length <= CLOSE):
             return 0
         fresh = 0
-        if steps > 0 and not place.offset <= SLOW_KKT * before:
+        if steps > 0 and not place.offset <= SLOW_KKT * before and problem.n <= MOST_DENSE:
             if set_lagrangian_curvature(problem, count, place, work) == 0:
                 return 0
             curved = 1
