@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mbm.emit.routines.noises import FOUND
+from mbm.emit.routines.sandwich import SUMS
 from mbm.emit.system import StaticSystem
 from mbm.emit.types import Blueprint
 from mbm.target.solver import description as at
@@ -26,7 +27,7 @@ def lossy(blueprint: Blueprint) -> bool:
 def spare_size(blueprint: Blueprint, static: StaticSystem) -> str:
     """Reals of scratch besides the solver's, as C text with ``n``."""
     plain, lines = row_scratch(blueprint)
-    matrices = "4 * n * n + 7 + n + " if lossy(blueprint) else ""
+    matrices = f"4 * n * n + {SUMS} + n + " if lossy(blueprint) else ""
     return f"{matrices}{len(static.noises) + FOUND + plain} + {lines} * n"
 
 

@@ -1,29 +1,24 @@
-"""The covariance of estimates with losses: the sandwich ``H⁻¹ G H⁻¹`` (Huber 1967), as `mbm.solution.robust` has it.
-
-With the weights w = ρ' of a loss's units and k components each, ``A = Σ w JᵀJ``, ``H = Σ E[tr Dψ]/(w k) A``,
-``G = Σ E[|ψ|²]/(w k) A`` with Huber's correction for small samples; what has no loss enters both with ``JᵀJ``.
-"""
+"""The covariance of estimates with losses: the sandwich ``H⁻¹ G H⁻¹`` of `mbm.target.solver.loss_spread`."""
 
 from __future__ import annotations
 
 from math import fabs, sqrt
 
 from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
-from mbm.target.decisions import EXHAUSTED, TOLD
 from mbm.target.solver.covariance import undetermined
 from mbm.target.solver.description import NO_LOSS, Problem, Unit
-from mbm.target.solver.losses import loss_slope, loss_weight
+from mbm.target.solver.loss_spread import curvature_factor, loss_trace, spread_factor
+from mbm.target.solver.losses import loss_weight
 from mbm.target.solver.workspace import Rows
 from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 
 TOTAL = 0
-SLOPE = 1
-SPREAD = 2
-COUNT = 3
-TRACES = 4
-SQUARED_TRACES = 5
-STATED = 6
-SUMS = 7
+TRACES = 1
+SQUARED_TRACES = 2
+SPREAD = 3
+COUNT = 4
+STATED = 5
+SUMS = 6
 
 
 def same_loss(constants: ConstantReals, unit: Unit, other: Unit) -> Integer:
@@ -72,11 +67,10 @@ def add_to_pool(
         scale = constants[unit.loss_at]
         shape = constants[unit.loss_at + 1]
         weight = loss_weight(kind, square, scale, shape)
-        trace = float(size) * weight + 2.0 * loss_slope(kind, square, scale, shape) * square
+        trace = loss_trace(kind, square, scale, shape, size)
     sums[TOTAL] += float(size) * weight
     if stated == 1:
         sums[STATED] += float(size) * weight
-    sums[SLOPE] += trace
     sums[SPREAD] += weight * weight * square
     sums[COUNT] += float(size)
     sums[TRACES] += trace
@@ -235,10 +229,10 @@ def sandwich(
                     pool(problem, rows, point, unit, sums, information, scratch)
                     slope = 1.0
                     if unit.loss != NO_LOSS:
-                        slope = curvature_left(sums)
+                        slope = curvature_factor(sums[TRACES], sums[TOTAL])
                     factor = slope
                     if around == 1 and unit.loss != NO_LOSS:
-                        factor = corrected(n, slope, sums, inverse, information, sides)
+                        factor = spread_of_loss(share_of_loss(n, slope, inverse, information, sides), sums)
                     target = curvature if around == 0 else spread
                     for i in range(n * n):
                         target[i] += factor * information[i]
@@ -253,12 +247,6 @@ def sandwich(
                 return 0
     put_between(n, sides, inverse, spread, information, covariance)
     return good
-
-
-def curvature_left(sums: ConstantReals) -> Real:
-    """The factor of A in H."""
-    slope = sums[SLOPE] / max(sums[TOTAL], 1e-300)
-    return slope if fabs(slope) > EXHAUSTED else 0.0
 
 
 def put_between(
@@ -286,36 +274,21 @@ def put_between(
             covariance[i * n + j] = total if sides[i] == 0 and sides[j] == 0 else 0.0
 
 
-def corrected(
-    n: Integer,
-    slope: Real,
-    sums: ConstantReals,
-    inverse: ConstantReals,
-    information: ConstantReals,
-    sides: ConstantIntegers,
+def share_of_loss(
+    n: Integer, slope: Real, inverse: ConstantReals, information: ConstantReals, sides: ConstantIntegers
 ) -> Real:
-    """The factor of A in G with Huber's correction (Huber 1981, 7.6), 1 where no residual tells it.
-
-    It is no less than that of stated noise as far as the weights leave too little redundancy to tell.
-    """
-    spread = sums[SPREAD] / max(sums[TOTAL], 1e-300)
+    """The unknowns that a loss's units determine: ``slope tr H⁻¹A`` of the coordinates that no bound holds."""
     share = 0.0
     for i in range(n):
         for j in range(n):
             if sides[i] == 0 and sides[j] == 0:
                 share += slope * inverse[i * n + j] * information[j * n + i]
-    count = sums[COUNT]
-    freedom = count - share
-    found = 0.0
-    if freedom <= 1e-9 * count:
-        found = 1.0
-    else:
-        mean = sums[TRACES] / count
-        bend = 0.0
-        if slope > 0.0:
-            bend = (sums[SQUARED_TRACES] / count - mean * mean) / (mean * mean)
-        whole = 1.0 + share / count * bend
-        found = spread * whole * whole * count / freedom
-        told = min(max((sums[TOTAL] - share) / TOLD, 0.0), 1.0)
-        found = max(found, (1.0 - told) * slope * slope * sums[STATED] / max(sums[TOTAL], 1e-300))
+    return share
+
+
+def spread_of_loss(share: Real, sums: ConstantReals) -> Real:
+    """The factor of A in G."""
+    found = spread_factor(
+        share, sums[TOTAL], sums[TRACES], sums[SQUARED_TRACES], sums[SPREAD], sums[COUNT], sums[STATED]
+    )
     return fabs(found)  # it is not negative

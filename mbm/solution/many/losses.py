@@ -1,24 +1,19 @@
-"""Robust losses in many solves: what `robust.covariance` says of one, for all of them side by side."""
+"""Robust losses in many solves: what is known of all of them side by side."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbm.solution.many.factor import filled, inverse_root
 from mbm.solution.many.stack import Portion
 from mbm.solution.nonlinearity import ORTHONORMAL
-from mbm.solution.robust.covariance import curved, least_spread
 from mbm.solution.robust.losses import rooted, rooted_jacobian
+from mbm.solution.robust.pools import information, pools
 from mbm.solution.robust.scores import STATED_CUT
 from mbm.solution.robust.units import limits
-from mbm.solution.types import Floats, Indices, Mask
+from mbm.solution.types import Floats, Mask
 from mbm.target.decisions import EXHAUSTED
 from mbm.values import dataclass
-
-if TYPE_CHECKING:
-    from mbm.solution.robust.losses import LossFunction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,7 +70,7 @@ def outlying(portion: Portion, residuals: Floats, number: int, rows: int) -> Mas
 def sandwiches(
     portion: Portion, residuals: Floats, slopes: Floats, root: Floats, unknown: Mask, gone: Mask | None = None
 ) -> Sandwiches:
-    """The covariances ``H⁻¹ G H⁻¹``, pooled and corrected as `robust.covariance.sandwich` has them.
+    """The covariances ``H⁻¹ G H⁻¹``, of what `robust.pools` has of each loss.
 
     ``residuals`` (K, m) and ``slopes`` (K, m, n) are plain; ``root`` (K, n, n) are coordinates in which to calculate,
     best those that make the normal equations with losses the identity. Columns that are ``gone`` (K, n) are zero in it.
@@ -83,15 +78,12 @@ def sandwiches(
     """
     along = np.matmul(slopes, root)
     known = portion.by_slot([None if not unknown[owner] else np.zeros(1) for owner, _, _ in portion.groups()])
-    pools = [_pool(loss, parts, residuals, along, known) for loss, parts in _by_loss(portion).items()]
-    fixed = _information(_without_loss(portion), along)
-    curvature = fixed + sum(pool.slope[:, None, None] * pool.information for pool in pools)
-    half, sound = inverse_root(filled(curvature, gone))
+    pooled = pools(portion.losses(), residuals, along, known)
+    half, sound = inverse_root(filled(pooled.curvature, gone))
     # in these coordinates the weights leave 1 at least: where there is next to none of it, the general path decides
     sound &= np.square(half).sum(axis=(1, 2)) < 1.0 / EXHAUSTED
     inverse = np.matmul(half, half.transpose(0, 2, 1))
-    spread = fixed + sum(_corrected(pool, inverse)[:, None, None] * pool.information for pool in pools)
-    whole = filled(spread, gone)
+    whole = filled(pooled.spread(inverse), gone)
     upper, definite = inverse_root(whole)
     # S = L Lᵀ, and X with Xᵀ S X = 1 is L⁻ᵀ
     return _judged(np.matmul(inverse, np.matmul(whole, upper)), sound & definite, gone)
@@ -100,7 +92,7 @@ def sandwiches(
 @np.errstate(all="ignore")
 def informed(weights: Floats, basis: Floats) -> Sandwiches:
     """The covariances ``(Jᵀ W J)⁻¹``, W the ``weights`` (K, m) of what is known, J the ``basis`` (K, m, n)."""
-    return _judged(*inverse_root(_information(weights, basis)))
+    return _judged(*inverse_root(information(weights, basis)))
 
 
 def _judged(own: Floats, sound: Mask, gone: Mask | None = None) -> Sandwiches:
@@ -110,86 +102,3 @@ def _judged(own: Floats, sound: Mask, gone: Mask | None = None) -> Sandwiches:
     variance = np.trace(gram, axis1=1, axis2=2) / np.maximum(there.sum(axis=1), 1.0)
     off = np.abs(gram / variance[:, None, None] - there[:, :, None] * np.eye(gram.shape[1])).max(axis=(1, 2))
     return Sandwiches(own=own, sound=sound, plain=~(off > 2 * ORTHONORMAL), deviation=np.sqrt(variance))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Pool:
-    """One loss in K solves: ``information`` A (K, n, n), its factors in H and G, and what corrects them (K,)."""
-
-    information: Floats
-    slope: Floats
-    spread: Floats
-    count: Floats
-    bend: Floats
-    total: Floats
-    stated: Floats
-
-
-Parts = list[tuple[Indices, Indices]]
-"""Solves (U,) of units, and the places (U, k) of their residuals."""
-
-
-def _by_loss(portion: Portion) -> dict[LossFunction, Parts]:
-    found: dict[LossFunction, Parts] = {}
-    for loss, solve, slots in portion.losses():
-        found.setdefault(loss, []).append((solve, slots))
-    return found
-
-
-def _without_loss(portion: Portion) -> Floats:
-    """1 (K, m) where a residual has no loss."""
-    found = np.ones((portion.count, portion.most))
-    for _, solve, slots in portion.losses():
-        found[solve[:, None], slots] = 0.0
-    return found
-
-
-def _information(weights: Floats, along: Floats) -> Floats:
-    """``Σ w aᵀa`` (K, n, n)."""
-    return np.asarray(np.matmul((along * weights[:, :, None]).transpose(0, 2, 1), along))
-
-
-def _pool(loss: LossFunction, parts: Parts, residuals: Floats, along: Floats, known: Floats) -> _Pool:
-    """Sums over all units of one loss, solve by solve; ``known`` (K, m) is 1 where noise is stated, else 0."""
-    solves = len(residuals)
-    weights = np.zeros(residuals.shape)
-    total, stated, slope, spread, count = (np.zeros(solves) for _ in range(5))
-    traced = []
-    for solve, slots in parts:
-        size = slots.shape[1]
-        squares = np.square(residuals[solve[:, None], slots]).sum(axis=1)
-        weight = loss.weight(squares)
-        traces = size * weight + 2.0 * loss.slope(squares) * squares
-        weights[solve[:, None], slots] = weight[:, None]
-        total += size * np.bincount(solve, weights=weight, minlength=solves)
-        stated += size * np.bincount(solve, weights=weight * known[solve, slots[:, 0]], minlength=solves)
-        slope += np.bincount(solve, weights=traces, minlength=solves)
-        spread += np.bincount(solve, weights=weight * weight * squares, minlength=solves)
-        count += size * np.bincount(solve, minlength=solves)
-        traced.append((solve, size, traces))
-    mean = slope / count
-    scattered = np.zeros(solves)
-    for solve, size, traces in traced:
-        off = np.square(traces / size - mean[solve])
-        scattered += size * np.bincount(solve, weights=off, minlength=solves)
-    safe = np.maximum(total, 1e-300)
-    factor = curved(slope / safe)
-    return _Pool(
-        information=_information(weights, along),
-        slope=factor,
-        spread=spread / safe,
-        count=count,
-        bend=np.where(factor > 0.0, scattered / count / np.square(mean), 0.0),
-        total=total,
-        stated=stated,
-    )
-
-
-def _corrected(pool: _Pool, inverse: Floats) -> Floats:
-    """The factors (K,) of A in G with Huber's correction for small samples, 1 where no residual tells the spread."""
-    share = pool.slope * np.einsum("kij,kji->k", inverse, pool.information)
-    freedom = pool.count - share
-    bend = 1.0 + share / pool.count * pool.bend
-    told = freedom > EXHAUSTED * pool.count
-    found = pool.spread * bend * bend * pool.count / np.where(told, freedom, 1.0)
-    return np.where(told, np.maximum(found, least_spread(pool.slope, pool.total, pool.stated, share)), 1.0)

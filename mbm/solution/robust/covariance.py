@@ -1,13 +1,12 @@
 """The covariance of estimates with robust losses: the sandwich ``H⁻¹ G H⁻¹`` (Huber 1967), small samples minded.
 
 H is the derivative of the estimating equations ``Σ Jᵀψ = 0``, G the covariance of their left side. Within each loss the
-two are pooled over its units, so that they are as certain as the sample allows: with the weights w = ρ', and k the
-number of components, ``A = Σ w JᵀJ`` is the information that the weights leave (rows that count nothing leave none),
-``H = Σ E[tr Dψ]/(w k) A`` and ``G = Σ E[|ψ|²]/(w k) A``. What has no loss enters both with ``JᵀJ``.
+two are pooled over its units (`mbm.target.solver.loss_spread`), so that they are as certain as the sample allows. What
+has no loss enters both with ``JᵀJ``.
 
 Residuals tell their spread as far as the weights leave more of them than unknowns. Where a loss that ends keeps no
 more rows than it takes to fit them exactly, ψ vanishes and with it G, though the next measurements scatter as ever:
-there the stated noise counts (`least_spread`).
+there the stated noise counts.
 
 Beyond the corner of Huber's loss the cost is linear: where next to no residual is inside, ``Σ tr Dψ`` is rounding of
 zero, and what only these rows determine can be moved at no cost. Such directions count as free (`flattened`).
@@ -23,39 +22,9 @@ import numpy as np
 from mbm.solution.covariance import in_datum
 from mbm.solution.freedom import free_combinations, touched_by
 from mbm.solution.robust.losses import LossFunction
+from mbm.solution.robust.pools import pools
 from mbm.solution.types import Covariance, Floats, Indices, Mask, Observability
-from mbm.target.decisions import EPSILON, EXHAUSTED, TOLD
-from mbm.values import dataclass
-
-
-def least_spread(slope: float | Floats, total: float | Floats, stated: float | Floats, share: float | Floats) -> Floats:
-    """The least factor of A in G: that with which ``H⁻¹ G H⁻¹ = A⁻¹``, as far as residuals cannot tell a smaller one.
-
-    Args:
-        slope: the factor of A in H, scalar or (K,) for as many solves.
-        total: sum of the weights, over all components.
-        stated: that of the components whose noise is stated; nothing is known of the spread of others.
-        share: the unknowns that this loss's units determine, so that ``total - share`` is the redundancy that counts.
-
-    """
-    told = np.minimum(np.maximum((total - share) / TOLD, 0.0), 1.0)
-    return np.asarray((1.0 - told) * slope * slope * stated / np.maximum(total, 1e-300), dtype=np.float64)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Pool:
-    """One loss: ``information`` A (r, r) along the estimable directions, and the two factors of it in H and G.
-
-    ``total`` is the sum of the weights over all components, ``stated`` that over those whose noise is stated.
-    """
-
-    information: Floats
-    slope: float
-    spread: float
-    count: int
-    bend: float
-    total: float
-    stated: float
+from mbm.target.decisions import EPSILON, EXHAUSTED
 
 
 @np.errstate(all="ignore")
@@ -76,33 +45,17 @@ def sandwich(
     """
     basis = observed.row_space / observed.scale[:, None]
     along = np.where(np.isfinite(jacobian), jacobian, 0.0) @ basis
-    plain = np.ones(len(residuals), dtype=bool)
-    by_loss: dict[LossFunction, list[Indices]] = {}
-    for loss, lines in losses:
-        plain[lines] = False
-        by_loss.setdefault(loss, []).append(lines)
-    pools = [_pool(loss, parts, residuals, along, stated) for loss, parts in by_loss.items()]
-    fixed = along[plain].T @ along[plain]
-    curvature, spread = fixed.copy(), fixed.copy()
-    for pool in pools:
-        curvature += pool.slope * pool.information
-    free = flat_directions(curvature, fixed + sum(pool.information for pool in pools), observed)
+    units = ((loss, np.zeros(len(lines), dtype=np.int64), lines) for loss, lines in losses)
+    found = pools(units, residuals[None], along[None], stated[None].astype(np.float64))
+    free = flat_directions(found.curvature[0], found.weighed[0], observed)
     if free is not None:
         observed, kept = flattened(observed, free, point)
-        basis = basis @ kept
-        curvature, spread = kept.T @ curvature @ kept, kept.T @ spread @ kept
-        pools = [replace(pool, information=kept.T @ pool.information @ kept) for pool in pools]
-    inverse = np.asarray(np.linalg.pinv(curvature, hermitian=True), dtype=np.float64)
-    for pool in pools:
-        spread += _corrected(pool, inverse) * pool.information
+        basis, found = basis @ kept, found.within(kept)
+    inverse = np.asarray(np.linalg.pinv(found.curvature[0], hermitian=True), dtype=np.float64)
+    spread = found.spread(inverse[None])[0]
     lengths, axes = np.linalg.eigh(spread)
     factor = basis @ inverse @ (axes * np.sqrt(np.maximum(lengths, 0.0)))
     return _covariance(in_datum(factor, observed), ~observed.estimable & ~observed.fixed), observed
-
-
-def curved(slope: float | Floats) -> Floats:
-    """The factors of A in H, 0 where they are rounding of it."""
-    return np.where(np.abs(slope) > EXHAUSTED, slope, 0.0)
 
 
 def flat_directions(curvature: Floats, weighed: Floats, observed: Observability) -> Floats | None:
@@ -141,54 +94,6 @@ def flattened(observed: Observability, free: Floats, point: Floats) -> tuple[Obs
         flat=count,
     )
     return changed, kept
-
-
-def _pool(loss: LossFunction, parts: list[Indices], residuals: Floats, along: Floats, stated: Mask) -> _Pool:
-    """Sums over all units of one loss; parts differ in the number of components at most between losses."""
-    information = np.zeros((along.shape[1], along.shape[1]))
-    total = known = slope = spread = 0.0
-    slopes = []
-    for lines in parts:
-        squares = np.square(residuals[lines]).sum(axis=1)
-        weight = loss.weight(squares)
-        size = lines.shape[1]
-        rows = along[lines]
-        information += np.einsum("u,ukr,uks->rs", weight, rows, rows)
-        traces = size * weight + 2.0 * loss.slope(squares) * squares
-        total += size * float(weight.sum())
-        known += size * float(weight[stated[lines[:, 0]]].sum())
-        slope += float(traces.sum())
-        spread += float((weight * weight * squares).sum())
-        slopes.append(np.repeat(traces / size, size))
-    every = np.concatenate(slopes)
-    mean = float(every.mean()) if every.size else 1.0
-    safe = max(total, 1e-300)
-    factor = float(curved(slope / safe))
-    bend = float(every.var()) / mean**2 if every.size and factor > 0.0 else 0.0
-    return _Pool(
-        information=information,
-        slope=factor,
-        spread=spread / safe,
-        count=every.size,
-        bend=bend,
-        total=total,
-        stated=known,
-    )
-
-
-def _corrected(pool: _Pool, inverse: Floats) -> float:
-    """The factor of A in G with Huber's correction for small samples, ``K² n/(n − p)``, ``K = 1 + p/n var ψ'/(E ψ')²``.
-
-    p is the number of unknowns that this loss's units determine (Huber 1981, 7.6). Where these take up all that the
-    units say, no residual tells the spread, and what the noise was stated to be counts: 1.
-    """
-    share = pool.slope * float(np.trace(inverse @ pool.information))
-    freedom = pool.count - share
-    if freedom <= EXHAUSTED * pool.count:
-        return 1.0
-    bend = 1.0 + share / pool.count * pool.bend
-    least = float(least_spread(pool.slope, pool.total, pool.stated, share))
-    return max(pool.spread * bend * bend * pool.count / freedom, least)
 
 
 def _covariance(factor: Floats, undetermined: Mask) -> Covariance:

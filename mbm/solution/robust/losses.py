@@ -12,11 +12,13 @@ from mbm.problem.types import Loss
 from mbm.solution.robust.efficiency import tuned
 from mbm.solution.types import Floats
 from mbm.target.solver import losses as formulas
+from mbm.target.solver.loss_spread import loss_trace
 from mbm.values import dataclass
 
 
 @cache
-def _of_arrays(formula: Callable[..., float]) -> Callable[..., Floats]:
+def of_arrays(formula: Callable[..., float]) -> Callable[..., Floats]:
+    """A formula of the solver for arrays."""
     # Loaded where a loss is evaluated here: few solves need what the compiled solver does not do itself.
     from mbm.target.elementwise import elementwise
 
@@ -47,20 +49,24 @@ class LossFunction:
 
     def rho(self, squares: Floats) -> Floats:
         """ρ(s)."""
-        return _of_arrays(formulas.loss_value)(self.number, squares, self.scale, self.shape)
+        return of_arrays(formulas.loss_value)(self.number, squares, self.scale, self.shape)
 
     def weight(self, squares: Floats) -> Floats:
         """ρ'(s): the weight of the residual in iterated reweighting, 1 at s = 0."""
-        return _of_arrays(formulas.loss_weight)(self.number, squares, self.scale, self.shape)
+        return of_arrays(formulas.loss_weight)(self.number, squares, self.scale, self.shape)
 
     def slope(self, squares: Floats) -> Floats:
         """ρ''(s) ≤ 0: how the weight falls; one-sided where ρ has a corner."""
-        return _of_arrays(formulas.loss_slope)(self.number, squares, self.scale, self.shape)
+        return of_arrays(formulas.loss_slope)(self.number, squares, self.scale, self.shape)
+
+    def trace(self, squares: Floats, components: int) -> Floats:
+        """tr Dψ of residuals of so many components."""
+        return of_arrays(loss_trace)(self.number, squares, self.scale, self.shape, components)
 
     def root_factors(self, squares: Floats) -> tuple[Floats, Floats]:
         """``q = √(ρ(s)/s)`` and dq/ds, so that ``r̃ = q r`` has ``|r̃|² = ρ(s)``."""
-        factor = _of_arrays(formulas.root_factor)(self.number, squares, self.scale, self.shape)
-        return factor, _of_arrays(formulas.root_slope)(self.number, squares, self.scale, self.shape, factor)
+        factor = of_arrays(formulas.root_factor)(self.number, squares, self.scale, self.shape)
+        return factor, of_arrays(formulas.root_slope)(self.number, squares, self.scale, self.shape, factor)
 
 
 def loss_function(asked: Loss, components: int) -> LossFunction:

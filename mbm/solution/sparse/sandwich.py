@@ -1,8 +1,8 @@
 """The covariance of estimates with robust losses for sparse problems.
 
-Each loss with its pooled factors of slope and spread (as `mbm.solution.robust.covariance` has them for dense problems)
-gives the information ``slope²/spread · Σ w JᵀJ``; their sum is inverted as a whole. That is the sandwich itself where
-one loss acts on all rows, and the covariance of the best combination of the parts where there are several.
+Each loss with its pooled factors of slope and spread (`mbm.target.solver.loss_spread`) gives the information
+``slope²/spread · Σ w JᵀJ``; their sum is inverted as a whole. That is the sandwich itself where one loss acts on all
+rows, and the covariance of the best combination of the parts where there are several.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ import numpy as np
 
 from mbm.solution.assembly import Assembled, loss_lines
 from mbm.solution.freedom import free_combination, free_combinations
-from mbm.solution.robust.covariance import curved, least_spread
 from mbm.solution.robust.losses import LossFunction
+from mbm.solution.robust.pools import Sums, Units, summed
 from mbm.solution.sparse.equations import blocked
 from mbm.solution.sparse.observability import NAMED, described, sparse_covariance
 from mbm.solution.sparse.rank import Decision, decided
 from mbm.solution.sparse.system import BlockJacobian, blocks_of
 from mbm.solution.types import Covariance, Floats, Indices, Mask, Minimum, Observability
-from mbm.target.decisions import EXHAUSTED
 
 
 @np.errstate(all="ignore")
@@ -36,41 +35,39 @@ def sparse_sandwich(
     plain = blocked(equations).plain_block_jacobian(minimum.point, blocks.plan.arithmetic)
     blocks = replace(blocks, values=plain)
     layout = blocks.plan.structure
-    found = list(loss_lines(equations))
-    weight, slope = np.ones(len(residuals)), np.ones(len(residuals))
     every = np.arange(len(residuals)) if layout.rows is None else layout.rows
-    for loss, lines in found:
-        squares = np.square(residuals[lines]).sum(axis=1)
-        weight[lines] = loss.weight(squares)[:, None]
-        slope[lines] = (loss.weight(squares) + 2.0 * loss.slope(squares) * squares / lines.shape[1])[:, None]
-    pools = [(loss, np.concatenate([p.ravel() for other, p in found if other == loss])) for loss in _each(found)]
     held = _held(blocks, observed.fixed)
-    factors = weight.copy()
-    for _, places in pools:
-        factors[places] *= _factor(slope[places], weight[places])
-    inverse = decided(blocks.plan, _weighted(blocks, np.sqrt(np.maximum(factors, 0.0)), every), held).inverse
-    leverages = inverse.leverages(_weighted(blocks, np.sqrt(np.maximum(factors, 0.0)), every), observed.fixed)
-    for _, places in pools:
-        total = max(float(weight[places].sum()), 1e-300)
-        mean = _factor(slope[places], weight[places])
-        spread = float(np.square(weight[places] * residuals[places]).sum()) / total
-        share = float(leverages[places].sum())
-        bend = float(slope[places].var()) / float(slope[places].mean()) ** 2 if mean > 0.0 else 0.0
-        if len(places) - share <= EXHAUSTED * len(places):
-            spread = 1.0
-        else:
-            spread *= (1.0 + share / len(places) * bend) ** 2 * len(places) / (len(places) - share)
-            known = float(weight[places][stated[places]].sum())
-            spread = max(spread, float(least_spread(mean, total, known, share)))
-        factors[places] = weight[places] * mean * mean / max(spread, 1e-300)
+    losses = [_of_loss(parts, residuals, stated) for parts in _by_loss(equations)]
+    factors = np.ones(len(residuals))
+    for places, weight, sums in losses:
+        factors[places] = weight * _curvature(sums)
+    weighted = _weighted(blocks, np.sqrt(factors), every)
+    leverages = decided(blocks.plan, weighted, held).inverse.leverages(weighted, observed.fixed)
+    for places, weight, sums in losses:
+        spread = float(sums.corrected(leverages[places].sum(keepdims=True))[0])
+        factors[places] = weight * _curvature(sums) ** 2 / max(spread, 1e-300)
     final = decided(blocks.plan, _weighted(blocks, np.sqrt(factors), every), held)
     settled = _settled(observed, final, equations.coordinates(minimum.point))
     return sparse_covariance(settled, 1.0), settled
 
 
-def _factor(slope: Floats, weight: Floats) -> float:
-    """The factor of A in H; the pools of sparse problems leave no information rather than less than none."""
-    return max(float(curved(float(slope.sum()) / max(float(weight.sum()), 1e-300))), 0.0)
+def _by_loss(equations: Assembled) -> list[list[Units]]:
+    found: dict[LossFunction, list[Units]] = {}
+    for loss, lines in loss_lines(equations):
+        found.setdefault(loss, []).append((loss, np.zeros(len(lines), dtype=np.int64), lines))
+    return list(found.values())
+
+
+def _of_loss(parts: list[Units], residuals: Floats, stated: Mask) -> tuple[Indices, Floats, Sums]:
+    """The places of the residuals that a loss acts on, their weights, and its sums."""
+    weights, sums = summed(parts, residuals[None], stated[None].astype(np.float64))
+    places = np.concatenate([lines.ravel() for _, _, lines in parts])
+    return places, weights[0, places], sums
+
+
+def _curvature(sums: Sums) -> float:
+    """The factor of A in H; the losses of sparse problems leave no information rather than less than none."""
+    return max(float(sums.curvature[0]), 0.0)
 
 
 def _settled(observed: Observability, final: Decision, point: Floats) -> Observability:
@@ -90,10 +87,6 @@ def _settled(observed: Observability, final: Decision, point: Floats) -> Observa
         estimable=observed.estimable & now.estimable,
         flat=flat,
     )
-
-
-def _each(losses: list[tuple[LossFunction, Indices]]) -> list[LossFunction]:
-    return list(dict.fromkeys(loss for loss, _ in losses))
 
 
 def _held(blocks: BlockJacobian, fixed: Mask) -> Mask:
