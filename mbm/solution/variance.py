@@ -7,9 +7,10 @@ from math import sqrt
 
 import numpy as np
 
-from mbm.solution.types import Components, Fit, Floats, Indices, Noise, NoiseState, Observability, SparseJacobian
+from mbm.solution.robust.losses import of_arrays
+from mbm.solution.types import Components, Fit, Floats, Indices, Mask, Noise, NoiseState, Observability, SparseJacobian
 from mbm.target.chi_square import chi_square_tail
-from mbm.target.decisions import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS
+from mbm.target.decisions import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS, noise_ratio
 
 Reweighted = Callable[[Floats], tuple[Floats, Floats] | None]
 """From the noise factors (one for each unknown group) to the residuals (m,) and redundancy numbers (m,) at the minimum
@@ -60,53 +61,66 @@ def common_factor(cost: float, dof: int) -> Noise:
     return Noise(factor=sqrt(cost / dof), state=NoiseState.ESTIMATED)
 
 
+class Helmert:
+    """Noise factors (K, groups) of K solves: simplified Helmert iteration (Förstner 1979), round by round.
+
+    ``s_k² ← s_k² · SSE_k / r_k`` with the whitened residuals and the redundancy of group k. Groups that
+    are fitted exactly (``exact``, (K, groups)), or have no redundancy (``untold``), keep their last factor.
+    """
+
+    def __init__(self, solves: int, groups: int) -> None:
+        self.factors = np.ones((solves, groups))
+        self.exact = np.zeros((solves, groups), dtype=bool)
+        self.untold = self.exact.copy()
+        self._first: Floats | None = None
+
+    @np.errstate(all="ignore")
+    def advance(self, which: Indices, squares: Floats, redundancy: Floats) -> tuple[Mask, Mask]:
+        """A round of some solves (k,), from ``SSE`` and r (k, groups): which are settled, and which are sound.
+
+        Squares that are no finite numbers tell nothing of noise: such solves are not sound, and keep their factors.
+        """
+        before = self.factors[which]
+        self.untold[which] = redundancy <= LEAST_REDUNDANCY
+        exact = self.exact[which] | (~self.untold[which] & (squares == 0.0))
+        after = before * np.where(exact, 1.0, of_arrays(noise_ratio)(squares, redundancy))
+        sound = np.isfinite(after + squares + redundancy).all(axis=1)
+        if self._first is None:
+            self._first = np.ones(self.factors.shape)
+            self._first[which] = after
+        vanished = after < VANISHED * self._first[which]
+        after = np.where(vanished | ~sound[:, None], before, after)
+        self.exact[which] = exact | (vanished & sound[:, None])
+        self.factors[which] = after
+        settled = sound & (np.abs(after / before - 1.0) <= SETTLED_FACTORS).all(axis=1)
+        return settled, sound
+
+
 @np.errstate(all="ignore")
 def variance_components(solve: Reweighted, groups: Sequence[Indices]) -> Components:
     """Factors of several groups of unknown noise; rows in none of the ``groups`` have stated noise and keep it.
 
-    Simplified Helmert iteration (Förstner 1979): ``s_k² ← s_k² · SSE_k / r_k`` with the whitened residuals and the
-    redundancy of group k, until all factors settle. A group that is fitted exactly, or that has no redundancy, keeps
-    its last factor and says so. Residuals of no minimum, or whose squares are no finite numbers, tell nothing of
-    noise: the factors that led to them are the last, unsettled.
+    Rounds of `Helmert` until all factors settle. Residuals of no minimum, or whose squares are no finite numbers, tell
+    nothing of noise: the factors that led to them are the last, unsettled.
     """
-    factors = np.ones(len(groups))
-    first = np.ones(len(groups))
-    states = [NoiseState.ESTIMATED] * len(groups)
-    for rounds in range(1, NOISE_ROUNDS + 1):
-        at_minimum = solve(factors)
-        if at_minimum is None:
+    helmert, only = Helmert(1, len(groups)), np.zeros(1, dtype=np.int64)
+    settled = False
+    for _ in range(NOISE_ROUNDS):
+        told = solve(helmert.factors[0].copy())
+        if told is None:
             break
-        residuals, redundancy = at_minimum
-        ratios = np.ones(len(groups))
-        for k, rows in enumerate(groups):
-            share = float(redundancy[rows].sum())
-            squares = float(residuals[rows] @ residuals[rows])
-            if states[k] is not NoiseState.EXACT:
-                states[k] = _state_of(share, squares)
-            if states[k] is NoiseState.ESTIMATED:
-                ratios[k] = sqrt(squares / share)
-        updated = factors * ratios
-        if not np.isfinite(updated).all():
+        squares, redundancy = ([[each[rows].sum() for rows in groups]] for each in (np.square(told[0]), told[1]))
+        (settled,), (sound,) = helmert.advance(only, np.array(squares), np.array(redundancy))
+        if settled or not sound:
             break
-        if rounds == 1:
-            first = updated
-        for k in range(len(groups)):
-            if updated[k] < VANISHED * first[k]:
-                states[k] = NoiseState.EXACT
-                updated[k] = factors[k]
-        change = float(np.abs(updated / factors - 1.0).max(initial=0.0))
-        factors = updated
-        if change <= SETTLED_FACTORS:
-            return _components(factors, states, settled=True)
-    return _components(factors, states, settled=False)
+    noises = (
+        Noise(factor=float(factor), state=_state(exact=exact, untold=untold))
+        for factor, exact, untold in zip(helmert.factors[0], helmert.exact[0], helmert.untold[0], strict=True)
+    )
+    return Components(noises=tuple(noises), settled=bool(settled))
 
 
-def _state_of(redundancy: float, squares: float) -> NoiseState:
-    if redundancy <= LEAST_REDUNDANCY:
-        return NoiseState.NO_REDUNDANCY
-    return NoiseState.EXACT if squares == 0.0 else NoiseState.ESTIMATED
-
-
-def _components(factors: Floats, states: Sequence[NoiseState], *, settled: bool) -> Components:
-    noises = tuple(Noise(factor=float(f), state=s) for f, s in zip(factors, states, strict=True))
-    return Components(noises=noises, settled=settled)
+def _state(*, exact: bool, untold: bool) -> NoiseState:
+    if exact:
+        return NoiseState.EXACT
+    return NoiseState.NO_REDUNDANCY if untold else NoiseState.ESTIMATED

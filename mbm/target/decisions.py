@@ -5,10 +5,11 @@ Nothing is imported: whoever needs one number does not load the compiled solver,
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from mbm.target.words import ConstantReals, Integer
+    from mbm.target.words import ConstantReals, Integer, Real
 
 # --- arithmetic -----------------------------------------------------------------------------------------------------
 EPSILON = 2.220446049250313e-16
@@ -300,3 +301,13 @@ def decided_rank(width: Integer, singular: ConstantReals) -> Integer:
         if value <= CERTAIN or (value <= SUSPECT and value * GAP <= before):
             return rank
     return width
+
+
+def noise_ratio(squares: Real, redundancy: Real) -> Real:
+    """By how much the noise factor of a group is wrong: ``√(SSE/r)`` of its whitened residuals (Förstner 1979).
+
+    1 where nothing checks the group, or it is fitted exactly.
+    """
+    if redundancy > LEAST_REDUNDANCY and squares > 0.0:
+        return sqrt(squares / redundancy)
+    return 1.0

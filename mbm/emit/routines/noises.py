@@ -1,11 +1,11 @@
-"""Solves whose noise has several unknown factors: simplified Helmert iteration (as `mbm.solution.variance`)."""
+"""Solves whose noise has several unknown factors: simplified Helmert iteration (`noise_ratio`)."""
 
 from __future__ import annotations
 
-from math import fabs, sqrt
+from math import fabs
 
 from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
-from mbm.target.decisions import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS
+from mbm.target.decisions import NOISE_ROUNDS, SETTLED_FACTORS, noise_ratio
 from mbm.target.solver.batch import finish_solve, go_on, start_solve
 from mbm.target.solver.description import NOT_FINITE_AT_START, REASON, Problem
 from mbm.target.solver.workspace import Rows, Work
@@ -89,9 +89,7 @@ def factors_left(
     change = 0.0
     for g in range(groups):
         share_of_group(problem, rows, numbers, covariance, kappa, g, spare[groups + FOUND :], found)
-        spare[g] = 1.0
-        if found[REDUNDANCY] > LEAST_REDUNDANCY and found[SCATTER] > 0.0:
-            spare[g] = sqrt(found[SCATTER] / found[REDUNDANCY])
+        spare[g] = noise_ratio(found[SCATTER], found[REDUNDANCY])
         change = max(change, fabs(spare[g] - 1.0))
     return change
 

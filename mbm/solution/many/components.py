@@ -1,4 +1,4 @@
-"""Several unknown noises in many solves: the rounds of `variance.variance_components`, all solves side by side."""
+"""Several unknown noises in many solves: the rounds of `variance.Helmert`, all solves side by side."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from mbm.solution.many.stack import Portion, Stack
 from mbm.solution.many.types import REASONS, Ends, Kept, Solver, Which
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices, Mask
-from mbm.solution.variance import VANISHED
+from mbm.solution.variance import Helmert
 from mbm.solution.weighing import REWEIGHTED_SEARCHES
-from mbm.target.decisions import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS
+from mbm.target.decisions import NOISE_ROUNDS
 
 if TYPE_CHECKING:
     from mbm.solution.many.forms import Formed
@@ -102,6 +102,7 @@ class Rounds:
         self._unknown = unknown
         self._places = places
         self._factors = factors.copy()
+        self._noise = Helmert(len(places), len(unknown))
         self._kept = kept
         self._rows = [stack.lines(number, places)[0] for number in range(len(stack.equations.groups))]
         self.ends = self._minima(np.arange(len(places)), points)
@@ -110,21 +111,15 @@ class Rounds:
     @np.errstate(all="ignore")
     def done(self) -> Ends:
         """The minima with factors that are settled."""
-        first: Floats | None = None
         active = np.flatnonzero(~self.lost & bool(len(self._unknown)))
         for number in range(NOISE_ROUNDS):
             if not len(active) or self._settings.stopped():
                 break
             if number:
                 self._minimise(active)
-            ratios = self._ratios(active)
-            self._factors[np.ix_(active, self._unknown)] *= ratios
-            now = self._factors[np.ix_(active, self._unknown)]
-            if first is None:
-                first = np.ones((len(self._places), len(self._unknown)))
-                first[active] = now
-            self.lost[active] |= (~(now >= VANISHED * first[active])).any(axis=1) | ~np.isfinite(ratios).all(axis=1)
-            settled = (np.abs(ratios - 1.0) <= SETTLED_FACTORS).all(axis=1)
+            settled, sound = self._noise.advance(active, *self._told(active))
+            self._factors[np.ix_(active, self._unknown)] = self._noise.factors[active]
+            self.lost[active] |= ~sound | (self._noise.exact | self._noise.untold)[active].any(axis=1)
             self._minimise(active[settled & ~self.lost[active]])
             active = active[~settled & ~self.lost[active]]
         self.lost[active] = True
@@ -164,8 +159,8 @@ class Rounds:
         """What is kept in some solves."""
         return None if self._kept is None else self._kept.of(self._rows, which)
 
-    def _ratios(self, which: Indices) -> Floats:
-        """By how much factors (K, unknown) miss the residuals; NaN where a group has no redundancy, or fits exactly."""
+    def _told(self, which: Indices) -> tuple[Floats, Floats]:
+        """Sums of squares and redundancy (K, unknown) of the groups of unknown noise."""
         kept = self._kept_in(which)
         portion = Portion(self._stack, self._places[which], kept, self._factors[which])
         residuals, slopes = portion.linearised(self.ends.points[which])
@@ -176,14 +171,12 @@ class Rounds:
         found = factors(rooted_slopes(portion, residuals, slopes) if lossy else slopes)
         self.lost[which] |= ~found.good
         redundancy = np.clip(1.0 - np.square(found.basis).sum(axis=2), 0.0, 1.0)
-        ratios = np.full((len(which), len(self._unknown)), np.nan)
+        of_groups = np.zeros((2, len(which), len(self._unknown)))
         for place, owner in enumerate(self._unknown.tolist()):
             solve, slot = portion.block_slots(owner)
-            share = np.bincount(solve, weights=redundancy[solve, slot], minlength=len(which))
-            squares = np.bincount(solve, weights=scattered[solve, slot], minlength=len(which))
-            plain = (share > LEAST_REDUNDANCY) & (squares > 0.0)
-            ratios[plain, place] = np.sqrt(squares[plain] / share[plain])
-        return ratios
+            for total, each in zip(of_groups, (scattered, redundancy), strict=True):
+                total[:, place] = np.bincount(solve, weights=each[solve, slot], minlength=len(which))
+        return of_groups[0], of_groups[1]
 
 
 def _converged(ends: Ends) -> Mask:
