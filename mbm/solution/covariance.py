@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from mbm.solution.types import Covariance, Floats, Observability, Propagated
@@ -26,12 +28,17 @@ def covariance(observed: Observability, variance: float = 1.0) -> Covariance:
         return sparse_covariance(observed, variance)
     rank = observed.row_space.shape[1]
     factor = observed.row_space / observed.singular_values[:rank] / observed.scale[:, None] * np.sqrt(variance)
+    return replace(of_factor(factor, observed), variance=variance)
+
+
+def of_factor(factor: Floats, observed: Observability) -> Covariance:
+    """The covariance with the ``factor`` (n, k) before a datum is chosen; NaN for what is not determined."""
     factor = in_datum(factor, observed)
     matrix = factor @ factor.T
     undetermined = ~observed.estimable & ~observed.fixed
     matrix[undetermined, :] = np.nan
     matrix[:, undetermined] = np.nan
-    return Covariance(matrix=matrix, sigma=np.sqrt(np.diag(matrix)), factor=factor, variance=variance)
+    return Covariance(matrix=matrix, sigma=np.sqrt(np.diag(matrix)), factor=factor)
 
 
 def in_datum(vectors: Floats, observed: Observability) -> Floats:

@@ -12,14 +12,19 @@ from mbm.target.decisions import HUGE, TINY
 
 def metric(jacobian: Floats, slopes: Floats) -> Floats:
     """The scale of each coordinate (n,) > 0: the norm of its column; where that is zero, from the constraints."""
-    scale = column_norms(jacobian)
-    felt = scale > 0.0
-    if not bool(felt.all()):
+    return scale_of(column_norms(jacobian), slopes)
+
+
+def scale_of(norms: Floats, slopes: Floats) -> Floats:
+    """The same for columns with the ``norms`` (…, n) and constraints with the ``slopes`` (…, c, n)."""
+    felt = norms > 0.0
+    scale = norms
+    if slopes.shape[-2] and not bool(felt.all()):
         sizes = np.abs(slopes)
-        known = np.sqrt(np.square(np.divide(slopes, scale, out=np.zeros_like(slopes), where=felt)).sum(axis=1))
-        known = np.where(known > 0.0, known, sizes.max(axis=1, initial=0.0))
-        shares = sizes / np.where(known > 0.0, known, 1.0)[:, None]
-        scale = np.where(felt, scale, shares.max(axis=0, initial=0.0))
+        shares = np.where(felt[..., None, :], slopes / np.where(felt, norms, 1.0)[..., None, :], 0.0)
+        known = np.sqrt(np.square(shares).sum(axis=-1))
+        known = np.where(known > 0.0, known, sizes.max(axis=-1, initial=0.0))
+        scale = np.where(felt, norms, (sizes / np.where(known > 0.0, known, 1.0)[..., None]).max(axis=-2))
     return np.where((scale > 0.0) & np.isfinite(scale), scale, 1.0)
 
 

@@ -88,12 +88,8 @@ class Surroundings:
     def ratios(self, along: Floats, points: Floats) -> Floats:
         """The true ends (2, p) as multiples of the linear ones, where the cost grows on as it does up to those."""
         residuals = _residuals(self.equations, points)
-        seen = residuals @ self.tangent
-        own = np.einsum("ij,ij->i", seen, np.vstack([along, along]))
-        least = np.square(residuals).sum(axis=1) - np.square(seen).sum(axis=1) + np.square(own)
-        grown = (least - self.minimum.cost) / self.variance
-        found = np.where(grown > 0.0, NORMAL_95 / np.sqrt(np.maximum(grown, 0.0)), np.inf)
-        return np.where(np.isfinite(least), found, 0.0).reshape(2, len(along))
+        both = np.vstack([along, along])
+        return end_ratios(residuals, self.tangent, both, self.minimum.cost, self.variance).reshape(2, len(along))
 
     def followed(self, along: Floats) -> tuple[float, float]:
         """The true ends in the direction ``along`` (k,), a unit vector, found by following the profile."""
@@ -113,6 +109,41 @@ class Surroundings:
         return lower, upper
 
 
+def end_ratios(
+    residuals: Floats, tangent: Floats, along: Floats, cost: float | Floats, variance: float | Floats
+) -> Floats:
+    """True ends (K,) of intervals as multiples of the linear ones, where the ``residuals`` (K, m) are found.
+
+    ``tangent`` (m, k), or (K, m, k) with one of each, is orthonormal; the ends lie in the directions ``along`` (K, k),
+    unit vectors. ``cost`` and ``variance`` (K,) are those of the minimum. Infinite where the cost does not grow, 0
+    where there is no value.
+    """
+    seen = np.matmul(residuals[:, None, :], tangent)[:, 0]
+    own = np.einsum("ij,ij->i", seen, along)
+    least = np.square(residuals).sum(axis=1) - np.square(seen).sum(axis=1) + np.square(own)
+    grown = (least - cost) / variance
+    found = np.where(grown > 0.0, NORMAL_95 / np.sqrt(np.maximum(grown, 0.0)), np.inf)
+    return np.where(np.isfinite(least), found, 0.0)
+
+
+def derived_ratios(moves: Floats, deviations: Floats, grown: Floats, *, angle: bool) -> Floats:
+    """The same (2, K) for quantities that move by ``moves`` (2, K) to the lower and upper linear ends.
+
+    ``deviations`` (K,) are their standard deviations, ``grown`` (2, K) the ratios in their directions. Minus infinity
+    where a quantity has turned back on the way.
+    """
+    if angle:
+        moves = moves - 2 * np.pi * np.round(moves / (2 * np.pi))
+    gone = moves / (np.array([[-1.0], [1.0]]) * NORMAL_95 * deviations)
+    gone = np.where(gone < 0.0, -np.inf, gone)
+    return np.where(np.isfinite(gone), gone * grown, np.where(np.isnan(gone), 0.0, gone))
+
+
+def too_much(coordinates: int, residuals: int) -> bool:
+    """Whether the intervals of so many coordinates are not looked at."""
+    return coordinates > MOST_COORDINATES or 2 * coordinates * residuals > MOST_RESIDUALS
+
+
 @np.errstate(all="ignore")
 def surroundings(equations: Equations, minimum: Minimum, estimated: Covariance) -> Surroundings | None:
     """What the ends of intervals are looked for in.
@@ -123,7 +154,7 @@ def surroundings(equations: Equations, minimum: Minimum, estimated: Covariance) 
     m, k = minimum.residuals.shape[0], estimated.factor.shape[1] if estimated.factor.ndim == 2 else 0
     if not k or equations.count != m or minimum.blocks is not None or not minimum.reason.converged:
         return None
-    if k > MOST_COORDINATES or 2 * k * m > MOST_RESIDUALS:
+    if too_much(k, m):
         return None
     image = minimum.jacobian @ estimated.factor
     gram = image.T @ image
@@ -174,11 +205,7 @@ def derived_ends(
     grown = np.ones((2, len(along))) if found.equations.linear else found.ratios(along, points)
     every, places = values(np.vstack([found.minimum.point, points])), np.arange(len(points)) % len(along)
     moves = every[1 + np.arange(len(points)), places] - every[0, places]
-    if angle:
-        moves = moves - 2 * np.pi * np.round(moves / (2 * np.pi))
-    gone = moves.reshape(2, len(along)) / (np.array([[-1.0], [1.0]]) * NORMAL_95 * sigma)
-    gone = np.where(gone < 0.0, -np.inf, gone)
-    ends = np.where(np.isfinite(gone), gone * grown, np.where(np.isnan(gone), 0.0, gone))
+    ends = derived_ratios(moves.reshape(2, len(along)), sigma, grown, angle=angle)
     return IntervalEnds(lower=ends[0], upper=ends[1])
 
 

@@ -24,6 +24,8 @@ IMPROBABLE = 1e-6
 STRAINED = 4.0
 """Distance of a prior from what the data say without it, in standard deviations of that distance: once in 16,000."""
 
+CHECKED = 1e-12
+"""Redundancy of a prior up to which nothing checks it."""
 
 MOST_DERIVED = 20
 """Derived numbers whose intervals are looked at."""
@@ -115,11 +117,7 @@ def _reach(ratio: float) -> str:
 def _strained(
     problem: Problem, equations: Assembled, minimum: Minimum, estimated: Covariance
 ) -> tuple[Diagnostic, ...]:
-    """Priors that the data contradict.
-
-    The residual of a prior, over the root of one minus its leverage, is the difference of the prior from the estimate
-    without it, over the standard deviation of that difference (the normalised innovation).
-    """
+    """Priors that the data contradict."""
     priors = [i for i, block in enumerate(problem.blocks) if block.role is BlockRole.PRIOR]
     rows = {i: equations.block_rows(i) for i in priors}
     count = sum(map(len, rows.values()))
@@ -129,13 +127,21 @@ def _strained(
     found = []
     for number, places in rows.items():
         leverage = np.square(minimum.jacobian[places] @ estimated.factor).sum(axis=1)
-        free = np.maximum(1.0 - leverage, 0.0)
-        innovation = np.where(free > 1e-12, minimum.residuals[places] / np.sqrt(free), 0.0)
-        worst = _largest(innovation)
+        worst = _largest(innovations(minimum.residuals[places], leverage))
         if worst > limit:
             block = problem.blocks[number]
             found.append(faults.prior_against_data(block.span, block.name, worst))
     return tuple(found)
+
+
+def innovations(residuals: Floats, leverage: Floats, least: float = CHECKED) -> Floats:
+    """Residuals of priors over the root of one minus their leverage; 0 where not more than ``least`` of it is left.
+
+    That is the difference of a prior from the estimate without it, over the standard deviation of that difference (the
+    normalised innovation).
+    """
+    free = np.maximum(1.0 - leverage, 0.0)
+    return np.where(free > least, residuals / np.sqrt(free), 0.0)
 
 
 def _largest(values: Floats | Sequence[float]) -> float:

@@ -63,5 +63,9 @@ def _stationary(equations: Equations, minimum: Minimum, columns: Indices, size: 
     there = equations.jacobian(equations.retract(minimum.point, step))[:, columns]
     length = np.linalg.norm(here, axis=0)
     bend = np.linalg.norm(there - here, axis=0) / steps
-    zero: Mask = (length <= VANISHING * size * bend) | (length * length <= FAINT * bend * spread)
-    return zero
+    return vanishing(length, size, bend, spread)
+
+
+def vanishing(length: Floats, size: Floats, bend: Floats, spread: float | Floats) -> Mask:
+    """Whether columns of a ``length`` (k,) are zero beside their change ``bend`` with coordinates of a ``size``."""
+    return np.asarray((length <= VANISHING * size * bend) | (length * length <= FAINT * bend * spread))

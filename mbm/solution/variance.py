@@ -84,7 +84,7 @@ class Helmert:
         self.untold[which] = redundancy <= LEAST_REDUNDANCY
         exact = self.exact[which] | (~self.untold[which] & (squares == 0.0))
         after = before * np.where(exact, 1.0, of_arrays(noise_ratio)(squares, redundancy))
-        sound = np.isfinite(after + squares + redundancy).all(axis=1)
+        sound: Mask = np.asarray(np.isfinite(after + squares + redundancy).all(axis=1))
         if self._first is None:
             self._first = np.ones(self.factors.shape)
             self._first[which] = after
@@ -92,8 +92,8 @@ class Helmert:
         after = np.where(vanished | ~sound[:, None], before, after)
         self.exact[which] = exact | (vanished & sound[:, None])
         self.factors[which] = after
-        settled = sound & (np.abs(after / before - 1.0) <= SETTLED_FACTORS).all(axis=1)
-        return settled, sound
+        near = (np.abs(after / before - 1.0) <= SETTLED_FACTORS).all(axis=1)
+        return np.asarray(sound & near), sound
 
 
 @np.errstate(all="ignore")

@@ -15,13 +15,24 @@ from mbm.solution.many.factor import Factors, Spread
 from mbm.solution.many.losses import rooted_residuals, rooted_slopes
 from mbm.solution.many.stack import Portion, stated
 from mbm.solution.many.types import Ends
-from mbm.solution.nonlinearity import DETERMINED, LOOKED_AT, MOST_COORDINATES, MOST_RESIDUALS, NORMAL_95, TOLERATED
-from mbm.solution.plausibility import MOST_DERIVED, STRAINED
-from mbm.solution.stationary import FAINT, FAR, LEAST, STEP, VANISHING
+from mbm.solution.nonlinearity import (
+    DETERMINED,
+    LOOKED_AT,
+    NORMAL_95,
+    TOLERATED,
+    derived_ratios,
+    end_ratios,
+    too_much,
+)
+from mbm.solution.plausibility import CHECKED, MOST_DERIVED, STRAINED, innovations
+from mbm.solution.stationary import FAR, LEAST, STEP, vanishing
 from mbm.solution.types import Floats, Mask
 
 MARGIN = 1e-6
 """Share by which limits are narrowed here: far above what roundings in another order make of the same numbers."""
+
+SIDES = (-1.0, 1.0)
+"""The lower and the upper end of an interval."""
 
 
 @np.errstate(all="ignore")
@@ -72,7 +83,7 @@ class _Intervals:
         self.found = found
         self.noise = noise
         k = found.root.shape[2] - (0 if found.gone is None else int(found.gone.sum(axis=1).max(initial=0)))
-        self.too_much = k > MOST_COORDINATES or 2 * k * portion.most > MOST_RESIDUALS
+        self.too_much = too_much(k, portion.most)
 
     def point(self, along: Floats, side: float) -> Floats:
         """The points (K, N) at one end of the intervals in the directions ``along`` (K, k)."""
@@ -80,17 +91,11 @@ class _Intervals:
         return self.portion.equations.retract(self.ends.points, steps)
 
     def ratios(self, along: Floats) -> Floats:
-        """The true ends (2, K) as multiples of the linear ones, as `nonlinearity.Surroundings.ratios` has them."""
-        result = []
-        for side in (-1.0, 1.0):
-            residuals = rooted_residuals(self.portion, self.portion.residuals(self.point(along, side)))
-            seen = np.matmul(self.found.basis.transpose(0, 2, 1), residuals[:, :, None])[:, :, 0]
-            own = np.einsum("kj,kj->k", seen, along)
-            least = np.square(residuals).sum(axis=1) - np.square(seen).sum(axis=1) + np.square(own)
-            grown = (least - self.ends.cost) / np.square(self.noise)
-            ratio = np.where(grown > 0.0, NORMAL_95 / np.sqrt(np.maximum(grown, 0.0)), np.inf)
-            result.append(np.where(np.isfinite(least), ratio, 0.0))
-        return np.stack(result)
+        """The true ends (2, K) as multiples of the linear ones."""
+        both = (self.portion.residuals(self.point(along, side)) for side in SIDES)
+        rooted = (rooted_residuals(self.portion, residuals) for residuals in both)
+        basis, variance = self.found.basis, np.square(self.noise)
+        return np.stack([end_ratios(residuals, basis, along, self.ends.cost, variance) for residuals in rooted])
 
 
 def _looked_at(problem: Problem, derived: tuple[DerivedColumns, ...]) -> Iterator[tuple[DerivedColumns, int]]:
@@ -110,14 +115,8 @@ def _derived_ends(around: _Intervals, one: DerivedColumns, place: int, angle: bo
     told = length > DETERMINED * np.einsum("kn,kn->k", np.abs(one.gradient[:, place]), parts)
     along = image / np.where(length > 0.0, length, 1.0)[:, None]
     grown = np.ones((2, len(length))) if linear else around.ratios(along)
-    gone = []
-    for side in (-1.0, 1.0):
-        move = stated(one.group, around.point(along, side))[:, place] - one.values[:, place]
-        if angle:
-            move = move - 2 * np.pi * np.round(move / (2 * np.pi))
-        gone.append(move / (side * NORMAL_95 * around.noise * length))
-    found = np.stack(gone)
-    ends = np.where(np.isfinite(found), np.where(found < 0.0, -np.inf, found) * grown, 0.0)
+    moves = [stated(one.group, around.point(along, side))[:, place] - one.values[:, place] for side in SIDES]
+    ends = derived_ratios(np.stack(moves), around.noise * length, grown, angle=angle)
     return np.where(told, ends, 1.0)
 
 
@@ -133,9 +132,8 @@ def _strained(problem: Problem, portion: Portion, basis: Floats, residuals: Floa
         if block.role is BlockRole.PRIOR:
             solve, slot = portion.block_slots(owner)
             leverage = np.square(basis[solve, slot]).sum(axis=1)
-            free = np.maximum(1.0 - leverage, 0.0)
-            innovation = np.abs(residuals[solve, slot]) / np.sqrt(np.maximum(free, 1e-13))
-            np.logical_or.at(wrong, solve, ~(innovation <= STRAINED * (1 - MARGIN)))
+            innovation = innovations(residuals[solve, slot], leverage, CHECKED / 10)
+            np.logical_or.at(wrong, solve, ~(np.abs(innovation) <= STRAINED * (1 - MARGIN)))
     return wrong
 
 
@@ -157,7 +155,6 @@ def stationary(portion: Portion, ends: Ends, found: Factors, jacobian: Floats) -
         there = portion.linearised(equations.retract(ends.points, step))
         moved = rooted_slopes(portion, *there)[:, :, place] - jacobian[:, :, place]
         bend = np.sqrt(np.square(moved).sum(axis=1)) / step[:, place] * (1 + MARGIN)
-        length = found.scale[:, place]
-        zero = ~(length > VANISHING * size[:, place] * bend) | ~(length * length > FAINT * bend * spread)
-        wrong |= near[:, place] & zero
+        zero = vanishing(found.scale[:, place], size[:, place], bend, spread)
+        wrong |= near[:, place] & (zero | ~np.isfinite(bend))
     return wrong

@@ -9,8 +9,9 @@ import numpy as np
 
 from mbm.solution.constrained.linearise import violations
 from mbm.solution.many.stack import Portion
+from mbm.solution.metric import scale_of
 from mbm.solution.types import Floats, Indices, Mask
-from mbm.target.decisions import CERTAIN, EPSILON, HUGE, MET, PUSHED, ROUNDING_ERRORS
+from mbm.target.decisions import CERTAIN, EPSILON, MET, PUSHED, ROUNDING_ERRORS
 from mbm.values import dataclass
 
 CLEAR = 1e-7
@@ -64,7 +65,7 @@ def held(portion: Portion, points: Floats, jacobian: Floats, cost: Floats, multi
     values, slopes = portion.constrained(points)
     there, equality = _kinds(portion)
     equations = portion.equations
-    scale = metrics(lengths(jacobian), slopes)
+    scale = scale_of(lengths(jacobian), slopes)
     places = equations.layout.number[equations.free]
     size = np.where(places >= 0, np.abs(points[:, places]), 1.0)
     unit = np.sqrt(np.square(slopes / scale[:, None, :]).sum(axis=2))
@@ -96,7 +97,7 @@ def tangents(found: Held, jacobian: Floats) -> Tangents:
     slopes = np.take_along_axis(found.slopes, picked[:, :, None], axis=1) * forcing[:, :, None]
     finite: Mask = np.asarray(np.isfinite(slopes).all(axis=(1, 2)))
     slopes = np.where(finite[:, None, None], slopes, 0.0)
-    scale = metrics(lengths(jacobian), slopes)
+    scale = scale_of(lengths(jacobian), slopes)
     finite &= np.isfinite(scale).all(axis=1)
     rows = np.where(finite[:, None, None], slopes / scale[:, None, :], 0.0)
     length = np.sqrt(np.square(rows).sum(axis=2))
@@ -120,18 +121,6 @@ def tangents(found: Held, jacobian: Floats) -> Tangents:
 def lengths(jacobian: Floats) -> Floats:
     """The lengths (K, n) of the columns of Jacobians (K, m, n)."""
     return np.asarray(np.sqrt(np.einsum("kmn,kmn->kn", jacobian, jacobian)))
-
-
-def metrics(norms: Floats, slopes: Floats) -> Floats:
-    """`metric` of K Jacobians whose columns have the ``norms`` (K, n), with the slopes (K, c, n) of constraints."""
-    felt = norms > 0.0
-    if bool(felt.all()) or not slopes.shape[1]:
-        return np.where(felt, norms, 1.0)
-    sizes = np.abs(slopes)
-    known = np.sqrt(np.square(np.where(felt[:, None, :], slopes / np.where(felt, norms, 1.0)[:, None, :], 0.0)).sum(2))
-    known = np.where(known > 0.0, known, sizes.max(axis=2))
-    shares = (sizes / np.where(known > 0.0, known, 1.0)[:, :, None]).max(axis=1)
-    return np.where(felt, norms, np.where((shares > 0.0) & (shares < HUGE), shares, 1.0))
 
 
 def _rank(singular: Floats) -> tuple[Indices, Mask]:

@@ -19,7 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.solution.covariance import in_datum
+from mbm.solution.covariance import of_factor
 from mbm.solution.freedom import free_combinations, touched_by
 from mbm.solution.robust.losses import LossFunction
 from mbm.solution.robust.pools import pools
@@ -55,7 +55,7 @@ def sandwich(
     spread = found.spread(inverse[None])[0]
     lengths, axes = np.linalg.eigh(spread)
     factor = basis @ inverse @ (axes * np.sqrt(np.maximum(lengths, 0.0)))
-    return _covariance(in_datum(factor, observed), ~observed.estimable & ~observed.fixed), observed
+    return of_factor(factor, observed), observed
 
 
 def flat_directions(curvature: Floats, weighed: Floats, observed: Observability) -> Floats | None:
@@ -94,10 +94,3 @@ def flattened(observed: Observability, free: Floats, point: Floats) -> tuple[Obs
         flat=count,
     )
     return changed, kept
-
-
-def _covariance(factor: Floats, undetermined: Mask) -> Covariance:
-    matrix = factor @ factor.T
-    matrix[undetermined, :] = np.nan
-    matrix[:, undetermined] = np.nan
-    return Covariance(matrix=matrix, sigma=np.sqrt(np.diag(matrix)), factor=factor)

@@ -7,8 +7,8 @@ import pytest
 
 from mbm.solution.covariance import covariance
 from mbm.solution.many.factor import factors
-from mbm.solution.many.surface import Held, lengths, metrics, tangents
-from mbm.solution.metric import metric
+from mbm.solution.many.surface import Held, lengths, tangents
+from mbm.solution.metric import metric, scale_of
 from mbm.solution.observability import Surface, observability
 
 
@@ -72,6 +72,6 @@ def test_scales_are_those_of_each_solve():
     jacobian[::2, :, 1] = 0.0
     jacobian[::3, :, 4] = 0.0
     slopes[::4, :, 4] = 0.0
-    found = metrics(lengths(jacobian), slopes)
+    found = scale_of(lengths(jacobian), slopes)
     for k in range(len(jacobian)):
         np.testing.assert_allclose(found[k], metric(jacobian[k], slopes[k]), rtol=1e-12)  # sums in another order
