@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 import mbm
+from mbm.solution.robust.many import noise_of_inliers
+from mbm.solution.robust.units import Units
 from tests.robust.scenes import CEILING
 
 STATIONS = CEILING[::4]
@@ -158,3 +161,21 @@ def test_a_far_start_of_very_many_connected_unknowns_is_no_end(init):
     expected = np.linalg.lstsq(slopes[:, 1:], rises[good], rcond=None)[0]
     # of good rows 5 % are left out, and of wrong ones those within some deviations stay: a deviation of 0.01 or two
     np.testing.assert_allclose(found["h"].value[1:], expected, atol=0.03)
+
+
+@pytest.mark.parametrize("sizes", [(1,), (2,), (1, 3)])
+def test_noise_of_inliers_is_that_before_the_tails_were_cut_off(sizes):
+    random = np.random.default_rng(7)
+    components = np.repeat(np.array(sizes), 60_000)
+    squares = 4.0 * random.chisquare(components)
+    limits = 4.0 * chi2.ppf(0.9, components)
+    units = Units(
+        of_row=np.repeat(np.arange(len(components)), components),
+        components=components,
+        group=np.zeros(len(components), dtype=np.int64),
+        number=np.arange(len(components)),
+        rounding=np.zeros(len(components)),
+    )
+    found = noise_of_inliers(squares, squares <= limits, np.ones(len(components)), units, 3, limits)
+    # 4 is the variance; that of sixty thousand squares, a tenth of which is cut off, is known to a percent
+    np.testing.assert_allclose(found, 4.0, rtol=0.02)

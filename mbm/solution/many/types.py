@@ -66,7 +66,7 @@ class Kept:
     """What consensus keeps of the equations that K solves have.
 
     ``outputs`` (rows, outputs) of the K solves in each group say what is kept (None: everything), ``information`` (the
-    same) is κ of it (`robust.scale.information_left`, None: 1); ``count`` (K,) how many scalars are kept.
+    same) is κ of it (`robust.units.consistency`, None: 1); ``count`` (K,) how many scalars are kept.
     """
 
     outputs: tuple[Mask | None, ...]

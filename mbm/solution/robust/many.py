@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 
@@ -17,13 +19,14 @@ from mbm.solution.assembly import Assembled
 from mbm.solution.minimise import minimise
 from mbm.solution.robust.binding import without_losses
 from mbm.solution.robust.losses import LossFunction
-from mbm.solution.robust.scale import noise_and_limits
 from mbm.solution.robust.scores import cuts, variances_at
 from mbm.solution.robust.types import Agreed, Asked
 from mbm.solution.robust.units import Units
 from mbm.solution.settings import Settings
-from mbm.solution.types import Floats, Mask
+from mbm.solution.types import Floats, Indices, Mask
 from mbm.target.decisions import LEAST_SHARE, STATED
+from mbm.target.solver.consensus_records import Units as SolverUnits
+from mbm.target.solver.consensus_truncation import untruncated
 
 WIDTHS = (64.0, 16.0, 8.0, 4.0, 2.0, 1.0)
 """Parameters of the loss one after the other, in multiples of the limit."""
@@ -88,13 +91,47 @@ def _settled(
         point = minimise(weighted, point, settings, problem.span).point
         squares = units.squares(plain.plain_residuals(point))
     limits = cut * variances
-    noise, _ = noise_and_limits(squares, squares <= limits, variances, units, plain.dimension, cut, None)
     return Agreed(
         point=point,
         inliers=inliers,
         limits=limits,
-        variances=noise,
+        variances=noise_of_inliers(squares, squares <= limits, variances, units, plain.dimension, limits),
     )
+
+
+def noise_of_inliers(
+    squares: Floats, inliers: Mask, variances: Floats, units: Units, dimension: int, limits: Floats
+) -> Floats:
+    """The variance (U,) of the noise, as stated or ``SSE/((n − p) κ)`` of the ``inliers`` (U,).
+
+    κ is what normal noise has left inside the ``limits`` (U,), which are equal for units of as many components in a
+    group; unknowns are shared out by the number of residuals. Without redundancy ``variances`` (U,) stay.
+    """
+    noise = variances.copy()
+    total = int(units.components[inliers].sum())
+    for group in np.unique(units.group[units.group != STATED]).tolist():
+        mine = np.flatnonzero(inliers & (units.group == group))
+        freedom = int(units.components[mine].sum()) * (1.0 - dimension / total) if total else 0.0
+        if freedom > 0.0:
+            least = max(float(units.rounding[mine].max()), 1e-300)
+            raw = max(float(squares[mine].sum()) / freedom, least)
+            noise[units.group == group] = untruncated(_listed(units.components[mine], limits[mine]), 0, 0, raw)
+    return noise
+
+
+def _listed(components: Indices, limits: Floats) -> SolverUnits:
+    """Inliers of one group as the solver's text reads them, those of one size side by side; of one size only, once."""
+    order = np.argsort(components, kind="stable")
+    order = order[:1] if bool((components == components[0]).all()) else order
+    count = len(order)
+    found = SimpleNamespace(
+        count=count,
+        group=[0] * count,
+        inlier=[1] * count,
+        components=components[order].tolist(),
+        limits=limits[order].tolist(),
+    )
+    return cast("SolverUnits", found)
 
 
 def _variances(squares: Floats, units: Units, dimension: int) -> Floats:
