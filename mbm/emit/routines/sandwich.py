@@ -7,6 +7,7 @@ from math import fabs, sqrt
 from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
 from mbm.target.solver.covariance import undetermined
 from mbm.target.solver.description import NO_LOSS, Problem, Unit
+from mbm.target.solver.linear_algebra import cholesky, filled, solve_transposed, solve_upper
 from mbm.target.solver.loss_spread import curvature_factor, loss_trace, spread_factor
 from mbm.target.solver.losses import loss_weight
 from mbm.target.solver.workspace import Rows
@@ -19,6 +20,9 @@ SPREAD = 3
 COUNT = 4
 STATED = 5
 SUMS = 6
+
+LEAST_PIVOT = 1e-15
+"""Of a matrix scaled to a unit diagonal: below, it is singular but for rounding."""
 
 
 def same_loss(constants: ConstantReals, unit: Unit, other: Unit) -> Integer:
@@ -121,31 +125,23 @@ def inverted(n: Integer, matrix: Reals, scale: Reals, inverse: Reals) -> Integer
             return 0
         scale[i] = 1.0 / sqrt(matrix[i * n + i])
     for i in range(n):
-        for j in range(i + 1):
-            total = matrix[i * n + j] * scale[i] * scale[j]
-            for k in range(j):
-                total -= matrix[i * n + k] * matrix[j * n + k]
-            if i == j:
-                if not total > 1e-15:
-                    return 0
-                matrix[i * n + i] = sqrt(total)
-            else:
-                matrix[i * n + j] = total / matrix[j * n + j]
-    for column in range(n):
-        for i in range(n):
-            total = scale[column] if i == column else 0.0
-            for k in range(i):
-                total -= matrix[i * n + k] * inverse[k * n + column]
-            inverse[i * n + column] = total / matrix[i * n + i]
-        for step in range(n):
-            i = n - 1 - step
-            total = inverse[i * n + column]
-            for k in range(i + 1, n):
-                total -= matrix[k * n + i] * inverse[k * n + column]
-            inverse[i * n + column] = total / matrix[i * n + i]
-    for i in range(n):
         for j in range(n):
-            inverse[i * n + j] *= scale[i]
+            matrix[i * n + j] *= scale[i] * scale[j]
+    if cholesky(n, matrix) == 0:
+        return 0
+    for i in range(n):
+        if not matrix[i * n + i] * matrix[i * n + i] > LEAST_PIVOT:
+            return 0
+        for j in range(i):
+            matrix[j * n + i] = matrix[i * n + j]
+    filled(n * n, 0.0, inverse)
+    for i in range(n):
+        row = inverse[i * n :]
+        row[i] = scale[i]
+        solve_transposed(n, matrix, row)
+        solve_upper(n, matrix, row)
+        for j in range(n):
+            row[j] *= scale[j]
     return 1
 
 
