@@ -1,4 +1,4 @@
-"""Runs the comparisons and writes docs/background/speed.md: machine, versions, date, who measured what.
+"""Runs the comparisons and writes docs/explanations/speed.md: machine, versions, date, who measured what.
 
 python -m benchmarks.table [--long] [NAME…]
 
@@ -21,7 +21,7 @@ from benchmarks.machine import machine
 from benchmarks.peers import ROOT, last_line, one_thread
 
 KEPT = ROOT / "build" / "benchmarks"
-PAGE = ROOT / "docs" / "background" / "speed.md"
+PAGE = ROOT / "docs" / "explanations" / "speed.md"
 SHORT = {
     "nist": "NIST StRD",
     "desk": "A desk pose",

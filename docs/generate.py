@@ -89,7 +89,7 @@ models of the shape library have [a page of their own](library.md).
 LATER_INTRODUCTION = """
 ## Not available yet
 
-These names are reserved and answer [`not-available-yet`](../reference/diagnostics.md#not-available-yet):
+These names are reserved and answer [`not-available-yet`](diagnostics.md#not-available-yet):
 
 """
 LIBRARY_INTRODUCTION = """Models that every file may call. They are written in the language itself, in
@@ -247,9 +247,9 @@ def _sentence(text: str) -> str:
 
 
 PAGES: dict[str, Callable[[], str]] = {
-    "manual/units.md": units,
-    "manual/vocabulary.md": vocabulary,
-    "manual/library.md": library,
+    "reference/units.md": units,
+    "reference/vocabulary.md": vocabulary,
+    "reference/library.md": library,
     "reference/diagnostics.md": diagnostics,
     "reference/bounds.md": bounds,
 }

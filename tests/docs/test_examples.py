@@ -53,7 +53,8 @@ def test_the_language_reference_names_every_clause_and_option():
     from mbm.problem import clauses
     from mbm.problem.reading import unknowns
 
-    text = (ROOT / "docs" / "manual" / "language.md").read_text(encoding="utf-8")
+    pages = [*(ROOT / "docs" / "reference").glob("*.md"), *(ROOT / "docs" / "how-to").glob("*.md")]
+    text = "".join(page.read_text(encoding="utf-8") for page in pages)
     for clause in (*clauses.CLAUSES, *clauses.NOT_YET):
         assert re.search(rf"`[^`]*\(?{re.escape(clause)}\b[^`]*`", text), clause
     for option in unknowns.OPTIONS:

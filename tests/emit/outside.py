@@ -379,7 +379,7 @@ OUTSIDE: dict[str, tuple[Expected | Several, ...]] = {
     "sights": (stated(sights, (0.1, 0.1, 0.1, 0, 0, 4), shown=sights_shown, sigmas=False),),
 }  # fmt: skip
 """By the name of the shape, a solve for each key. Consensus leaves out the rows that are wrong by design; what is said
-of its deviations accounts for good rows that might have been cut off as well (`docs/manual/robust.md`).
+of its deviations accounts for good rows that might have been cut off as well (`docs/explanations/consensus.md`).
 
 Not here are `loss-and-noise`, `bounded`, `lossy-noise`, `graduated` and `both`: what unknown noise is beside a loss, or
 beside consensus and other noise, is a rule of mbm's own.

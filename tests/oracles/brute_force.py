@@ -13,7 +13,7 @@ from tests.oracles.kinds import Kind
 
 Columns = dict[str, np.ndarray]
 LIMIT = 3.0
-"""Standard deviations within which rows agree where noise is stated (docs/manual/robust.md)."""
+"""Standard deviations within which rows agree where noise is stated (docs/explanations/consensus.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)

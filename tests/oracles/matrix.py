@@ -114,7 +114,7 @@ def _others(answers: Sequence[Answer], wanted: Sequence[Answer]) -> list[str]:
 
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "background" / "matrix.md"
+PAGE = ROOT / "docs" / "explanations" / "matrix.md"
 HEAD = """# What works with what
 
 <!-- Made by `python -m tests.oracles.matrix`; do not edit. -->

@@ -21,7 +21,7 @@ LOST = 1
 has the smaller truncated sum, which is what the candidates are compared by once they are fitted."""
 
 ROBUST = 2.5 * 1.4826
-"""Robust standard deviations within which rows of unknown noise agree (docs/manual/robust.md)."""
+"""Robust standard deviations within which rows of unknown noise agree (docs/explanations/consensus.md)."""
 
 
 def asked(scene: str, noise: str, rule: str):
