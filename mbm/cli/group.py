@@ -11,14 +11,14 @@ from mbm.version import __version__
 
 COMMANDS = {
     "solve": "Solve a problem: estimates with their uncertainties.",
-    "simulate": "Make the measurements that the model predicts, with noise, as data files.",
-    "check": "Find what is wrong with a problem without solving it.",
+    "simulate": "Write simulated measurements, with noise, as data files.",
+    "check": "Report errors in a problem without solving it.",
     "explain": "Show the derived observation model: equations, unknowns, structure.",
     "compile": "Write a solver that needs no mbm: in C, Python or CasADi.",
-    "expand": "Show the form that a form expands to.",
-    "fmt": "Lay the source out.",
+    "expand": "Print the expansion of an expression.",
+    "fmt": "Format source files.",
     "new": "Write a first problem that solves at once.",
-    "cache": "Show or clear what was compiled earlier.",
+    "cache": "Show or clear the cache of compiled problems.",
 }
 """The commands, each the module of its name in `mbm.cli.commands`."""
 

@@ -166,7 +166,7 @@ class FormEvaluator:
         elif isinstance(head, Sequence):
             value = self.wanted(head, scope)
         else:
-            raise MbmError(faults.bad_head(head.span, "a text" if isinstance(head, Text) else "a keyword"))
+            raise MbmError(faults.bad_head(head.span, None, "a text" if isinstance(head, Text) else "a keyword"))
         return self._headed(value, form, scope)
 
     def _special(self, special: SpecialForm, form: Sequence, scope: Scope) -> Value:
@@ -184,7 +184,8 @@ class FormEvaluator:
             return element(value, arguments, form)
         if isinstance(value, Callable_):
             return self.apply(value, form, scope)
-        raise MbmError(faults.bad_head(form.items[0].span, describe(value)))
+        head = form.items[0]
+        raise MbmError(faults.bad_head(head.span, head.name if isinstance(head, Symbol) else None, describe(value)))
 
     def apply(self, function: Callable_, form: Sequence, scope: Scope) -> Value:
         """Call ``function`` with the arguments that ``form`` holds."""

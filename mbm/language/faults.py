@@ -75,7 +75,7 @@ DUPLICATE_DEFINITION = Code(
 )
 CIRCULAR_DEFINITION = Code(
     "circular-definition",
-    "A definition needs its own value.",
+    "Something is defined by itself, directly or through other definitions.",
     "Break the circle.",
 )
 CIRCULAR_USE = Code(
@@ -229,11 +229,16 @@ def missing_keyword_value(span: Span, keyword: str) -> Diagnostic:
     )
 
 
-def bad_head(span: Span, got: str) -> Diagnostic:
-    """A head that means nothing."""
+APPLIED_BY = {"a pose": "transform", "a similarity": "transform", "a rotation": "rotate"}
+"""The functions that apply values which are no functions."""
+
+
+def bad_head(span: Span, name: str | None, got: str) -> Diagnostic:
+    """A first element that means nothing; ``name`` is that of a variable."""
+    apply = f"write `({APPLIED_BY[got]} {name} x)` to apply it" if name is not None and got in APPLIED_BY else None
     return Diagnostic(
-        code=BAD_HEAD, message=f"{got} cannot stand at the head of a list", place=span,
-        hint="a list begins with a function, with something to index, or with the first number of a vector",
+        code=BAD_HEAD, message=f"{f'`{name}`' if name else 'this'} is {got}, not a function", place=span,
+        hint=apply or "a list begins with a function, with something to index, or with the first number of a vector",
     )  # fmt: skip
 
 
@@ -279,10 +284,11 @@ def reserved_name(span: Span, name: str) -> Diagnostic:
     )  # fmt: skip
 
 
-def circular_definition(span: Span, name: str) -> Diagnostic:
-    """A definition that needs itself."""
+def circular_definition(span: Span, circle: tuple[str, ...]) -> Diagnostic:
+    """A definition that needs itself; ``circle`` holds the names from it on to itself again."""
+    way = ": " + " → ".join(f"`{name}`" for name in circle) if len(circle) > 2 else ""
     return Diagnostic(
-        code=CIRCULAR_DEFINITION, message=f"the definition of `{name}` needs its own value", place=span,
+        code=CIRCULAR_DEFINITION, message=f"`{circle[0]}` is defined by itself{way}", place=span,
         hint="break the circle",
     )  # fmt: skip
 

@@ -24,7 +24,7 @@ class GlobalScope:
         self._evaluator = evaluator
         self._constants = constants
         self._values: dict[str, Value] = {}
-        self._open: set[str] = set()
+        self._open: list[str] = []
 
     def lookup(self, name: str, span: Span) -> Value | None:
         """The value of a constant."""
@@ -34,12 +34,12 @@ class GlobalScope:
         if definition is None:
             return None
         if name in self._open:
-            raise MbmError(faults.circular_definition(span, name))
-        self._open.add(name)
+            raise MbmError(faults.circular_definition(span, (*self._open[self._open.index(name) :], name)))
+        self._open.append(name)
         try:
             value = self._evaluator.wanted(definition.form, self)
         finally:
-            self._open.discard(name)
+            self._open.pop()
         self._values[name] = value
         return value
 

@@ -66,7 +66,8 @@ def effective_clauses(program: Program, problem: ProblemDefinition) -> tuple[Seq
             raise MbmError(language_faults.unknown_name(like.span, like.name, near))
         other = program.problems[like.name]
         if any(other is each for each in chain):
-            raise MbmError(language_faults.circular_definition(like.span, like.name))
+            names = [*(each.name for each in chain), like.name]
+            raise MbmError(language_faults.circular_definition(like.span, tuple(names[names.index(like.name) :])))
         chain.append(other)
     wrong = [fault for each in chain for clause in each.clauses if (fault := _wrong_head(clause)) is not None]
     if wrong:

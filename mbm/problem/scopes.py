@@ -37,7 +37,7 @@ class ProblemScope:
         self.derived_over: dict[str, tuple[str, Form]] = {}
         self.evaluator: Evaluator | None = None
         self._values: dict[str, Value] = {}
-        self._open: set[str] = set()
+        self._open: list[str] = []
 
     def add(self, name: str, entry: Entry) -> None:
         """Declare a name; two declarations of one name are an error."""
@@ -54,12 +54,12 @@ class ProblemScope:
         if entry is None:
             return None
         if name in self._open:
-            raise MbmError(faults.circular_definition(span, name))
-        self._open.add(name)
+            raise MbmError(faults.circular_definition(span, (*self._open[self._open.index(name) :], name)))
+        self._open.append(name)
         try:
             value = entry.make()
         finally:
-            self._open.discard(name)
+            self._open.pop()
         self._values[name] = value
         return value
 
@@ -69,12 +69,12 @@ class ProblemScope:
         if form is None or self.evaluator is None:
             return None
         if name in self._open:
-            raise MbmError(faults.circular_definition(span, name))
-        self._open.add(name)
+            raise MbmError(faults.circular_definition(span, (*self._open[self._open.index(name) :], name)))
+        self._open.append(name)
         try:
             return self.evaluator.wanted(form, scope)
         finally:
-            self._open.discard(name)
+            self._open.pop()
 
     def defines(self, name: str) -> bool:
         """Whether a ``define`` clause, or a quantity derived for each row, has this name."""

@@ -41,13 +41,14 @@ NOT_FINITE_AT_START = Code(
 )
 NO_CORRECTIONS_AT_START = Code(
     "no-corrections-at-start",
-    "At the initial values no corrections of the measured values that have errors make an equation hold.",
-    "Give initial values nearer to the solution, or `:sigma`, noise of the equation itself.",
+    "At the initial values, no corrections of the measured values that have `:errors` make an equation hold.",
+    "Give initial values nearer to the solution, or give the equation a `:sigma`.",
 )
 NOISE_NOT_ESTIMATED = Code(
     "noise-not-estimated",
-    "The noise of an observation is unknown, and its residuals cannot tell it: nothing checks them, or they are zero.",
-    "State `:sigma`, or add observations.",
+    "The noise of an observation is unknown and cannot be estimated: no degrees of freedom are left, or all residuals "
+    "are zero.",
+    "Give `:sigma`, or add observations.",
 )
 
 TOO_MANY_SOLVES = Code(
@@ -140,7 +141,7 @@ def no_corrections_at_start(span: Span, name: str, place: Place | None) -> Diagn
     """An equation that corrections of its measured values cannot meet."""
     return Diagnostic(
         code=NO_CORRECTIONS_AT_START,
-        message=f"no corrections of the measured values meet an equation of `{name}` at the initial values",
+        message=f"at the initial values, a row of `{name}` cannot be corrected to fit its equation",
         place=span,
         labels=(Label(place, "for this row"),) if place is not None else (),
         hint=NO_CORRECTIONS_AT_START.mend,
@@ -152,7 +153,7 @@ def noise_not_estimated(span: Span, name: str, why: str) -> Diagnostic:
     """An unknown noise that stays unknown."""
     return Diagnostic(
         code=NOISE_NOT_ESTIMATED,
-        message=f"the unknown noise of `{name}`: {why}",
+        message=f"{why} of `{name}`; give `:sigma`",
         place=span,
         hint=NOISE_NOT_ESTIMATED.mend,
         severity=Severity.WARNING,

@@ -342,11 +342,11 @@ class Fit:
 
 
 class NoiseState(Enum):
-    """How the noise factor of a group came about; the value is the sentence for people."""
+    """How the noise factor of a group came about; the value begins the sentence for people."""
 
     ESTIMATED = "the factor was estimated from the residuals"
-    NO_REDUNDANCY = "the group has no redundancy: its noise cannot be estimated"
-    EXACT = "the residuals of the group are zero: its noise cannot be estimated"
+    NO_REDUNDANCY = "no degrees of freedom are left to estimate the noise"
+    EXACT = "all residuals are zero, which leaves nothing to estimate the noise"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

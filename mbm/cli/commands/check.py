@@ -20,7 +20,7 @@ from mbm.text.types import Severity
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--problem", metavar="NAME", help="The problem of the file to check; all of them if left out.")
 @click.option("--data", multiple=True, metavar="NAME=PATH", help="The file of a table.")
-@click.option("--strict-units", is_flag=True, help="Want a unit for every column and unknown.")
+@click.option("--strict-units", is_flag=True, help="Require a unit for every column and unknown.")
 @click.option("--json", "json_path", metavar="PATH|-", help="Write the diagnostics as JSON.")
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
 @verbosity_options

@@ -24,7 +24,7 @@ TARGETS = ("c", "python", "casadi")
 @click.option("--problem", metavar="NAME", help="The problem of the file, where it holds several.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A constant or initial value: h=70cm.")
 @click.option("--data", multiple=True, metavar="NAME=PATH", help="The file of a table.")
-@click.option("--init", metavar="VALUES.json", help="Where it begins: name → value, or a result document.")
+@click.option("--init", metavar="VALUES.json", help="Initial values: name → value, or a result document.")
 @click.option("--force", is_flag=True, help="Write into a folder that holds other files.")
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
 @verbosity_options

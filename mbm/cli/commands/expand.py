@@ -16,7 +16,7 @@ from mbm.cli.output import say
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
 @verbosity_options
 def command(file: Path, form: str, sandbox: str | None) -> int:
-    """Print the form that FORM expands to with the definitions of FILE."""
+    """Print the expansion of the expression FORM with the definitions of FILE."""
     from mbm.api import expand
 
     say(expand(file, form, sandbox=None if sandbox is None else Path(sandbox)).rstrip("\n"))

@@ -21,7 +21,7 @@ _STANDARD_INPUT = "-"
 
 @click.command("fmt")
 @click.argument("files", nargs=-1, required=True, metavar="FILE…")
-@click.option("--check", is_flag=True, help="Change nothing; exit status 1 if a file would change.")
+@click.option("--check", is_flag=True, help="Write nothing; exit status 1 if a file would change.")
 @verbosity_options
 def command(files: tuple[str, ...], check: bool) -> int:
     """Rewrite each FILE in the one layout of the language; `-` lays standard input out to standard output.

@@ -26,17 +26,17 @@ if TYPE_CHECKING:
 @click.command("simulate")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--at", metavar="VALUES.json", help="The true values: name → value, or a result document.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, metavar="N", help="The noise follows from it.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, metavar="N", help="Seed of all random numbers.")
 @click.option("-o", "--output", "folder", metavar="DIR", required=True, help="The folder to write.")
 @click.option("--problem", metavar="NAME", help="The problem of the file, where it holds several.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A constant or initial value: h=70cm.")
 @click.option("--data", multiple=True, metavar="NAME=PATH", help="The file of a table.")
-@click.option("--noise", multiple=True, metavar="NAME=VALUE", help="The factor of an unknown noise: ranges=5mm.")
+@click.option("--noise", multiple=True, metavar="NAME=VALUE", help="The noise scale of an observation: ranges=5mm.")
 @click.option("--measured", multiple=True, metavar="NAME=COLUMN,…", help="What an observation measures, where unclear.")
 @click.option(
     "--outliers", nargs=2, type=float, metavar="FRACTION SIZE", help="Gross errors of SIZE standard deviations."
 )
-@click.option("--draw-priors", is_flag=True, help="Draw what has a prior from it, about its mean.")
+@click.option("--draw-priors", is_flag=True, help="Draw unknowns with a prior from their prior.")
 @click.option("--force", is_flag=True, help="Write into a folder that holds other files.")
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
 @verbosity_options

@@ -237,6 +237,6 @@ FUNCTIONS: tuple[Builtin, ...] = (
     Builtin("translation", "(translation P)", "The translation of a pose.", 1, 1, _translation_of),
     Builtin("heading", "(heading P)", "The angle about z of a pose; its differences wrap.", 1, 1, _heading),
     Builtin("inverse", "(inverse P)", "The inverse of a pose, similarity or rotation.", 1, 1, _inverse),
-    Builtin("compose", "(compose P Q …)", "First the last, then the ones before it.", 1, None, _compose),
+    Builtin("compose", "(compose P Q …)", "The composition; the last one is applied first.", 1, None, _compose),
     Builtin("between", "(between P Q)", "Q as seen from P: P⁻¹ Q.", 2, 2, _between),
 )  # fmt: skip

@@ -12,7 +12,7 @@ UNIT_CLASH = Code(
 )
 MIXED_UNITS = Code(
     "mixed-units",
-    "The cells of an inline table state different units for one column, or its unit is stated twice.",
+    "The cells of an inline table have different units in one column, or the unit is given in `:columns` too.",
     "Give all cells of a column units of one dimension, or none and `:columns ((column :unit u))`.",
 )
 MISSING_UNIT = Code(
@@ -115,11 +115,20 @@ def unit_clash(span: Span | None, left: str, right: str, labels: tuple[Label, ..
     )  # fmt: skip
 
 
-def mixed_units(span: Span, column: str, other: Span) -> Diagnostic:
-    """A column with two units."""
+def mixed_units(span: Span, column: str, units: tuple[str, str], other: Span) -> Diagnostic:
+    """Cells of a column in two units."""
     return Diagnostic(
-        code=MIXED_UNITS, message=f"the unit of column `{column}` is stated twice, or differently", place=span,
-        labels=(Label(other, "stated here"),), hint="state it once",
+        code=MIXED_UNITS, place=span, labels=(Label(other, "first given here"),),
+        message=f"the cells of `{column}` have the units {units[0] or '1'} and {units[1] or '1'}; use one",
+        hint="write all cells in one unit",
+    )  # fmt: skip
+
+
+def unit_given_twice(span: Span, column: str, other: Span) -> Diagnostic:
+    """A column whose cells have a unit, and ``:columns`` too."""
+    return Diagnostic(
+        code=MIXED_UNITS, message=f"the unit of `{column}` is given in its cells and in `:columns`", place=span,
+        labels=(Label(other, "first given here"),), hint="give it once",
     )  # fmt: skip
 
 

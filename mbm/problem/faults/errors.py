@@ -62,8 +62,8 @@ def errors_with_unknown_noise(span: Span, observation: str, column: str, declare
     note = "its errors are stated here, and it is corrected wherever it is used"
     return Diagnostic(
         code=ERRORS_WITH_UNKNOWN_NOISE, place=span, labels=(Label(declared, note),) if declared is not None else (),
-        message=f"`{observation}` uses `{column}`, which has errors, and has unknown noise of its own",
-        hint="state `:sigma`",
+        message=f"give `{observation}` a `:sigma`: it uses `{column}`, which has `:errors`",
+        hint="the noise of such an observation cannot be estimated",
     )  # fmt: skip
 
 
@@ -71,7 +71,7 @@ def errors_differ(span: Span, column: str, sigmas: tuple[float, float], place: P
     """Two standard deviations of one measured value."""
     return Diagnostic(
         code=ERRORS_DIFFER, place=span, labels=(Label(place, "this value"),) if place is not None else (),
-        message=f"one value of `{column}` has the standard deviations {sigmas[0]:g} and {sigmas[1]:g}",
+        message=f"`{column}` has two standard deviations in one row, {sigmas[0]:g} and {sigmas[1]:g}; give one",
         hint="state it in columns of the value's own table",
     )  # fmt: skip
 

@@ -134,7 +134,8 @@ def _either_measured(test: Apply, then: Residual, other: Residual, span: Span) -
 
 def _equation(evaluator: Evaluator, form: Sequence, scope: Scope) -> Residual:
     if len(form.items) != 3:
-        raise MbmError(language_faults.bad_form(form.span, "an equation has two sides", "(= MEASURED MODEL)"))
+        message = f"`=` in `observe` takes two sides, here it has {len(form.items) - 1}"
+        raise MbmError(language_faults.bad_form(form.span, message, "(= MEASURED MODEL)"))
     measured_form, model_form = form.items[1:]
     measured = evaluator.wanted(measured_form, scope)
     model = evaluator.wanted(model_form, scope)

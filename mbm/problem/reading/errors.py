@@ -44,7 +44,8 @@ def read_errors(work: Workspace, form: Form | None, table: Table | None) -> tupl
 def _uncertain(work: Workspace, pair: Form, table: Table) -> UncertainColumn:
     symbol = pair.items[0] if isinstance(pair, Sequence) and len(pair.items) == 2 else None
     if not isinstance(pair, Sequence) or not isinstance(symbol, Symbol):
-        raise MbmError(language_faults.bad_form(pair.span, "an uncertain column is (column sigma)", USAGE))
+        message = "`:errors` takes pairs (column sigma), e.g. `((x 0.1))`"
+        raise MbmError(language_faults.bad_form(pair.span, message, USAGE))
     name, sigma = _column_name(symbol, table), pair.items[1]
     head = sigma.head if isinstance(sigma, Sequence) else sigma.name if isinstance(sigma, Symbol) else None
     if head == "unknown":

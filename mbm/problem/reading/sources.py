@@ -106,7 +106,8 @@ def in_join_order(clauses: Mapping[str, DataClause]) -> list[DataClause]:
     def visit(name: str, chain: tuple[str, ...]) -> None:
         for join in clauses[name].joins:
             if join.table in chain:
-                raise MbmError(language_faults.circular_definition(join.span, join.table))
+                circle = (*chain[chain.index(join.table) :], name, join.table)
+                raise MbmError(language_faults.circular_definition(join.span, circle))
             if join.table in clauses and join.table not in done and join.table != name:
                 visit(join.table, (*chain, name))
         done.add(name)
@@ -183,7 +184,7 @@ def _inline(evaluator: Evaluator, scope: Scope, form: Sequence) -> _Inline:
         cells = [_cell(evaluator, scope, cell) for cell in item.items]
         for name, (_, unit), cell in zip(names, cells, item.items, strict=True):
             if unit is not None and units.setdefault(name, (unit, cell.span))[0] != unit:
-                raise MbmError(faults.mixed_units(cell.span, name, units[name][1]))
+                raise MbmError(faults.mixed_units(cell.span, name, (units[name][0], unit), units[name][1]))
         rows.append(tuple(value for value, _ in cells))
     table = InlineTable(columns=names, rows=tuple(rows), spans=tuple(i.span for i in form.items[2:]))
     return _Inline(table=table, units=units)
@@ -194,7 +195,7 @@ def _inline_units(inline: _Inline, columns: tuple[ColumnDeclaration, ...]) -> tu
     for column in columns:
         stated = inline.units.get(column.source)
         if stated is not None and column.unit is not None:
-            raise MbmError(faults.mixed_units(column.span, column.source, stated[1]))
+            raise MbmError(faults.unit_given_twice(column.span, column.source, stated[1]))
     declared = {c.source for c in columns}
     found = [
         ColumnDeclaration(name=name, source=name, unit=unit or None, factor=1.0, span=span)
