@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbm.solution.sparse import system
-from mbm.solution.sparse.rank import decided, free_count
+from mbm.solution.sparse.rank import PART, decided, free_count, orthonormal
 from mbm.solution.sparse.system import plan
 from tests.solution.sparse.networks import Network
 
@@ -96,3 +96,16 @@ def test_held_columns_count_as_known(narrow):
 )
 def test_zero_is_what_is_far_below_the_next(shares, count):
     assert free_count(np.array(shares)) == count
+
+
+@pytest.mark.parametrize("rows", [7, PART, PART + 3, 5 * PART + 1])
+@pytest.mark.parametrize("smallest", [1.0, 1e-14, 0.0])
+def test_tall_matrices_have_an_orthonormal_basis_by_parts(rows, smallest):
+    rng = np.random.default_rng(8)
+    columns = rng.standard_normal((rows, 7)) * np.append(np.geomspace(1.0, 1e-8, 6), smallest)
+    basis = orthonormal(columns)
+    assert basis.shape == columns.shape
+    # Householder reflections: a few units of rounding for each of the 7 columns, whatever the condition.
+    np.testing.assert_allclose(basis.T @ basis, np.eye(7), atol=1e-14)
+    outside = columns - basis @ (basis.T @ columns)
+    assert (np.linalg.norm(outside, axis=0) <= 1e-14 * np.linalg.norm(columns, axis=0).max()).all()
