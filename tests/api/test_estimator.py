@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 import mbm
 from mbm.kernels.native.engine import available
@@ -343,3 +344,50 @@ def test_numbers_of_other_types_are_taken_as_they_are(kind: str, compiled: mbm.C
     ranges = np.round(measured()["range"] * 64) / 64 if kind != "i8" else np.array([2, 3, 4, 4, 3])
     estimator = compiled.estimator()
     np.testing.assert_array_equal(estimator(ranges.astype(kind)).values, estimator(ranges.astype(np.float64)).values)
+
+
+SIDES = """
+(problem sides (data d (table (sx sy r) (0 0 5.0) (5 {bend} 2.9) (10 0 6.9)))
+  (unknowns (p (vector 2){start})) (observe d (= r (distance p [sx sy])) :sigma {sigma}))
+"""
+
+
+def ranges_of_sides(bend: float, sigma: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Stations (3, 2), the middle one out of line, and ranges (count, 3) to places on one side."""
+    generator = np.random.default_rng(5)
+    stations = np.array([[0.0, 0.0], [5.0, bend], [10.0, 0.0]])
+    places = np.column_stack([generator.uniform(2, 8, count), generator.uniform(1, 5, count)])
+    away = np.linalg.norm(places[:, None] - stations, axis=2)
+    return stations, away + sigma * generator.standard_normal(away.shape)
+
+
+def best_of_both_sides(stations: np.ndarray, ranges: np.ndarray, sigma: float) -> float:
+    ends = [
+        least_squares(lambda p: (np.linalg.norm(stations - p, axis=1) - ranges) / sigma, (5.0, y), xtol=1e-14)
+        for y in (3.0, -3.0)
+    ]
+    return min(2 * end.cost for end in ends)
+
+
+@pytest.mark.parametrize("start", [" :init [4 -2]", " :init [4 2]", ""])
+@pytest.mark.parametrize(("bend", "sigma"), [(0.3, 0.3), (0.3, 0.03), (0.0, 0.1), (2.5, 0.02)])
+def test_the_closed_form_is_followed_where_it_fits_better(start: str, bend: float, sigma: float) -> None:
+    """SciPy from both sides is the oracle; where the stations are in line, both cost the same."""
+    stations, ranges = ranges_of_sides(bend, sigma, 60)
+    estimator = mbm.loads(SIDES.format(bend=bend, sigma=sigma, start=start)).compile().estimator("r")
+    assert estimator.fast is available()
+    many = estimator.many(ranges)
+    least = [best_of_both_sides(stations, lengths, sigma) for lengths in ranges]
+    np.testing.assert_allclose(many.cost, least, rtol=1e-6, atol=1e-9)
+    assert many.clean.mean() > 0.9
+    each = [estimator(lengths) for lengths in ranges]
+    np.testing.assert_allclose([one.cost for one in each], least, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(many.values, [one.values for one in each], rtol=0, atol=1e-9)
+
+
+def test_what_the_closed_form_leads_to_has_its_own_covariance() -> None:
+    """The plain solve of the same data says it, which compares as well."""
+    problem = mbm.loads(SIDES.format(bend=0.3, sigma=0.3, start=" :init [4 -2]")).compile()
+    found = problem.estimator("r")([5.0, 2.9, 6.9])
+    assert found["p"][1] == pytest.approx(3.055, abs=5e-4)
+    agree(found, problem.solve(), ("p",))

@@ -8,7 +8,7 @@ fits; the others are left to the general path.
 from __future__ import annotations
 
 from dataclasses import field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -22,21 +22,55 @@ from mbm.solution.closed_forms.thinning import ENOUGH
 from mbm.solution.closed_forms.types import Plan
 from mbm.solution.many.stack import Portion, Stack
 from mbm.solution.many.types import Which
-from mbm.solution.native.consensus_forms import known_form
+from mbm.solution.native.consensus_forms import KnownForm, known_form
 from mbm.solution.settings import Settings
 from mbm.solution.types import Floats, Indices, Mask
 from mbm.values import dataclass
 
 
+class Systems(Protocol):
+    """Many solves of one problem, as a closed form looks at them; ``equations`` tell what their numbers are."""
+
+    @property
+    def equations(self) -> Assembled: ...
+
+    def units_of(self, which: Which) -> tuple[Indices, Indices]:
+        """Solve (U,), ascending, and number (U,) of the units of some solves."""
+        ...
+
+    def costs(self, which: Which, points: Floats) -> Floats:
+        """Σ r² (K,) of some solves at points (K, N); anything that is not finite where there is none."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Stacked:
+    """The solves of a stack."""
+
+    stack: Stack
+
+    @property
+    def equations(self) -> Assembled:
+        return self.stack.equations
+
+    def units_of(self, which: Which) -> tuple[Indices, Indices]:
+        solve, _, unit = self.stack.units(which, (True,) * len(self.stack.equations.groups))
+        return solve, unit
+
+    def costs(self, which: Which, points: Floats) -> Floats:
+        with np.errstate(all="ignore"):
+            return np.asarray(np.square(Portion(self.stack, which).residuals(points)).sum(axis=1))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Formed:
-    """A closed form for all solves of a stack.
+    """A closed form for all solves of ``systems``.
 
     ``plan`` has what is known of each unit of the equations, ``known`` (units,) whether that is anything; the numbers
     that are not estimated are those of ``base`` (N,).
     """
 
-    stack: Stack
+    systems: Systems
     plan: Plan
     known: Mask
     base: Floats = field(repr=False)
@@ -44,12 +78,13 @@ class Formed:
     def fits(self, which: Which) -> tuple[Floats, Floats]:
         """Points (K, S, N) for some solves, and what they cost (K, S): infinite where a solution is none."""
         found = self._solved(which)
-        portion = Portion(self.stack, which)
-        costs = np.empty(found.shape[:2])
-        with np.errstate(all="ignore"):
-            for rank in range(found.shape[1]):
-                costs[:, rank] = np.square(portion.residuals(found[:, rank])).sum(axis=1)
-        layout, places = self.stack.equations.layout, self.stack.equations.free
+        costs = np.full(found.shape[:2], np.inf)
+        for rank in range(found.shape[1]):
+            there = np.isfinite(found[:, rank]).all(axis=1)
+            if there.any():
+                mine = which if there.all() else np.asarray(which)[there]
+                costs[there, rank] = self.systems.costs(mine, found[there, rank])
+        layout, places = self.systems.equations.layout, self.systems.equations.free
         numbers = layout.number[places]
         plain = numbers >= 0
         coordinates = found[..., numbers[plain]]
@@ -91,7 +126,7 @@ class Formed:
 
     def _units(self, which: Which) -> tuple[Indices, Indices]:
         """Solve (U,), ascending, and number (U,) of the units of some solves that the form knows."""
-        solve, _, unit = self.stack.units(which, (True,) * len(self.stack.equations.groups))
+        solve, unit = self.systems.units_of(which)
         known = self.known[unit]
         return solve[known], unit[known]
 
@@ -103,16 +138,27 @@ def _best(points: Floats, costs: Floats) -> tuple[Floats, Floats]:
     return found, np.take_along_axis(costs, best[:, None], axis=1)[:, 0]
 
 
-def formed(stack: Stack, first: Assembled, settings: Settings) -> Formed | None:
-    """The closed form that gives all numbers of each solve; None where there is none that is known from the rows.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recognised:
+    """A closed form that was recognised in the equations of one solve, ``first``, and gives all numbers of such."""
 
-    ``first`` are the equations of one solve, in which the form is recognised.
-    """
-    equations, forms = stack.equations, settings.closed_forms
-    if any(entry.keys is not None for entry in equations.layout.entries):
-        return None
-    if int(stack.rows.max(initial=0)) > ENOUGH:
-        return None
+    first: Assembled
+    form: KnownForm
+    plan: Plan
+
+    def of_all(self, systems: Systems, told: Floats, precision: Floats) -> Formed:
+        """The form for ``systems``; ``told`` (units, width) and ``precision`` (units,), 1/σ², are those of all units."""
+        return Formed(
+            systems=systems,
+            plan=_of_all(self.plan, told, precision),
+            known=np.asarray(np.isfinite(told).all(axis=1)),
+            base=self.first.numbers,
+        )
+
+
+def recognised(first: Assembled, settings: Settings) -> Recognised | None:
+    """The closed form that gives all numbers of the equations of one solve; None if it is not known from the rows."""
+    forms = settings.closed_forms
     known = known_form(first, forms)
     solver = None if known is None or known.maps is None else minimal_solver(first, first.numbers, forms)
     if known is None or solver is None:
@@ -121,21 +167,30 @@ def formed(stack: Stack, first: Assembled, settings: Settings) -> Formed | None:
     foremost = next(plans(Situation(layout=first.layout, groups=first.groups, numbers=numbers), forms), None)
     if foremost is None or foremost.description != solver.plan.description:
         return None  # others come first, and leave numbers to it
-    candidate, layout = solver.plan.candidate, equations.layout
-    if candidate.flat and bool((candidate.angles & np.isfinite(layout.lower[candidate.coordinates[0]])).any()):
+    candidate = solver.plan.candidate
+    if candidate.flat and bool((candidate.angles & np.isfinite(first.layout.lower[candidate.coordinates[0]])).any()):
         return None  # which turn of an angle lies within its bounds is found out one by one
-    told = known.of_rows(equations, (True,) * len(equations.groups), forms, exact=True)
-    if told is None:
+    return Recognised(first=first, form=known, plan=solver.plan)
+
+
+def formed(stack: Stack, first: Assembled, settings: Settings) -> Formed | None:
+    """The closed form that gives all numbers of each solve; None where there is none that is known from the rows.
+
+    ``first`` are the equations of one solve, in which the form is recognised.
+    """
+    equations = stack.equations
+    if any(entry.keys is not None for entry in equations.layout.entries):
         return None
-    return Formed(
-        stack=stack,
-        plan=_of_all(solver.plan, told, _precisions(equations)),
-        known=np.asarray(np.isfinite(told).all(axis=1)),
-        base=first.numbers,
-    )
+    if int(stack.rows.max(initial=0)) > ENOUGH:
+        return None
+    found = recognised(first, settings)
+    if found is None:
+        return None
+    told = found.form.of_rows(equations, (True,) * len(equations.groups), settings.closed_forms, exact=True)
+    return None if told is None else found.of_all(_Stacked(stack=stack), told, precisions(equations))
 
 
-def _precisions(equations: Assembled) -> Floats:
+def precisions(equations: Assembled) -> Floats:
     """1/σ² of a component (units,), the mean of several."""
     found = []
     for group in equations.groups:

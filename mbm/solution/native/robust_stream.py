@@ -79,7 +79,7 @@ class RobustStream:
         if count == 0:
             blank = self._system.blank(0)
             none = np.zeros(0)
-            return StreamEnds(numbers=blank.numbers, covariance=blank.covariances, cost=none, clean=none == 1.0)
+            return StreamEnds(numbers=blank.numbers, covariance=blank.covariances, cost=none, clean=none == 1.0, strained=none == 1.0)
         return self._ends(self._room, count, workers)
 
     def solved_one(self) -> tuple[Floats, Floats, float] | None:
@@ -106,6 +106,7 @@ class RobustStream:
             covariance=ends.covariances / information[:, None, None],
             cost=cost,
             clean=np.asarray(clean),
+            strained=np.zeros(count, dtype=bool),
         )
 
     def _agreed(self, parameters: Floats, system: NativeSystem, workers: int) -> ConsensusEnds:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import field, replace
 from typing import TYPE_CHECKING
@@ -25,6 +25,7 @@ from mbm.target.solver.batch import Solves
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
+    from mbm.solution.native.rivals import Rivals
     from mbm.solution.native.robust_stream import RobustStream
 
 SHARE = 100
@@ -36,18 +37,23 @@ class _Room:
     """Arrays for so many data sets; ``solves`` is the batch as the solver takes it."""
 
     parameters: Floats
+    system: NativeSystem
     ends: NativeEnds
     solves: Indices
     held: tuple[np.ndarray, ...] = field(repr=False)
 
 
 class Stream:
-    """Data sets of one shape, solved from one start. Local to one thread: its arrays are used again for each call."""
+    """Data sets of one shape, solved from one start. Local to one thread: its arrays are used again for each call.
 
-    def __init__(self, system: NativeSystem, start: Floats, rules: Rules) -> None:
+    Where the closed form of ``rivals`` costs less than what the start leads to, its minimum is the answer.
+    """
+
+    def __init__(self, system: NativeSystem, start: Floats, rules: Rules, rivals: Rivals | None = None) -> None:
         self._system = system
         self._start = start
         self._rules = rules
+        self._rivals = rivals
         self._function: Callable[[int], int] | None = None
         self._room = self._single = self._made(1)
         self._first = self._single.solves.ctypes.data
@@ -74,7 +80,7 @@ class Stream:
         function = self._function or self._code(count)
 
         def part(first: int, last: int) -> None:
-            solves, scratch = room.solves.copy(), self._system.scratch(room.parameters)
+            solves, scratch = room.solves.copy(), room.system.scratch()
             put(solves, Solves, work=scratch[0], first=first, last=last)
             function(solves.ctypes.data)
 
@@ -85,16 +91,17 @@ class Stream:
             with ThreadPoolExecutor(workers) as pool:
                 list(pool.map(part, cuts[:-1], cuts[1:]))
         self._system.failed()
-        states = room.ends.states[:count]
-        cost = room.ends.results[:count, of.COST].copy()
-        freedom = states[:, of.FREEDOM]
-        held = room.ends.sides[:count].any(axis=1)
-        clean = rules.clean(cost, states[:, of.REASON], states[:, of.DEFICIENT], held, freedom)
-        covariance = room.ends.covariances[:count].copy()
-        if rules.estimated:
-            covariance *= (cost / np.maximum(freedom, 1))[:, None, None]
-        numbers = rules.shown(room.ends.numbers[:count])
-        return StreamEnds(numbers=numbers, covariance=covariance, cost=cost, clean=np.asarray(clean))
+        return self._compared(room, count, workers)
+
+    def _compared(self, room: _Room, count: int, workers: int) -> StreamEnds:
+        """The ends of a room, or what the closed form leads to where that costs less."""
+        found = self._rules.judged(room.ends, count)
+        if self._rivals is None:
+            return found
+        which, points = self._rivals.lower(found, room.parameters[:count], room.system)
+        if not len(which):
+            return found
+        return found.beaten(which, self._rules.judged(room.system.solve(points, which, workers=workers), len(which)))
 
     def solved_one(self) -> tuple[Floats, Floats, float] | None:
         """Numbers, covariance and cost of the data set whose parameters are `single`; None where it is not clean."""
@@ -105,8 +112,14 @@ class Stream:
         cost = self._single.ends.results.item(of.COST)
         freedom = states[of.FREEDOM]
         held = self._sides.tobytes() != self._nowhere
-        if not rules.clean(cost, states[of.REASON], states[of.DEFICIENT], held, freedom):
+        if not rules.sound(cost, states[of.REASON], states[of.DEFICIENT], held, freedom):
             return None
+        fits = cost < rules.most
+        if self._rivals is None and not fits:
+            return None
+        if self._rivals is not None and not (fits and self._rivals.sure(self._numbers, cost, self._covariance)):
+            ends = self._compared(self._single, 1, 1)
+            return (ends.numbers[0], ends.covariance[0], ends.cost.item()) if ends.clean.item() else None
         covariance = self._covariance.copy()
         if rules.estimated:
             covariance *= cost / max(freedom, 1)
@@ -128,13 +141,13 @@ class Stream:
         data = np.tile(rows.data, (count, 1))
         firsts = slice(of.DATA_HEAD + of.DataBlock.parameters, None, of.DATA_BLOCK)
         data[:, firsts] += len(rows.parameters) * np.arange(count)[:, None]
-        mine = replace(system, rows=replace(rows, data=data))
-        ends, scratch = system.blank(count), mine.scratch(parameters)
+        mine = replace(system, rows=replace(rows, parameters=parameters.reshape(-1), data=data))
+        ends, scratch = system.blank(count), mine.scratch()
         which, starts = np.arange(count), np.tile(self._start, (count, 1))
         solves = mine.solves(which, starts, ends, scratch[0])
         put(solves, Solves, first=0, last=1)
         held = (mine.system, data, which, starts, *scratch)
-        return _Room(parameters=parameters, ends=ends, solves=solves, held=held)
+        return _Room(parameters=parameters, system=mine, ends=ends, solves=solves, held=held)
 
 
 def threads(workers: int | None, count: int) -> int:
@@ -143,11 +156,12 @@ def threads(workers: int | None, count: int) -> int:
 
 
 def stream_of(
-    problem: Problem, equations: Assembled, settings: Settings, estimates: Floats
+    problem: Problem, equations: Assembled, settings: Settings, estimates: Floats, changing: Sequence[Indices | slice]
 ) -> Stream | RobustStream | str:
     """The equations of one data set as a stream; why there is none, where solves need what only the general path has.
 
     Solves begin at the stated start, or at the ``estimates`` (N,) for this data set where none is stated.
+    ``changing`` are the places of the parameters that data sets change.
     """
     corrected = any(block.errors for block in problem.blocks)
     unsuited = {
@@ -181,7 +195,11 @@ def stream_of(
         estimated=problem.estimates_noise,
         angles=_angles(equations),
     )
-    return Stream(system, layout.start if given else estimates, rules)
+    # Loaded by streams that start anywhere only.
+    from mbm.solution.native.rivals import rivals_of
+
+    rivals = None if alone else rivals_of(equations, settings, changing)
+    return Stream(system, layout.start if given else estimates, rules, rivals)
 
 
 def _angles(equations: Assembled) -> tuple[int, ...]:
