@@ -137,3 +137,27 @@ def test_a_row_without_a_value_is_an_outlier():
     result = mbm.loads(PROBLEMS["nan row"].format(o=":sigma 0.5", s="(solve :robust lmeds)")).solve()
     assert 4 in result.solves[0].residual_summaries["t"].outliers
     assert np.isfinite(result.solves[0].estimates[0].value)
+
+
+ROOTED = """
+(problem rooted (data d (table (x y) {rows}))
+  (unknowns (a :init {a}) (b :init {b}) (c :init 0))
+  (observe d (= y (+ c (* a (exp (- (* b x)))))) :sigma 0.01)
+  (observe (= -0.2231 (log b)) :sigma 0.02)
+  (solve :robust gnc))
+"""
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("start", [(1, 0.5), (3, -0.05), (1, -0.02)])
+def test_gnc_moves_from_where_one_block_has_no_value(seed, start):
+    """The logarithm has none where b < 0; the numbers that the rows were made with are the oracle."""
+    generator = np.random.default_rng(seed)
+    x = generator.uniform(0, 4, 30)
+    y = 2 * np.exp(-0.8 * x) + 0.3 + 0.01 * generator.standard_normal(30)
+    y[:6] += generator.uniform(0.3, 1.0, 6)
+    rows = " ".join(f"({a:.4f} {b:.4f})" for a, b in zip(x, y, strict=True))
+    found = mbm.loads(ROOTED.format(rows=rows, a=start[0], b=start[1])).solve()
+    assert found.first.status == "converged"
+    # Some four standard deviations of 24 rows.
+    np.testing.assert_allclose([found["a"].value, found["b"].value, found["c"].value], [2, 0.8, 0.3], atol=0.03)

@@ -12,6 +12,7 @@ from mbm.target.decisions import ABSOLUTE_ROUNDS, CONTROL_GROWTH, GRADUATED_FITS
 from mbm.target.solver.consensus_order import median, robust_variance
 from mbm.target.solver.consensus_records import ConsensusWork
 from mbm.target.solver.consensus_refine import refined
+from mbm.target.solver.consensus_rows import squares_at
 from mbm.target.solver.consensus_weights import GIVEN
 from mbm.target.solver.description import Problem
 from mbm.target.words import Integer, Real
@@ -41,12 +42,16 @@ def gnc_weight(square: Real, limit: Real, control: Real) -> Real:
 
 
 def gnc_fit(absolute: Integer, problem: Problem, work: ConsensusWork) -> None:
-    """The fit where weights have become 0 or 1, begun at least squares or least absolute deviations."""
+    """The fit where weights have become 0 or 1, begun at least squares or least absolute deviations.
+
+    Both leave out units without a value at the start; graduation takes those in that have one by then.
+    """
     units = work.units
     weights = units.weights
     limits = units.limits
+    squares_at(problem, work.here.point, work, work.here.squares)
     for u in range(units.count):
-        weights[u] = 1.0
+        weights[u] = 1.0 if isfinite(work.here.squares[u]) else 0.0
     refined(GIVEN, GRADUATED_FITS, STILL, 0, problem, work)
     for _ in range(absolute * ABSOLUTE_ROUNDS):
         for u in range(units.count):
