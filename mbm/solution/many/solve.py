@@ -166,7 +166,7 @@ class Together:
             keys=self.sets.keys,
             columns=columns,
             apart=found,
-            make=self._maker(apart),
+            make=self._maker(apart, lambda n: self._last(range(which.start, n), columns, which.start, found, past)),
             layout=self.equations.layout,
             free=self.equations.free,
             members={
@@ -239,14 +239,19 @@ class Together:
         known = np.array([(names, tuple(kind)) in self.cache.without_closed_form for kind in kinds.T.tolist()], bool)
         return np.asarray(known[of] & (expected | self.problem.estimates_noise))
 
-    def _maker(self, apart: Apart) -> Callable[[int, Columns, int], Solution]:
-        """What makes a solution of columns; what agrees in consensus, and several noises, are found again."""
+    def _maker(
+        self, apart: Apart, last: Callable[[int], Solution | None]
+    ) -> Callable[[int, Columns, int], Solution]:
+        """What makes a solution of columns; what agrees in consensus, and several noises, are found again.
+
+        From where they were found: ``last`` is the solution of the window before, in which they may begin.
+        """
         if self.settings.robust is None and not estimated_on_the_way(self.problem):
             return self.solution
 
         def again(number: int, columns: Columns, place: int) -> Solution:
             del columns, place
-            found = apart(self.sets.selection(number), None)
+            found = apart(self.sets.selection(number), last(number))
             if not isinstance(found, Solution):
                 message = f"solve {number} was solved, and now is not"
                 raise TypeError(message)
