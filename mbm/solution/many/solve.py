@@ -137,6 +137,8 @@ class Together:
         ``past`` is what is to be known of the blocks before; the answer has it for those behind.
         """
         found: dict[int, Solution | Failure | Skipped] = {}
+        # what following closed forms takes is counted here
+        columns = replace(columns, iterations=columns.iterations.copy(), evaluations=columns.evaluations.copy())
         clean, stands = columns.clean.copy(), self._standing(which, columns)
         spoilt, searched = past.spoilt, which.start
         plain = self.settings.robust is None and not estimated_on_the_way(self.problem)
@@ -202,7 +204,10 @@ class Together:
         return past.last()
 
     def _standing(self, which: range, columns: Columns) -> Mask:
-        """Solves (K,) of which is known at once that no closed form leads to a better minimum."""
+        """Solves (K,) of which is known at once that no closed form leads to a better minimum.
+
+        The iterations and evaluations that showed it are added to theirs.
+        """
         if self.equations.linear or self.settings.robust is not None:
             return np.ones(len(which), dtype=bool)
         challenged = columns.solved & columns.challenged
@@ -213,13 +218,14 @@ class Together:
             return ~challenged
         form = self.form()
         if form is not None:
-            challenged[asked] = self._beaten(form, which.start + asked, columns.expected[asked], columns.cost[asked])
+            challenged[asked] = self._beaten(form, which.start, asked, columns)
         return ~challenged
 
-    def _beaten(self, form: Formed, numbers: Indices, expected: Mask, cost: Floats) -> Mask:
-        """Which of some solves a closed form beats, by its answer, or by what that leads to where a fit is worse than
-        stated noise lets expect.
+    def _beaten(self, form: Formed, first: int, asked: Indices, columns: Columns) -> Mask:
+        """Which of the solves ``asked`` in a block, whose first is number ``first``, a closed form beats: by its answer,
+        or by what that leads to where a fit is worse than stated noise lets expect.
         """
+        numbers, expected, cost = first + asked, columns.expected[asked], columns.cost[asked]
         points, least = form.best(numbers)
         found = least < cost
         if self.problem.estimates_noise:
@@ -227,7 +233,12 @@ class Together:
         strained = ~found & ~expected & np.isfinite(least)
         solver = solver_of(self.stack, self.settings) if strained.any() else None
         if solver is not None:
-            found[strained] = solver(numbers[strained], points[strained]).cost < (1 - LOWER) * cost[strained]
+            ends = solver(numbers[strained], points[strained])
+            lower = ends.cost < (1 - LOWER) * cost[strained]
+            vain = asked[strained][~lower]
+            found[strained] = lower
+            columns.iterations[vain] += ends.iterations[~lower]
+            columns.evaluations[vain] += ends.evaluations[~lower]
         return found
 
     def _without_form(self, numbers: Indices, expected: Mask) -> Mask:
@@ -269,7 +280,7 @@ class Together:
         return found
 
     def _stands(self, number: int, columns: Columns, place: int) -> bool:
-        """Whether no closed form leads to a better minimum."""
+        """Whether no closed form leads to a better minimum; what that took is added to the iterations."""
         if bool(self._without_form(np.array([number]), columns.expected[place : place + 1])[0]):
             return True
         equations, _ = assemble(self.problem, self.kernels, self.sets.selection(number).tables, {}, self.cache)
@@ -282,6 +293,7 @@ class Together:
             evaluations=int(columns.evaluations[place]),
         )
         answered = Challenge(equations, self.settings, self.problem, self.cache).answered(found)
+        columns.iterations[place], columns.evaluations[place] = answered.iterations, answered.evaluations
         return answered.minimum is found.minimum
 
     def solution(self, number: int, columns: Columns, place: int) -> Solution:
