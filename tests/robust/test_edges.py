@@ -161,3 +161,20 @@ def test_gnc_moves_from_where_one_block_has_no_value(seed, start):
     assert found.first.status == "converged"
     # Some four standard deviations of 24 rows.
     np.testing.assert_allclose([found["a"].value, found["b"].value, found["c"].value], [2, 0.8, 0.3], atol=0.03)
+
+
+EMPTY = """
+(problem empty (data d external) (unknowns (p (vector 2)))
+  (observe d (= y (distance p [x 0])) :sigma 0.1)
+  (observe (= 1.0 (norm p)) :sigma 0.1)
+  (solve :robust {rule}))
+"""
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("rule", ["lmeds", "ransac", "gnc"])
+def test_a_table_without_rows_beside_another_observation(rule):
+    """Equations of the table begin where those of the other observation do: they are told apart."""
+    rows = {"x": np.zeros(0), "y": np.zeros(0)}
+    found = mbm.loads(EMPTY.format(rule=rule)).compile(data={"d": rows}).solve()
+    assert found.first.status in ("unobservable", "not-converged")

@@ -226,7 +226,7 @@ def _maps(
     found = []
     for piece, parts in zip(pieces, seen, strict=True):
         matrix, exact = _affine(np.vstack([p for p, _ in parts]), np.vstack([t for _, t in parts]))
-        group = next(k for k, g in enumerate(equations.groups) if g.first == piece.group.first)
+        group = next(k for k, g in enumerate(equations.groups) if g.rows and g.first == piece.group.first)
         whitener = [w.first for w in piece.group.whiteners].index(piece.first)
         if matrix is None or not (exact if axis is None else exact[:3]).all():
             return None
