@@ -14,11 +14,14 @@ from mbm.solution.covariance import propagate
 from mbm.solution.manifolds import numbers_of_stated, tangent_slopes
 from mbm.solution.solution import DerivedSolution
 from mbm.solution.statistics import Statistics, changed
-from mbm.solution.types import Floats, Indices
+from mbm.solution.types import Floats, Indices, Mask
 from mbm.values import dataclass
 
 GRADIENT_LIMIT = 20_000_000
 """Numbers in the gradients of derived quantities that are kept for their covariance."""
+
+VARYING = 4 * float(np.finfo(np.float64).eps)
+"""Standard deviation beside the value up to which a quantity cannot vary: its derivatives are roundings."""
 
 COVARIANCE_LIMIT = 2_000
 """Derived scalars whose full covariance is made; beyond, the marginal sigmas stay."""
@@ -81,7 +84,11 @@ class Propagation:
                 chosen, part = positions[lines], slopes
                 if derived.kind is not None:
                     part = tangent_slopes(derived.kind, derived.dimension, stated[lines], slopes)
-                sigma[chosen] = np.where(unknown[lines], np.nan, self._sigmas(part))
+                spread = self._sigmas(part)
+                if derived.kind is None:
+                    held = cannot_vary(stated[lines], spread)
+                    part, spread = np.where(held[..., None], 0.0, part), np.where(held, 0.0, spread)
+                sigma[chosen] = np.where(unknown[lines], np.nan, spread)
                 if gradient is not None:
                     gradient[chosen] = part
         return DerivedSolution(
@@ -115,3 +122,8 @@ class Propagation:
         columns = np.full(len(self.equations.layout.number), -1, dtype=np.int64)
         columns[positions] = np.arange(len(positions))
         return columns
+
+
+def cannot_vary(values: Floats, sigma: Floats) -> Mask:
+    """Which quantities have standard deviations that are roundings of their values; arrays of one shape."""
+    return np.asarray((sigma > 0.0) & (sigma <= VARYING * np.abs(values)))

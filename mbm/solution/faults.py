@@ -66,6 +66,12 @@ TOO_NONLINEAR = Code(
     "Read the interval as asymmetric, as the message says; add data, or estimate another function of the unknown (its "
     "logarithm, its reciprocal) in which the model is closer to linear.",
 )
+DERIVED_NOT_FINITE = Code(
+    "derived-not-finite",
+    "A derived quantity has no finite value at the estimates: a logarithm or root of a negative number, a division by "
+    "zero (a warning).",
+    "Correct its formula, or keep the unknowns where it has a value, with `:in` or `:positive`.",
+)
 NOISE_AGAINST_DATA = Code(
     "noise-against-data",
     "The residuals are far larger than the stated noise allows, so either the noise or the model is wrong, or rows are "
@@ -200,6 +206,18 @@ def too_nonlinear(span: Span, ends: Sequence[str]) -> Diagnostic:
         f"{'; '.join(ends[:MOST_NAMED])}{more}",
         place=span,
         hint=TOO_NONLINEAR.mend,
+        severity=Severity.WARNING,
+    )
+
+
+def derived_not_finite(span: Span, name: str, rows: int) -> Diagnostic:
+    """``rows`` is in how many rows of its table a quantity has no value, 0 where it has none."""
+    where = f" in {rows} row{'s' if rows > 1 else ''}" if rows else ""
+    return Diagnostic(
+        code=DERIVED_NOT_FINITE,
+        message=f"`{name}` has no finite value at the estimates{where}",
+        place=span,
+        hint=DERIVED_NOT_FINITE.mend,
         severity=Severity.WARNING,
     )
 

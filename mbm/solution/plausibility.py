@@ -40,6 +40,7 @@ def doubts(propagation: Propagation, minimum: Minimum, derived: tuple[DerivedSol
     found: list[Diagnostic] = []
     bent = not equations.linear or bool(derived)
     around = surroundings(equations, minimum, outcome.covariance) if bent else None
+    found += _without_value(propagation, derived)
     if around is not None:
         found += _nonlinear(equations, interval_ends(around, outcome.covariance))
         found += _nonlinear_derived(propagation, around, derived)
@@ -47,6 +48,17 @@ def doubts(propagation: Propagation, minimum: Minimum, derived: tuple[DerivedSol
     if fit.chi2_p is not None and fit.sigma0 is not None and fit.chi2_p < IMPROBABLE and not equations.lossy:
         found.append(faults.noise_against_data(problem.span, fit.sigma0, fit.chi2_p))
     return (*found, *_strained(problem, equations, minimum, outcome.covariance))
+
+
+def _without_value(propagation: Propagation, derived: tuple[DerivedSolution, ...]) -> Iterator[Diagnostic]:
+    """One warning for each quantity that is not finite although all estimates are."""
+    if not bool(np.isfinite(propagation.numbers).all()):
+        return
+    for one in derived:
+        stated = propagation.problem.derived[one.owner]
+        wrong = int((~np.isfinite(one.values)).any(axis=1).sum())
+        if wrong:
+            yield faults.derived_not_finite(stated.span, stated.name, wrong if stated.table is not None else 0)
 
 
 def _nonlinear(equations: Assembled, ends: IntervalEnds) -> tuple[Diagnostic, ...]:
@@ -79,7 +91,7 @@ def _nonlinear_derived(
         left -= count
         sigma = one.sigma.ravel()
         parts = np.abs(one.gradient) @ np.nan_to_num(propagation.outcome.covariance.sigma)
-        known = np.flatnonzero(np.isfinite(sigma) & (sigma > DETERMINED * parts))
+        known = np.flatnonzero(np.isfinite(one.values.ravel()) & np.isfinite(sigma) & (sigma > DETERMINED * parts))
         if not known.size:
             continue
         values = _picked(groups[0], known)

@@ -84,3 +84,24 @@ def test_nearly_straight_derived_quantities_are_not() -> None:
 def test_a_derived_quantity_that_turns_back_is_told_so() -> None:
     """At 1 − 1.96·0.8 the reciprocal has passed infinity."""
     assert "turning back on the way above" in derived_warnings(0.8)[0]
+
+
+@pytest.mark.parametrize("each", ["", " (for-each run)"])
+@pytest.mark.parametrize(
+    ("formula", "value", "sigma", "warned"),
+    [
+        ("(norm [(/ a (norm [a b])) (/ b (norm [a b]))])", 1.0, 0.0, []),
+        ("(log (- a))", np.nan, None, ["derived-not-finite"]),
+    ],
+)
+def test_derived_quantities_that_cannot_vary_or_have_no_value(each, formula, value, sigma, warned):
+    """The length of a unit vector is 1, whatever the data; logarithms of negative numbers have no value."""
+    rows = " ".join(f"({run} {x} {y})" for run in (1, 2) for x, y in ((1, 4.1), (2, 5.9), (3, 8.2 + run / 10)))
+    found = mbm.loads(
+        f"(problem p (data d (table (run x y) {rows})) (unknowns (a :init 1) (b :init 1)) "
+        f"(observe d (= y (+ (* a x) (exp b))) :sigma 0.1) (derive (q {formula})){each})"
+    ).solve()
+    for solve in found.solves:
+        np.testing.assert_allclose(solve.derived[0].value, value, rtol=1e-15)
+        assert sigma is None or solve.derived[0].sigma == sigma
+        assert [d.code.name for d in solve.diagnostics] == warned

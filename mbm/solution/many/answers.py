@@ -63,7 +63,7 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
     sigma0 = np.where(freedom > 0, np.sqrt(cost / np.maximum(freedom, 1)), np.nan)
     tested = known and not lossy
     chi2_p = _tails(stack, scattered, freedom, solved) if tested else np.full(len(which), np.nan)
-    clean = solved & ~(chi2_p < IMPROBABLE)
+    clean = solved & ~(chi2_p < IMPROBABLE) & _all_finite([one.values for one in derived], len(which))
     clean &= ~doubtful(problem, portion, ends, found, spread, derived, residuals)
     counting = counted(portion, residuals)
     return Columns(

@@ -6,6 +6,7 @@ import numpy as np
 
 from mbm.problem.types import Derived
 from mbm.solution.binding import Group
+from mbm.solution.derived import cannot_vary
 from mbm.solution.manifolds import numbers_of_stated, tangent_slopes
 from mbm.solution.many.stack import Stack, stated, stated_slopes
 from mbm.solution.types import Floats
@@ -38,4 +39,7 @@ def derived_columns(quantity: Derived, owner: int, stack: Stack, points: Floats,
         values = numbers_of_stated(quantity.kind, quantity.dimension, values)
     image = np.matmul(gradient, factor)
     sigma = np.sqrt(np.square(image).sum(axis=2))
+    if quantity.kind is None:
+        held = cannot_vary(values, sigma)
+        gradient[held], image[held], sigma[held] = 0.0, 0.0, 0.0
     return DerivedColumns(owner=owner, group=group, values=values, sigma=sigma, gradient=gradient, image=image)

@@ -32,7 +32,9 @@ class Systems(Protocol):
     """Many solves of one problem, as a closed form looks at them; ``equations`` tell what their numbers are."""
 
     @property
-    def equations(self) -> Assembled: ...
+    def equations(self) -> Assembled:
+        """The equations of all of them, or of one that they are like."""
+        ...
 
     def units_of(self, which: Which) -> tuple[Indices, Indices]:
         """Solve (U,), ascending, and number (U,) of the units of some solves."""
@@ -147,7 +149,7 @@ class Recognised:
     plan: Plan
 
     def of_all(self, systems: Systems, told: Floats, precision: Floats) -> Formed:
-        """The form for ``systems``; ``told`` (units, width) and ``precision`` (units,), 1/σ², are those of all units."""
+        """The form for ``systems``; ``told`` (units, width) and ``precision`` (units,), 1/σ², are of all units."""
         return Formed(
             systems=systems,
             plan=_of_all(self.plan, told, precision),

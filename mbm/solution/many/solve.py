@@ -222,8 +222,9 @@ class Together:
         return ~challenged
 
     def _beaten(self, form: Formed, first: int, asked: Indices, columns: Columns) -> Mask:
-        """Which of the solves ``asked`` in a block, whose first is number ``first``, a closed form beats: by its answer,
-        or by what that leads to where a fit is worse than stated noise lets expect.
+        """Which of the solves ``asked`` in a block, whose first is number ``first``, a closed form beats.
+
+        By its answer, or by what that leads to where a fit is worse than stated noise lets expect.
         """
         numbers, expected, cost = first + asked, columns.expected[asked], columns.cost[asked]
         points, least = form.best(numbers)
@@ -250,9 +251,7 @@ class Together:
         known = np.array([(names, tuple(kind)) in self.cache.without_closed_form for kind in kinds.T.tolist()], bool)
         return np.asarray(known[of] & (expected | self.problem.estimates_noise))
 
-    def _maker(
-        self, apart: Apart, last: Callable[[int], Solution | None]
-    ) -> Callable[[int, Columns, int], Solution]:
+    def _maker(self, apart: Apart, last: Callable[[int], Solution | None]) -> Callable[[int, Columns, int], Solution]:
         """What makes a solution of columns; what agrees in consensus, and several noises, are found again.
 
         From where they were found: ``last`` is the solution of the window before, in which they may begin.

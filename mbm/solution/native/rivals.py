@@ -95,9 +95,9 @@ class _Stations:
         """Whether no other point costs less than p; numbers of one minimum, or arrays of all.
 
         ``far`` and ``near`` are the largest and least squared distance, ``size`` is the squared norm of the covariance.
-        If q costs no more, ``‖d(q) − d(p)‖ ≤ 2√cost`` for the weighted distances d: q lies within a radius. J changes by
-        so little there that ``cost(q) ≥ cost + |q − p|² ((s − radius slope / 2)² − slope √cost)``, where s is the least
-        singular value of J at p. Where the stations lie in a plane, the other side of it is the same fit.
+        If q costs no more, ``‖d(q) − d(p)‖ ≤ 2√cost`` for the weighted distances d: q lies within a radius. J changes
+        by so little there that ``cost(q) ≥ cost + |q − p|² ((s − radius slope / 2)² − slope √cost)``, where s is the
+        least singular value of J at p. Where the stations lie in a plane, the other side of it is the same fit.
         """
         root = cost**0.5
         radius = self._radius(height, root, far**0.5)
@@ -166,7 +166,9 @@ def rivals_of(equations: Assembled, settings: Settings, changing: Sequence[Indic
     if form is None or form.form.form.curved:
         return None
     costs = system_of(equations, replace(settings, max_iterations=0), direct=False, often=True)
-    return None if costs is None else Rivals(form=form, costs=costs, stations=_stations(equations, form, costs, changing))
+    return (
+        None if costs is None else Rivals(form=form, costs=costs, stations=_stations(equations, form, costs, changing))
+    )
 
 
 def _stations(

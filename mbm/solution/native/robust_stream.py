@@ -79,7 +79,9 @@ class RobustStream:
         if count == 0:
             blank = self._system.blank(0)
             none = np.zeros(0)
-            return StreamEnds(numbers=blank.numbers, covariance=blank.covariances, cost=none, clean=none == 1.0, strained=none == 1.0)
+            return StreamEnds(
+                numbers=blank.numbers, covariance=blank.covariances, cost=none, clean=none == 1.0, strained=none == 1.0
+            )
         return self._ends(self._room, count, workers)
 
     def solved_one(self) -> tuple[Floats, Floats, float] | None:

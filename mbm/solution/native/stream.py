@@ -76,7 +76,7 @@ class Stream:
 
     def solved(self, count: int, workers: int = 1) -> StreamEnds:
         """The solves of the first ``count`` data sets, by so many threads; their number changes nothing."""
-        room, rules = self._room, self._rules
+        room = self._room
         function = self._function or self._code(count)
 
         def part(first: int, last: int) -> None:

@@ -79,9 +79,7 @@ class Rules:
             covariance *= (cost / np.maximum(freedom, 1))[:, None, None]
         numbers = self.shown(ends.numbers[:count])
         fits = cost < self.most
-        return StreamEnds(
-            numbers=numbers, covariance=covariance, cost=cost, clean=sound & fits, strained=sound & ~fits
-        )
+        return StreamEnds(numbers=numbers, covariance=covariance, cost=cost, clean=sound & fits, strained=sound & ~fits)
 
     def shown(self, numbers: Floats) -> Floats:
         """A copy of numbers (T, N) with angles in (-π, π]."""
