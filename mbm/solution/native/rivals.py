@@ -26,7 +26,7 @@ from mbm.values import dataclass
 FLAT = 1e-12
 """Height of stations above their plane beside their extent, that rounding leaves."""
 
-SAME = 1e-9
+AS_DISTANCES = 1e-9
 """Relative difference of costs up to which rows are distances as these are understood."""
 
 
@@ -186,7 +186,7 @@ def _stations(
     probes[:, places] = centre + np.ptp(data.stations, axis=0).max() * np.array([[1.0], [-0.7]])
     away = np.linalg.norm(probes[:, None, places] - data.stations, axis=2)
     expected = np.square(away - data.length) @ weights
-    if not np.allclose(costs.solve(probes).results[:, of.COST], expected, rtol=SAME, atol=0.0):
+    if not np.allclose(costs.solve(probes).results[:, of.COST], expected, rtol=AS_DISTANCES, atol=0.0):
         return None
     changes = np.zeros(len(costs.rows.parameters), dtype=bool)
     for each in changing:
