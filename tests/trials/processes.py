@@ -21,8 +21,8 @@ SPACE = 4 << 30
 """Bytes of address space that a process may take, so that the machine outlives it. What is judged is the largest memory
 that it ever had resident: address space says little, for a reader of Parquet files reserves 1.5 GB before it reads the
 first, of which it uses 0.1."""
-MOST_SAID = 50_000_000
-"""Bytes that are looked at of each output."""
+MOST_SAID = 100_000_000
+"""Bytes that are looked at of each output: a document of 100,000 windows, which is the bound, has 80 million."""
 
 
 def outcome_of_process(
