@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from mbm.problem.reading.starts import MAXIMUM_STARTS
 from tests.hostile.sizes import digits, size
 from tests.hostile.texts import word
 from tests.trials.choices import Choices
@@ -17,6 +18,9 @@ PROBLEM = """(defconst h 2)
 """
 LONGEST = 100_000
 """Characters of one argument: systems take 131,072 bytes."""
+A_START = 0.001
+"""Seconds that one more start may take where NumPy evaluates: twice what it takes, so that work that grows faster than
+the number of starts is still seen."""
 
 
 def command_line(here: Home, choices: Choices) -> Case:
@@ -24,7 +28,7 @@ def command_line(here: Home, choices: Choices) -> Case:
     folder = here.cleared("case")
     file = folder / "p.mbm"
     file.write_text(PROBLEM, encoding="utf-8")
-    name = choices.one_of(("a", "v", "h", "d", "zzz"))
+    name, work = choices.one_of(("a", "v", "h", "d", "zzz")), 0.0
     match choices.below(8):
         case 0 | 1:
             arguments = _values(folder, choices)
@@ -40,6 +44,8 @@ def command_line(here: Home, choices: Choices) -> Case:
             option = choices.one_of(("--starts", "--seed", "--workers", "--method", "--problem", "--covariance"))
             value = choices.one_of((digits(choices, LONGEST // 2), str(size(choices, 1, 10**12)), "1e9"))
             arguments = ("solve", *NUMPY, f"{option}={value}")
+            if option == "--starts" and len(value) <= len(str(MAXIMUM_STARTS)) and value.isdecimal():
+                work = min(int(value), MAXIMUM_STARTS) * A_START
         case 6:
             long = choices.one_of(("x", "../", "é", "x/", "\n", "\x1b[2J", " ")) * size(choices, 1, LONGEST // 6)
             option = choices.one_of(("--init", "--json", "--csv", "--sandbox", "--problem", "--method"))
@@ -47,7 +53,7 @@ def command_line(here: Home, choices: Choices) -> Case:
         case _:
             noise = choices.one_of((f"d={digits(choices, LONGEST // 2)}", word(choices).replace("\x00", "0")))
             arguments = ("simulate", "-o", "made", choices.one_of(("--noise", "--seed", "--measured")), noise[:LONGEST])
-    return Case(arguments=(*arguments, str(file)), files=(file,), kept=(file,))
+    return Case(arguments=(*arguments, str(file)), files=(file,), kept=(file,), work=work)
 
 
 def _values(folder: Path, choices: Choices) -> tuple[str, ...]:

@@ -20,13 +20,15 @@ from tests.trials.watching import digests, watched
 class Case:
     """One command line, and the files from which it can be repeated elsewhere.
 
-    Those ``kept`` must be afterwards what they were before; those ``closed`` must not even be read.
+    Those ``kept`` must be afterwards what they were before; those ``closed`` must not even be read. ``work`` adds to
+    the seconds that any answer may take: what the command line asks for by a number within its bound.
     """
 
     arguments: tuple[str, ...]
     files: tuple[Path, ...] = ()
     kept: tuple[Path, ...] = ()
     closed: tuple[Path, ...] = ()
+    work: float = 0.0
 
     @property
     def devices(self) -> tuple[str, ...]:
@@ -117,16 +119,18 @@ def _empty_cache(home: Home) -> Iterator[None]:
 
 def _tried(kind: Kind, home: Home, decisions: bytes) -> Trial:
     case = kind.make(home, Choices(decisions))
-    before = digests(case.kept)
+    before, slowest = digests(case.kept), kind.slowest + case.work
     if home.processes:
         inside = case.files[0].parent if case.files else home.folder
-        found, wrong = outcome_of_process(*case.arguments, folder=inside, devices=case.devices, closed=case.closed)
+        found, wrong = outcome_of_process(
+            *case.arguments, folder=inside, devices=case.devices, closed=case.closed, work=case.work
+        )
     else:
         with watched(home.folder, case.devices, case.closed) as wrong:
             found = outcome(*case.arguments)
     wrong += [f"{path.name} was changed" for path, digest in digests(case.kept).items() if digest != before[path]]
-    wrong += faults_of(found, case.arguments, case.files[0].parent if case.files else home.folder, kind.slowest)
+    wrong += faults_of(found, case.arguments, case.files[0].parent if case.files else home.folder, slowest)
     if not wrong:
         wrong += kind.after(home, case, found)
-    slow = found.status is None or found.seconds > kind.slowest
+    slow = found.status is None or found.seconds > slowest
     return Trial(case=case, found=found, wrong=tuple(wrong), slow=slow)

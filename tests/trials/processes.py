@@ -26,12 +26,13 @@ MOST_SAID = 100_000_000
 
 
 def outcome_of_process(
-    *arguments: str, folder: Path, devices: Iterable[str], closed: Iterable[Path]
+    *arguments: str, folder: Path, devices: Iterable[str], closed: Iterable[Path], work: float = 0.0
 ) -> tuple[Outcome, list[str]]:
     """Runs ``python -m mbm`` in ``folder``: what it answered, and what it touched that it should not have.
 
     Time is that of the processor, which other work on the machine does not lengthen, of the process and all that it
-    waited for; one that waits itself is ended after `STANDSTILL`. Its standard input never ends.
+    waited for; one that waits itself is ended after `STANDSTILL`. Both bounds are longer by ``work`` seconds. Its
+    standard input never ends.
     """
     with TemporaryDirectory(prefix="mbm-said-") as place:
         out, err, heard = (Path(place) / name for name in ("out", "err", "heard"))
@@ -42,7 +43,7 @@ def outcome_of_process(
             "closed": [str(path) for path in closed],
             "heard": str(heard),
             "space": SPACE,
-            "seconds": math.ceil(PATIENCE),
+            "seconds": math.ceil(PATIENCE + work),
         }
         environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
         command = [sys.executable, "-m", "tests.trials.child", json.dumps(asked), *arguments]
@@ -56,7 +57,7 @@ def outcome_of_process(
                 stderr=second,
                 start_new_session=True,
             )
-        status, used = _ended(process)
+        status, used = _ended(process, STANDSTILL + work)
         found = Outcome(
             status=status,
             out=_said(out),
@@ -68,7 +69,7 @@ def outcome_of_process(
         return found, heard.read_text(encoding="utf-8").splitlines()
 
 
-def _ended(process: subprocess.Popen[bytes]) -> tuple[int | None, os.struct_rusage]:
+def _ended(process: subprocess.Popen[bytes], standstill: float) -> tuple[int | None, os.struct_rusage]:
     """Waits for a process: its exit status (None: it was given up) and what it used."""
     given_up = threading.Event()
 
@@ -76,7 +77,7 @@ def _ended(process: subprocess.Popen[bytes]) -> tuple[int | None, os.struct_rusa
         given_up.set()
         _kill(process.pid)
 
-    clock = threading.Timer(STANDSTILL, give_up)
+    clock = threading.Timer(standstill, give_up)
     clock.start()
     try:
         _, status, used = os.wait4(process.pid, 0)
