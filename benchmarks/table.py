@@ -1,9 +1,9 @@
-"""Runs the comparisons and writes docs/explanations/speed.md: machine, versions, date, who measured what.
+"""Runs the comparisons and writes benchmarks/results.md, and what matters of it to docs/explanations/speed.md.
 
 python -m benchmarks.table [--long] [NAME…]
 
 Each runs in a process of its own, on one thread unless it says otherwise. What was measured is kept in
-``build/benchmarks``, so that single comparisons can be made again; the page shows the latest of each.
+``build/benchmarks``, so that single comparisons can be made again; the pages show the latest of each.
 """
 
 from __future__ import annotations
@@ -13,14 +13,16 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 
-from benchmarks.figures import HEADS, Figure
+from benchmarks.figures import HEADS, Figure, shown
 from benchmarks.machine import machine
 from benchmarks.peers import ROOT, last_line, one_thread
 
 KEPT = ROOT / "build" / "benchmarks"
+RESULTS = ROOT / "benchmarks" / "results.md"
 PAGE = ROOT / "docs" / "explanations" / "speed.md"
 SHORT = {
     "nist": "NIST StRD",
@@ -39,7 +41,48 @@ LONG = {
     "bundle": "Bundle adjustment and pose graphs",
 }
 """Comparisons that take minutes."""
-HEAD = """# Speed
+CHOSEN = (
+    ("nist", "all fits", "lmfit", "54 certified fits (NIST), with covariance"),
+    ("desk", "one a call", "over NumPy by hand, exact", "a pose from six corners in an image, one data set a call"),
+    ("alignment", "similarity", "umeyama", "a similarity from 2,174 pairs"),
+    ("ellipse", "150 points", "default tolerances", "an ellipse through 150 points, errors in both coordinates"),
+    ("skeleton", "500 starts", "SciPy", "25 joint angles from 500 random starts, one start"),
+    ("startup", "warm", "SciPy", "a small problem as a whole process"),
+    ("epochs", "an epoch", "SciPy lm", "a place from 48 ranges, one of 10,000"),
+    (
+        "multilateration",
+        "10 %",
+        "NumPy",
+        "the same with 10 % outliers by least median of squares: mean error, gross failures",
+    ),
+    ("pose", "20 points, 40 %", "PoseLib", "a pose from 20 points, 40 % outliers, no start"),
+    ("bundle", "best of 5", "Ceres", "bundle adjustment, 66,462 unknowns (Ladybug), one processor"),
+)
+"""What the page in docs/ shows: the comparison, parts of the work and of the peer's name, how it is called there."""
+FASTER = (
+    ("startup", "cold", "SciPy", "a small problem as a whole process, the first time"),
+    ("epochs", "an epoch", "linear", "a place from 48 ranges, without outliers"),
+    ("pose", "6 points, 0 %", "OpenCV", "a pose from 6 points, no start: error, failures"),
+    ("pose", "6 points, 40 %", "PoseLib", "the same with 40 % outliers"),
+)
+"""The same, of work for which mbm takes longer."""
+BRIEF = """# Speed
+
+<!-- Made by `python -m benchmarks.table`; do not edit. -->
+
+The ratio is the peer's time divided by ours: above 1, mbm is faster. Each is from one run with the same data on one
+shared machine. [All figures](../../benchmarks/results.md), with versions, dates, accuracies and targets, stand beside
+the benchmarks; `python -m benchmarks.NAME` repeats one.
+
+"""
+SLOWER = """
+## Where a peer is faster
+
+A linear method without iteration is no least-squares fit of the distances, rejects no outlier and gives no covariance.
+OpenCV and PoseLib give no covariance. A process that meets a problem for the first time derives and compiles it.
+
+"""
+HEAD = """# Results of the benchmarks
 
 <!-- Made by `python -m benchmarks.table`; do not edit. -->
 
@@ -71,26 +114,53 @@ def main() -> None:
         load = f"{machine()}, load average {os.getloadavg()[1]:.1f}"
         kept = {"when": datetime.now(UTC).strftime("%Y-%m-%d"), "machine": load, "figures": figures}
         (KEPT / f"{name}.json").write_text(json.dumps(kept, ensure_ascii=False, indent=1))
+    RESULTS.write_text(results())
     PAGE.write_text(page())
 
 
-def page() -> str:
-    """The page from what was kept."""
+def kept_figures(name: str) -> tuple[str, list[Figure]]:
+    """When and where a comparison was made last, and its lines; none if it never was."""
+    path = KEPT / f"{name}.json"
+    if not path.exists():
+        return "", []
+    kept = json.loads(path.read_text())
+    return f"{kept['when']}, {kept['machine']}", [Figure(**each) for each in kept["figures"]]
+
+
+def results() -> str:
+    """All lines of what was kept."""
     parts = [HEAD]
     for name, title in {**SHORT, **LONG}.items():
-        path = KEPT / f"{name}.json"
-        if not path.exists():
-            continue
-        kept = json.loads(path.read_text())
-        rows = [Figure(**each).cells() for each in kept["figures"]]
-        parts.append(f"## {title}\n\n`benchmarks.{name}`, {kept['when']}, {kept['machine']}\n\n{markdown(rows)}\n")
+        where, figures = kept_figures(name)
+        if figures:
+            table = markdown(HEADS, [figure.cells() for figure in figures])
+            parts.append(f"## {title}\n\n`benchmarks.{name}`, {where}\n\n{table}\n")
     return "\n".join(part.rstrip("\n") + "\n" for part in parts)
 
 
-def markdown(rows: list[list[str]]) -> str:
-    """The lines of a section as a table; columns that are empty throughout are left out."""
-    used = [i for i in range(len(HEADS)) if any(row[i] for row in rows)]
-    lines = [[HEADS[i] for i in used], ["---"] * len(used), *([row[i] for i in used] for row in rows)]
+def page() -> str:
+    """The lines that are `CHOSEN`, then those of `FASTER`."""
+    heads = ["task", "mbm", "peer", "its figure", "ratio"]
+    return f"{BRIEF}{markdown(heads, brief(CHOSEN))}\n{SLOWER}{markdown(heads, brief(FASTER))}\n"
+
+
+def brief(chosen: Sequence[tuple[str, str, str, str]]) -> list[list[str]]:
+    """The chosen lines; those that were never measured are left out. Lines that begin with … go with the one before."""
+    lines = []
+    for name, work, peer, called in chosen:
+        whole = ""
+        for figure in kept_figures(name)[1]:
+            whole = f"{whole} {figure.work}" if figure.work.startswith("…") else figure.work
+            if work in whole and peer in figure.peer and figure.ratio is not None:
+                lines.append([called, figure.ours, figure.peer, figure.theirs, shown(figure.ratio)])
+                break
+    return lines
+
+
+def markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Lines under their heads as a table; columns that are empty throughout are left out."""
+    used = [i for i in range(len(heads)) if any(row[i] for row in rows)]
+    lines = [[heads[i] for i in used], ["---"] * len(used), *([row[i] for i in used] for row in rows)]
     return "\n".join(f"| {' | '.join(cell.replace('|', '∣') for cell in line)} |" for line in lines)
 
 
