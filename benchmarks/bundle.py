@@ -44,7 +44,7 @@ SAME = 1e-8
 def run_one(name: str) -> dict[str, object]:
     """One case in this process: seconds of the solver and of all, the sum of squares, the largest memory."""
     import mbm
-    from mbm.solution import search
+    from mbm.estimation.search import search
 
     example, placeholder, data = CASES[name]
     text = (SHARED / "examples" / example).read_text().replace(placeholder, str(SHARED / data))

@@ -58,7 +58,7 @@ def timed(work: Callable[[], object]) -> float:
 
 def kind_seconds(name: str) -> tuple[float, float, float]:
     """Seconds a solve of one kind on one processor, on all of them, and one by one."""
-    from mbm.solution.many import together
+    from mbm.estimation.batches import together
 
     kind, count = KINDS[name], KIND_COUNT
     compiled = mbm.loads(kind.text).compile(data=kind.data(count))

@@ -14,12 +14,13 @@ from mbm.kernels.backends import casadi_map, native, numpy_stream
 from mbm.kernels.native.engine import compiled
 from mbm.kernels.native.kernels import native_kernels
 from mbm.kernels.native.normal import normal_kernels, normal_rows
+from mbm.kernels.native.normal_rows import Unit
 from mbm.kernels.native.processor import vector_library
 from mbm.kernels.types import Kernel, KernelSet
-from mbm.target import blocks_of_rows
-from mbm.target.normal_rows import Unit
-from mbm.target.program import Program
-from mbm.target.solver.description import LANES, NO_LOSS
+from mbm.machine import blocks_of_rows
+from mbm.machine.kinds import LANES
+from mbm.machine.program import Program
+from mbm.solver.description import NO_LOSS
 
 DESK = """
 (problem desk

@@ -14,10 +14,10 @@ import numpy as np
 
 import mbm
 from mbm.api.problem import Problem
-from mbm.solution.minimise import minimise
-from mbm.solution.native import minimum as native
-from mbm.solution.native.system import system_of
-from mbm.target.solver import description as of
+from mbm.estimation.minimise.minimise import minimise
+from mbm.estimation.minimise.native import minimum as native
+from mbm.estimation.minimise.native.system import system_of
+from mbm.solver import description as of
 
 PROBLEMS = Path(__file__).parent.parent / "problems"
 BATCH = 400

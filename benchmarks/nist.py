@@ -18,9 +18,9 @@ import mbm
 from benchmarks.figures import Figure, duration, show_figures
 from benchmarks.machine import best, show
 from benchmarks.peers import UnavailableError, asked
+from tests.estimation.nist import ReferenceSet, digits
+from tests.estimation.nist_typed import TYPED
 from tests.evidence.nist_problems import LOGARITHMIC, problem_file
-from tests.solution.nist import ReferenceSet, digits
-from tests.solution.nist_typed import TYPED
 
 PEERS = ("numpy", "scipy", "lmfit", "odrpack")
 RUNS = 5

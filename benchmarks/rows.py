@@ -5,8 +5,8 @@ from __future__ import annotations
 import mbm
 from benchmarks.machine import best, machine, show
 from benchmarks.scenes import RANGE, REPROJECTION, range_rows, reprojection_rows
-from mbm.solution.minimise import minimise
-from mbm.solution.settings import settings_of
+from mbm.estimation.minimise.minimise import minimise
+from mbm.estimation.settings import settings_of
 
 FEW, MANY = 2_000, 200_000
 PROBLEMS = {"range": (RANGE, "ranges", range_rows), "reprojection": (REPROJECTION, "marks", reprojection_rows)}

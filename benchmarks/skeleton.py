@@ -19,11 +19,11 @@ import numpy as np
 import mbm
 from benchmarks.figures import Figure, duration, show_figures
 from benchmarks.peers import UnavailableError, asked
-from mbm.solution.descent import descent
-from mbm.solution.estimate import assemble
-from mbm.solution.layout import Entry
-from mbm.solution.multistart import starting_points
-from mbm.solution.settings import settings_of
+from mbm.equations.layout import Entry
+from mbm.estimation.search.descent import descent
+from mbm.estimation.search.multistart import starting_points
+from mbm.estimation.settings import settings_of
+from mbm.estimation.solve.estimate import assemble
 from tests.evidence.skeleton import COSTS, POSE, TRUTH, seen, write_example
 
 STARTS = 500

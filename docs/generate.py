@@ -14,6 +14,8 @@ from types import ModuleType
 
 import mbm
 from mbm.data.columns import MOST_COLUMNS
+from mbm.equations.selection import MAXIMUM_SOLVES, MAXIMUM_WINDOWS
+from mbm.estimation.minimise.minimise import DENSE_LIMIT
 from mbm.expression.units import REFUSED, UNITS
 from mbm.files import memory
 from mbm.language import limits as language_limits
@@ -32,8 +34,6 @@ from mbm.problem.vocabulary import SPECIAL_FORMS as PROBLEM_FORMS
 from mbm.registry.standard import standard_registry
 from mbm.shapes.library import LibraryModel
 from mbm.shapes.vocabulary import FEATURE_FUNCTIONS
-from mbm.solution.minimise import DENSE_LIMIT
-from mbm.solution.selection import MAXIMUM_SOLVES, MAXIMUM_WINDOWS
 from mbm.text.atoms import LONGEST_NUMBER
 from mbm.text.characters import LARGEST_TEXT, MOST_WORDS
 from mbm.text.faults import MOST_FAULTS

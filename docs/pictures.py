@@ -12,9 +12,9 @@ import numpy as np
 
 import mbm
 from mbm.api import expand
+from mbm.equations.losses import loss_function
 from mbm.problem.kinds import LossKind
 from mbm.problem.types import Loss
-from mbm.solution.robust.losses import loss_function
 
 mpl.use("svg")
 from matplotlib import pyplot as plt

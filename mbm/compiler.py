@@ -24,6 +24,8 @@ from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.emit.types import OutputFile
+    from mbm.equations.binding import EvaluationCache
+    from mbm.equations.interruption import Interruption
     from mbm.kernels.types import KernelSet
     from mbm.language.program import Program
     from mbm.problem.checks import Mentioned
@@ -34,8 +36,6 @@ if TYPE_CHECKING:
     from mbm.report.options import Progress
     from mbm.report.simulated import Simulator
     from mbm.report.types import Result
-    from mbm.solution.binding import EvaluationCache
-    from mbm.solution.interruption import Interruption
     from mbm.symbolic.types import SymbolicModel
     from mbm.text.types import Source
 
@@ -197,8 +197,8 @@ def solved(
     registry: Registry,
 ) -> Result:
     """Kernels and tables → estimates, uncertainties, and what the data cannot tell."""
+    from mbm.estimation.batches.run import solutions
     from mbm.report.run import asked_options, result_of
-    from mbm.solution.run import solutions
 
     found = _requested(found, settings, registry)
     starts = None
@@ -254,10 +254,10 @@ def emitted(
     from mbm.emit.refusals import refuse, refuse_cells, refuse_startless
     from mbm.emit.targets import files_of
     from mbm.emit.types import Target
+    from mbm.equations.binding import EvaluationCache
     from mbm.kernels.derive import derive
     from mbm.report.references import answers as answered
     from mbm.report.references import loss_scale
-    from mbm.solution.binding import EvaluationCache
     from mbm.version import __version__
 
     made = Target(target)
@@ -279,8 +279,8 @@ def emitted(
 
 def simulator(found: Elaborated, program: Program, inputs: Inputs, registry: Registry, file: str | None) -> Simulator:
     """Typed equations + tables → what makes measurements, as the model predicts them, from true values."""
+    from mbm.equations.binding import EvaluationCache
     from mbm.report.simulated import Simulator
-    from mbm.solution.binding import EvaluationCache
 
     def made() -> tuple[KernelSet, EvaluationCache]:
         kernels = derived(found)

@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from benchmarks.peers import main
-from tests.solution.nist import MODELS
+from tests.estimation.nist import MODELS
 
 Model = Callable[[np.ndarray, np.ndarray], np.ndarray]
 

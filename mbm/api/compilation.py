@@ -12,9 +12,9 @@ from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.api.reading import Reading
+    from mbm.equations.binding import EvaluationCache
     from mbm.kernels.types import KernelSet
     from mbm.registry.standard import Registry
-    from mbm.solution.binding import EvaluationCache
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,8 +44,8 @@ def compilation_of(origin: Origin, inputs: Inputs, backend: str) -> Compilation:
         MbmError: the problem, its data or the name of the backend are wrong.
 
     """
+    from mbm.equations.binding import EvaluationCache
     from mbm.kernels.types import BackendUnavailableError
-    from mbm.solution.binding import EvaluationCache
 
     if backend not in origin.registry.backends:
         from mbm.problem import faults

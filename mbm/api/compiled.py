@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from mbm.api.estimator import Estimator
+    from mbm.equations.assembly import Assembled
+    from mbm.equations.binding import EvaluationCache
     from mbm.kernels.types import KernelSet
     from mbm.problem.tables import Table
     from mbm.problem.types import Problem
     from mbm.report.answer import Solved
     from mbm.report.types import Result
-    from mbm.solution.assembly import Assembled
-    from mbm.solution.binding import EvaluationCache
 
 
 class Kept:
@@ -222,9 +222,9 @@ class CompiledProblem:
         return {d.name: read[d.name] if d.name in read else before.raw[d.name] for d in declarations}
 
     def _assembled(self, data: Mapping[str, object] | None = None) -> tuple[Assembled, NDArray[np.float64]]:
-        from mbm.solution.estimate import assemble
-        from mbm.solution.settings import settings_of
-        from mbm.solution.starting import beginnings
+        from mbm.estimation.search.starting import beginnings
+        from mbm.estimation.settings import settings_of
+        from mbm.estimation.solve.estimate import assemble
 
         data = by_name("data", data)
         now = self._for(data) if data else self._latest()

@@ -13,17 +13,17 @@ from numpy.typing import ArrayLike, NDArray
 from mbm.api import arguments, faults
 from mbm.api.shapes import General, Shape, Shapes
 from mbm.compiler import Inputs
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.batches.stream import Stream, threads
 from mbm.problem.types import Problem
 from mbm.report.geometric import GEOMETRIC, number_factors
 from mbm.report.types import SolveReport, SolveStatus
-from mbm.solution.native.stream import Stream, threads
-from mbm.solution.types import Floats, Indices, Mask
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.api.compilation import Compilation, Origin
-    from mbm.solution.native.robust_stream import RobustStream
+    from mbm.estimation.batches.robust_stream import RobustStream
 
 CONVERGED = SolveStatus.CONVERGED.value
 FLOAT64 = np.dtype(np.float64)

@@ -105,8 +105,8 @@ def explain(
     sandbox: Path | None = None,
 ) -> str:
     """The derived observation model as text, or what a stage made: ``forms problem symbolic kernels``."""
+    from mbm.equations.binding import EvaluationCache
     from mbm.report import explain as explaining
-    from mbm.solution.binding import EvaluationCache
 
     if stage == "forms":
         from mbm.text.printer import print_form

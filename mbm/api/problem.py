@@ -24,11 +24,11 @@ from mbm.text.types import Diagnostic, MbmError, Source
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
+    from mbm.estimation.starts.closed_forms.types import ClosedForm
     from mbm.language.program import Program
     from mbm.report.answer import Solved
     from mbm.report.options import SimulationSettings
     from mbm.report.simulated import Simulated, Simulator
-    from mbm.solution.closed_forms.types import ClosedForm
 
 
 def load(path: str | Path, *, sandbox: str | Path | None = None, closed_forms: Sequence[ClosedForm] = ()) -> Problem:
@@ -258,9 +258,9 @@ class Problem:
 
     def diagnostics(self, inputs: Inputs, *, strict_units: bool = False) -> tuple[Diagnostic, ...]:
         """As ``check``, for everything that may come from outside; ``strict_units`` names what has no unit, too."""
+        from mbm.estimation.search.precheck import refusals
         from mbm.problem.dimensions import missing_units
         from mbm.problem.structure import structural_warnings
-        from mbm.solution.precheck import refusals
 
         try:
             found = compiler.elaborated(self.program, self.name, inputs, self.registry)

@@ -23,8 +23,8 @@ from mbm.files.journal import Journal, noting
 from mbm.registry.standard import Registry
 
 if TYPE_CHECKING:
+    from mbm.equations.binding import Kind
     from mbm.language.program import Program
-    from mbm.solution.binding import Kind
 
 
 class Reading:

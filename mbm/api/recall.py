@@ -32,13 +32,13 @@ from mbm.values import dataclass
 from mbm.version import __version__
 
 if TYPE_CHECKING:
+    from mbm.equations.binding import Kind
     from mbm.kernels.store import Store
     from mbm.kernels.types import KernelSet
     from mbm.language.program import Program
     from mbm.problem.dependence import Facts
     from mbm.problem.tables import Table
     from mbm.registry.standard import Registry
-    from mbm.solution.binding import Kind
 
 TEXT, TABLES, PROBLEM, STARTS = "text", "tables", "problem", "starts"
 """The kinds of entries."""
@@ -50,16 +50,17 @@ MAKERS = (
     "files",
     "kernels",
     "language",
+    "machine",
     "problem",
     "registry",
     "shapes",
+    "solver",
     "symbolic",
-    "target",
     "text",
 )
 """Folders of mbm that make equations and kernels, beside its own files: stages import one way, so no later one does."""
 
-CLOSED_FORMS = "solution/closed_forms"
+CLOSED_FORMS = "estimation/starts/closed_forms"
 """The folder that decides for which equations there are closed forms."""
 
 MOST_KINDS = 1000

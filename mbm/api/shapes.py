@@ -12,20 +12,20 @@ from mbm import compiler
 from mbm.api import faults
 from mbm.api.varied import Varied, held_tables, varied
 from mbm.compiler import Inputs, SolveSettings
+from mbm.equations.types import Floats
+from mbm.estimation.batches.stream import Stream, stream_of
+from mbm.estimation.settings import settings_of
+from mbm.estimation.solve.estimate import assemble
 from mbm.problem.checks import check_data
 from mbm.problem.tables import Table
 from mbm.report.types import SolveReport
-from mbm.solution.estimate import assemble
-from mbm.solution.native.stream import Stream, stream_of
-from mbm.solution.settings import settings_of
-from mbm.solution.types import Floats
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.api.compilation import Compilation, Origin
-    from mbm.solution.assembly import Assembled
-    from mbm.solution.native.robust_stream import RobustStream
+    from mbm.equations.assembly import Assembled
+    from mbm.estimation.batches.robust_stream import RobustStream
 
 MOST_SHAPES = 256
 """Shapes that are kept; all are forgotten where these are too many."""

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from mbm.api import faults
+from mbm.equations.binding import Group
+from mbm.equations.types import Floats, Indices
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, RowChoice, leaves
 from mbm.problem.tables import Table
 from mbm.problem.types import Block, Problem, RowValues
-from mbm.solution.binding import Group
-from mbm.solution.types import Floats, Indices
 from mbm.symbolic.types import ColumnInput
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass

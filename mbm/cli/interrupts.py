@@ -20,7 +20,7 @@ from mbm.cli.statuses import INTERRUPTED
 if TYPE_CHECKING:
     from types import FrameType
 
-    from mbm.solution.interruption import Interruption
+    from mbm.equations.interruption import Interruption
 
 MESSAGE = "interrupted: ending with the best point so far (Ctrl-C again to abort)"
 ABORTED = "interrupted"

@@ -75,7 +75,7 @@ class Whole:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Agreement:
-    """Consensus before a solve, by the estimator ``kind``, as `mbm.target.solver.consensus_records` has it.
+    """Consensus before a solve, by the estimator ``kind``, as `mbm.solver.consensus_records` has it.
 
     ``kept``: what does not agree is left out; else it says where losses begin, and how large their noise is; or it is
     asked for a start alone (``begins``), by a solve that has none otherwise. ``rules``

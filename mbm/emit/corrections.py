@@ -1,8 +1,8 @@
 """`:errors` for solvers that have no elimination: the true values of measured columns become unknowns of their own.
 
-`mbm.solution.implicit` finds the best corrections for every value of the unknowns; here both are minimised together,
-one member for each row, measured with the stated standard deviation. Minimum, cost, degrees of freedom and the
-covariance of the other unknowns are the same (Koch 1999, 3.7). An equation without noise of its own has that of a
+`mbm.equations.corrections` finds the best corrections for every value of the unknowns. Here both are minimised
+together, one member for each row, measured with the stated standard deviation. Minimum, cost, degrees of freedom and
+the covariance of the other unknowns are the same (Koch 1999, 3.7). An equation without noise of its own has that of a
 measured value which it alone holds, as its measured side; else it is a constraint.
 """
 

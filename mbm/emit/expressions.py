@@ -8,7 +8,7 @@ from math import pi
 
 from mbm.emit.types import InputValue
 from mbm.expression.nodes import Apply, Expression, Leaf, Number, Opaque, Operation, postorder
-from mbm.target.program import Instruction, Operator, Program
+from mbm.machine.program import Instruction, Operator, Program
 from mbm.values import dataclass
 
 PlaceOf = Callable[[Leaf], InputValue]

@@ -14,7 +14,7 @@ from mbm.expression.nodes import Column, Expression, leaves
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import Column as TableColumn
 from mbm.problem.types import BlockRole, Gauge, Method, Problem, TablePlan, Unknown
-from mbm.target.decisions import MOST_DENSE
+from mbm.solver.decisions import MOST_DENSE
 from mbm.text.types import Diagnostic, MbmError
 
 INTERPOLATE = "interpolate before, into a column of the table that the equations are about"

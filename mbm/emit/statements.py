@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 from mbm.emit.foreign import Foreign
 from mbm.emit.identifiers import Identifiers
-from mbm.target.program import Operator, Program
-from mbm.target.tree import ATOM
+from mbm.machine.program import Operator, Program
+from mbm.machine.tree import ATOM
 from mbm.values import dataclass
 
 LONGEST = 90

@@ -9,10 +9,10 @@ import numpy as np
 from mbm.emit.foreign import Foreign
 from mbm.emit.routines.description import UNKNOWN
 from mbm.emit.types import BlockCase, BlockShape, Blueprint, EquationShape
+from mbm.machine.records import slot
 from mbm.problem.types import BlockRole, ConstraintMethod, NoiseKind
-from mbm.target.records import slot
-from mbm.target.solver import description as at
-from mbm.target.solver.losses import LOSSES
+from mbm.solver import description as at
+from mbm.solver.losses import LOSSES
 from mbm.values import dataclass
 
 _TRIANGLES: Mapping[NoiseKind, int] = {NoiseKind.SIGMA: 0, NoiseKind.COVARIANCE: 1, NoiseKind.INFORMATION: 2}

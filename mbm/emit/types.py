@@ -13,8 +13,8 @@ from typing import TypeAlias
 from mbm.emit.answers import Agreement, Floats, Reference, Whole
 from mbm.emit.foreign import Foreign
 from mbm.kernels.types import Kernel
+from mbm.machine.program import Program
 from mbm.problem.types import BlockRole, ConstraintMethod, Loss, Method, NoiseKind, UnknownKind
-from mbm.target.program import Program
 from mbm.values import dataclass
 
 Key: TypeAlias = Foreign | float

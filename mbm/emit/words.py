@@ -9,7 +9,7 @@ from mbm.emit.foreign import Foreign, Word, listed, told
 from mbm.emit.markdown import code, fenced, prose
 from mbm.emit.types import BlockShape, Blueprint, ColumnValue, Key, UnknownShape
 from mbm.problem.types import BlockRole, Method, NoiseKind
-from mbm.target.solver.description import MARQUARDT, RULES
+from mbm.solver.description import MARQUARDT, RULES
 
 METHODS = {Method.DOGLEG: "Powell's dogleg", Method.GAUSS_NEWTON: "that of Gauss and Newton"}
 """What the iterations are called that are not Marquardt's."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.expression.nodes import Apply, Expression, Leaf, Number, Operation, nearest, postorder
-from mbm.target.numpy_functions import function_of
+from mbm.machine.numpy_functions import function_of
 
 Values: TypeAlias = NDArray[np.float64] | float
 Lookup: TypeAlias = Callable[[Leaf], Values]

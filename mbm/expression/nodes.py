@@ -13,7 +13,7 @@ from fractions import Fraction
 from typing import Self, TypeAlias
 
 from mbm.expression.dimension import Dimension
-from mbm.target.program import Operator
+from mbm.machine.program import Operator
 from mbm.text.types import Form, Span
 from mbm.values import dataclass
 

@@ -34,7 +34,7 @@ def _slopes(piece: Piece, numbers: list[casadi.SX]) -> list[list[casadi.SX | flo
 
 
 def _sphere(x: casadi.SX, y: casadi.SX, z: casadi.SX) -> list[list[casadi.SX | float]]:
-    """Two orthonormal tangents as columns (Duff et al. 2017), as `mbm.solution.manifolds.tangent_axes` has them."""
+    """Two orthonormal tangents as columns (Duff et al. 2017), as `mbm.equations.manifolds.tangent_axes` has them."""
     sign = casadi.if_else(z < 0, -1.0, 1.0)
     a = -1.0 / (sign + z)
     b = x * y * a

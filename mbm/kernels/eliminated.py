@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.kernels.types import Kernel
+from mbm.machine.elimination import STEPS, Conditions, eliminated
 from mbm.symbolic.types import ConstantInput
-from mbm.target.elimination import STEPS, Conditions, eliminated
 
 LARGEST = 20_000
 """Instructions, about, up to which the kernel is made: compiling it takes some tenths of a second."""
 
 
 def eliminated_kernel(kernel: Kernel, noises: Sequence[tuple[int, int, bool]]) -> Kernel | None:
-    """The kernel of the residuals that `mbm.target.elimination` leaves, of variance 1; None: it would be too large.
+    """The kernel of the residuals that `mbm.machine.elimination` leaves, of variance 1; None: it would be too large.
 
     Its parameters are those of ``kernel``, then the standard deviations of the uncertain ones, the weights of a row,
     and 1 for outputs with noise of their own, else 0. ``noises`` has for each equation the outputs ``first … last``

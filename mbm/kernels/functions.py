@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import casadi
 
-from mbm.target.program import Operator, Program
+from mbm.machine.program import Operator, Program
 
 CODES: Mapping[Operator, int] = {operator: getattr(casadi, f"OP_{operator.value.upper()}") for operator in Operator}
 """What CasADi calls the operations."""

@@ -8,7 +8,7 @@ import casadi
 
 from mbm.kernels.functions import CODES
 from mbm.kernels.lowering import UnsupportedOperationError
-from mbm.target.program import Instruction, Operator, Program
+from mbm.machine.program import Instruction, Operator, Program
 
 _OPERATORS: Mapping[int, Operator] = {
     **{code: operator for operator, code in CODES.items()},

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.target.program import Instruction, Operator, Program
+from mbm.machine.program import Instruction, Operator, Program
 from mbm.values import is_frozen
 
 _PROTOCOL = 5

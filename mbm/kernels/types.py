@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from mbm.machine.program import Program
 from mbm.symbolic.types import Chart, Parameter, Purpose, Slot
-from mbm.target.program import Program
 from mbm.text.types import Span
 from mbm.values import dataclass
 

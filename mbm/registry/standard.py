@@ -13,10 +13,10 @@ from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.data.types import ManyReader, Reader
+    from mbm.estimation.starts.closed_forms.types import ClosedForm
     from mbm.kernels.store import Store
     from mbm.kernels.types import Backend, KernelSet
     from mbm.language.values import Vocabulary
-    from mbm.solution.closed_forms.types import ClosedForm
 
 
 CLOSED_FORMS, READERS, FUNCTIONS = "mbm.closed_forms", "mbm.readers", "mbm.functions"
@@ -97,7 +97,7 @@ def _automatic(store: Store | None) -> Backend:
 
 
 def _closed_forms() -> tuple[ClosedForm, ...]:
-    from mbm.solution.closed_forms.standard import STANDARD
+    from mbm.estimation.starts.closed_forms.standard import STANDARD
 
     return STANDARD
 

@@ -6,17 +6,17 @@ import numpy as np
 
 from mbm.emit import faults
 from mbm.emit.answers import Agreement
+from mbm.equations.assembly import Assembled, loss_lines
+from mbm.estimation.consensus.binding import without_losses
+from mbm.estimation.consensus.forms import KnownForm, known_form
+from mbm.estimation.consensus.parts import parts_of
+from mbm.estimation.consensus.rules import NO_FORM, rules_of
+from mbm.estimation.consensus.types import Asked, observed, with_loss
+from mbm.estimation.settings import Settings
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.types import Consensus, ConsensusKind, Problem
-from mbm.solution.assembly import Assembled, loss_lines
-from mbm.solution.native.consensus_forms import KnownForm, known_form
-from mbm.solution.native.consensus_rules import NO_FORM, rules_of
-from mbm.solution.robust.binding import without_losses
-from mbm.solution.robust.parts import parts_of
-from mbm.solution.robust.types import Asked, observed, with_loss
-from mbm.solution.settings import Settings
-from mbm.target.decisions import MANY_CONNECTED
-from mbm.target.solver import consensus_records as c
+from mbm.solver import consensus_records as c
+from mbm.solver.decisions import MANY_CONNECTED
 from mbm.text.types import MbmError
 
 BY_MEDIAN = Consensus(kind=ConsensusKind.LMEDS)

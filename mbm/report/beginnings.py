@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.emit import faults
+from mbm.equations.selection import selections
 from mbm.expression.nodes import Column as ColumnNode
 from mbm.expression.nodes import Number
 from mbm.problem.elaborated import Elaborated
@@ -21,7 +22,6 @@ from mbm.problem.types import Family, RowValues, Unknown, UnknownKind, ValueCase
 from mbm.report.given_starts import given_starts, member_of_row, rows_of_solve
 from mbm.report.types import Floats
 from mbm.rotations import matrix_of_quaternion, planar
-from mbm.solution.selection import selections
 from mbm.text.types import Diagnostic, MbmError
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mbm.estimation.batches.types import REASONS
 from mbm.problem.types import BlockRole
 from mbm.report.blocks import BlockReports, kept
 from mbm.report.constraints import limit_reports
@@ -16,7 +17,6 @@ from mbm.report.geometric import GEOMETRIC
 from mbm.report.geometric import written as written_geometry
 from mbm.report.solve_document import constraint_document, corrections_document, solve_document, solve_key
 from mbm.report.types import CovarianceMatrix, DerivedValue, Estimate, Floats, Mask
-from mbm.solution.many.types import REASONS
 
 
 def block_documents(reports: BlockReports) -> Iterator[dict[str, Any]]:

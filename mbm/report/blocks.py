@@ -9,14 +9,14 @@ from typing import TypeVar, overload
 
 import numpy as np
 
+from mbm.equations.types import Indices
+from mbm.estimation.batches.types import Block, Corrections
 from mbm.problem.types import BlockRole, Problem
 from mbm.report.elements import element_names, shown_sigma, shown_values
 from mbm.report.filled import families, filled
 from mbm.report.from_solution import report_of
 from mbm.report.residuals import column_corrections
 from mbm.report.types import CorrectionReport, DerivedValue, Estimate, Floats, Key, Mask, SolveReport, SolveStatus
-from mbm.solution.many.types import Block, Corrections
-from mbm.solution.types import Indices
 
 T = TypeVar("T")
 

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbm.equations.binding import Group
+from mbm.equations.types import Conflict
+from mbm.estimation.search.solution import Solution
 from mbm.problem.kinds import ConstraintKind
 from mbm.problem.types import Block, Problem
 from mbm.report import faults
 from mbm.report.types import ConstraintReport, Floats, Mask
-from mbm.solution.binding import Group
-from mbm.solution.solution import Solution
-from mbm.solution.types import Conflict
 from mbm.text.types import Diagnostic, Label
 
 if TYPE_CHECKING:
-    from mbm.solution.many.types import Limits
+    from mbm.estimation.batches.types import Limits
 
 MOST_LABELS = 8
 

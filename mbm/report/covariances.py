@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbm.estimation.search.solution import Solution
 from mbm.report.elements import element_names
 from mbm.report.geometric import GEOMETRIC, coordinate_factors
 from mbm.report.quantities import Shown
 from mbm.report.types import CovarianceMatrix, DerivedValue, Floats
-from mbm.solution.solution import Solution
 
 LARGEST_COVARIANCE = 200
 """Rows of a covariance matrix that is kept without being asked for: 200 rows are about 1 MB of text."""
@@ -42,7 +42,7 @@ def _whole(solution: Solution) -> Floats | None:
     if solution.covariance.inverse is None:
         return solution.covariance.matrix
     # Loaded by sparse problems only, so that the others start at once.
-    from mbm.solution.sparse.observability import whole_covariance
+    from mbm.estimation.uncertainty.sparse import whole_covariance
 
     return whole_covariance(solution.observability, solution.covariance)
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 
 from mbm.emit.words import MOST_CASES
+from mbm.equations.binding import EvaluationCache
+from mbm.estimation.solve.choice import chosen_solver
+from mbm.estimation.starts.closed_forms.types import ClosedForm
 from mbm.expression.nodes import Number
 from mbm.kernels.types import KernelSet, WithoutMachineCode
 from mbm.problem.elaborated import Elaborated
@@ -14,9 +17,6 @@ from mbm.problem.tables import Table
 from mbm.problem.types import Block, BlockRole, Equation, NoiseKind, Problem, UncertainColumn, Unknown, UnknownKind
 from mbm.report.columns import wrapped
 from mbm.report.robust import consensus_text, loss_text
-from mbm.solution.binding import EvaluationCache
-from mbm.solution.choice import chosen_solver
-from mbm.solution.closed_forms.types import ClosedForm
 from mbm.symbolic.printing import latex_name, printed
 from mbm.symbolic.types import ColumnInput, Parameter, Purpose, ResidualBlock, Slot, SymbolicModel
 from mbm.text.shown import joined

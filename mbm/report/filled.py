@@ -7,6 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from mbm.equations.types import Indices
+from mbm.estimation.batches.types import REASONS, Block, Columns
+from mbm.estimation.search.solution import Solution
 from mbm.problem.naming import PRIOR
 from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report.constraints import limit_reports
@@ -27,9 +30,6 @@ from mbm.report.types import (
     ResidualSummary,
     SolveReport,
 )
-from mbm.solution.many.types import REASONS, Block, Columns
-from mbm.solution.solution import Solution
-from mbm.solution.types import Indices
 
 
 def families(problem: Problem, block: Block) -> Iterator[Estimate | DerivedValue]:

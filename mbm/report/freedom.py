@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from mbm.equations.types import CommonMotion, FreeCombination, GaugeMotion, Motion
+from mbm.estimation.search.solution import Solution
 from mbm.report.faults import MOST_NAMES
 from mbm.report.types import CommonDirection, FreeDirection
-from mbm.solution.solution import Solution
-from mbm.solution.types import CommonMotion, FreeCombination, GaugeMotion, Motion
 
 EQUAL_MOVEMENTS = 1e-6
 """Relative difference below which movements count as equal: far above rounding, far below anything a person means."""

@@ -7,6 +7,10 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
+from mbm.equations.layout import Entry
+from mbm.equations.types import NoiseState, Reason
+from mbm.estimation.search.search import Alternative as OtherMinimum
+from mbm.estimation.search.solution import DerivedSolution, Failure, Skipped, Solution
 from mbm.problem.naming import member_name
 from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report import faults
@@ -34,10 +38,6 @@ from mbm.report.types import (
     SolveStatus,
     StartsTally,
 )
-from mbm.solution.layout import Entry
-from mbm.solution.search import Alternative as OtherMinimum
-from mbm.solution.solution import DerivedSolution, Failure, Skipped, Solution
-from mbm.solution.types import NoiseState, Reason
 from mbm.text.types import Diagnostic
 from mbm.values import dataclass
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.solution.interruption import Interruption
+    from mbm.equations.interruption import Interruption
 
 Progress: TypeAlias = Callable[[int, int], None]
 """Called with the number of solves done and their total, from the calling thread."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbm.estimation.search.solution import Solution
 from mbm.expression.nodes import Column, Expression, RowChoice, leaves
 from mbm.problem.rows import column_numbers
 from mbm.problem.tables import ROW
 from mbm.problem.types import BlockRole, Problem
 from mbm.report.residuals import measured_side
 from mbm.report.types import PlotData
-from mbm.solution.solution import Solution
 
 
 def plot_data(problem: Problem, solution: Solution) -> tuple[PlotData, ...]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbm.equations.layout import Entry
+from mbm.estimation.search.solution import Solution
 from mbm.expression.dimension import Dimension
 from mbm.expression.units import Unit
 from mbm.problem.types import Derived, Problem, Unknown, UnknownKind
 from mbm.report import geometric
 from mbm.report.elements import element_names
 from mbm.report.types import Floats, Kind, Quantity
-from mbm.solution.layout import Entry
-from mbm.solution.solution import Solution
 from mbm.values import dataclass
 
 UNIT_ONE = "1"

@@ -9,27 +9,27 @@ import numpy as np
 
 from mbm.emit.answers import FAILED, Agreement, Answers, DerivedRows, Reference, Whole
 from mbm.emit.foreign import Foreign
+from mbm.equations.assembly import Assembled
+from mbm.equations.binder import Binder
+from mbm.equations.binding import EvaluationCache, Group
+from mbm.equations.layout import Layout
+from mbm.equations.losses import loss_function
+from mbm.equations.selection import Selection, selections
+from mbm.equations.types import Floats, Indices, Mask, Reason
+from mbm.estimation.consensus.agreeing import agreed, agreed_anywhere
+from mbm.estimation.consensus.types import Asked, observed
+from mbm.estimation.minimise.minimise import minimise
+from mbm.estimation.search.multistart import starting_points
+from mbm.estimation.search.search import search
+from mbm.estimation.search.solution import Solution
+from mbm.estimation.search.starting import GIVEN
+from mbm.estimation.settings import Forms, Settings, settings_of
+from mbm.estimation.solve.estimate import assemble, estimate
 from mbm.kernels.serialised import BoundRows
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.types import Loss
 from mbm.report.agreements import BY_MEDIAN, agreement_of, beginning_of
-from mbm.solution.assembly import Assembled
-from mbm.solution.binder import Binder
-from mbm.solution.binding import EvaluationCache, Group
-from mbm.solution.estimate import assemble, estimate
-from mbm.solution.layout import Layout
-from mbm.solution.minimise import minimise
-from mbm.solution.multistart import starting_points
-from mbm.solution.native.agreeing import agreed, agreed_anywhere
-from mbm.solution.robust.losses import loss_function
-from mbm.solution.robust.types import Asked, observed
-from mbm.solution.search import search
-from mbm.solution.selection import Selection, selections
-from mbm.solution.settings import Forms, Settings, settings_of
-from mbm.solution.solution import Solution
-from mbm.solution.starting import GIVEN
-from mbm.solution.types import Floats, Indices, Mask, Reason
 from mbm.text.types import MbmError
 
 MOST_REFERENCES = 200

@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbm.equations.assembly import block_rows
+from mbm.equations.binding import Group
+from mbm.equations.types import NoiseState
+from mbm.estimation.search.solution import Solution
 from mbm.expression.evaluate import Values, evaluate
 from mbm.problem.naming import PRIOR
 from mbm.problem.rows import lookup
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Problem
 from mbm.report.types import CorrectionReport, Floats, Mask, PriorReport, ResidualRow, ResidualSummary
-from mbm.solution.assembly import block_rows
-from mbm.solution.binding import Group
-from mbm.solution.solution import Solution
-from mbm.solution.types import NoiseState
 from mbm.text.types import DataPlace
 
 if TYPE_CHECKING:
-    from mbm.solution.many.types import Corrections
+    from mbm.estimation.batches.types import Corrections
 
 
 @np.errstate(all="ignore")

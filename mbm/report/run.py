@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbm.estimation.batches.run import Solutions
+from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Consensus, GivenStarts, Overrides, Problem, RandomStarts
 from mbm.report.from_solution import report_of
 from mbm.report.options import Progress
 from mbm.report.types import InputFile, Result, SolveReport
-from mbm.solution.run import Solutions
-from mbm.solution.solution import Alone, Failure, Skipped, Solution
 from mbm.text.types import Code, Diagnostic, MbmError
 from mbm.version import __version__
 

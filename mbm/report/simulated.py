@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from mbm.data.types import GivenColumns
+from mbm.equations.binding import EvaluationCache
+from mbm.equations.layout import Entry
 from mbm.expression.units import parse_unit
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
@@ -25,12 +27,10 @@ from mbm.report.options import SimulationSettings
 from mbm.report.quantities import quantity_of
 from mbm.report.solve_document import solve_key
 from mbm.report.types import Quantity
-from mbm.solution.binding import EvaluationCache
-from mbm.solution.layout import Entry
-from mbm.solution.simulation import faults as simulation_faults
-from mbm.solution.simulation.repeating import repeatable
-from mbm.solution.simulation.simulate import simulate
-from mbm.solution.simulation.types import FactorsFinder, Outliers, Simulating, Simulation, Truth
+from mbm.simulation import faults as simulation_faults
+from mbm.simulation.repeating import repeatable
+from mbm.simulation.simulate import simulate
+from mbm.simulation.types import FactorsFinder, Outliers, Simulating, Simulation, Truth
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
 from mbm.version import __version__

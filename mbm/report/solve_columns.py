@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from mbm.equations.types import Indices
 from mbm.report.blocks import BlockReports, ManyReports
 from mbm.report.elements import solve_scalars
 from mbm.report.types import Floats, Key, Mask, SolveReport, SolveStatus
-from mbm.solution.types import Indices
 from mbm.values import dataclass
 
 FITS = ("cost", "dof", "sigma0", "chi2_p")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.api import loads
+from mbm.equations.manifolds import moved
 from mbm.kernels.functions import function_of
 from mbm.kernels.types import Backend, Floats, Kernel, KernelSet
 from mbm.problem.manifold import Piece
-from mbm.solution.manifolds import moved
 from mbm.testing.requirement import require, require_close
 
 ROWS = (0, 1, 2, 7, 1025)

@@ -1,4 +1,4 @@
-"""Conformance of closed forms: `ClosedForm` of `mbm.solution.closed_forms.types`."""
+"""Conformance of closed forms: `ClosedForm` of `mbm.estimation.starts.closed_forms.types`."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import field
 import numpy as np
 
 from mbm.api import loads
-from mbm.solution.closed_forms.completion import plans
-from mbm.solution.closed_forms.situation import Situation
-from mbm.solution.closed_forms.types import ClosedForm, Plan
-from mbm.solution.estimate import assemble
-from mbm.solution.types import Floats
+from mbm.equations.types import Floats
+from mbm.estimation.solve.estimate import assemble
+from mbm.estimation.starts.closed_forms.completion import plans
+from mbm.estimation.starts.closed_forms.situation import Situation
+from mbm.estimation.starts.closed_forms.types import ClosedForm, Plan
 from mbm.testing.requirement import require, require_close
 from mbm.values import dataclass
 

@@ -20,7 +20,7 @@ from mbm.problem.elaborated import Elaborated
 from mbm.report.options import SimulationSettings
 from mbm.report.simulated import Simulated, Simulator
 from mbm.report.types import Floats, SolveReport
-from mbm.solution.simulation.types import Truth
+from mbm.simulation.types import Truth
 from mbm.testing.truth import CoordinateErrors, derived_errors, estimate_errors
 from mbm.values import dataclass
 

@@ -7,7 +7,7 @@ from dataclasses import field
 
 import numpy as np
 
-from mbm.solution.types import Equations, Floats, Mask, Minimum, Reason
+from mbm.equations.types import Equations, Floats, Mask, Minimum, Reason
 from mbm.testing.requirement import require, require_close
 from mbm.values import dataclass
 

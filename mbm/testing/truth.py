@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from mbm.equations.manifolds import tangent_axes
 from mbm.expression.evaluate import evaluate
 from mbm.problem.manifold import Manifold, Piece
 from mbm.problem.rows import rows_of
@@ -14,9 +15,8 @@ from mbm.problem.types import Problem
 from mbm.report.elements import element_names
 from mbm.report.types import DerivedValue, Estimate, Floats, Kind, SolveReport
 from mbm.rotations import hamilton, vector_of_quaternion
-from mbm.solution.manifolds import tangent_axes
-from mbm.solution.simulation.places import Rows
-from mbm.solution.simulation.types import Truth
+from mbm.simulation.places import Rows
+from mbm.simulation.types import Truth
 from mbm.values import dataclass
 
 

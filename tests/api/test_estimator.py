@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import least_squares
 
 import mbm
+from mbm.estimation.batches.stream import SHARE
 from mbm.kernels.native.engine import available
-from mbm.solution.native.stream import SHARE
 from tests.api.conftest import gauss_newton, measured
 from tests.api.test_solving import Ranges
 

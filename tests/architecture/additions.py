@@ -36,7 +36,7 @@ FUNCTION = {
 
 LOSS = {
     "mbm/problem/kinds.py": (('    BARRON = "barron"', '    WELSCH = "welsch"\n'),),
-    "mbm/target/solver/losses.py": (
+    "mbm/solver/losses.py": (
         ("\n@dataclass", "WELSCH = 7\n"),
         ('        "barron": LossTraits', '        "welsch": LossTraits(number=WELSCH),\n'),
         (
@@ -51,12 +51,12 @@ LOSS = {
 
 METHOD = {
     "mbm/problem/types.py": (('    IPOPT = "ipopt"', '    HALFWAY = "halfway"\n'),),
-    "mbm/target/solver/description.py": (
+    "mbm/solver/description.py": (
         ("RULES: Mapping", "HALFWAY = 3\n"),
         ('"gauss-newton": GAUSS_NEWTON', '"halfway": HALFWAY, '),
     ),
-    "mbm/target/solver/steps.py": (
-        ("from mbm.target.solver.description import", "from mbm.target.solver.description import HALFWAY\n"),
+    "mbm/solver/steps.py": (
+        ("from mbm.solver.description import", "from mbm.solver.description import HALFWAY\n"),
         (
             "    elif problem.rule == DOGLEG:",
             """    elif problem.rule == HALFWAY:

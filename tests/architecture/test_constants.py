@@ -34,7 +34,7 @@ def _constants(path: Path) -> dict[tuple[str, str], None]:
 
 
 def test_constants_are_found() -> None:
-    assert ("LEAST_GAIN_RATIO", "0.0001") in _constants(ROOT / "mbm" / "target" / "decisions.py")
+    assert ("LEAST_GAIN_RATIO", "0.0001") in _constants(ROOT / "mbm" / "solver" / "decisions.py")
 
 
 def test_no_constant_stands_twice() -> None:

@@ -11,12 +11,12 @@ import threading
 import pytest
 
 from mbm.cli.interrupts import interruptible
-from mbm.solution.interruption import Interruption
+from mbm.equations.interruption import Interruption
 
 DEAF = """
 import hashlib, os, signal, threading, time
 from mbm.cli.interrupts import interruptible
-from mbm.solution.interruption import Interruption
+from mbm.equations.interruption import Interruption
 
 interruption = Interruption()
 

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 import mbm
 from mbm.cli.main import run
+from mbm.equations.manifolds import numbers_of_stated
 from mbm.problem.types import UnknownKind
 from mbm.report.beginnings import stated_of_numbers
-from mbm.solution.manifolds import numbers_of_stated
 from tests.emit.making import make
 from tests.emit.making import run as called
 

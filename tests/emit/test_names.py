@@ -15,7 +15,7 @@ from mbm.emit.python.program import PROGRAM, SHOWING
 from mbm.emit.python.runtime import HEAD, TAIL
 from mbm.emit.reserved import CASE_FORMS, DERIVED_CASE_FORMS, MACROS, PROBLEM_FORMS, TAKEN
 from mbm.emit.routines.modules import known
-from mbm.target.python import PRELUDE
+from mbm.machine.python import PRELUDE
 from tests.emit.making import of_text, run, written
 from tests.emit.shapes import SHAPES
 

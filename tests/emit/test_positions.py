@@ -28,7 +28,7 @@ from mbm.emit.identifiers import identifier
 from mbm.emit.types import Blueprint, Target
 from mbm.kernels.serialised import BoundRows
 from mbm.kernels.types import Kernel
-from mbm.target.program import Program
+from mbm.machine.program import Program
 from tests.emit.hostile import TEXT, written_problem
 from tests.emit.making import emitted, run
 from tests.emit.scanning import complaints, pieces

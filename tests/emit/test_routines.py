@@ -8,9 +8,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from mbm.emit.routines.rooms import connected
-from mbm.target.decisions import MANY_CONNECTED
-from mbm.target.records import slot, view
-from mbm.target.solver import description as at
+from mbm.machine.records import slot, view
+from mbm.solver import description as at
+from mbm.solver.decisions import MANY_CONNECTED
 
 
 def system_with(n: int, columns: np.ndarray) -> tuple[at.Problem, at.DataSet]:

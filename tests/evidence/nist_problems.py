@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.estimation.nist import ReferenceSet
 from tests.evidence.material import write_problem
-from tests.solution.nist import ReferenceSet
 
 EXPONENTIALS = "(+ (* b1 (exp (* (- b2) x))) (* b3 (exp (* (- b4) x))) (* b5 (exp (* (- b6) x))))"
 GAUSS = "(+ (* b1 (exp (* (- b2) x))) (* b3 (exp (- (^ (/ (- x b4) b5) 2)))) (* b6 (exp (- (^ (/ (- x b7) b8) 2)))))"

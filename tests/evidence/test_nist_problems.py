@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import mbm
+from tests.estimation.nist import MODELS, digits
+from tests.estimation.nist_typed import TYPED
 from tests.evidence.nist_problems import FORMULAS, problem_file
-from tests.solution.nist import MODELS, digits
-from tests.solution.nist_typed import TYPED
 
 BY_NAME = {reference.name: reference for reference in TYPED}
 

@@ -9,7 +9,7 @@ import pytest
 from mbm.kernels.backends.numpy_stream import run, steps_of
 from mbm.kernels.instructions import _OPERATORS, program_of
 from mbm.kernels.lowering import UnsupportedOperationError
-from mbm.target.program import Operator
+from mbm.machine.program import Operator
 from tests.symbolic.derivatives import single
 from tests.symbolic.test_operation_derivatives import CASES
 

@@ -19,7 +19,7 @@ def residuals(equation, unknowns="(dummy :init 0)"):
 
 def _freedom(text):
     compiled = mbm.loads(text).compile()
-    from mbm.solution.estimate import assemble
+    from mbm.estimation.solve.estimate import assemble
 
     found = compiled.elaborated
     starts = {}

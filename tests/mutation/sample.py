@@ -36,12 +36,12 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("mbm/report",),
         (
             *("tests/report", "tests/api", "tests/simulation", "tests/noise", "tests/bad", "tests/cli"),
-            *("tests/robust", "tests/solution/many", "tests/problem", "tests/evidence"),
+            *("tests/robust", "tests/estimation/many", "tests/problem", "tests/evidence"),
         ),
     ),
     "trust": (
-        tuple(f"mbm/solution/{name}.py" for name in TRUST),
-        ("tests/solution", "tests/noise", "tests/evidence"),
+        tuple(f"mbm/estimation/{name}.py" for name in TRUST),
+        ("tests/estimation", "tests/noise", "tests/evidence"),
     ),
     "cli": (("mbm/cli",), ("tests/cli",)),
     "emit": (("mbm/emit",), ("tests/emit",)),

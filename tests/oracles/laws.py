@@ -35,7 +35,7 @@ def tail(value: float, dof: int) -> mpmath.mpf:
 def room(value: float, dof: int) -> float:
     """Relative error that is allowed: rounding of the exponent, which is as large as a log x. Below 1e-290 it is 0.
 
-    `mbm.target.chi_square` states 1e-12 for some hundred degrees of freedom and 1e-9 for a million.
+    `mbm.solver.chi_square` states 1e-12 for some hundred degrees of freedom and 1e-9 for a million.
     """
     a, x = 0.5 * dof, 0.5 * value
     return 1e-14 + 4 * 2.3e-16 * (a * abs(np.log(x)) + x + a * abs(np.log(a)))

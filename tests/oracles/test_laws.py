@@ -1,6 +1,6 @@
 """The laws of probability that mbm computes, against mpmath with thirty digits.
 
-The tails themselves are one text, which `tests/target/solver/test_chi_square.py` tries in all its languages.
+The tails themselves are one text, which `tests/solver/test_chi_square.py` tries in all its languages.
 Student's t and F are computed nowhere yet.
 """
 
@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mbm.equations.efficiency import tuned
+from mbm.equations.losses import LossFunction
+from mbm.estimation.consensus import units
+from mbm.estimation.trust import nonlinearity
 from mbm.problem.kinds import LossKind
-from mbm.solution import nonlinearity
-from mbm.solution.robust import units
-from mbm.solution.robust.efficiency import tuned
-from mbm.solution.robust.losses import LossFunction
 from tests.oracles.laws import EXACT, tail
 
 

@@ -8,11 +8,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.estimation.nist import digits
+from tests.estimation.nist_typed import TYPED
 from tests.evidence.nist_problems import FORMULAS, LOGARITHMIC
 from tests.oracles.kinds import Kind
 from tests.oracles.paths import PATHS, generated_c, generated_python
-from tests.solution.nist import digits
-from tests.solution.nist_typed import TYPED
 
 SETS = {reference.name: reference for reference in TYPED}
 WAYS = ("casadi", "numpy", "compiled", "for-each", "window", "estimator")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import mbm
-from mbm.solution.many.solve import Together
+from mbm.estimation.batches.solve import Together
 
 EXACT = 1e-12
 """Linear problems are solved in one step; a dozen roundings remain."""

@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import mbm
-from mbm.solution.assembly import Assembled
-from mbm.solution.estimate import assemble
-from mbm.solution.multistart import starting_points
-from mbm.solution.native.agreeing import agreed
-from mbm.solution.robust.binding import units_of
-from mbm.solution.robust.types import Agreed, Asked, observed
-from mbm.solution.robust.units import Units
-from mbm.solution.settings import settings_of
-from mbm.target.decisions import STATED
+from mbm.equations.assembly import Assembled
+from mbm.estimation.consensus.agreeing import agreed
+from mbm.estimation.consensus.binding import units_of
+from mbm.estimation.consensus.types import Agreed, Asked, observed
+from mbm.estimation.consensus.units import Units
+from mbm.estimation.search.multistart import starting_points
+from mbm.estimation.settings import settings_of
+from mbm.estimation.solve.estimate import assemble
+from mbm.solver.decisions import STATED
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import mbm
+from mbm.estimation.minimise import sparsity
 from mbm.report.types import SolveStatus
-from mbm.solution import sparsity
 from tests.emit.making import of_text, run, written
 
 LINE = "(data t external) (unknowns (a :init 0) (b :init 0)) (observe t (= y (+ a (* b x))) {noise} :loss huber)"

@@ -9,11 +9,11 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import chi
 
+from mbm.equations.efficiency import efficiency, tuned
+from mbm.equations.losses import LossFunction, loss_function, rooted, rooted_jacobian
 from mbm.problem.kinds import LossKind
 from mbm.problem.types import Loss
-from mbm.solution.robust.efficiency import efficiency, tuned
-from mbm.solution.robust.losses import LossFunction, loss_function, rooted, rooted_jacobian
-from mbm.target.solver.losses import LOSSES as TRAITS
+from mbm.solver.losses import LOSSES as TRAITS
 
 TUNED = tuple(kind for kind in LossKind if TRAITS[kind].scales)
 PUBLISHED = {LossKind.HUBER: 1.345, LossKind.CAUCHY: 2.385, LossKind.TUKEY: 4.685}

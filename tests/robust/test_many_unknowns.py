@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import mbm
-from mbm.solution.robust.many import noise_of_inliers
-from mbm.solution.robust.units import Units
+from mbm.estimation.consensus.many import noise_of_inliers
+from mbm.estimation.consensus.units import Units
 from tests.robust.scenes import CEILING
 
 STATIONS = CEILING[::4]

@@ -114,8 +114,8 @@ LINE = """(problem line
 
 
 def _rooms(modules: set[str]) -> set[str]:
-    """The rooms of ``mbm.solution`` that are among the modules."""
-    return {name.split(".")[2] for name in modules if name.startswith("mbm.solution.")}
+    """The rooms of ``mbm.estimation`` that are among the modules."""
+    return {name.split(".")[2] for name in modules if name.startswith("mbm.estimation.")}
 
 
 def test_check_loads_no_solver(problem: Path) -> None:
@@ -128,9 +128,9 @@ def test_a_linear_solve_loads_no_method_that_it_does_not_need(tmp_path: Path) ->
     file = tmp_path / "line.mbm"
     file.write_text(LINE.format(noise=":sigma 0.1", more=""), encoding="utf-8")
     modules = _modules("solve", file)
-    assert "mbm.solution.estimate" in modules
+    assert "mbm.estimation.solve.estimate" in modules
     assert not _rooms(modules) & set(SELDOM)
-    assert not modules & {"mbm.solution.robust.consensus", "mbm.solution.native.agreeing"}
+    assert not modules & {"mbm.estimation.consensus.consensus", "mbm.estimation.consensus.agreeing"}
 
 
 def test_a_start_that_is_given_is_compared_with_closed_forms_and_nothing_else(problem: Path) -> None:

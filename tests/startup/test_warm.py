@@ -121,8 +121,18 @@ def _loaded(code: str, file: Path, cache: Path) -> tuple[object, set[str]]:
 SELDOM = (
     *("concurrent.futures", "logging", "shutil", "tempfile", "traceback"),
     *("mbm.report.blocks", "mbm.report.document", "mbm.report.exports", "mbm.report.given_starts", "mbm.report.many"),
-    *("mbm.solution.basins", "mbm.solution.descent", "mbm.solution.seeker", "mbm.solution.windows"),
-    *("mbm.solution.many", "mbm.solution.native.fusing", "mbm.solution.native.function", "mbm.text.render"),
+    *(
+        "mbm.estimation.search.basins",
+        "mbm.estimation.search.descent",
+        "mbm.estimation.search.seeker",
+        "mbm.equations.windows",
+    ),
+    *(
+        "mbm.estimation.batches",
+        "mbm.estimation.minimise.native.fusing",
+        "mbm.estimation.minimise.native.function",
+        "mbm.text.render",
+    ),
 )
 """What one data set, one start and a table on a terminal do without; each of them takes part of a warm start."""
 

@@ -16,14 +16,14 @@ import sympy
 
 import mbm
 from mbm import compiler
+from mbm.equations.manifolds import tangent_axes
+from mbm.estimation.search.starting import beginnings
+from mbm.estimation.settings import settings_of
+from mbm.estimation.solve.estimate import assemble
 from mbm.kernels.derive import kernel_of
 from mbm.kernels.functions import function_of
 from mbm.problem.manifold import Piece
 from mbm.rotations import hamilton
-from mbm.solution.estimate import assemble
-from mbm.solution.manifolds import tangent_axes
-from mbm.solution.settings import settings_of
-from mbm.solution.starting import beginnings
 from mbm.symbolic.conversion import Finite
 from mbm.symbolic.printing import named_subexpressions
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mbm.equations.types import Equations, Floats, Minimum, Reason
+from mbm.estimation.minimise.minimise import minimise
+from mbm.estimation.settings import Settings
 from mbm.problem.types import Method
-from mbm.solution.minimise import minimise
-from mbm.solution.settings import Settings
-from mbm.solution.types import Equations, Floats, Minimum, Reason
 from mbm.testing.methods import check_method, samples
 from mbm.testing.requirement import NotConformingError
 

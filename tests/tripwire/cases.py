@@ -111,7 +111,7 @@ def _undetermined() -> Iterator[Case]:
 
 def _many() -> Iterator[Case]:
     """Problems of `for-each` and `window`, with data of their own."""
-    from tests.solution.many.problems import PROBLEMS
+    from tests.estimation.many.problems import PROBLEMS
 
     yield from (_with_tables(f"many/{name}", *each) for name, each in PROBLEMS.items())
 

@@ -79,8 +79,8 @@ def command(**given: Any) -> int:
 def _solve(given: dict[str, Any], screen: Terminal, loaded: Callable[[], None]) -> Result:
     """Solve; ``loaded`` is called once everything was read, before the work begins."""
     from mbm.api import solve_file
+    from mbm.equations.interruption import Interruption
     from mbm.report.options import Backend, SolveOptions
-    from mbm.solution.interruption import Interruption
 
     interruption = Interruption()
     with ProgressBar(shown=screen.shows_progress) as progress, interruptible(interruption):

@@ -9,11 +9,11 @@ from mbm.emit.c.cells import Cells
 from mbm.emit.c.layout import doubles, longs
 from mbm.emit.system import weights_width
 from mbm.emit.types import BlockCase, BlockShape, Blueprint
+from mbm.machine.c import number
+from mbm.machine.records import slot, slots_of
 from mbm.problem.types import BlockRole
-from mbm.target.c import number
-from mbm.target.records import slot, slots_of
-from mbm.target.solver import consensus_records as c
-from mbm.target.solver import description as at
+from mbm.solver import consensus_records as c
+from mbm.solver import description as at
 
 
 def ruled(agreement: Agreement, number: int) -> bool:

@@ -17,7 +17,7 @@ from mbm.emit.types import (
     LiteralKey,
     RowPrograms,
 )
-from mbm.target.c import number
+from mbm.machine.c import number
 from mbm.values import dataclass
 
 

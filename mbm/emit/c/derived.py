@@ -10,7 +10,7 @@ from mbm.emit.c.text import remark
 from mbm.emit.foreign import told
 from mbm.emit.system import varies
 from mbm.emit.types import BlockCase, Blueprint, DerivedShape, SlotPlace
-from mbm.target.solver import description as at
+from mbm.solver import description as at
 
 _SPREAD = """/* The standard deviation of a quantity with the derivatives `slopes` by the coordinates at `places`, by
  * linear propagation; negative where the data do not determine it. `row` says which of several quantities it is. */

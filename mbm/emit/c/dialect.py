@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from mbm.emit.c.text import bare
 from mbm.emit.reserved import RESERVED
 from mbm.emit.statements import ARITHMETIC, Dialect, called
-from mbm.target.c import number
-from mbm.target.program import Operator
+from mbm.machine.c import number
+from mbm.machine.program import Operator
 
 HELPERS: Mapping[str, str] = {
     "kernel_sign": "(double a) { return a > 0.0 ? 1.0 : a < 0.0 ? -1.0 : a; }",

@@ -14,7 +14,7 @@ from mbm.emit.reading import every_value
 from mbm.emit.system import StaticSystem, kinds_of_units, weights_width
 from mbm.emit.types import BlockShape, Blueprint, Choice, ColumnValue, InputValue
 from mbm.problem.types import BlockRole
-from mbm.target.solver import description as at
+from mbm.solver import description as at
 
 _HEAD = """/* Arrays of one data set, taken from the caller's workspace one after the other; nothing is allocated. */
 struct arena {

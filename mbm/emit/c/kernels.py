@@ -10,7 +10,7 @@ from mbm.emit.c.text import comment, remark
 from mbm.emit.foreign import Foreign, Word, told
 from mbm.emit.statements import statements
 from mbm.emit.types import BlockCase
-from mbm.target.program import Program
+from mbm.machine.program import Program
 
 
 def kernel_functions(case: BlockCase) -> str:

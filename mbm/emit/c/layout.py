@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
 from mbm.emit.c.text import WIDTH, comment
-from mbm.target.c import number
+from mbm.machine.c import number
 
 
 def wrapped(lines: Iterable[str]) -> Iterator[str]:

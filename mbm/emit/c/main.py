@@ -9,7 +9,7 @@ from mbm.emit.c.reading import key_cell, key_tables
 from mbm.emit.c.text import bare, literal, remark
 from mbm.emit.foreign import Foreign
 from mbm.emit.types import Blueprint, DerivedShape, UnknownShape
-from mbm.target.c import number
+from mbm.machine.c import number
 
 _RESERVE = """/* A workspace of the size that the data want. */
 static int reserve(const {name}_data *data, {name}_workspace *workspace)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from mbm.emit.c.text import literal, remark
 from mbm.emit.foreign import Foreign, listed, told
 from mbm.emit.types import Blueprint, TableShape
-from mbm.target.c import number
+from mbm.machine.c import number
 
 
 def tables_file(blueprint: Blueprint) -> str:

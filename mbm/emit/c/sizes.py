@@ -6,7 +6,7 @@ from mbm.emit.routines.noises import FOUND
 from mbm.emit.routines.sandwich import SUMS
 from mbm.emit.system import StaticSystem
 from mbm.emit.types import Blueprint
-from mbm.target.solver import description as at
+from mbm.solver import description as at
 
 
 def row_scratch(blueprint: Blueprint) -> tuple[int, int]:

@@ -11,8 +11,8 @@ from mbm.emit.c.sizes import lossy
 from mbm.emit.routines.noises import SCATTER, SQUARES
 from mbm.emit.system import StaticSystem, kinds_of_units
 from mbm.emit.types import Blueprint
-from mbm.target.solver import description as at
-from mbm.target.solver.consensus_records import Verdict
+from mbm.solver import description as at
+from mbm.solver.consensus_records import Verdict
 
 _GIVEN = {
     "constants": "constants",

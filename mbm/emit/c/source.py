@@ -18,8 +18,8 @@ from mbm.emit.foreign import told
 from mbm.emit.routines.modules import called_in_c, emitted_module
 from mbm.emit.system import StaticSystem
 from mbm.emit.types import Blueprint
-from mbm.target.c import PRELUDE, number
-from mbm.target.c import text as module_text
+from mbm.machine.c import PRELUDE, number
+from mbm.machine.c import text as module_text
 
 LONG_CHECK = """#include <limits.h>
 #if LONG_MAX < 0x1000000000000

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Iterable
 
 from mbm.emit.foreign import Word, told
-from mbm.target.escaping import in_comment
+from mbm.machine.escaping import in_comment
 
 WIDTH = 110
 

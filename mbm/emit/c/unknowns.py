@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from mbm.emit.c.cells import Cells
 from mbm.emit.c.text import remark
 from mbm.emit.types import Blueprint, RowPrograms, UnknownShape
+from mbm.machine.c import number as written
 from mbm.problem.types import UnknownKind
-from mbm.target.c import number as written
 
 
 def unknown_functions(blueprint: Blueprint) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from mbm.emit.answers import Agreement
 from mbm.emit.python.text import literal
 from mbm.emit.types import Blueprint
-from mbm.target.solver import consensus_records as c
+from mbm.solver import consensus_records as c
 
 NOTHING = '''def agree_on(p: Prepared, factors: Array) -> None:
     """No consensus is asked for: all rows count, and the start is the one stated."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from mbm.emit.reserved import RESERVED
 from mbm.emit.statements import ARITHMETIC, Dialect, Shape, called
-from mbm.target.program import Operator
+from mbm.machine.program import Operator
 
 _COMPARED: Mapping[Operator, str] = {
     Operator.LESS: "<",

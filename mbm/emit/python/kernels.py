@@ -12,7 +12,7 @@ from mbm.emit.python.dialect import DIALECT
 from mbm.emit.python.text import WIDTH, docstring, remark
 from mbm.emit.statements import statements
 from mbm.emit.types import BlockCase, Blueprint, RowPrograms
-from mbm.target.program import Program
+from mbm.machine.program import Program
 
 
 def function(name: str, program: Program, names: Sequence[Foreign], doc: Iterable[Word]) -> str:

@@ -19,11 +19,11 @@ from mbm.emit.routines.modules import called_in_python, emitted_module
 from mbm.emit.routines.noises import SCATTER, SQUARES
 from mbm.emit.system import StaticSystem, kinds_of_units
 from mbm.emit.types import Blueprint
+from mbm.machine.program import Operator
+from mbm.machine.python import PRELUDE
+from mbm.machine.python import text as module_text
 from mbm.problem.types import NoiseKind
-from mbm.target.program import Operator
-from mbm.target.python import PRELUDE
-from mbm.target.python import text as module_text
-from mbm.target.solver import description
+from mbm.solver import description
 
 _DESCRIPTION = (
     "HEADER", "BLOCK", "PIECE", "BOUNDS_AT", "DATA_HEAD", "DATA_BLOCK", "RESULTS",

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from textwrap import wrap
 
 from mbm.emit.foreign import Word, told
-from mbm.target.escaping import in_docstring
+from mbm.machine.escaping import in_docstring
 
 WIDTH = 116
 

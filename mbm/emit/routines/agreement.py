@@ -1,4 +1,4 @@
-"""Consensus before a solve: the units that agree (`mbm.target.solver.consensus`), and what follows for the equations.
+"""Consensus before a solve: the units that agree (`mbm.solver.consensus`), and what follows for the equations.
 
 `:robust` leaves out what does not agree, and what agrees informs by the share κ of
 its variance that the limits leave; losses keep all units, but begin where consensus is, and noise that goes with a loss
@@ -9,18 +9,18 @@ from __future__ import annotations
 
 from math import sqrt
 
-from mbm.target.chi_square import consistency
-from mbm.target.decisions import STATED
-from mbm.target.solver.beginning import constraint_count
-from mbm.target.solver.consensus import find_consensus
-from mbm.target.solver.consensus_records import ConsensusWork, Units
-from mbm.target.solver.covariance import set_covariance
-from mbm.target.solver.description import NO_LOSS, Problem, Unit
-from mbm.target.solver.equations import load_rows
-from mbm.target.solver.linear_algebra import copied
-from mbm.target.solver.sweeps import sweep
-from mbm.target.solver.workspace import Rows, Work
-from mbm.target.words import ConstantReals, Integer, Real, Reals
+from mbm.machine.words import ConstantReals, Integer, Real, Reals
+from mbm.solver.beginning import constraint_count
+from mbm.solver.chi_square import consistency
+from mbm.solver.consensus import find_consensus
+from mbm.solver.consensus_records import ConsensusWork, Units
+from mbm.solver.covariance import set_covariance
+from mbm.solver.decisions import STATED
+from mbm.solver.description import NO_LOSS, Problem, Unit
+from mbm.solver.equations import load_rows
+from mbm.solver.linear_algebra import copied
+from mbm.solver.sweeps import sweep
+from mbm.solver.workspace import Rows, Work
 
 
 def weigh_unit(problem: Problem, rows: Rows, b: Integer, row: Integer, unit: Unit, factor: Real) -> None:

@@ -1,6 +1,6 @@
 """How unknowns are described to the routines: ``unknowns`` has `UNKNOWN` integers for each, then their pieces.
 
-Piece kinds are those of `mbm.target.solver.description`.
+Piece kinds are those of `mbm.solver.description`.
 """
 
 from __future__ import annotations

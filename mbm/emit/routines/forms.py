@@ -1,4 +1,4 @@
-"""What the closed form that fits subsets knows of the rows at hand: `mbm.solution.native.consensus_forms`, printed.
+"""What the closed form that fits subsets knows of the rows at hand: `mbm.estimation.consensus.forms`, printed.
 
 It was learnt when the solver was made, as an affine map of the parameters of a row: ``maps`` has for each type of unit
 ``(parameters + 1) · width`` numbers from its offset in ``map_places`` on, the constant ones last; -1: nothing is known.
@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from mbm.target.solver.consensus_records import SIGHTS, Rules
-from mbm.target.solver.description import Problem
-from mbm.target.solver.workspace import Rows
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.solver.consensus_records import SIGHTS, Rules
+from mbm.solver.description import Problem
+from mbm.solver.workspace import Rows
 
 
 def known_unit(

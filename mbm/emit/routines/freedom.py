@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from mbm.emit.routines.description import UNKNOWN, UNKNOWN_FAMILY, UNKNOWN_FREEDOM, UNKNOWN_SIZE
-from mbm.target.solver.description import Block
-from mbm.target.words import ConstantIntegers, Integer, Integers
+from mbm.machine.words import ConstantIntegers, Integer, Integers
+from mbm.solver.description import Block
 
 
 def place_unknowns(

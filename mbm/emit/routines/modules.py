@@ -10,10 +10,10 @@ from functools import cache
 from importlib import import_module
 from types import FunctionType
 
+from mbm import solver
 from mbm.emit import routines
-from mbm.target import solver
-from mbm.target.from_python import module_of
-from mbm.target.tree import CALL_KERNEL, Module
+from mbm.machine.from_python import module_of
+from mbm.machine.tree import CALL_KERNEL, Module
 
 
 @cache

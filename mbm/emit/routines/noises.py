@@ -5,11 +5,11 @@ from __future__ import annotations
 from math import fabs
 
 from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
-from mbm.target.decisions import NOISE_ROUNDS, SETTLED_FACTORS, noise_ratio
-from mbm.target.solver.batch import finish_solve, go_on, start_solve
-from mbm.target.solver.description import NOT_FINITE_AT_START, REASON, Problem
-from mbm.target.solver.workspace import Rows, Work
-from mbm.target.words import ConstantReals, Integer, Real, Reals
+from mbm.machine.words import ConstantReals, Integer, Real, Reals
+from mbm.solver.batch import finish_solve, go_on, start_solve
+from mbm.solver.decisions import NOISE_ROUNDS, SETTLED_FACTORS, noise_ratio
+from mbm.solver.description import NOT_FINITE_AT_START, REASON, Problem
+from mbm.solver.workspace import Rows, Work
 
 SCATTER = 0
 """Sum of squares without the loss of tails that were cut off."""

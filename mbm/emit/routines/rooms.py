@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from mbm.target.decisions import MANY_CONNECTED
-from mbm.target.records import view
-from mbm.target.solver.consensus_records import Rules, take_sizes
-from mbm.target.solver.description import DataSet, Problem
-from mbm.target.words import ConstantIntegers, Integer, Integers
+from mbm.machine.records import view
+from mbm.machine.words import ConstantIntegers, Integer, Integers
+from mbm.solver.consensus_records import Rules, take_sizes
+from mbm.solver.decisions import MANY_CONNECTED
+from mbm.solver.description import DataSet, Problem
 
 
 def side_by_side(numbers: ConstantIntegers, size: Integer, copy: Integers) -> None:

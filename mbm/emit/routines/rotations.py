@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import atan2, floor, isfinite, pi, sqrt
 
-from mbm.target.words import ConstantReals, Real, Reals
+from mbm.machine.words import ConstantReals, Real, Reals
 
 
 def angle_of_matrix(matrix: ConstantReals) -> Real:

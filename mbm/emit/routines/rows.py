@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from mbm.target.solver.description import Block, Problem, Unit
-from mbm.target.solver.workspace import Rows
-from mbm.target.words import ConstantReals, Integer, Reals, call_kernel
+from mbm.machine.words import ConstantReals, Integer, Reals, call_kernel
+from mbm.solver.description import Block, Problem, Unit
+from mbm.solver.workspace import Rows
 
 
 def whiten_row(

@@ -1,17 +1,17 @@
-"""The covariance of estimates with losses: the sandwich ``H⁻¹ G H⁻¹`` of `mbm.target.solver.loss_spread`."""
+"""The covariance of estimates with losses: the sandwich ``H⁻¹ G H⁻¹`` of `mbm.solver.loss_spread`."""
 
 from __future__ import annotations
 
 from math import fabs, sqrt
 
 from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
-from mbm.target.solver.covariance import undetermined
-from mbm.target.solver.description import NO_LOSS, Problem, Unit
-from mbm.target.solver.linear_algebra import cholesky, filled, solve_transposed, solve_upper
-from mbm.target.solver.loss_spread import curvature_factor, loss_trace, spread_factor
-from mbm.target.solver.losses import loss_weight
-from mbm.target.solver.workspace import Rows
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.solver.covariance import undetermined
+from mbm.solver.description import NO_LOSS, Problem, Unit
+from mbm.solver.linear_algebra import cholesky, filled, solve_transposed, solve_upper
+from mbm.solver.loss_spread import curvature_factor, loss_trace, spread_factor
+from mbm.solver.losses import loss_weight
+from mbm.solver.workspace import Rows
 
 TOTAL = 0
 TRACES = 1

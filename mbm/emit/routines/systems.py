@@ -19,9 +19,9 @@ from mbm.emit.routines.description import (
     UNKNOWN_POSITIVE,
     UNKNOWN_SIZE,
 )
-from mbm.target.records import slot, view
-from mbm.target.solver.description import BOUNDS_AT, NO_LOSS, NUMBER, TOLERANCE, DataSet, Problem
-from mbm.target.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.machine.records import slot, view
+from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Integers, Real, Reals
+from mbm.solver.description import BOUNDS_AT, NO_LOSS, NUMBER, TOLERANCE, DataSet, Problem
 
 
 def set_capacities(problem: Problem, data: DataSet) -> Integer:

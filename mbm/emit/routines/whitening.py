@@ -1,10 +1,10 @@
-"""From stated noise to weights: L⁻¹ of a covariance, Lᵀ of an information matrix (as `mbm.solution.whitening`)."""
+"""From stated noise to weights: L⁻¹ of a covariance, Lᵀ of an information matrix (as `mbm.equations.whitening`)."""
 
 from __future__ import annotations
 
 from math import fabs, sqrt
 
-from mbm.target.words import ConstantReals, Integer, Real, Reals
+from mbm.machine.words import ConstantReals, Integer, Real, Reals
 
 SKEW = 1e-9
 """Share of the largest element by which a symmetric matrix may be none."""

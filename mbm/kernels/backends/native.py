@@ -12,8 +12,8 @@ from mbm.kernels.native.engine import Library, compiled, hindrance
 from mbm.kernels.native.kernels import MANY, PLAIN, level_for
 from mbm.kernels.native.processor import vector_library
 from mbm.kernels.types import BackendUnavailableError, Evaluation, Floats, Kernel, MachineCode, Stream
-from mbm.target import plain_rows
-from mbm.target.solver.description import LANES
+from mbm.machine import plain_rows
+from mbm.machine.kinds import LANES
 from mbm.values import dataclass
 
 if TYPE_CHECKING:

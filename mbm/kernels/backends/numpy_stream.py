@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.kernels.types import Floats, Kernel
-from mbm.target.numpy_functions import function_of
-from mbm.target.program import Operator, Program
+from mbm.machine.numpy_functions import function_of
+from mbm.machine.program import Operator, Program
 from mbm.values import dataclass
 
 if TYPE_CHECKING:

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 from mbm.kernels.native.engine import Library, kept
 from mbm.kernels.native.processor import vector_library
-from mbm.target.merged import reduced
-from mbm.target.program import Program
-from mbm.target.straight_line import function
-from mbm.target.vector_text import Text
+from mbm.machine.merged import reduced
+from mbm.machine.program import Program
+from mbm.machine.straight_line import function
+from mbm.machine.vector_text import Text
 
 if TYPE_CHECKING:
     from mbm.kernels.store import Store
@@ -19,7 +19,7 @@ LEVEL = 2
 
 
 def united_code(program: Program, numbers: int, residuals: int, store: Store | None) -> Library:
-    """The functions ``values`` and ``jacobian`` of what `mbm.target.fused.fused` gives, see `straight_line`.
+    """The functions ``values`` and ``jacobian`` of what `mbm.machine.fused.fused` gives, see `straight_line`.
 
     Args:
         program: its last column of ``residuals`` outputs are the values.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from mbm.kernels.native.engine import Library, compiled
 from mbm.kernels.native.processor import vector_library
 from mbm.kernels.types import Kernel, KernelSet
-from mbm.target import blocks_of_rows
+from mbm.machine import blocks_of_rows
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def level_for(kernel: Kernel, rows: int) -> int:
 class NativeKernels:
     """Addresses of functions ``void f(const double *inputs, double *outputs, int64 blocks)`` over blocks of rows.
 
-    See `mbm.target.blocks_of_rows`. The code lives as long as this does.
+    See `mbm.machine.blocks_of_rows`. The code lives as long as this does.
     """
 
     _library: Library

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 from mbm.kernels.native.engine import Library, compiled
 from mbm.kernels.native.kernels import level_for
+from mbm.kernels.native.normal_rows import NormalRows, Unit, function
 from mbm.kernels.native.processor import vector_library
 from mbm.kernels.types import Kernel
-from mbm.target.normal_rows import NormalRows, Unit, function
-from mbm.target.solver.description import NO_LOSS
-from mbm.target.vector_text import Text
+from mbm.machine.vector_text import Text
+from mbm.solver.description import NO_LOSS
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ _HEADER = re.compile(r"^(;|target ).*$", re.MULTILINE)
 class NormalKernels:
     """Addresses of ``void f(const double *inputs, const double *weights, const double *losses, double *sums, int64)``.
 
-    The last argument counts blocks of rows; see `mbm.target.normal_rows`.
+    The last argument counts blocks of rows; see `mbm.kernels.native.normal_rows`.
     """
 
     _library: Library
@@ -72,9 +72,9 @@ def _add_losses(text: Text) -> None:
     """The functions of losses, from the text that the solver has of them."""
     from llvmlite import ir
 
-    from mbm.target.from_python import module_of
-    from mbm.target.llvm import lower_into
-    from mbm.target.solver.losses import root_factor, root_slope
+    from mbm.machine.from_python import module_of
+    from mbm.machine.llvm import lower_into
+    from mbm.solver.losses import root_factor, root_slope
 
     module = ir.Module("losses")
     lower_into(module, module_of("losses", (root_factor, root_slope), public=False))

@@ -8,8 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from mbm.kernels.native import image
-from mbm.target.vector_text import VectorLibrary
-from mbm.target.vectors import VECTORISED
+from mbm.machine.vector_text import VectorLibrary
+from mbm.machine.vectors import VECTORISED
 
 _CPUINFO = Path("/proc/cpuinfo")
 _NAMES = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags")

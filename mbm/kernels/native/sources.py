@@ -5,16 +5,16 @@ from __future__ import annotations
 from hashlib import sha256
 from pathlib import Path
 
-import mbm.target
+import mbm.machine
 
 
 def source_digest(package: str, lowered_by: str) -> str:
-    """SHA-256 of the texts of the target language, of its ``package`` and of the file that lowers that.
+    """SHA-256 of the little language, of a ``package`` written in it (a folder of mbm) and of what lowers that.
 
     Equal content, equal code: what else decides (options, processor, version of LLVM) is in the key of `engine.kept`.
     """
-    folder = Path(mbm.target.__file__).parent
+    folder = Path(mbm.machine.__file__).parent
     digest = sha256()
-    for path in sorted([*folder.glob("*.py"), *(folder / package).glob("*.py"), Path(lowered_by)]):
+    for path in sorted([*folder.glob("*.py"), *(folder.parent / package).glob("*.py"), Path(lowered_by)]):
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()

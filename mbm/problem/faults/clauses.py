@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mbm.language.limits import more_work
-from mbm.target.solver.description import RULES
+from mbm.solver.description import RULES
 from mbm.text.suggest import closest
 from mbm.text.types import Code, Diagnostic, Source, Span
 

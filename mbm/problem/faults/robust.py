@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mbm.target.solver.losses import LOSSES
+from mbm.solver.losses import LOSSES
 from mbm.text.types import Code, Diagnostic, Span
 
 _LOSSES = [f"`({kind} a c)`" if traits.shaped else f"`{kind}`" for kind, traits in LOSSES.items()]

@@ -13,7 +13,7 @@ from mbm.problem.elaboration import Workspace
 from mbm.problem.kinds import LossKind
 from mbm.problem.options import split_options
 from mbm.problem.types import Consensus, ConsensusKind, Loss
-from mbm.target.solver.losses import LOSSES
+from mbm.solver.losses import LOSSES
 from mbm.text.suggest import closest
 from mbm.text.types import Form, MbmError, Sequence, Symbol
 

@@ -14,7 +14,7 @@ import mbm
 from mbm.kernels.backends import casadi_map, native, numpy_stream
 from mbm.kernels.native.kernels import LONG, MANY, level_for, native_kernels
 from mbm.kernels.types import KernelSet
-from mbm.target.solver.description import LANES
+from mbm.machine.kinds import LANES
 
 PROBLEMS = sorted((Path(__file__).parents[3] / "problems").glob("*/*.mbm"))
 CASES = [(path, name) for path in PROBLEMS for name in mbm.load(path).names]

@@ -13,7 +13,7 @@ pytest.importorskip("llvmlite")
 
 from mbm.kernels.native import engine, image, processor
 from mbm.kernels.native.image import DamagedImageError, Image, Loaded, UnsupportedObjectError, linked, read
-from mbm.target.vectors import VECTORISED
+from mbm.machine.vectors import VECTORISED
 
 pytestmark = pytest.mark.skipif(not image.supported(), reason="images run on Linux on x86-64")
 

@@ -12,9 +12,9 @@ pytest.importorskip("llvmlite")
 import mbm
 from mbm.kernels.backends import numpy_stream
 from mbm.kernels.native.normal import normal_kernels, normal_rows
-from mbm.target.normal_rows import Unit
-from mbm.target.solver import losses
-from mbm.target.solver.description import LANES
+from mbm.kernels.native.normal_rows import Unit
+from mbm.machine.kinds import LANES
+from mbm.solver import losses
 
 TEXT = """
 (problem p

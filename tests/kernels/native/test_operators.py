@@ -14,10 +14,10 @@ pytest.importorskip("llvmlite")
 
 from mbm.kernels.native.engine import compiled, kept
 from mbm.kernels.native.processor import vector_library
-from mbm.target import blocks_of_rows, straight_line
-from mbm.target.program import Instruction, Operator, Program
-from mbm.target.solver.description import LANES
-from mbm.target.vector_text import Text
+from mbm.machine import blocks_of_rows, straight_line
+from mbm.machine.kinds import LANES
+from mbm.machine.program import Instruction, Operator, Program
+from mbm.machine.vector_text import Text
 
 ULPS = 4
 """Units in the last place that libmvec's manual allows its functions; the C library keeps to two."""

@@ -1,0 +1,52 @@
+"""The unknowns without a start in which the equations are affine given the others, and their least squares solution."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.binding import Group, affine
+from mbm.equations.types import Floats, Mask
+
+
+def affine_coordinates(equations: Assembled, missing: Mask) -> Mask:
+    """The coordinates (M,) among ``missing`` in which all equations together are affine; taken in as they come."""
+    layout = equations.layout
+    allowed = np.zeros(len(layout.number), dtype=bool)
+    allowed[equations.free] = True
+    allowed &= missing & (layout.number >= 0)
+    if all(affine(group, allowed) for group in equations.groups):
+        return allowed
+    found = np.zeros(len(allowed), dtype=bool)
+    touching: dict[str, list[Group]] = {entry.unknown.name: [] for entry in layout.entries}
+    for group in equations.groups:
+        # times at which tables are sampled may hold any unknown
+        for name in touching if group.sampled else {slot.unknown for slot in group.kernel.tangents}:
+            touching[name].append(group)
+    for entry in layout.entries:
+        for component in range(entry.unknown.freedom):
+            places = np.arange(entry.coordinates.start + component, entry.coordinates.stop, entry.unknown.freedom)
+            new = places[allowed[places]]
+            trial = found.copy()
+            trial[new] = True
+            # the others are affine in what was found before
+            if len(new) and all(affine(group, trial) for group in touching[entry.unknown.name]):
+                found = trial
+    return found
+
+
+def solved_linearly(equations: Assembled, numbers: Floats, coordinates: Mask) -> Floats:
+    """``numbers`` with the least squares solution for ``coordinates`` (M,), of least norm where it is not unique."""
+    layout = equations.layout
+    places = np.flatnonzero(coordinates)
+    start = numbers.copy()
+    start[layout.number[places]] = 0.0
+    partial = equations.freed(places, start)
+    residuals, jacobian = partial.plain_residuals(start), partial.plain_jacobian(start)
+    usable = np.isfinite(residuals) & np.isfinite(jacobian).all(axis=1)
+    scale = np.linalg.norm(jacobian[usable], axis=0)
+    scale[scale == 0] = 1.0
+    solution = np.linalg.lstsq(jacobian[usable] / scale, -residuals[usable], rcond=None)[0] / scale
+    positive = layout.positive[places]
+    solution[positive] = np.where(solution[positive] > 0, solution[positive], 1.0)
+    return partial.placed(start, solution)

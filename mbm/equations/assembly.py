@@ -1,0 +1,338 @@
+"""Groups of equations → one least squares problem with constraints over the free coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbm.equations.binding import Group, affine
+from mbm.equations.layout import Layout
+from mbm.equations.losses import rooted, rooted_jacobian
+from mbm.equations.manifolds import chart_slopes
+from mbm.equations.scatter import Scatter
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.kernels.types import MachineCode
+from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.equations.corrections.elimination import Elimination
+    from mbm.equations.losses import LossFunction
+
+
+DENSE = 20_000_000
+"""Numbers in a Jacobian up to which the places of its elements are found once for all."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Assembled:
+    """The equations of one solve, as the solvers see them (protocol ``Equations``), over the free coordinates.
+
+    A point is the vector of all numbers (N,); ``numbers`` is the start. ``used`` (M,) are the coordinates that some
+    equation depends on, ``free`` the positions of the estimated ones. ``factors`` (all residuals,) multiplies σ row by
+    row: the noise factors of unknown groups. ``rows`` picks residuals (None: all of them); m counts those picked.
+    ``implicit`` has the equations with errors in measured columns, whose corrections are eliminated (None: there are
+    none, or the columns are taken as exact).
+    """
+
+    layout: Layout
+    groups: tuple[Group, ...]
+    constraints: tuple[Group, ...]
+    equality: Mask
+    numbers: Floats
+    used: Mask
+    free: Indices
+    factors: Floats | None = None
+    rows: Indices | None = None
+    implicit: Elimination | None = None
+    linear: bool = False
+    _scatters: tuple[Scatter, ...] = ()
+
+    @property
+    def dimension(self) -> int:
+        """Free coordinates, n."""
+        return len(self.free)
+
+    @property
+    def machine_code(self) -> MachineCode | None:
+        """The backend, if it makes machine code: only then is anything native worth loading."""
+        backend = self.groups[0].cache.backend if self.groups else None
+        return backend if isinstance(backend, MachineCode) else None
+
+    @property
+    def whole(self) -> int:
+        """Scalar residuals of all groups, picked or not."""
+        return self.groups[-1].first + self.groups[-1].count if self.groups else 0
+
+    @property
+    def count(self) -> int:
+        """Scalar residuals, m."""
+        return self.whole if self.rows is None else len(self.rows)
+
+    @property
+    def lower(self) -> Floats:
+        """Hard lower bounds (n,)."""
+        return self.layout.lower[self.free]
+
+    @property
+    def upper(self) -> Floats:
+        """Hard upper bounds (n,)."""
+        return self.layout.upper[self.free]
+
+    @property
+    def positive(self) -> Mask:
+        """Coordinates that stay above zero (n,)."""
+        return self.layout.positive[self.free]
+
+    @property
+    def turning(self) -> Mask | None:
+        """Coordinates of rotations, directions and scales (n,); None where there is none."""
+        return self.layout.number[self.free] < 0 if self.layout.curved else None
+
+    @property
+    def profiled(self) -> bool:
+        """The Jacobian is not the derivative of the residuals, though it gives the exact gradient."""
+        return self.implicit is not None
+
+    @property
+    def lossy(self) -> bool:
+        """Some group has a robust loss."""
+        return any(group.losses for group in self.groups)
+
+    @property
+    def units(self) -> Indices:
+        """The unit (one equation in one row) of each residual (m,); losses and outlier rules act on units."""
+        return self.every_unit if self.rows is None else self.every_unit[self.rows]
+
+    @property
+    def every_unit(self) -> Indices:
+        """The unit of each residual, picked or not."""
+        parts = [group.units.ravel() for group in self.groups]
+        return np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
+
+    def moving(self) -> Mask:
+        """Which numbers (N,) the estimated coordinates move."""
+        layout = self.layout
+        free = np.zeros(len(layout.number), dtype=bool)
+        free[self.free] = True
+        found = np.zeros(len(layout.start), dtype=bool)
+        found[layout.number[free & (layout.number >= 0)]] = True
+        for curved in layout.curved:
+            found[curved.numbers[free[curved.coordinates].any(axis=1)]] = True
+        return found
+
+    def retract(self, x: Floats, step: Floats) -> Floats:
+        """The point (N,) after a step (n,) of the free coordinates; or as many points (…, N) as steps (…, n)."""
+        layout = self.layout
+        if not layout.curved:
+            moved = x.copy()
+            moved[..., layout.number[self.free]] += step
+            return moved
+        every = np.zeros((*step.shape[:-1], len(layout.number)))
+        every[..., self.free] = step
+        return layout.retract(x, every)
+
+    def chart_slopes(self, x: Floats, step: Floats) -> Floats:
+        """How a step at ``retract(x, step)`` varies with the step at x (n, n); the identity for plain numbers."""
+        every = np.zeros(len(self.layout.number))
+        every[self.free] = step
+        result = np.eye(len(every))
+        for curved in self.layout.curved:
+            slopes = chart_slopes(curved.piece, x[curved.numbers], every[curved.coordinates])
+            for lines, slope in zip(curved.coordinates, slopes, strict=True):
+                result[np.ix_(lines, lines)] = slope
+        return result[np.ix_(self.free, self.free)]
+
+    def coordinates(self, x: Floats) -> Floats:
+        """The numbers that steps add to (n,), 0 for rotations, directions and scales."""
+        places = self.layout.number[self.free]
+        return x[places] if not self.layout.curved else np.where(places >= 0, x[places], 0.0)
+
+    def placed(self, x: Floats, coordinates: Floats) -> Floats:
+        """The point with other coordinates; what they do not hold stays."""
+        places = self.layout.number[self.free]
+        plain = places >= 0
+        moved = x.copy()
+        moved[places[plain]] = coordinates[plain]
+        return moved
+
+    def plain_residuals(self, x: Floats) -> Floats:
+        """Whitened residuals without losses (m,)."""
+        result = np.zeros(self.whole)
+        for group in self.groups:
+            if self._eliminated(group):
+                continue
+            result[group.first : group.first + group.count] = group.whitened(group.values(x)).ravel()
+        if self.implicit is not None:
+            self.implicit.add_residuals(x, result)
+        if self.factors is not None:
+            result /= self.factors
+        return result if self.rows is None else result[self.rows]
+
+    def plain_jacobian(self, x: Floats) -> Floats:
+        """Whitened Jacobian without losses (m, n)."""
+        width = self.dimension
+        result = np.zeros((self.whole, width))
+        scatters = self._scatters or tuple(group.scatter(self._columns()) for group in self.groups)
+        for group, places in zip(self.groups, scatters, strict=True):
+            if self._eliminated(group):
+                continue
+            lines = result[group.first : group.first + group.count]
+            part = lines.reshape(group.rows, group.kernel.outputs, width)
+            group.add_jacobian(x, places, part)
+            for whitener_ in group.whiteners:
+                rows = part[:, whitener_.first : whitener_.last]
+                if whitener_.weights.ndim == 2:
+                    rows *= whitener_.weights[:, :, None]
+                else:
+                    rows[...] = np.einsum("rij,rjn->rin", whitener_.weights, rows)
+        if self.implicit is not None:
+            self.implicit.add_jacobian(x, result)
+        if self.factors is not None:
+            result /= self.factors[:, None]
+        return result if self.rows is None else result[self.rows]
+
+    def _eliminated(self, group: Group) -> bool:
+        return self.implicit is not None and group.kernel.corrections is not None
+
+    def residuals(self, x: Floats) -> Floats:
+        """Whitened residuals with losses in square-root form (m,): the sum of their squares is the robust cost."""
+        plain = self.plain_residuals(x)
+        return rooted_residuals(self, plain) if self.lossy else plain
+
+    def residuals_at(self, points: Floats) -> Floats:
+        """``residuals`` (P, m) at points (P, N), each kernel called once for all of them."""
+        if self.implicit is not None:
+            straight = self.straightened()
+            found = np.full((len(points), self.count), np.nan) if straight is None else straight.residuals_at(points)
+            for k in np.flatnonzero(~np.isfinite(found).all(axis=1)):
+                found[k] = self.residuals(points[k])
+            return found
+        result = np.empty((len(points), self.whole))
+        for group in self.groups:
+            values = group.whitened(group.values_at(points))
+            result[:, group.first : group.first + group.count] = values.reshape(len(points), group.count)
+        if self.factors is not None:
+            result /= self.factors
+        if self.rows is not None:
+            result = result[:, self.rows]
+        return np.stack([rooted_residuals(self, plain) for plain in result]) if self.lossy else result
+
+    def jacobian(self, x: Floats) -> Floats:
+        """Derivative of ``residuals`` by a step (m, n)."""
+        jacobian = self.plain_jacobian(x)
+        return rooted_slopes(self, self.plain_residuals(x), jacobian) if self.lossy else jacobian
+
+    def constraint_values(self, x: Floats) -> Floats:
+        """What the constraints want zero, or not above zero (k,); see ``equality``."""
+        parts = [group.values(x).ravel() for group in self.constraints]
+        return np.concatenate(parts) if parts else np.empty(0)
+
+    def constraint_jacobian(self, x: Floats) -> Floats:
+        """Derivative of ``constraint_values`` by a step (k, n)."""
+        columns = np.full(len(self.layout.number), -1, dtype=np.int64)
+        columns[self.free] = np.arange(self.dimension)
+        parts = [g.dense_jacobian(x, columns, self.dimension).reshape(-1, self.dimension) for g in self.constraints]
+        return np.vstack(parts) if parts else np.empty((0, self.dimension))
+
+    def with_factors(self, factors: Floats | None) -> Assembled:
+        """The same equations with other noise factors (all residuals,)."""
+        return self if factors is self.factors else replace(self, factors=factors)
+
+    def everything(self) -> Assembled:
+        """The same equations with no residual left out."""
+        if self.rows is None:
+            return self
+        implicit = self.implicit.everything(self._columns()) if self.implicit is not None else None
+        return replace(self, rows=None, implicit=implicit)
+
+    def kept(self, units: Mask) -> Assembled:
+        """The equations of those units alone that the mask (all units,) picks."""
+        chosen = units[self.every_unit]
+        implicit = self.implicit.kept(chosen, self._columns()) if self.implicit is not None else None
+        return replace(self, rows=np.flatnonzero(chosen), implicit=implicit)
+
+    def uncorrected(self) -> Assembled:
+        """The same equations with all measured values taken as exact, to find starts with."""
+        return self if self.implicit is None else replace(self, implicit=None).freed(self.free, self.numbers)
+
+    def straightened(self) -> Assembled | None:
+        """The same equations, their corrections eliminated by the kernels; None: it cannot be done so.
+
+        Residuals and Jacobian are the same; they are not finite where the corrections need a search.
+        """
+        if self.implicit is None or self.rows is not None or self.machine_code is None:
+            return None
+        groups = self.implicit.straight(self.groups)
+        return None if groups is None else replace(self, groups=groups, implicit=None, linear=False, _scatters=())
+
+    def roughly_corrected(self) -> Assembled:
+        """The same equations with corrections of measured values to first order, to compare many points with."""
+        return self if self.implicit is None else replace(self, implicit=self.implicit.roughly())
+
+    def _columns(self) -> Indices:
+        """The column of each coordinate (M,) in Jacobians, -1 where it is not free."""
+        columns = np.full(len(self.layout.number), -1, dtype=np.int64)
+        columns[self.free] = np.arange(self.dimension)
+        return columns
+
+    def picked(self, whole: Floats) -> Floats:
+        """Of one value for each of all residuals those of the residuals picked (m,)."""
+        return whole if self.rows is None else whole[self.rows]
+
+    def block_rows(self, number: int) -> Indices:
+        """Positions (in m) of the residuals of block ``number``."""
+        every = block_rows(self.groups, number)
+        if self.rows is None:
+            return every
+        return np.flatnonzero(np.isin(self.rows, every))
+
+    def freed(self, free: Indices, numbers: Floats) -> Assembled:
+        """The same equations over another set of free coordinates, starting at ``numbers`` (N,)."""
+        columns = np.full(len(self.layout.number), -1, dtype=np.int64)
+        columns[free] = np.arange(len(free))
+        linear = not self.lossy and self.implicit is None and all(affine(g, columns >= 0) for g in self.groups)
+        small = self.whole * len(free) <= DENSE
+        scatters = tuple(group.scatter(columns) for group in self.groups) if small else ()
+        implicit = self.implicit.over(columns) if self.implicit is not None else None
+        return replace(self, free=free, numbers=numbers, linear=linear, implicit=implicit, _scatters=scatters)
+
+
+def rooted_residuals(equations: Assembled, plain: Floats) -> Floats:
+    """Residuals (m,) with the losses of their units, in square-root form."""
+    result = plain.copy()
+    for loss, lines in loss_lines(equations):
+        result[lines] = rooted(loss, plain[lines])
+    return result
+
+
+def rooted_slopes(equations: Assembled, plain: Floats, jacobian: Floats) -> Floats:
+    """Jacobian (m, n) of the residuals in square-root form."""
+    result = jacobian.copy()
+    for loss, lines in loss_lines(equations):
+        result[lines] = rooted_jacobian(loss, plain[lines], jacobian[lines])
+    return result
+
+
+def loss_lines(equations: Assembled) -> Iterator[tuple[LossFunction, Indices]]:
+    """Each loss with the places (in m) of the residuals it acts on, shape (units, components)."""
+    place = None
+    if equations.rows is not None:
+        place = np.full(equations.whole, -1, dtype=np.int64)
+        place[equations.rows] = np.arange(len(equations.rows))
+    for group in equations.groups:
+        starts = group.first + np.arange(group.rows) * group.kernel.outputs
+        for whitener_, loss in zip(group.whiteners, group.losses, strict=False):
+            lines = starts[:, None] + np.arange(whitener_.first, whitener_.last)
+            if place is not None:
+                lines = place[lines]
+                lines = lines[lines[:, 0] >= 0]
+            yield loss, lines
+
+
+def block_rows(groups: Sequence[Group], number: int) -> Indices:
+    """Positions in the vector of all residuals of the rows of block ``number``."""
+    parts = [np.arange(g.first, g.first + g.count) for g in groups if g.kernel.owner == number]
+    return np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)

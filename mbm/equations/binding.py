@@ -1,0 +1,249 @@
+"""Groups of equations: kernels with the rows that they hold for, and what is kept of them from data set to data set."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from mbm.equations.layout import Layout
+from mbm.equations.layouts import Layouts
+from mbm.equations.sampling import Sampled
+from mbm.equations.scatter import Scatter, scatter
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.equations.whitening import Whitener
+from mbm.kernels.types import Backend, Evaluation, Kernel, Stream
+from mbm.problem.rows import Positions
+from mbm.problem.types import BlockRole, ConstantValue, Equation
+from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.equations.losses import LossFunction
+
+DENSE_PART = 20_000_000
+"""Numbers in a dense Jacobian of some rows that is made at once: 160 MB."""
+
+
+MOST_PREPARED_ROWS = 1_000_000
+"""Rows of all prepared kernels together; growing windows would prepare every size there is."""
+
+
+Kind: TypeAlias = tuple[tuple[str, ...], tuple[int, ...]]
+"""Names of the unknowns and numbers of rows of the kernels: what decides which closed forms are made for equations."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Slots:
+    """Which numbers a kernel takes: ``index``, ``columns``, ``shared`` and ``shared_columns`` of a `Group`.
+
+    One row stands for all where rows pick no members of families: then they are the same for all data sets that have
+    the ``layout``.
+    """
+
+    layout: Layout
+    kernel: Kernel
+    index: Indices
+    columns: Indices
+    shared: tuple[bool, ...]
+    shared_columns: tuple[bool, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StatedNoise:
+    """What whitens an equation."""
+
+    equation: Equation
+    whitener: Whitener
+
+
+class EvaluationCache:
+    """Prepared kernels by number of rows, so that a stream of data sets of one size prepares them once.
+
+    Local to one compiled problem in one thread; an evaluation is filled anew before each use. Sets of unknowns and
+    numbers of rows for which no closed form is made are remembered too, and in ``native`` what native solves share.
+    ``constants``, ``slots`` (by kernel) and ``stated`` noise (by kernel and equation) are what no data decide, and
+    ``last`` what `assembling` keeps of the last equations: the next are most often like them.
+    """
+
+    def __init__(self, backend: Backend, without_closed_form: Iterable[Kind] = ()) -> None:
+        self.backend = backend
+        self.without_closed_form: set[Kind] = set(without_closed_form)
+        self.layouts = Layouts()
+        self.native: dict[str, object] = {}
+        self.constants: tuple[tuple[ConstantValue, ...], Mapping[str, float]] | None = None
+        self.slots: dict[int, Slots] = {}
+        self.stated: dict[tuple[int, int], StatedNoise] = {}
+        self.last: object = None
+        self._prepared: dict[tuple[int, int], Evaluation] = {}
+        self._prepared_rows = 0
+        self._streams: dict[int, Stream] = {}
+
+    def stream(self, number: int, kernel: Kernel) -> Stream:
+        """Kernel ``number`` for any number of rows."""
+        found = self._streams.get(number)
+        if found is None:
+            found = self._streams[number] = self.backend.stream(kernel)
+        return found
+
+    def evaluation(self, number: int, kernel: Kernel, rows: int) -> Evaluation:
+        """The evaluation of kernel ``number`` for ``rows`` rows."""
+        found = self._prepared.get((number, rows))
+        if found is None:
+            if self._prepared_rows + rows > MOST_PREPARED_ROWS:
+                self._prepared.clear()
+                self._prepared_rows = 0
+            found = self.backend.prepare(kernel, rows)
+            self._prepared[number, rows] = found
+            self._prepared_rows += rows
+        return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Group:
+    """A kernel bound to the rows it holds for.
+
+    ``positions`` (from 0) in the block's table, None without one; ``index`` (rows, variables) gives for each input of
+    unknowns its place in the vector of all numbers, ``columns`` (rows, tangents) for each tangent its place in that of
+    all coordinates; ``shared[j]`` and ``shared_columns[j]`` say that variable or tangent j is the same in all rows.
+    Residuals stand at ``first …`` in the vector of all, units (one equation in one row) at ``first_unit …``. ``number``
+    is the kernel's in the set of all, ``cache`` keeps what was made of it.
+    """
+
+    kernel: Kernel
+    evaluation: Evaluation
+    positions: Positions | None
+    index: Indices
+    columns: Indices
+    shared: tuple[bool, ...]
+    shared_columns: tuple[bool, ...]
+    parameters: Floats
+    role: BlockRole = BlockRole.OBSERVATION
+    whiteners: tuple[Whitener, ...] = ()
+    losses: tuple[LossFunction, ...] = ()
+    first: int = 0
+    first_unit: int = 0
+    number: int
+    cache: EvaluationCache
+    sampled: tuple[Sampled, ...] = ()
+
+    @property
+    def places(self) -> Indices:
+        """``index`` with one row in place of equal ones."""
+        return self.index[:1] if all(self.shared) else self.index
+
+    @property
+    def touched(self) -> Indices:
+        """``columns`` with one row in place of equal ones."""
+        return self.columns[:1] if all(self.shared_columns) else self.columns
+
+    @property
+    def units(self) -> Indices:
+        """The unit of each scalar output, shape (rows, outputs)."""
+        sizes = [w.last - w.first for w in self.whiteners]
+        of_output = np.repeat(np.arange(len(sizes)), sizes)
+        return self.first_unit + np.arange(self.rows)[:, None] * len(sizes) + of_output
+
+    @property
+    def left_out(self) -> Mask:
+        """Which units (rows, units of a row) have a weight of zero: they take no part, and are no outliers either."""
+        found = np.zeros((self.rows, len(self.whiteners)), dtype=bool)
+        for k, each in enumerate(self.whiteners):
+            found[:, k] = (each.weights[:, 0] if each.weights.ndim == 2 else each.weights[:, 0, 0]) == 0.0
+        return found
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(self.index)
+
+    @property
+    def count(self) -> int:
+        """Number of scalar outputs."""
+        return self.rows * self.kernel.outputs
+
+    def fill(self, numbers: Floats) -> None:
+        """Put the vector of all numbers (N,) and the data into the inputs."""
+        variables = self.index.shape[1]
+        self.evaluation.inputs[:, :variables] = numbers[self.places]
+        self.evaluation.inputs[:, variables:] = self.parameters
+        for each in self.sampled:
+            each.fill(self.evaluation.inputs[:, variables:], lambda places: numbers[places], np.arange(self.rows))
+
+    def sampled_inside(self, numbers: Floats) -> Mask:
+        """Which rows (rows,) are sampled within the spans of the tables."""
+        rows = np.arange(self.rows)
+        inside = [each.inside(lambda places: numbers[places], rows) for each in self.sampled]
+        return np.asarray(np.logical_and.reduce(inside)) if inside else np.ones(self.rows, dtype=bool)
+
+    def values(self, numbers: Floats) -> Floats:
+        """Outputs (rows, outputs), not whitened."""
+        self.fill(numbers)
+        return self.evaluation.values()
+
+    def values_at(self, points: Floats) -> Floats:
+        """The same at points (P, N) in one call of the kernel: (P, rows, outputs)."""
+        count, variables = len(points), self.index.shape[1]
+        inputs = np.empty((count, self.rows, variables + self.parameters.shape[1]))
+        inputs[:, :, :variables] = points[:, self.places]
+        inputs[:, :, variables:] = self.parameters
+        for each in self.sampled:
+            for part, point in zip(inputs, points, strict=True):
+                each.fill(part[:, variables:], point.__getitem__, np.arange(self.rows))
+        values = self.cache.stream(self.number, self.kernel).values(inputs.reshape(count * self.rows, inputs.shape[2]))
+        return values.reshape(count, self.rows, self.kernel.outputs)
+
+    def whitened(self, values: Floats) -> Floats:
+        """Outputs divided by their noise, shape (…, rows, outputs)."""
+        if len(self.whiteners) == 1:
+            return self.whiteners[0].apply(values)
+        return np.concatenate([w.apply(values) for w in self.whiteners], axis=-1)
+
+    def scatter(self, columns: Indices) -> Scatter:
+        """Where the Jacobian goes; ``columns`` (M,) gives the column of each coordinate, -1: nowhere."""
+        kernel = self.kernel
+        return scatter(kernel.jacobian_rows, kernel.jacobian_columns, self.columns, self.shared_columns, columns)
+
+    def dense_jacobian(self, numbers: Floats, columns: Indices, width: int) -> Floats:
+        """Jacobian, not whitened, shape (rows, outputs, width); ``columns`` (M,) places each coordinate, or -1."""
+        result = np.zeros((self.rows, self.kernel.outputs, width))
+        self.add_jacobian(numbers, self.scatter(columns), result)
+        return result
+
+    def dense_slopes(self, numbers: Floats, columns: Indices, width: int) -> Iterator[tuple[slice, Floats]]:
+        """``dense_jacobian`` a part of the rows at a time: which ones, and theirs."""
+        step = max(DENSE_PART // max(self.kernel.outputs * width, 1), 1)
+        if step >= self.rows:
+            yield slice(0, self.rows), self.dense_jacobian(numbers, columns, width)
+            return
+        self.fill(numbers)
+        nonzeros = self.evaluation.values_and_jacobian()[1].copy()
+        outputs, inputs = self.kernel.jacobian_rows, self.kernel.jacobian_columns
+        for start in range(0, self.rows, step):
+            rows = slice(start, min(start + step, self.rows))
+            part = np.zeros((rows.stop - rows.start, self.kernel.outputs, width))
+            scatter(outputs, inputs, self.columns[rows], self.shared_columns, columns).add(nonzeros[rows], part)
+            yield rows, part
+
+    def add_jacobian(self, numbers: Floats, places: Scatter, target: Floats) -> None:
+        """Add the Jacobian, not whitened, to ``target`` (rows, outputs, width)."""
+        self.fill(numbers)
+        places.add(self.evaluation.values_and_jacobian()[1], target)
+
+
+def affine(group: Group, mask: Mask) -> bool:
+    """Whether the outputs of a group are affine in the coordinates that ``mask`` (M,) picks."""
+    if any(bool(mask[sampled.coordinates].any()) for sampled in group.sampled):
+        return False
+    touched = np.asarray(mask[group.touched].any(axis=0), dtype=bool)
+    return group.kernel.affine_in(touched)
+
+
+def mentioned(groups: tuple[Group, ...], size: int) -> Mask:
+    """Which of all coordinates (M,) some equation in use depends on."""
+    used = np.zeros(size, dtype=bool)
+    for group in groups:
+        # counted, as np.unique would load NumPy's masked arrays at every start
+        columns = np.flatnonzero(np.bincount(group.kernel.jacobian_columns, minlength=len(group.kernel.tangents)))
+        used[group.touched[:, columns].ravel()] = True
+    return used

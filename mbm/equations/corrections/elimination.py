@@ -1,0 +1,192 @@
+"""Errors of measured values, eliminated: residuals and Jacobian of the unknowns alone.
+
+The errors-in-variables problem minimises ``vᵀ Σ_y⁻¹ v + eᵀ Σ_h⁻¹ e`` over the unknowns x, the corrections v of the
+measured values y and the equations' own errors e, subject to ``h(y + v, x) = e``. For every x the best corrections are
+found exactly (`feet`). With B = ∂h/∂y and A = ∂h/∂x there, ``w = h − B v`` and ``S = B Σ_y Bᵀ + Σ_h``, the best cost
+is ``wᵀ S⁻¹ w``, and by the envelope theorem its gradient is ``2 Aᵀ S⁻¹ w``. So ``r = S^(-1/2) w`` and
+``J = S^(-1/2) A`` are residuals and a Jacobian with the exact cost and gradient, and ``(JᵀJ)⁻¹`` is the covariance of
+Gauss and Helmert's model (Koch 1999, 3.7; Lenzmann and Lenzmann 2004 on where to linearise).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import field, replace
+
+import numpy as np
+
+from mbm.equations.binding import EvaluationCache, Group
+from mbm.equations.corrections.components import Builder
+from mbm.equations.corrections.feet import feet, first_feet
+from mbm.equations.corrections.measured import Measured, MeasuredColumn, measured
+from mbm.equations.corrections.roots import Root, root
+from mbm.equations.corrections.sharing import check_sharing
+from mbm.equations.corrections.straight import straight_groups
+from mbm.equations.corrections.system import System, whiten_rows
+from mbm.equations.corrections.types import CorrectedColumn, Feet
+from mbm.equations.corrections.uncertain import rows_of_groups
+from mbm.equations.scatter import Scatter
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.problem.tables import Table
+from mbm.problem.types import Problem
+from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solved:
+    """A system at one point: the feet, the root of the covariance there, the whitened residuals (R, k)."""
+
+    feet: Feet
+    root: Root
+    residuals: Floats
+
+
+class _Memory:
+    """The last point and what was found there: residuals and Jacobian are asked for one after the other.
+
+    ``straight`` are groups, and those that were made of them.
+    """
+
+    def __init__(self) -> None:
+        self.point: Floats | None = None
+        self.solved: tuple[_Solved, ...] = ()
+        self.straight: tuple[tuple[Group, ...], tuple[Group, ...] | None] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Elimination:
+    """The equations of one data set that have errors in measured columns.
+
+    ``rough``: corrections are found to first order, one step from the measured values (Sampson 1982).
+    """
+
+    problem: Problem
+    tables: Mapping[str, Table]
+    groups: tuple[Group, ...]
+    measured: Measured
+    cache: EvaluationCache
+    systems: tuple[System, ...]
+    rough: bool = False
+    _whole: Elimination | None = None
+    _scatters: tuple[tuple[Scatter, ...], ...] = ()
+    _memory: _Memory = field(default_factory=_Memory)
+
+    def over(self, columns: Indices) -> Elimination:
+        """The same, with Jacobians over other unknowns; ``columns`` (M,) places each coordinate, -1: nowhere."""
+        scatters = tuple(tuple(part.group.scatter(columns) for part in system.parts) for system in self.systems)
+        return replace(self, _scatters=scatters)
+
+    def kept(self, residuals: Mask, columns: Indices) -> Elimination:
+        """The same for some of all residuals; values that only the others used are not corrected any more."""
+        kept = {}
+        for number in self.measured.ids:
+            group = self.groups[number]
+            lines = residuals[group.first : group.first + group.count]
+            kept[number] = lines.reshape(group.rows, group.kernel.outputs)
+        systems = Builder(self.problem, self.groups, self.measured, self.cache, kept).systems()
+        return replace(self, systems=systems, _scatters=(), _whole=self._whole or self, _memory=_Memory()).over(columns)
+
+    def everything(self, columns: Indices) -> Elimination:
+        """The same with no residual left out."""
+        return self if self._whole is None else self._whole.over(columns)
+
+    def roughly(self) -> Elimination:
+        """The same with corrections to first order."""
+        return replace(self, rough=True, _whole=None, _memory=_Memory())
+
+    def forget(self) -> None:
+        """Begin anew: the next corrections are found without those of the point before."""
+        self._memory.point, self._memory.solved = None, ()
+
+    def add_residuals(self, numbers: Floats, target: Floats) -> None:
+        """Enter the whitened residuals into those of all equations; NaN where no corrections meet the equations."""
+        for system, solved in zip(self.systems, self._solved(numbers), strict=True):
+            target[system.residuals] = solved.residuals
+
+    def add_jacobian(self, numbers: Floats, target: Floats) -> None:
+        """Enter the whitened Jacobian into that of all equations (all residuals, n)."""
+        width = target.shape[1]
+        found = zip(self.systems, self._solved(numbers), self._scatters, strict=True)
+        for system, solved, scatters in found:
+            slopes = np.zeros((system.noisy.size, width))
+            for part, places in zip(system.parts, scatters, strict=True):
+                group = part.at(solved.feet.corrections)
+                rows = np.zeros((group.rows, group.kernel.outputs, width))
+                group.add_jacobian(numbers, places, rows)
+                whiten_rows(group, rows)
+                slopes[part.equations] = rows
+            target[system.residuals] = solved.root.apply(slopes.reshape(*system.noisy.shape, width))
+
+    def corrected(self, numbers: Floats) -> tuple[CorrectedColumn, ...]:
+        """The corrections of all uncertain values in use, column by column; NaN where none were found."""
+        every = np.full(len(self.measured.sigma), np.nan)
+        used = np.zeros(len(every), dtype=bool)
+        for system, solved in zip(self.systems, self._solved(numbers), strict=True):
+            found = np.where(solved.feet.found[:, None], solved.feet.corrections, np.nan)
+            system.scaled(found, every)
+            for part in system.parts:
+                used[part.ids] = True
+        used &= self.measured.sigma > 0.0
+        return tuple(self._column(column, every, used) for column in self.measured.columns)
+
+    def straight(self, groups: tuple[Group, ...]) -> tuple[Group, ...] | None:
+        """`straight_groups` of the groups of all equations, made once; None to first order."""
+        if self.rough:
+            return None
+        known = self._memory.straight
+        if known is None or known[0] is not groups:
+            known = self._memory.straight = (groups, straight_groups(groups, self.systems))
+        return known[1]
+
+    def _column(self, column: MeasuredColumn, corrections: Floats, used: Mask) -> CorrectedColumn:
+        places = column.first + np.flatnonzero(used[column.first : column.first + len(column.rows)])
+        rows = column.rows[places - column.first].tolist()
+        table = self.tables[column.table]
+        keys = None
+        if table.key is not None:
+            of_row = dict(zip(table.rows.tolist(), table.keys(), strict=True))
+            keys = tuple(of_row.get(row) for row in rows)
+        return CorrectedColumn(
+            table=column.table,
+            column=column.column,
+            rows=tuple(row if row > 0 else None for row in rows),
+            keys=keys,
+            corrections=corrections[places],
+            sigma=self.measured.sigma[places],
+        )
+
+    def _solved(self, numbers: Floats) -> tuple[_Solved, ...]:
+        memory = self._memory
+        if memory.point is None or not np.array_equal(memory.point, numbers):
+            near = memory.solved or (None,) * len(self.systems)
+            found = zip(self.systems, near, strict=True)
+            memory.solved = tuple(_solve(s, numbers, last, rough=self.rough) for s, last in found)
+            memory.point = numbers.copy()
+        return memory.solved
+
+
+@np.errstate(all="ignore")
+def _solve(system: System, numbers: Floats, near: _Solved | None, *, rough: bool) -> _Solved:
+    conditions = system.at_numbers(numbers)
+    found = first_feet(conditions) if rough else feet(conditions, None if near is None else near.feet)
+    whitening = root(found.slopes, system.noisy)
+    residuals = whitening.apply(found.misclosures[:, :, None])[:, :, 0]
+    return _Solved(found, whitening, np.where(found.found[:, None], residuals, np.nan))
+
+
+def elimination(
+    problem: Problem, tables: Mapping[str, Table], groups: tuple[Group, ...], cache: EvaluationCache
+) -> Elimination | None:
+    """The elimination for the groups whose equations have uncertain columns; None if there are none.
+
+    Raises:
+        MbmError: standard deviations that are none or do not agree, exact equations that no corrections can meet.
+
+    """
+    if all(group.kernel.corrections is None for group in groups):
+        return None
+    rows = rows_of_groups(groups)
+    found = measured(problem, tables, rows)
+    check_sharing(problem, tables, rows, found)
+    systems = Builder(problem, groups, found, cache, None).systems()
+    return Elimination(problem=problem, tables=tables, groups=groups, measured=found, cache=cache, systems=systems)

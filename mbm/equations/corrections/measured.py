@@ -1,0 +1,160 @@
+"""Which measured values are corrected: each is numbered once, however many equations use it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from mbm.equations.corrections.uncertain import UncertainRows
+from mbm.equations.types import Floats, Indices
+from mbm.expression.nodes import RowChoice
+from mbm.problem import faults
+from mbm.problem.rows import row_values
+from mbm.problem.tables import CellKey, Table
+from mbm.problem.types import Problem, RowValues, UncertainColumn
+from mbm.text.types import MbmError
+from mbm.values import dataclass
+
+SAME_SIGMAS = 1e-9
+"""Relative difference up to which two statements of one standard deviation agree: far above rounding."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeasuredColumn:
+    """The corrected values of one column: those numbered ``first …``, in the rows ``rows`` (p,) of its table.
+
+    Rows count from 1 in the unfiltered table; numbers below 0 stand for rows that a filter has left out.
+    """
+
+    table: str
+    column: str
+    first: int
+    rows: Indices
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Measured:
+    """All corrected values: their standard deviations ``sigma`` (P,), 0 where a value is exact.
+
+    ``ids`` has, for each group with corrections by its position among all groups, the values that its equations use,
+    shape (rows, columns of its kernel's corrections).
+    """
+
+    columns: tuple[MeasuredColumn, ...]
+    sigma: Floats
+    ids: Mapping[int, Indices]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Use:
+    """One uncertain column in one group: the identity of each row's value, and its standard deviation if stated."""
+
+    group: int
+    place: int
+    error: UncertainColumn
+    rows: Indices
+    sigma: Floats | None
+
+
+def measured(problem: Problem, tables: Mapping[str, Table], rows: Mapping[int, UncertainRows]) -> Measured:
+    """The values that the equations of ``rows`` correct.
+
+    Raises:
+        MbmError: a standard deviation that is none, or two different ones of one value.
+
+    """
+    uses: dict[tuple[str, str], list[_Use]] = {}
+    strays: dict[tuple[str, CellKey], int] = {}
+    sigmas: dict[tuple[int, str], Floats] = {}
+    for number, each in rows.items():
+        block = problem.blocks[each.owner]
+        for place, column in enumerate(each.columns):
+            error = next(e for e in block.errors if e.name == column.name)
+            table = tables[column.table]
+            positions = each.positions
+            if column.row is not RowChoice.EACH:
+                positions = np.full(len(positions), 0 if column.row is RowChoice.FIRST else len(table) - 1)
+            sigma = None
+            if error.sigma is not None:
+                known = (each.owner, error.name)
+                if known not in sigmas:
+                    sigmas[known] = row_values(error.sigma, tables)[:, 0]
+                sigma = sigmas[known][positions]
+                _check(error, error.sigma, sigma, table, positions)
+            use = _Use(
+                group=number,
+                place=place,
+                error=error,
+                rows=_identities(error, table, positions, tables, strays),
+                sigma=sigma,
+            )
+            uses.setdefault((error.table, error.column), []).append(use)
+    return _numbered(uses, rows, tables)
+
+
+def _check(error: UncertainColumn, stated: RowValues, sigma: Floats, table: Table, positions: Indices) -> None:
+    wrong = np.flatnonzero(~(sigma >= 0) | ~np.isfinite(sigma))
+    if wrong.size:
+        what = f"a sigma of `{error.name}` is {sigma[wrong[0]]:g}"
+        raise MbmError(faults.bad_noise(stated.span, what, table.place(int(positions[wrong[0]]))))
+
+
+def _identities(
+    error: UncertainColumn,
+    table: Table,
+    positions: Indices,
+    tables: Mapping[str, Table],
+    strays: dict[tuple[str, CellKey], int],
+) -> Indices:
+    """The row (from 1) of the column's own table that each value stands in; below 0 where that row was left out."""
+    if error.key is None:
+        return np.asarray(table.rows[positions], dtype=np.int64)
+    own = tables[error.table]
+    row_of = {key: int(row) for key, row in zip(own.keys(), own.rows, strict=True)}
+    cells = table.keys(error.key)
+    found = np.empty(len(positions), dtype=np.int64)
+    for i, position in enumerate(positions):
+        cell = cells[position]
+        row = row_of.get(cell)
+        found[i] = strays.setdefault((error.table, cell), -1 - len(strays)) if row is None else row
+    return found
+
+
+def _numbered(
+    uses: Mapping[tuple[str, str], list[_Use]], rows_of: Mapping[int, UncertainRows], tables: Mapping[str, Table]
+) -> Measured:
+    columns: list[MeasuredColumn] = []
+    ids = {n: np.zeros((len(each.noisy), len(each.columns)), dtype=np.int64) for n, each in rows_of.items()}
+    parts: list[Floats] = []
+    first = 0
+    for (table, column), found in uses.items():
+        rows, inverse = np.unique(np.concatenate([use.rows for use in found]), return_inverse=True)
+        columns.append(MeasuredColumn(table=table, column=column, first=first, rows=rows))
+        sigma = np.full(len(rows), np.nan)
+        offset = 0
+        for use in found:
+            places = inverse[offset : offset + len(use.rows)]
+            offset += len(use.rows)
+            ids[use.group][:, use.place] = first + places
+            if use.sigma is not None:
+                _state(sigma, places, use, rows, tables)
+        parts.append(np.where(np.isnan(sigma), 0.0, sigma))
+        first += len(rows)
+    return Measured(columns=tuple(columns), sigma=np.concatenate(parts) if parts else np.empty(0), ids=ids)
+
+
+def _state(sigma: Floats, places: Indices, use: _Use, rows: Indices, tables: Mapping[str, Table]) -> None:
+    """Enter the standard deviations of one use; one value has one."""
+    if use.sigma is None:
+        return
+    known = ~np.isnan(sigma[places])
+    sigma[places[~known]] = use.sigma[~known]
+    differs = np.abs(sigma[places] - use.sigma) > SAME_SIGMAS * np.maximum(sigma[places], use.sigma)
+    if bool(differs.any()):
+        i = int(np.argmax(differs))
+        row = int(rows[places[i]])
+        own = tables[use.error.table]
+        place = own.provenance.place(row, use.error.column) if row > 0 else None
+        pair = (float(sigma[places[i]]), float(use.sigma[i]))
+        raise MbmError(faults.errors_differ(use.error.span, use.error.name, pair, place))

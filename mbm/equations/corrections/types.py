@@ -1,0 +1,73 @@
+"""Values of the inner problem: conditions on corrections, and the smallest corrections that meet them."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from mbm.equations.types import Floats, Mask
+from mbm.problem.tables import CellKey
+from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Local:
+    """The conditions at a point: ``values`` h (R, k), ``slopes`` B = dh/du (R, k, q) and ``curvature`` (R, q, q), the
+    second derivative of λᵀh by u; zero where it is not finite.
+    """
+
+    values: Floats
+    slopes: Floats
+    curvature: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CorrectedColumn:
+    """The corrected values of a column: ``corrections`` (p,), to be added, and the stated ``sigma`` (p,), both in SI.
+
+    ``rows`` (p,) count from 1 in the unfiltered table, None where a filter has left the row out; ``keys`` are those of
+    the rows where the table has a key.
+    """
+
+    table: str
+    column: str
+    rows: tuple[int | None, ...]
+    keys: tuple[CellKey | None, ...] | None
+    corrections: Floats
+    sigma: Floats
+
+
+class Conditions(Protocol):
+    """R independent components, each with k equations in q corrections: h(u) = e for fixed unknowns.
+
+    Corrections u are in standard deviations of what they correct. Equations are scaled so that their own noise e has
+    variance 1 where ``noisy``, and 0 elsewhere.
+    """
+
+    @property
+    def noisy(self) -> Mask:
+        """Which equations have noise of their own, shape (R, k)."""
+        ...
+
+    @property
+    def corrections(self) -> int:
+        """q, the corrections of one component."""
+        ...
+
+    def at(self, corrections: Floats, multipliers: Floats) -> Local:
+        """The conditions at ``corrections`` (R, q), their curvature weighted with ``multipliers`` λ (R, k)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Feet:
+    """The smallest corrections that meet the conditions: the foot of the measured point on them.
+
+    ``corrections`` u (R, q), ``multipliers`` λ (R, k), ``slopes`` B (R, k, q) there, ``misclosures`` w = h(u) − B u
+    (R, k); ``found`` (R,) is False where no foot was found.
+    """
+
+    corrections: Floats
+    multipliers: Floats
+    slopes: Floats
+    misclosures: Floats
+    found: Mask

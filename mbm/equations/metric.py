@@ -1,0 +1,64 @@
+"""The sizes of coordinates and columns, the scale made of them, and rows without a value."""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+
+from mbm.equations.types import Equations, Floats, Mask
+from mbm.solver.decisions import HUGE, TINY
+
+
+def metric(jacobian: Floats, slopes: Floats) -> Floats:
+    """The scale of each coordinate (n,) > 0: the norm of its column; where that is zero, from the constraints."""
+    return scale_of(column_norms(jacobian), slopes)
+
+
+def scale_of(norms: Floats, slopes: Floats) -> Floats:
+    """The same for columns with the ``norms`` (…, n) and constraints with the ``slopes`` (…, c, n)."""
+    felt = norms > 0.0
+    scale = norms
+    if slopes.shape[-2] and not bool(felt.all()):
+        sizes = np.abs(slopes)
+        shares = np.where(felt[..., None, :], slopes / np.where(felt, norms, 1.0)[..., None, :], 0.0)
+        known = np.sqrt(np.square(shares).sum(axis=-1))
+        known = np.where(known > 0.0, known, sizes.max(axis=-1, initial=0.0))
+        scale = np.where(felt, norms, (sizes / np.where(known > 0.0, known, 1.0)[..., None]).max(axis=-2))
+    return np.where((scale > 0.0) & np.isfinite(scale), scale, 1.0)
+
+
+def magnitudes(equations: Equations, coordinates: Floats) -> Floats:
+    """The size (n,) of what rounds: ``|coordinates|``, 1 for rotations and directions, whose numbers are about 1."""
+    size = np.abs(coordinates)
+    curved = turning(equations)
+    return size if curved is None else np.where(curved, 1.0, size)
+
+
+def turning(equations: Equations) -> Mask | None:
+    """Which coordinates (n,) are those of rotations, directions and scales; None where there is none.
+
+    Only equations that have any need an attribute ``turning``; an instance check of a protocol would cost as much as
+    the rest of a small step.
+    """
+    found: Mask | None = getattr(equations, "turning", None)
+    return found
+
+
+def column_norms(jacobian: Floats) -> Floats:
+    """Euclidean norm of each column (n,) without overflow or underflow on the way."""
+    norms: Floats = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
+    if norms.size and not (norms.min() > TINY and norms.max() < inf):
+        largest = np.abs(jacobian).max(axis=0, initial=0.0)
+        divisor = np.where(largest > 0.0, largest, 1.0)
+        norms = np.minimum(divisor * np.sqrt(np.square(jacobian / divisor).sum(axis=0)), HUGE)
+        norms[largest == 0.0] = 0.0
+    return norms
+
+
+def first_bad(values: Floats) -> int | None:
+    """Row (from 0) of the first value that is not finite; None: all are."""
+    good = np.isfinite(values)
+    if good.all():
+        return None
+    return int(np.argmin(good if good.ndim == 1 else good.all(axis=1)))

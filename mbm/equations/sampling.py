@@ -1,0 +1,132 @@
+"""Columns that are sampled at a time which unknowns decide: the two rows around it are found before each evaluation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import field, replace
+
+import numpy as np
+
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.expression.evaluate import Values, evaluate
+from mbm.expression.nodes import Component, Constant, Leaf, Number, RowChoice, Sampling, leaves
+from mbm.kernels.types import Kernel
+from mbm.problem.rows import Positions, column_numbers, lookup
+from mbm.problem.tables import Table
+from mbm.problem.times import time_nodes
+from mbm.symbolic.types import ColumnInput
+from mbm.values import dataclass
+
+Numbers = Callable[[Indices], Floats]
+"""The numbers at places (rows,) in the vector of all numbers, one for each row."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sampled:
+    """The inputs of a kernel that one ``sample`` fills.
+
+    ``times`` (n,) ascend; ``inputs`` are the positions of the parameters, ``nodes`` their values in the order of the
+    times, ``after`` whether they are of the later row. ``places`` gives for each number of an unknown in the time its
+    place (rows,) among all, ``data`` the values of its other leaves, ``coordinates`` those that move it. Beyond the
+    span the last interval goes on where ``extended``, else there is no value.
+    """
+
+    sampling: Sampling
+    times: Floats = field(repr=False)
+    inputs: tuple[int, ...]
+    nodes: tuple[Floats, ...] = field(repr=False)
+    after: tuple[bool, ...]
+    places: Mapping[int, Indices] = field(repr=False)
+    data: Mapping[int, Values] = field(repr=False)
+    coordinates: Indices = field(repr=False)
+    extended: bool
+
+    def at(self, numbers: Numbers, rows: Indices, *, whole: bool) -> Floats:
+        """The times (rows,) at which the table is sampled; ``whole``: ``rows`` are all rows, in order."""
+
+        def value(leaf: Leaf) -> Values:
+            place = self.places.get(id(leaf))
+            if place is not None:
+                return numbers(place if whole else place[rows])
+            known = self.data[id(leaf)]
+            return known if whole or not isinstance(known, np.ndarray) else known[rows]
+
+        found = evaluate((self.sampling.at,), value)[0]
+        return np.broadcast_to(np.asarray(found, dtype=np.float64), (len(rows),))
+
+    def some(self, rows: Indices) -> Sampled:
+        """The inputs of some rows."""
+        return replace(
+            self,
+            places={leaf: places[rows] for leaf, places in self.places.items()},
+            data={leaf: known[rows] if isinstance(known, np.ndarray) else known for leaf, known in self.data.items()},
+        )
+
+    def inside(self, numbers: Numbers, rows: Indices) -> Mask:
+        """Which rows are sampled within the span of the table; one without a time yet counts as inside."""
+        at = self.at(numbers, rows, whole=True)
+        return np.asarray(~((at < self.times[0]) | (at > self.times[-1])))
+
+    def fill(self, target: Floats, numbers: Numbers, rows: Indices, *, whole: bool = True) -> None:
+        """Put the values of the rows around the times into ``target`` (rows, parameters)."""
+        at = self.at(numbers, rows, whole=whole)
+        last = len(self.times) - 2
+        before = np.clip(np.searchsorted(self.times, at, side="right") - 1, 0, last)
+        outside = np.isnan(at)
+        if not self.extended:
+            outside |= (at < self.times[0]) | (at > self.times[-1])
+        for column, values, after in zip(self.inputs, self.nodes, self.after, strict=True):
+            found = values[before + 1] if after else values[before]
+            target[:, column] = np.where(outside, np.nan, found)
+
+
+def samplings(kernel: Kernel) -> tuple[Sampling, ...]:
+    """The samples that a kernel has inputs of."""
+    found = [p.sampling for p in kernel.parameters if isinstance(p, ColumnInput) and p.sampling is not None]
+    return tuple(dict.fromkeys(found)) if found else ()
+
+
+def sampled_inputs(
+    kernel: Kernel,
+    sampling: Sampling,
+    given: tuple[Table | None, Positions | None, Mapping[str, Table], Mapping[str, float]],
+    places: Callable[[Component], tuple[Indices, Indices]],
+    *,
+    extended: bool,
+) -> Sampled:
+    """What fills the inputs of one ``sample``.
+
+    ``given`` are the table and the positions of the rows at hand, all tables, and the constants; ``places`` gives the
+    places (rows,) of an unknown's number, and the coordinates that move it.
+
+    Raises:
+        MbmError: the table has no two different times.
+
+    """
+    table, positions, tables, constants = given
+    other = tables[sampling.table]
+    times, order = time_nodes(sampling, other)
+    inputs = [(i, p) for i, p in enumerate(kernel.parameters) if isinstance(p, ColumnInput) and p.sampling is sampling]
+    found_places: dict[int, Indices] = {}
+    data: dict[int, Values] = {}
+    coordinates: list[Indices] = []
+    known = lookup(table, positions, tables)
+    for leaf in leaves((sampling.at,)):
+        if isinstance(leaf, Component):
+            found_places[id(leaf)], moving = places(leaf)
+            coordinates.append(moving)
+        elif isinstance(leaf, Constant):
+            data[id(leaf)] = constants[leaf.name]
+        else:
+            data[id(leaf)] = float(leaf.value) if isinstance(leaf, Number) else known(leaf)
+    return Sampled(
+        sampling=sampling,
+        times=times,
+        inputs=tuple(i for i, _ in inputs),
+        nodes=tuple(column_numbers(other, p.name)[order] for _, p in inputs),
+        after=tuple(p.row is RowChoice.AFTER for _, p in inputs),
+        places=found_places,
+        data=data,
+        coordinates=np.unique(np.concatenate(coordinates)) if coordinates else np.empty(0, dtype=np.int64),
+        extended=extended,
+    )

@@ -1,0 +1,264 @@
+"""The ends of many descents → what is known of them, in columns, and which of them need a look by themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.batches.derived import derived_columns
+from mbm.estimation.batches.doubts import doubtful, stationary
+from mbm.estimation.batches.factor import Factors, Spread, factors
+from mbm.estimation.batches.losses import counted, informed, outlying, rooted_slopes, sandwiches
+from mbm.estimation.batches.stack import Portion, Stack, stated
+from mbm.estimation.batches.types import REASONS, Columns, Descent, Ends, Limits, Rows
+from mbm.estimation.minimise.native.tails import chi_square_tails, solver_code
+from mbm.estimation.search.challenge import usual_cost
+from mbm.estimation.trust.plausibility import IMPROBABLE
+from mbm.expression.nodes import Column, leaves
+from mbm.problem.types import Block, BlockRole, Problem
+
+if TYPE_CHECKING:
+    from mbm.estimation.batches.surface import Held, Tangents
+
+
+@np.errstate(all="ignore")
+def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> Columns:
+    """The answers of some consecutive solves."""
+    began = perf_counter()
+    ends = descent(which)
+    portion = Portion(stack, which, ends.kept, ends.factors)
+    count = stack.residuals[which.start : which.stop] if ends.kept is None else ends.kept.count
+    residuals, slopes = portion.linearised(ends.points)
+    lossy = stack.equations.lossy
+    rooted = rooted_slopes(portion, residuals, slopes) if lossy else slopes
+    surface = _surface(portion, ends, rooted)
+    found = factors(rooted, None if surface is None else surface[1])
+    solved = _converged(ends) & found.good & np.isfinite(ends.cost) & ~ends.held
+    freedom = count - stack.equations.dimension
+    if surface is not None:
+        freedom = freedom + surface[1].taken
+    solved &= (freedom >= 0) & ~stationary(portion, ends, found, rooted)
+    # what is left of the variance of residuals whose tails were cut off
+    left = np.ones((1, 1)) if ends.kept is None else portion.by_slot(ends.kept.information)
+    scattered = ends.cost if ends.kept is None else (np.square(residuals) / left).sum(axis=1)
+    unknown = [i for i, block in enumerate(problem.blocks) if block.unknown_factor]
+    known, cost = not unknown, np.square(residuals).sum(axis=1) if lossy else ends.cost
+    noise = np.ones(len(which))
+    if not known and ends.factors is None:
+        solved &= (freedom > 0) & (ends.cost > 0.0)
+        noise = np.sqrt(scattered / np.maximum(freedom, 1))
+    if ends.factors is not None and len(unknown) == 1:
+        cost = _as_stated(portion, residuals, unknown[0], ends.factors)
+    spread = _spread(problem, portion, residuals, slopes, found, noise, None if ends.kept is None else left)
+    factor = spread.factor
+    solved &= spread.sound & np.isfinite(cost)
+    derived = tuple(
+        derived_columns(quantity, owner, stack, ends.points, factor) for owner, quantity in enumerate(problem.derived)
+    )
+    solved &= _all_finite([one.sigma for one in derived], len(which))
+    sigma0 = np.where(freedom > 0, np.sqrt(cost / np.maximum(freedom, 1)), np.nan)
+    tested = known and not lossy
+    chi2_p = _tails(stack, scattered, freedom, solved) if tested else np.full(len(which), np.nan)
+    clean = solved & ~(chi2_p < IMPROBABLE) & _all_finite([one.values for one in derived], len(which))
+    clean &= ~doubtful(problem, portion, ends, found, spread, derived, residuals)
+    counting = counted(portion, residuals)
+    return Columns(
+        points=ends.points,
+        cost=cost,
+        robust_cost=ends.cost,
+        offset=ends.offset,
+        reason=ends.reason,
+        iterations=ends.iterations,
+        evaluations=ends.evaluations,
+        dof=freedom,
+        sigma0=sigma0,
+        chi2_p=chi2_p,
+        noise=np.where(_unknown(problem), noise[:, None], 1.0) if ends.factors is None else ends.factors,
+        sigma=np.sqrt(np.square(factor).sum(axis=2)),
+        factor=factor,
+        root=spread.root,
+        scale=spread.scale,
+        derived=tuple((one.values, one.sigma, one.image) for one in derived),
+        rms=_mean_roots(problem, portion, residuals, counting) / noise[:, None],
+        used=_used(problem, portion, counting),
+        outliers=_outliers(problem, stack, which, portion, ends, residuals),
+        priors=_priors(problem, stack, portion, ends.points),
+        clean=clean,
+        solved=solved,
+        expected=(ends.cost < usual_cost(freedom)) & known,
+        challenged=_challenged(ends, other=lossy or surface is not None),
+        limits=_limits(problem, stack, which, portion, ends, surface),
+        seconds=np.full(len(which), (perf_counter() - began) / len(which)),
+    )
+
+
+def _surface(portion: Portion, ends: Ends, jacobian: Floats) -> tuple[Held, Tangents] | None:
+    """The constraints at the ends, and what they leave free; None where there are no constraints."""
+    if ends.multipliers is None:
+        return None
+    # Here and below: loaded by problems with constraints only, so that the others start at once.
+    from mbm.estimation.batches.surface import held, tangents
+
+    found = held(portion, ends.points, jacobian, ends.cost, ends.multipliers)
+    return found, tangents(found, jacobian)
+
+
+def _limits(
+    problem: Problem, stack: Stack, which: range, portion: Portion, ends: Ends, surface: tuple[Held, Tangents] | None
+) -> Limits | None:
+    """What is to be said of the constraints; None where there are none."""
+    if surface is None or ends.multipliers is None:
+        return None
+    from mbm.estimation.batches.limits import limits
+
+    return limits(problem, stack, which, portion, *surface, ends.multipliers)
+
+
+def _unknown(problem: Problem) -> Mask:
+    """Blocks (blocks,) whose noise is unknown."""
+    return np.array([block.unknown_factor for block in problem.blocks], dtype=bool)
+
+
+def _as_stated(portion: Portion, residuals: Floats, owner: int, factors: Floats) -> Floats:
+    """The cost (K,) with the residuals (K, m) of one block not divided by its factor."""
+    solve, slot = portion.block_slots(owner)
+    whole = residuals.copy()
+    whole[solve, slot] *= factors[solve, owner]
+    return np.asarray(np.square(whole).sum(axis=1))
+
+
+def _mean_roots(problem: Problem, portion: Portion, residuals: Floats, counting: Mask) -> Floats:
+    """Root mean squares of the residuals of each block that count (K, blocks); NaN where it has none."""
+    found = np.empty((portion.count, len(problem.blocks)))
+    for owner in range(len(problem.blocks)):
+        solve, slot = portion.block_slots(owner)
+        mine = counting[solve, slot]
+        squares = np.bincount(solve, weights=np.square(residuals[solve, slot]) * mine, minlength=portion.count)
+        found[:, owner] = np.sqrt(squares / np.bincount(solve, weights=mine, minlength=portion.count))
+    return found
+
+
+def _used(problem: Problem, portion: Portion, counting: Mask) -> Indices:
+    """Rows (K, blocks) of which some equation counts."""
+    used = np.zeros((portion.count, len(problem.blocks)), dtype=np.int64)
+    for owner, solve, slots in portion.groups():
+        mine = counting[solve[:, None], slots].any(axis=1)
+        used[:, owner] += np.bincount(solve, weights=mine, minlength=portion.count).astype(np.int64)
+    return used
+
+
+def _converged(ends: Ends) -> Mask:
+    converged = np.array([reason.converged for reason in REASONS])
+    return np.asarray((ends.reason >= 0) & converged[ends.reason])
+
+
+def _challenged(ends: Ends, *, other: bool) -> Mask:
+    """Solves (K,) that `challenge` does not leave alone: no outliers were looked for, they began at a stated start,
+    nothing has compared them on the way, and they are of no ``other`` kind than plain equations.
+    """
+    if ends.kept is not None or ends.factors is not None or other:
+        return np.zeros(len(ends.cost), dtype=bool)
+    return np.ones(len(ends.cost), dtype=bool) if ends.given is None else ends.given
+
+
+def _spread(
+    problem: Problem,
+    portion: Portion,
+    residuals: Floats,
+    slopes: Floats,
+    found: Factors,
+    noise: Floats,
+    left: Floats | None,
+) -> Spread:
+    """How far estimates scatter, with the factor ``noise`` (K,); ``left`` (K, m) is κ of the residuals (None: 1)."""
+    root, scale, basis = found.root, found.scale, found.basis
+    every = np.ones(len(noise), dtype=bool)
+    if left is None and not portion.equations.lossy:
+        return Spread(
+            factor=root * noise[:, None, None],
+            root=root,
+            scale=scale,
+            basis=basis,
+            deviation=noise,
+            looked_at=every,
+            sound=every,
+        )
+    if left is None:
+        bread = sandwiches(portion, residuals, slopes, root, _unknown(problem), found.gone)
+    else:
+        bread = informed(left, basis)
+    along = np.matmul(root, bread.own)
+    if left is not None:
+        root, scale = along, np.sqrt((np.square(slopes) * left[:, :, None]).sum(axis=1))
+    return Spread(
+        factor=along * noise[:, None, None],
+        root=root,
+        scale=scale,
+        basis=np.matmul(basis, bread.own),
+        deviation=bread.deviation * noise,
+        looked_at=bread.plain,
+        sound=bread.sound,
+    )
+
+
+def _priors(problem: Problem, stack: Stack, portion: Portion, points: Floats) -> Floats:
+    """How far points (K, N) are from what is known beforehand (K, k); nothing where solves know different things."""
+    none = np.zeros((len(points), 0))
+    found = [none]
+    for number, group in enumerate(stack.equations.groups):
+        if group.role is not BlockRole.PRIOR:
+            continue
+        block = problem.blocks[group.kernel.owner]
+        if group.positions is None:
+            found.append(stated(group, points))
+        elif portion.as_many_rows(number) and (block.table not in stack.arranged.spans or not _reads_columns(block)):
+            found.append(portion.values(number, points).reshape(len(points), -1))
+        else:
+            return none
+    return np.hstack(found)
+
+
+def _reads_columns(block: Block) -> bool:
+    """Whether the equations of a block differ by row in more than the members that they speak of."""
+    equations = (equation for case in block.cases for equation in case.equations)
+    nodes = tuple(node for each in equations for node in (*each.components, *each.noise))
+    by_row = block.when is not None or len(block.cases) > 1
+    return by_row or any(isinstance(leaf, Column) for leaf in leaves(nodes))
+
+
+def _outliers(
+    problem: Problem, stack: Stack, which: range, portion: Portion, ends: Ends, residuals: Floats
+) -> tuple[Rows | None, ...]:
+    """The rows of each block of which an equation was left out, or is far off under a loss, by solve."""
+    found: list[Rows | None] = [None] * len(problem.blocks)
+    for number, group in enumerate(stack.equations.groups):
+        owner = group.kernel.owner
+        table = problem.blocks[owner].table
+        outputs = None if ends.kept is None else ends.kept.outputs[number]
+        if table is None or group.positions is None or (outputs is None and not group.losses):
+            continue
+        solve, lines = stack.lines(number, which)
+        wrong = outlying(portion, residuals, number, len(solve)) if outputs is None else ~outputs.all(axis=1)
+        mine = Rows.of_rows(stack.tables[table], group.positions[lines][wrong], solve[wrong], len(which))
+        before = found[owner]
+        found[owner] = mine if before is None else before.joined(mine)
+    return tuple(found)
+
+
+def _tails(stack: Stack, cost: Floats, freedom: Indices, solved: Mask) -> Floats:
+    """P(χ² > cost) (K,); NaN without degrees of freedom, and where nothing is solved."""
+    result = np.full(len(cost), np.nan)
+    asked = solved & (freedom > 0)
+    result[asked] = chi_square_tails(solver_code(stack.equations), cost[asked], freedom[asked])
+    return result
+
+
+def _all_finite(parts: Sequence[Floats], count: int) -> Mask:
+    found = np.ones(count, dtype=bool)
+    for part in parts:
+        found &= np.isfinite(part).all(axis=1)
+    return found

@@ -1,0 +1,184 @@
+"""Several unknown noises in many solves: the rounds of `variance.Helmert`, all solves side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.batches.descent import native_sets, plain_ends, weighted
+from mbm.estimation.batches.factor import factors
+from mbm.estimation.batches.losses import rooted_slopes
+from mbm.estimation.batches.stack import Portion, Stack
+from mbm.estimation.batches.types import REASONS, Ends, Kept, Solver, Which
+from mbm.estimation.settings import Settings
+from mbm.estimation.solve.weighing import REWEIGHTED_SEARCHES
+from mbm.estimation.starts.closed_forms.completion import plans
+from mbm.estimation.starts.closed_forms.situation import Situation
+from mbm.estimation.uncertainty.variance import Helmert
+from mbm.problem.types import BlockRole, Problem
+from mbm.solver.decisions import NOISE_ROUNDS
+
+if TYPE_CHECKING:
+    from mbm.estimation.batches.forms import Formed
+    from mbm.estimation.minimise.native.system import NativeSystem
+
+
+def several_noises(problem: Problem) -> bool:
+    """Whether some noise is unknown, and not all rows share it."""
+    measured = [block for block in problem.blocks if block.role is not BlockRole.CONSTRAINT]
+    return len(measured) > 1 and any(block.unknown_factor for block in measured)
+
+
+def estimated_on_the_way(problem: Problem) -> bool:
+    """Whether factors of unknown noise are known before the last fit: several, or one that a loss goes with."""
+    lossy = any(block.unknown_factor and block.loss is not None for block in problem.blocks)
+    return several_noises(problem) or lossy
+
+
+def components_solver(
+    problem: Problem, stack: Stack, first: Assembled, form: Callable[[], Formed | None], settings: Settings
+) -> Solver | None:
+    """What finds minima with noise factors that fit the residuals; None where native code or closed forms do not.
+
+    ``form`` is the closed form that may fit better than a stated start leads to, but for losses. What is not plain is
+    left to the general path: groups without redundancy, fitted exactly, or that do not settle.
+    """
+    native = native_sets(stack, settings)
+    single = stack.equations.linear or stack.equations.lossy
+    challenger = None if stack.equations.lossy else form()
+    if native is None or (challenger is None and not single and _recognised(first, settings)):
+        return None
+    unknown = told_by_residuals(problem)
+
+    def solve(which: Which, points: Floats) -> Ends:
+        places = np.asarray(which)
+        rounds = Rounds(stack, native, settings, unknown, np.ones((len(places), len(problem.blocks))), places, points)
+        if challenger is not None:
+            rounds.lost |= challenger.best(places)[1] < rounds.ends.cost
+        return rounds.done()
+
+    return solve
+
+
+def told_by_residuals(problem: Problem) -> Indices:
+    """The blocks whose noise factor is that of their residuals: those of unknown noise without a loss."""
+    found = [i for i, block in enumerate(problem.blocks) if block.unknown_factor and block.loss is None]
+    return np.array(found, dtype=np.int64)
+
+
+def _recognised(first: Assembled, settings: Settings) -> bool:
+    """Whether a closed form is made for some of the unknowns."""
+    numbers = np.where(first.moving(), np.nan, first.numbers)
+    situation = Situation(layout=first.layout, groups=first.groups, numbers=numbers)
+    return next(plans(situation, settings.closed_forms), None) is not None
+
+
+class Rounds:
+    """Minimisations of K solves, again for each round; those that are not plain are ``lost``.
+
+    The ``factors`` (K, blocks) of the ``unknown`` blocks are 1 at first; those of other blocks stay. ``kept`` is what
+    consensus left in (None: everything).
+    """
+
+    def __init__(
+        self,
+        stack: Stack,
+        native: NativeSystem,
+        settings: Settings,
+        unknown: Indices,
+        factors: Floats,
+        places: Indices,
+        points: Floats,
+        kept: Kept | None = None,
+    ) -> None:
+        self._stack = stack
+        self._native = native
+        self._settings = settings
+        self._unknown = unknown
+        self._places = places
+        self._factors = factors.copy()
+        self._noise = Helmert(len(places), len(unknown))
+        self._kept = kept
+        self._rows = [stack.lines(number, places)[0] for number in range(len(stack.equations.groups))]
+        self.ends = self._minima(np.arange(len(places)), points)
+        self.lost = ~_converged(self.ends)
+
+    @np.errstate(all="ignore")
+    def done(self) -> Ends:
+        """The minima with factors that are settled."""
+        active = np.flatnonzero(~self.lost & bool(len(self._unknown)))
+        for number in range(NOISE_ROUNDS):
+            if not len(active) or self._settings.stopped():
+                break
+            if number:
+                self._minimise(active)
+            settled, sound = self._noise.advance(active, *self._told(active))
+            self._factors[np.ix_(active, self._unknown)] = self._noise.factors[active]
+            self.lost[active] |= ~sound | (self._noise.exact | self._noise.untold)[active].any(axis=1)
+            self._minimise(active[settled & ~self.lost[active]])
+            active = active[~settled & ~self.lost[active]]
+        self.lost[active] = True
+        reason = np.where(self.lost, -1, self.ends.reason)
+        return replace(self.ends, reason=reason, factors=self._factors, kept=self._kept)
+
+    def _minimise(self, which: Indices) -> None:
+        """From where the solves are, with their factors as they are now."""
+        if not len(which):
+            return
+        found = self._minima(which, self.ends.points[which])
+        ends = self.ends
+        iterations, evaluations = ends.iterations.copy(), ends.evaluations.copy()
+        iterations[which] += found.iterations
+        evaluations[which] += found.evaluations
+        for target, own in (
+            (ends.points, found.points),
+            (ends.cost, found.cost),
+            (ends.offset, found.offset),
+            (ends.reason, found.reason),
+            (ends.held, found.held),
+        ):
+            target[which] = own
+        self.ends = replace(ends, iterations=iterations, evaluations=evaluations)
+        limit = (REWEIGHTED_SEARCHES - 1) * self._settings.max_iterations  # beyond, the general path cuts rounds short
+        self.lost[which] |= ~_converged(found) | (iterations[which] > limit)
+
+    def _minima(self, which: Indices, points: Floats) -> Ends:
+        """The ends of some solves that begin at points (K, N), with their factors as they are now."""
+        factors, places = self._factors[which], self._places[which]
+        if self._kept is None and bool((factors == 1.0).all()):
+            return plain_ends(self._native.solve(points, places))
+        mine = weighted(self._stack, self._native, places, self._kept_in(which), factors)
+        return plain_ends(mine.solve(points, np.arange(len(which))))
+
+    def _kept_in(self, which: Indices) -> Kept | None:
+        """What is kept in some solves."""
+        return None if self._kept is None else self._kept.of(self._rows, which)
+
+    def _told(self, which: Indices) -> tuple[Floats, Floats]:
+        """Sums of squares and redundancy (K, unknown) of the groups of unknown noise."""
+        kept = self._kept_in(which)
+        portion = Portion(self._stack, self._places[which], kept, self._factors[which])
+        residuals, slopes = portion.linearised(self.ends.points[which])
+        scattered = np.square(residuals)
+        if kept is not None:  # without the loss of the tails
+            scattered /= portion.by_slot(kept.information)
+        lossy = self._stack.equations.lossy
+        found = factors(rooted_slopes(portion, residuals, slopes) if lossy else slopes)
+        self.lost[which] |= ~found.good
+        redundancy = np.clip(1.0 - np.square(found.basis).sum(axis=2), 0.0, 1.0)
+        of_groups = np.zeros((2, len(which), len(self._unknown)))
+        for place, owner in enumerate(self._unknown.tolist()):
+            solve, slot = portion.block_slots(owner)
+            for total, each in zip(of_groups, (scattered, redundancy), strict=True):
+                total[:, place] = np.bincount(solve, weights=each[solve, slot], minlength=len(which))
+        return of_groups[0], of_groups[1]
+
+
+def _converged(ends: Ends) -> Mask:
+    converged = np.array([reason.converged for reason in REASONS])
+    return np.asarray((ends.reason >= 0) & converged[ends.reason] & ~ends.held & np.isfinite(ends.cost))

@@ -1,0 +1,160 @@
+"""Which of many solves might be doubted: looked at all together, and a little more strictly than one by one.
+
+What is found here is looked at again by `plausibility.doubts`, which decides; what is not found needs no second look.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mbm.equations.types import Floats, Mask
+from mbm.estimation.batches.derived import DerivedColumns
+from mbm.estimation.batches.factor import Factors, Spread
+from mbm.estimation.batches.losses import rooted_residuals, rooted_slopes
+from mbm.estimation.batches.stack import Portion, stated
+from mbm.estimation.batches.types import Ends
+from mbm.estimation.trust.nonlinearity import (
+    DETERMINED,
+    LOOKED_AT,
+    NORMAL_95,
+    TOLERATED,
+    derived_ratios,
+    end_ratios,
+    too_much,
+)
+from mbm.estimation.trust.plausibility import CHECKED, MOST_DERIVED, STRAINED, innovations
+from mbm.estimation.uncertainty.stationary import FAR, LEAST, STEP, vanishing
+from mbm.problem.types import BlockRole, Problem
+
+MARGIN = 1e-6
+"""Share by which limits are narrowed here: far above what roundings in another order make of the same numbers."""
+
+SIDES = (-1.0, 1.0)
+"""The lower and the upper end of an interval."""
+
+
+@np.errstate(all="ignore")
+def doubtful(
+    problem: Problem,
+    portion: Portion,
+    ends: Ends,
+    found: Factors,
+    spread: Spread,
+    derived: tuple[DerivedColumns, ...],
+    residuals: Floats,
+) -> Mask:
+    """Solves (K,) whose intervals may miss their ends, or whose priors may be strained.
+
+    ``residuals`` (K, m) are plain.
+    """
+    looked_at = spread.looked_at
+    wrong = _strained(problem, portion, spread.basis, residuals)
+    around = _Intervals(portion, ends, found, spread.deviation)
+    if around.too_much or not bool(looked_at.any()):
+        return wrong
+    return wrong | looked_at & _bent(problem, portion, around, derived)
+
+
+def _bent(problem: Problem, portion: Portion, around: _Intervals, derived: tuple[DerivedColumns, ...]) -> Mask:
+    """Solves (K,) an interval of which may miss its ends."""
+    found, noise = around.found, around.noise
+    wrong = np.zeros(portion.count, dtype=bool)
+    # `nonlinearity.surroundings` looks whether the cost is that of these residuals; here they are, but for roundings
+    linear = portion.equations.linear
+    if not linear:
+        deviation = noise[:, None] * np.sqrt(np.square(found.root).sum(axis=2))
+        for place in range(deviation.shape[1]):
+            along = found.root[:, place] * (noise / deviation[:, place])[:, None]
+            # what constraints determine has no interval
+            wrong |= (deviation[:, place] > 0.0) & _off(around.ratios(along), LOOKED_AT)
+    for one, place in _looked_at(problem, derived):
+        wrong |= _off(_derived_ends(around, one, place, problem.derived[one.owner].angle, linear), TOLERATED)
+    return wrong
+
+
+class _Intervals:
+    """The linear 95 % intervals of K solves."""
+
+    def __init__(self, portion: Portion, ends: Ends, found: Factors, noise: Floats) -> None:
+        self.portion = portion
+        self.ends = ends
+        self.found = found
+        self.noise = noise
+        k = found.root.shape[2] - (0 if found.gone is None else int(found.gone.sum(axis=1).max(initial=0)))
+        self.too_much = too_much(k, portion.most)
+
+    def point(self, along: Floats, side: float) -> Floats:
+        """The points (K, N) at one end of the intervals in the directions ``along`` (K, k)."""
+        steps = side * NORMAL_95 * self.noise[:, None] * np.matmul(self.found.root, along[:, :, None])[:, :, 0]
+        return self.portion.equations.retract(self.ends.points, steps)
+
+    def ratios(self, along: Floats) -> Floats:
+        """The true ends (2, K) as multiples of the linear ones."""
+        both = (self.portion.residuals(self.point(along, side)) for side in SIDES)
+        rooted = (rooted_residuals(self.portion, residuals) for residuals in both)
+        basis, variance = self.found.basis, np.square(self.noise)
+        return np.stack([end_ratios(residuals, basis, along, self.ends.cost, variance) for residuals in rooted])
+
+
+def _looked_at(problem: Problem, derived: tuple[DerivedColumns, ...]) -> Iterator[tuple[DerivedColumns, int]]:
+    """The numbers of derived quantities whose intervals are looked at, as `plausibility.doubts` picks them."""
+    left = MOST_DERIVED
+    for one in derived:
+        if problem.derived[one.owner].kind is None and one.sigma.shape[1] <= left:
+            left -= one.sigma.shape[1]
+            yield from ((one, place) for place in range(one.sigma.shape[1]))
+
+
+def _derived_ends(around: _Intervals, one: DerivedColumns, place: int, angle: bool, linear: bool) -> Floats:
+    """The true ends (2, K) of the interval of one derived number; 1 where it has no standard deviation to speak of."""
+    image = np.matmul(one.gradient[:, place, None, :], around.found.root)[:, 0]
+    length = np.sqrt(np.square(image).sum(axis=1))
+    parts = np.sqrt(np.square(around.found.root).sum(axis=2))
+    told = length > DETERMINED * np.einsum("kn,kn->k", np.abs(one.gradient[:, place]), parts)
+    along = image / np.where(length > 0.0, length, 1.0)[:, None]
+    grown = np.ones((2, len(length))) if linear else around.ratios(along)
+    moves = [stated(one.group, around.point(along, side))[:, place] - one.values[:, place] for side in SIDES]
+    ends = derived_ratios(np.stack(moves), around.noise * length, grown, angle=angle)
+    return np.where(told, ends, 1.0)
+
+
+def _off(ends: Floats, limit: float) -> Mask:
+    """Solves (K,) one of whose ends (2, K) may be farther from 1 than the limit."""
+    return np.asarray(~(np.abs(ends - 1.0) <= limit - MARGIN).all(axis=0))
+
+
+def _strained(problem: Problem, portion: Portion, basis: Floats, residuals: Floats) -> Mask:
+    """Solves (K,) with a prior that may be farther from the data than `plausibility` leaves unsaid."""
+    wrong = np.zeros(portion.count, dtype=bool)
+    for owner, block in enumerate(problem.blocks):
+        if block.role is BlockRole.PRIOR:
+            solve, slot = portion.block_slots(owner)
+            leverage = np.square(basis[solve, slot]).sum(axis=1)
+            innovation = innovations(residuals[solve, slot], leverage, CHECKED / 10)
+            np.logical_or.at(wrong, solve, ~(np.abs(innovation) <= STRAINED * (1 - MARGIN)))
+    return wrong
+
+
+@np.errstate(all="ignore")
+def stationary(portion: Portion, ends: Ends, found: Factors, jacobian: Floats) -> Mask:
+    """Solves (K,) of whose Jacobians (K, m, n) `stationary` may find a column to be zero to first order."""
+    equations = portion.equations
+    wrong = np.zeros(portion.count, dtype=bool)
+    if equations.linear:
+        return wrong
+    places = equations.layout.number[equations.free]
+    size = np.abs(np.where(places >= 0, ends.points[:, places], 0.0))
+    size = np.where(size > 0.0, size, 1.0)
+    spread = np.maximum(1.0, np.sqrt(ends.cost / max(portion.most, 1))) * (1 + MARGIN)
+    near = found.scale * FAR * size < spread[:, None]
+    for place in np.flatnonzero(near.any(axis=0)).tolist():
+        step = np.zeros(size.shape)
+        step[:, place] = STEP * np.maximum(size[:, place], LEAST)
+        there = portion.linearised(equations.retract(ends.points, step))
+        moved = rooted_slopes(portion, *there)[:, :, place] - jacobian[:, :, place]
+        bend = np.sqrt(np.square(moved).sum(axis=1)) / step[:, place] * (1 + MARGIN)
+        zero = vanishing(found.scale[:, place], size[:, place], bend, spread)
+        wrong |= near[:, place] & (zero | ~np.isfinite(bend))
+    return wrong

@@ -1,0 +1,106 @@
+"""Jacobians of many solves → their triangular factors, all at once, where nothing is near to being undetermined."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbm.equations.types import Floats, Mask
+from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.estimation.batches.surface import Tangents
+
+WELL_DETERMINED = 1e7
+"""Condition of the column-scaled Jacobian up to which two rounds of Cholesky decomposition give the factor to rounding
+(Yamamoto et al. 2015); far from 1e9, where the rank begins to be a matter of decision (`decisions.SUSPECT`)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Factors:
+    """Of K Jacobians J (K, m, n): ``root`` (K, n, n) with ``root @ rootᵀ = (JᵀJ)⁻¹``, ``basis = J @ root`` (K, m, n)
+    orthonormal, where ``good`` (K,); anything elsewhere. ``scale`` (K, n) are the lengths of the columns.
+
+    With constraints the inverse is that on their surface: columns of ``root`` and ``basis`` that are ``gone`` (K, n)
+    are zero (None: none is).
+    """
+
+    root: Floats
+    scale: Floats
+    basis: Floats
+    good: Mask
+    gone: Mask | None = None
+
+
+@np.errstate(all="ignore")
+def factors(jacobian: Floats, along: Tangents | None = None) -> Factors:
+    """The factors of K Jacobians (K, m, n), of movements ``along`` the surface of constraints alone.
+
+    ``good`` where they are of full rank beyond doubt.
+    """
+    width = jacobian.shape[2]
+    gone = None if along is None else along.gone
+    if along is None:
+        length = np.sqrt(np.einsum("kmn,kmn->kn", jacobian, jacobian))
+        good = (np.isfinite(length) & (length > 0.0)).all(axis=1)
+        root = np.broadcast_to(np.eye(width), (len(jacobian), width, width))
+    else:
+        length, root = along.scale, along.basis
+        good = along.clear & np.isfinite(jacobian).all(axis=(1, 2))
+    scale = np.where(good[:, None], length, 1.0)
+    basis = np.where(good[:, None, None], jacobian / scale[:, None, :], 0.0)
+    if along is not None:
+        basis = np.matmul(basis, root)
+    for _ in range(2):
+        inverse, sound = inverse_root(filled(np.matmul(basis.transpose(0, 2, 1), basis), gone))
+        good &= sound
+        root = np.matmul(root, inverse)
+        basis = np.matmul(basis, inverse)
+    # columns of length 1: the largest singular value is √n at most, the smallest at least 1/‖root‖
+    condition = np.sqrt(width) * np.sqrt(np.square(root).sum(axis=(1, 2)))
+    good &= condition <= WELL_DETERMINED
+    return Factors(root=root / scale[:, :, None], scale=scale, basis=basis, good=good, gone=gone)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Spread:
+    """Factors (K, n, n) of the covariances where ``sound`` (K,), and what they are made of.
+
+    ``root`` and ``scale`` as `Factors` has them, of the Jacobian with the information that there is; ``basis``
+    (K, m, n) is that Jacobian times a factor of the covariance, but for the estimated noise, whose factor is
+    ``deviation`` (K,), 1 where noise is stated. ``looked_at`` (K,): the covariance is that factor squared times the
+    inverse normal equations, so that intervals may be looked at.
+    """
+
+    factor: Floats
+    root: Floats
+    scale: Floats
+    basis: Floats
+    deviation: Floats
+    looked_at: Mask
+    sound: Mask
+
+
+def filled(gram: Floats, gone: Mask | None) -> Floats:
+    """Symmetric matrices (K, n, n) with 1 on the diagonal for what is ``gone`` (K, n), so that they have an inverse."""
+    return gram if gone is None else gram + gone[:, :, None] * np.eye(gram.shape[1])
+
+
+def inverse_root(gram: Floats) -> tuple[Floats, Mask]:
+    """Upper triangular (K, n, n) X with ``Xᵀ G X = 1``, and where there is one (K,): Cholesky's, all K together."""
+    count, width, _ = gram.shape
+    lower = np.zeros_like(gram)
+    sound = np.ones(count, dtype=bool)
+    for j in range(width):
+        rest = gram[:, j:, j] - np.einsum("kij,kj->ki", lower[:, j:, :j], lower[:, j, :j])
+        sound &= rest[:, 0] > 0.0
+        pivot = np.sqrt(np.where(rest[:, 0] > 0.0, rest[:, 0], 1.0))
+        lower[:, j:, j] = rest / pivot[:, None]
+        lower[:, j, j] = pivot
+    inverse = np.zeros_like(gram)
+    for j in range(width):
+        inverse[:, j, j] = 1.0 / lower[:, j, j]
+        for i in range(j + 1, width):
+            inverse[:, i, j] = -np.einsum("kr,kr->k", lower[:, i, j:i], inverse[:, j:i, j]) / lower[:, i, i]
+    return inverse.transpose(0, 2, 1), sound

@@ -1,0 +1,221 @@
+"""What a closed form says of many solves at once: starts where none is stated, and whether it might fit better.
+
+A closed form is recognised in the rows of one solve; what it knows of a row follows from the row's data alone, so that
+the others need no probing. Solves are answered where one form gives all numbers of a solve at once, and one solution
+fits; the others are left to the general path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import field, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.batches.stack import Portion, Stack
+from mbm.estimation.batches.types import Which
+from mbm.estimation.consensus.forms import KnownForm, known_form
+from mbm.estimation.settings import Settings
+from mbm.estimation.starts.closed_forms.completion import PLAUSIBLE, plans
+from mbm.estimation.starts.closed_forms.minimal import minimal_solver
+from mbm.estimation.starts.closed_forms.multilateration import Spheres, weights_of_squares
+from mbm.estimation.starts.closed_forms.pose_from_points import Sights
+from mbm.estimation.starts.closed_forms.situation import Situation
+from mbm.estimation.starts.closed_forms.thinning import ENOUGH
+from mbm.estimation.starts.closed_forms.types import Plan
+from mbm.values import dataclass
+
+
+class Systems(Protocol):
+    """Many solves of one problem, as a closed form looks at them; ``equations`` tell what their numbers are."""
+
+    @property
+    def equations(self) -> Assembled:
+        """The equations of all of them, or of one that they are like."""
+        ...
+
+    def units_of(self, which: Which) -> tuple[Indices, Indices]:
+        """Solve (U,), ascending, and number (U,) of the units of some solves."""
+        ...
+
+    def costs(self, which: Which, points: Floats) -> Floats:
+        """Σ r² (K,) of some solves at points (K, N); anything that is not finite where there is none."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Stacked:
+    """The solves of a stack."""
+
+    stack: Stack
+
+    @property
+    def equations(self) -> Assembled:
+        return self.stack.equations
+
+    def units_of(self, which: Which) -> tuple[Indices, Indices]:
+        solve, _, unit = self.stack.units(which, (True,) * len(self.stack.equations.groups))
+        return solve, unit
+
+    def costs(self, which: Which, points: Floats) -> Floats:
+        with np.errstate(all="ignore"):
+            return np.asarray(np.square(Portion(self.stack, which).residuals(points)).sum(axis=1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Formed:
+    """A closed form for all solves of ``systems``.
+
+    ``plan`` has what is known of each unit of the equations, ``known`` (units,) whether that is anything; the numbers
+    that are not estimated are those of ``base`` (N,).
+    """
+
+    systems: Systems
+    plan: Plan
+    known: Mask
+    base: Floats = field(repr=False)
+
+    def fits(self, which: Which) -> tuple[Floats, Floats]:
+        """Points (K, S, N) for some solves, and what they cost (K, S): infinite where a solution is none."""
+        found = self._solved(which)
+        costs = np.full(found.shape[:2], np.inf)
+        for rank in range(found.shape[1]):
+            there = np.isfinite(found[:, rank]).all(axis=1)
+            if there.any():
+                mine = which if there.all() else np.asarray(which)[there]
+                costs[there, rank] = self.systems.costs(mine, found[there, rank])
+        layout, places = self.systems.equations.layout, self.systems.equations.free
+        numbers = layout.number[places]
+        plain = numbers >= 0
+        coordinates = found[..., numbers[plain]]
+        lower, upper, positive = layout.lower[places], layout.upper[places], layout.positive[places]
+        inside = ((coordinates >= lower[plain]) & (coordinates <= upper[plain])).all(axis=2)
+        inside &= (~positive[plain] | (coordinates > 0)).all(axis=2)
+        return found, np.where(inside & np.isfinite(costs), costs, np.inf)
+
+    def starts(self, which: Which) -> Floats:
+        """The start (K, N) of each of some solves; NaN where there is none, or several."""
+        points, costs = self.fits(which)
+        found, lowest = _best(points, costs)
+        with np.errstate(invalid="ignore"):
+            plausible = (costs <= PLAUSIBLE * lowest[:, None] + PLAUSIBLE) & np.isfinite(costs)
+        return np.where((plausible.sum(axis=1) == 1)[:, None], found, np.nan)
+
+    def best(self, which: Which) -> tuple[Floats, Floats]:
+        """The point (K, N) of the best solution for each of some solves, and its cost (K,): infinite without one."""
+        return _best(*self.fits(which))
+
+    def _solved(self, which: Which) -> Floats:
+        """The points (K, S, N) of all solutions, NaN beside them."""
+        solve, units = self._units(which)
+        counts = np.bincount(solve, minlength=len(which))
+        ends = np.cumsum(counts)
+        parts = []
+        for count in np.unique(counts[counts >= self.plan.minimal]).tolist():
+            mine = np.flatnonzero(counts == count)
+            subsets = units[(ends[mine] - count)[:, None] + np.arange(count)]
+            parts.append((mine, self.plan.form.solve(self.plan, subsets)))
+        width = max((part.shape[1] for _, part in parts), default=1)
+        places = self.plan.candidate.places[0]
+        found = np.full((len(which), width, len(places)), np.nan)
+        for mine, part in parts:
+            found[mine, : part.shape[1]] = part
+        points = np.tile(self.base, (len(which), width, 1))
+        points[..., places] = found
+        return points
+
+    def _units(self, which: Which) -> tuple[Indices, Indices]:
+        """Solve (U,), ascending, and number (U,) of the units of some solves that the form knows."""
+        solve, unit = self.systems.units_of(which)
+        known = self.known[unit]
+        return solve[known], unit[known]
+
+
+def _best(points: Floats, costs: Floats) -> tuple[Floats, Floats]:
+    """The points (K, N) of least cost among those of S solutions (K, S, N), and that (K,)."""
+    best = np.argmin(costs, axis=1)
+    found = np.take_along_axis(points, best[:, None, None], axis=1)[:, 0]
+    return found, np.take_along_axis(costs, best[:, None], axis=1)[:, 0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recognised:
+    """A closed form that was recognised in the equations of one solve, ``first``, and gives all numbers of such."""
+
+    first: Assembled
+    form: KnownForm
+    plan: Plan
+
+    def of_all(self, systems: Systems, told: Floats, precision: Floats) -> Formed:
+        """The form for ``systems``; ``told`` (units, width) and ``precision`` (units,), 1/σ², are of all units."""
+        return Formed(
+            systems=systems,
+            plan=_of_all(self.plan, told, precision),
+            known=np.asarray(np.isfinite(told).all(axis=1)),
+            base=self.first.numbers,
+        )
+
+
+def recognised(first: Assembled, settings: Settings) -> Recognised | None:
+    """The closed form that gives all numbers of the equations of one solve; None if it is not known from the rows."""
+    forms = settings.closed_forms
+    known = known_form(first, forms)
+    solver = None if known is None or known.maps is None else minimal_solver(first, first.numbers, forms)
+    if known is None or solver is None:
+        return None
+    numbers = np.where(first.moving(), np.nan, first.numbers)
+    foremost = next(plans(Situation(layout=first.layout, groups=first.groups, numbers=numbers), forms), None)
+    if foremost is None or foremost.description != solver.plan.description:
+        return None  # others come first, and leave numbers to it
+    candidate = solver.plan.candidate
+    if candidate.flat and bool((candidate.angles & np.isfinite(first.layout.lower[candidate.coordinates[0]])).any()):
+        return None  # which turn of an angle lies within its bounds is found out one by one
+    return Recognised(first=first, form=known, plan=solver.plan)
+
+
+def formed(stack: Stack, first: Assembled, settings: Settings) -> Formed | None:
+    """The closed form that gives all numbers of each solve; None where there is none that is known from the rows.
+
+    ``first`` are the equations of one solve, in which the form is recognised.
+    """
+    equations = stack.equations
+    if any(entry.keys is not None for entry in equations.layout.entries):
+        return None
+    if int(stack.rows.max(initial=0)) > ENOUGH:
+        return None
+    found = recognised(first, settings)
+    if found is None:
+        return None
+    told = found.form.of_rows(equations, (True,) * len(equations.groups), settings.closed_forms, exact=True)
+    return None if told is None else found.of_all(_Stacked(stack=stack), told, precisions(equations))
+
+
+def precisions(equations: Assembled) -> Floats:
+    """1/σ² of a component (units,), the mean of several."""
+    found = []
+    for group in equations.groups:
+        parts = [np.square(w.weights).reshape(group.rows, -1).sum(axis=1) / (w.last - w.first) for w in group.whiteners]
+        found.append(np.stack(parts, axis=1).ravel())
+    return np.concatenate(found)
+
+
+def _of_all(plan: Plan, told: Floats, precision: Floats) -> Plan:
+    """The plan with what is told of each unit (units, width) in place of the rows that it was recognised in."""
+    data: Any = plan.data
+    if isinstance(data, Spheres):
+        d = data.stations.shape[1]
+        known, weight = np.isfinite(told).all(axis=1), np.full(len(told), np.nan)
+        weight[known] = weights_of_squares(precision[known], told[known, d], data.offset)
+        data = replace(
+            data,
+            stations=told[:, :d],
+            length=told[:, d],
+            extra=told[:, d + 1],
+            slope=told[:, d + 2],
+            weight=weight,
+        )
+    elif isinstance(data, Sights):
+        data = replace(data, moved=replace(data.moved, points=told[:, :3]), bearings=told[:, 3:])
+    return replace(plan, rows=replace(plan.rows, weight=precision), data=data)

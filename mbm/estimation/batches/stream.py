@@ -1,0 +1,208 @@
+"""A native system whose measured values change from data set to data set while everything else stays."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.types import Floats, Indices
+from mbm.estimation.batches.stream_ends import NO_CODE, Rules, StreamEnds
+from mbm.estimation.minimise.native.code import Routine, SolverCode
+from mbm.estimation.minimise.native.system import NativeEnds, NativeSystem, system_of
+from mbm.estimation.minimise.sparsity import sparse_suits
+from mbm.estimation.search.challenge import kind_of, usual_cost
+from mbm.estimation.settings import Settings
+from mbm.machine.records import put
+from mbm.problem.types import Problem, UnknownKind
+from mbm.solver import description as of
+from mbm.solver.batch import Solves
+from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.estimation.batches.rival_starts import Rivals
+    from mbm.estimation.batches.robust_stream import RobustStream
+
+SHARE = 100
+"""Solves of a thread at least: to start one takes as long as some twenty."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Room:
+    """Arrays for so many data sets; ``solves`` is the batch as the solver takes it."""
+
+    parameters: Floats
+    system: NativeSystem
+    ends: NativeEnds
+    solves: Indices
+    held: tuple[np.ndarray, ...] = field(repr=False)
+
+
+class Stream:
+    """Data sets of one shape, solved from one start. Local to one thread: its arrays are used again for each call.
+
+    Where the closed form of ``rivals`` costs less than what the start leads to, its minimum is the answer.
+    """
+
+    def __init__(self, system: NativeSystem, start: Floats, rules: Rules, rivals: Rivals | None = None) -> None:
+        self._system = system
+        self._start = start
+        self._rules = rules
+        self._rivals = rivals
+        self._function: Callable[[int], int] | None = None
+        self._room = self._single = self._made(1)
+        self._first = self._single.solves.ctypes.data
+        self.single: Floats = self._single.parameters[0]
+        """The parameters (P,) that `solved_one` takes, to be changed in place."""
+        self._covariance = self._single.ends.covariances[0]
+        self._numbers = self._single.ends.numbers[0]
+        self._states = self._single.ends.states[0]
+        self._sides = self._single.ends.sides[0]
+        self._nowhere = bytes(self._sides.nbytes)
+
+    def parameters(self, count: int) -> Floats:
+        """The parameters (count, P) of so many data sets, to be changed in place before ``solved``.
+
+        P numbers: those of the groups one after the other, each row by row. What is never changed stays as compiled.
+        """
+        if len(self._room.parameters) < count:
+            self._room = self._made(count)
+        return self._room.parameters[:count]
+
+    def solved(self, count: int, workers: int = 1) -> StreamEnds:
+        """The solves of the first ``count`` data sets, by so many threads; their number changes nothing."""
+        room = self._room
+        function = self._function or self._code(count)
+
+        def part(first: int, last: int) -> None:
+            solves, scratch = room.solves.copy(), room.system.scratch()
+            put(solves, Solves, work=scratch[0], first=first, last=last)
+            function(solves.ctypes.data)
+
+        if workers <= 1:
+            part(0, count)
+        else:
+            cuts = np.linspace(0, count, workers + 1).astype(int).tolist()
+            with ThreadPoolExecutor(workers) as pool:
+                list(pool.map(part, cuts[:-1], cuts[1:]))
+        self._system.failed()
+        return self._compared(room, count, workers)
+
+    def _compared(self, room: _Room, count: int, workers: int) -> StreamEnds:
+        """The ends of a room, or what the closed form leads to where that costs less."""
+        found = self._rules.judged(room.ends, count)
+        if self._rivals is None:
+            return found
+        which, points = self._rivals.lower(found, room.parameters[:count], room.system)
+        if not len(which):
+            return found
+        return found.beaten(which, self._rules.judged(room.system.solve(points, which, workers=workers), len(which)))
+
+    def solved_one(self) -> tuple[Floats, Floats, float] | None:
+        """Numbers, covariance and cost of the data set whose parameters are `single`; None where it is not clean."""
+        rules = self._rules
+        (self._function or self._code(1))(self._first)
+        self._system.failed()
+        states = self._states.tolist()
+        cost = self._single.ends.results.item(of.COST)
+        freedom = states[of.FREEDOM]
+        held = self._sides.tobytes() != self._nowhere
+        if not rules.sound(cost, states[of.REASON], states[of.DEFICIENT], held, freedom):
+            return None
+        fits = cost < rules.most
+        if self._rivals is None and not fits:
+            return None
+        if self._rivals is not None and not (fits and self._rivals.sure(self._numbers, cost, self._covariance)):
+            ends = self._compared(self._single, 1, 1)
+            return (ends.numbers[0], ends.covariance[0], ends.cost.item()) if ends.clean.item() else None
+        covariance = self._covariance.copy()
+        if rules.estimated:
+            covariance *= cost / max(freedom, 1)
+        return rules.shown_one(self._numbers), covariance, cost
+
+    def _code(self, count: int) -> Callable[[int], int]:
+        """The solver for so many data sets; it stays when there is none that is faster."""
+        code = self._system.code
+        code.expect(count * self._system.expected)
+        routine = code.routine("solve_many", object)
+        found: Callable[[int], int] = routine.function if isinstance(routine, Routine) else routine
+        if code.fast:
+            self._function = found
+        return found
+
+    def _made(self, count: int) -> _Room:
+        system, rows = self._system, self._system.rows
+        parameters = np.tile(rows.parameters, (count, 1))
+        data = np.tile(rows.data, (count, 1))
+        firsts = slice(of.DATA_HEAD + of.DataBlock.parameters, None, of.DATA_BLOCK)
+        data[:, firsts] += len(rows.parameters) * np.arange(count)[:, None]
+        mine = replace(system, rows=replace(rows, parameters=parameters.reshape(-1), data=data))
+        ends, scratch = system.blank(count), mine.scratch()
+        which, starts = np.arange(count), np.tile(self._start, (count, 1))
+        solves = mine.solves(which, starts, ends, scratch[0])
+        put(solves, Solves, first=0, last=1)
+        held = (mine.system, data, which, starts, *scratch)
+        return _Room(parameters=parameters, system=mine, ends=ends, solves=solves, held=held)
+
+
+def threads(workers: int | None, count: int) -> int:
+    """Threads for so many solves; ``workers`` None: one a processor."""
+    return max(1, min(workers or os.cpu_count() or 1, count // SHARE))
+
+
+def stream_of(
+    problem: Problem, equations: Assembled, settings: Settings, estimates: Floats, changing: Sequence[Indices | slice]
+) -> Stream | RobustStream | str:
+    """The equations of one data set as a stream; why there is none, where solves need what only the general path has.
+
+    Solves begin at the stated start, or at the ``estimates`` (N,) for this data set where none is stated.
+    ``changing`` are the places of the parameters that data sets change.
+    """
+    corrected = any(block.errors for block in problem.blocks)
+    unsuited = {
+        "`:method` names a way of its own": settings.routine is not None or not settings.iterative,
+        "the equations are large and sparse": sparse_suits(equations),
+        "a robust loss is looked at from several sides": equations.lossy,
+        "consensus beside `:errors` takes several passes": corrected and settings.robust is not None,
+        "several noises are unknown": settings.robust is None and problem.estimates_noise and len(problem.blocks) > 1,
+    }
+    for why, holds in unsuited.items():
+        if holds:
+            return why
+    layout = equations.layout
+    given = not bool((np.isnan(layout.start) | layout.guessed).any())
+    if settings.robust is not None:
+        from mbm.estimation.batches.robust_stream import robust_stream_of
+
+        rules = Rules(most=np.inf, estimated=False, angles=_angles(equations))
+        return robust_stream_of(problem, equations, settings, rules, given=given)
+    system = system_of(equations, settings, often=True)
+    if system is None or not isinstance(system.code, SolverCode):
+        return NO_CODE
+    known = equations.groups[0].cache.without_closed_form
+    # what was learnt of closed forms is not relied on where stated noise tells a bad fit
+    unchallenged = bool(equations.constraints) or (kind_of(equations) in known and problem.estimates_noise)
+    alone = not corrected and (equations.linear or (given and unchallenged))
+    if not alone and problem.estimates_noise:
+        return "a fit of unknown noise does not show that a better one is elsewhere: state a start, or the noise"
+    rules = Rules(
+        most=np.inf if alone else float(usual_cost(equations.count - equations.dimension)),
+        estimated=problem.estimates_noise,
+        angles=_angles(equations),
+    )
+    # Loaded by streams that start anywhere only.
+    from mbm.estimation.batches.rival_starts import rivals_of
+
+    rivals = None if alone else rivals_of(equations, settings, changing)
+    return Stream(system, layout.start if given else estimates, rules, rivals)
+
+
+def _angles(equations: Assembled) -> tuple[int, ...]:
+    """The numbers that are angles."""
+    turning = (entry for entry in equations.layout.entries if entry.unknown.kind is UnknownKind.ANGLE)
+    return tuple(number for entry in turning for number in range(entry.offset, entry.offset + entry.count))

@@ -1,0 +1,99 @@
+"""Ends of streams: what comes back of many data sets, and how it is judged and shown."""
+
+from __future__ import annotations
+
+from math import ceil, pi
+from typing import Any
+
+import numpy as np
+
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.minimise.native.system import NativeEnds
+from mbm.estimation.search.challenge import LOWER
+from mbm.solver import description as of
+from mbm.values import dataclass
+
+TURN = 2.0 * pi
+
+NO_CODE = "there is no native code for such equations, or none on this machine"
+"""Why there is no stream."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StreamEnds:
+    """Where T solves ended: ``numbers`` (T, N) in SI, angles in (-π, π]; ``covariance`` (T, n, n); ``cost`` (T,).
+
+    ``clean`` (T,): a minimum of full rank, away from all bounds, that fits as stated noise lets expect; ``strained``
+    (T,): one that does not fit so.
+    """
+
+    numbers: Floats
+    covariance: Floats
+    cost: Floats
+    clean: Mask
+    strained: Mask
+
+    def beaten(self, which: Indices, others: StreamEnds) -> StreamEnds:
+        """These, with the ``others`` of the solves ``which`` (K,) in their places where these cost less."""
+        lower = ~(others.cost >= (1 - LOWER) * self.cost[which])
+        for mine, other in (
+            (self.numbers, others.numbers),
+            (self.covariance, others.covariance),
+            (self.cost, others.cost),
+            (self.clean, others.clean),
+        ):
+            mine[which[lower]] = other[lower]
+        return self
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rules:
+    """What an end is judged and finished by.
+
+    ``most`` is the largest cost that stated noise lets expect (infinite: nothing is expected), ``estimated`` whether
+    one factor of the noise follows from the residuals, ``angles`` the numbers that are angles.
+    """
+
+    most: float
+    estimated: bool
+    angles: tuple[int, ...]
+
+    def clean(self, cost: Any, reason: Any, deficient: Any, held: Any, freedom: Any) -> Any:
+        """Whether nothing speaks against an end: numbers of one solve, or arrays of all."""
+        return self.sound(cost, reason, deficient, held, freedom) & (cost < self.most)
+
+    def sound(self, cost: Any, reason: Any, deficient: Any, held: Any, freedom: Any) -> Any:
+        """The same, however well it fits."""
+        good = (reason >= of.SMALL_OFFSET) & (reason <= of.ONE_STEP) & (deficient == 0) & (held == 0)
+        return good & (freedom > 0) & (cost > 0.0) if self.estimated else good
+
+    def judged(self, ends: NativeEnds, count: int) -> StreamEnds:
+        """The first so many of some ends, in arrays of their own."""
+        states = ends.states[:count]
+        cost = ends.results[:count, of.COST].copy()
+        freedom = states[:, of.FREEDOM]
+        held = ends.sides[:count].any(axis=1)
+        sound = np.asarray(self.sound(cost, states[:, of.REASON], states[:, of.DEFICIENT], held, freedom))
+        covariance = ends.covariances[:count].copy()
+        if self.estimated:
+            covariance *= (cost / np.maximum(freedom, 1))[:, None, None]
+        numbers = self.shown(ends.numbers[:count])
+        fits = cost < self.most
+        return StreamEnds(numbers=numbers, covariance=covariance, cost=cost, clean=sound & fits, strained=sound & ~fits)
+
+    def shown(self, numbers: Floats) -> Floats:
+        """A copy of numbers (T, N) with angles in (-π, π]."""
+        found = numbers.copy()
+        for k in self.angles:
+            found[:, k] -= TURN * np.ceil(found[:, k] / TURN - 0.5)
+        return found
+
+    def shown_one(self, numbers: Floats) -> Floats:
+        """The same of one solve (N,), to the last bit."""
+        found = numbers.copy()
+        for k in self.angles:
+            angle = found.item(k)
+            turns = ceil(angle / TURN - 0.5)
+            if turns:
+                found[k] = angle - TURN * turns
+        return found

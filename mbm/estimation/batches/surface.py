@@ -1,0 +1,141 @@
+"""Constraints in many solves: how they stand at the ends, and along which directions they leave the estimates free.
+
+What `constrained.answer` and `observability` say of one solve, for all of them side by side.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.equations.metric import scale_of
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.batches.stack import Portion
+from mbm.estimation.minimise.constrained.linearise import violations
+from mbm.solver.decisions import CERTAIN, EPSILON, MET, PUSHED, ROUNDING_ERRORS
+from mbm.values import dataclass
+
+CLEAR = 1e-7
+"""Singular values of the constraints' Jacobian above this share of the largest are non-zero, far above
+`decisions.SUSPECT`. Between this and `FAINT` the rank is ambiguous, and the solve is made by itself, with an SVD."""
+
+FAINT = CERTAIN / 10.0
+"""Singular values below this share are zero, whichever of the two ways computes them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Held:
+    """The constraints of K solves at their ends, as `ConstraintState` has them: (K, c), (K, c, n) for ``slopes``.
+
+    What a solve has fewer of is neither ``there`` nor anything else.
+    """
+
+    values: Floats
+    slopes: Floats
+    there: Mask
+    equality: Mask
+    violated: Mask
+    active: Mask
+    forcing: Mask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tangents:
+    """Orthonormal directions ``basis`` (K, n, n) along what holds, in coordinates of the ``scale`` (K, n).
+
+    Columns that are ``gone`` (K, n), the first ones, are zero: as many as there are independent constraints that hold,
+    of which ``equalities`` (K,) are equations. ``clear`` (K,): no constraint is violated, and how many dimensions they
+    take away is beyond doubt, and not all.
+    """
+
+    basis: Floats
+    scale: Floats
+    gone: Mask
+    equalities: Indices
+    clear: Mask
+
+    @property
+    def taken(self) -> Indices:
+        """Dimensions (K,) that constraints take away."""
+        return np.asarray(self.gone.sum(axis=1))
+
+
+@np.errstate(all="ignore")
+def held(portion: Portion, points: Floats, jacobian: Floats, cost: Floats, multipliers: Floats) -> Held:
+    """How the constraints stand at ``points`` (K, N), where the residuals have the ``jacobian`` (K, m, n)."""
+    values, slopes = portion.constrained(points)
+    there, equality = _kinds(portion)
+    equations = portion.equations
+    scale = scale_of(lengths(jacobian), slopes)
+    places = equations.layout.number[equations.free]
+    size = np.where(places >= 0, np.abs(points[:, places]), 1.0)
+    unit = np.sqrt(np.square(slopes / scale[:, None, :]).sum(axis=2))
+    unit = np.where(unit > 0.0, unit, 1.0)
+    rounding = ROUNDING_ERRORS * EPSILON * (np.matmul(np.abs(slopes), size[:, :, None])[:, :, 0] + np.abs(values))
+    allowed = MET * unit + rounding
+    active = there & (equality | (values >= -allowed))
+    gain = multipliers[:, : values.shape[1]] * unit
+    pushed = gain > PUSHED * (1.0 + np.sqrt(np.maximum(cost, 0.0)))[:, None]
+    return Held(
+        values=values,
+        slopes=slopes,
+        there=there,
+        equality=equality,
+        violated=there & ~(violations(values, equality) <= allowed),
+        active=active,
+        forcing=active & (equality | pushed),
+    )
+
+
+@np.errstate(all="ignore")
+def tangents(found: Held, jacobian: Floats) -> Tangents:
+    """The directions that the constraints with a force of their own leave, for K Jacobians (K, m, n)."""
+    count, _, width = found.slopes.shape
+    most = int(found.forcing.sum(axis=1).max(initial=0))
+    picked = np.argsort(~found.forcing, axis=1, kind="stable")[:, :most]
+    forcing = np.take_along_axis(found.forcing, picked, axis=1)
+    equality = forcing & np.take_along_axis(found.equality, picked, axis=1)
+    slopes = np.take_along_axis(found.slopes, picked[:, :, None], axis=1) * forcing[:, :, None]
+    finite: Mask = np.asarray(np.isfinite(slopes).all(axis=(1, 2)))
+    slopes = np.where(finite[:, None, None], slopes, 0.0)
+    scale = scale_of(lengths(jacobian), slopes)
+    finite &= np.isfinite(scale).all(axis=1)
+    rows = np.where(finite[:, None, None], slopes / scale[:, None, :], 0.0)
+    length = np.sqrt(np.square(rows).sum(axis=2))
+    rows /= np.where(length > 0.0, length, 1.0)[:, :, None]
+    if most == 0:
+        taken, right = np.zeros(count, dtype=np.int64), np.broadcast_to(np.eye(width), (count, width, width))
+        clear = finite
+    else:
+        _, singular, right = np.linalg.svd(rows, full_matrices=True)
+        taken, clear = _rank(singular)
+    equalities, sure = taken, clear & finite
+    if bool((forcing & ~equality).any()):
+        equalities, certain = _rank(np.linalg.svd(rows * equality[:, :, None], compute_uv=False))
+        sure = sure & certain
+    gone = np.arange(width) < taken[:, None]
+    basis = np.where(gone[:, None, :], 0.0, right.transpose(0, 2, 1))
+    sure = sure & (taken < width) & ~found.violated.any(axis=1)
+    return Tangents(basis=basis, scale=scale, gone=gone, equalities=equalities, clear=sure)
+
+
+def lengths(jacobian: Floats) -> Floats:
+    """The lengths (K, n) of the columns of Jacobians (K, m, n)."""
+    return np.asarray(np.sqrt(np.einsum("kmn,kmn->kn", jacobian, jacobian)))
+
+
+def _rank(singular: Floats) -> tuple[Indices, Mask]:
+    """How many singular values (K, r), descending, are something, and whether that is beyond doubt (K,)."""
+    shares = singular / np.where(singular[:, :1] > 0.0, singular[:, :1], 1.0)
+    there = shares >= CLEAR
+    return there.sum(axis=1), np.asarray((there | (shares <= FAINT)).all(axis=1))
+
+
+def _kinds(portion: Portion) -> tuple[Mask, Mask]:
+    """Which constraints (K, c) there are, and which of them are equations."""
+    equations = portion.equations
+    there = np.zeros((portion.count, portion.most_limits), dtype=bool)
+    equality = there.copy()
+    for group, solve, slots in portion.limits():
+        there[solve[:, None], slots] = True
+        equality[solve[:, None], slots] = equations.equality[group.first : group.first + group.kernel.outputs]
+    return there, equality

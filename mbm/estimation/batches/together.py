@@ -1,0 +1,251 @@
+"""Which solves of a problem are made together: those of ``for-each`` and ``window`` whose equations suit one batch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cache as kept
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.binding import EvaluationCache, affine
+from mbm.equations.selected import column_families
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.batches.chain import NOT_SOLVED, Chain, places_before
+from mbm.estimation.batches.components import components_solver, estimated_on_the_way, several_noises
+from mbm.estimation.batches.consensus import consensus_solver, loss_solver
+from mbm.estimation.batches.descent import solver_of
+from mbm.estimation.batches.parts import Part, bound_parts
+from mbm.estimation.batches.sets import Sets, sets_of
+from mbm.estimation.batches.several import Several
+from mbm.estimation.batches.solve import Together
+from mbm.estimation.batches.stack import Stack
+from mbm.estimation.batches.suits import asks_for_one_search, suits
+from mbm.estimation.batches.types import Begun, Descent, Ends, Solver
+from mbm.estimation.settings import Settings
+from mbm.kernels.types import KernelSet
+from mbm.problem.tables import Table
+from mbm.problem.types import Problem
+from mbm.text.types import MbmError
+
+if TYPE_CHECKING:
+    from mbm.estimation.batches.forms import Formed
+
+FEW_SOLVES = 8
+"""Solves up to which binding them together does not pay."""
+
+
+def together(
+    problem: Problem,
+    kernels: KernelSet,
+    tables: Mapping[str, Table],
+    settings: Settings,
+    cache: EvaluationCache,
+    starts: Begun,
+) -> Together | Several | None:
+    """The solves of a problem to be made together; None where they are to be made one by one.
+
+    Raises:
+        MbmError: more solves than can be meant, or a window's column without a number in some row.
+
+    """
+    window = problem.request.window
+    names = problem.request.for_each if window is None else (*problem.request.for_each, window.column)
+    if not names or not asks_for_one_search(settings):
+        return None
+    if not suits(problem, kernels, _divided(problem, tables, names)):
+        return None
+    sets = sets_of(problem, tables)
+    if sets is None or sets.count <= FEW_SOLVES:
+        return None
+    try:
+        parts, left = bound_parts(problem, kernels, sets, cache, starts, FEW_SOLVES)
+    except MbmError:
+        return None  # which solve is at fault, the general path says
+    odd = settings.robust is not None or estimated_on_the_way(problem)
+    if window is not None and odd and len(parts) > 1:
+        return None  # windows of different shape with estimated noise are solved one by one
+    found = []
+    rest = [left]
+    for part in parts:
+        made = _made(problem, kernels, part, settings, cache)
+        if made is None:
+            rest.append(part.which)
+        else:
+            found.append((part.which, made))
+    if not found:
+        return None
+    if len(found[0][0]) == sets.count:
+        return found[0][1]
+    return Several(problem=problem, sets=sets, parts=tuple(found), rest=np.concatenate(rest), settings=settings)
+
+
+def _divided(problem: Problem, tables: Mapping[str, Table], names: tuple[str, ...]) -> frozenset[str]:
+    """The tables that are divided by the columns ``names``, those of the distinct values of a column with its table."""
+    families = column_families(problem)
+    split = {name for name, t in tables.items() if name not in families and any(c in t.columns for c in names)}
+    return frozenset(split | {name for name, family in families.items() if family.table in split})
+
+
+def _made(
+    problem: Problem, kernels: KernelSet, part: Part, settings: Settings, cache: EvaluationCache
+) -> Together | None:
+    """The solves of a part; None where native code does not make them."""
+    bound, window = part.bound, problem.request.window
+    if any(len(groups) != 1 for groups in bound.derived):
+        return None
+    if window is not None and _idle(bound):
+        return None  # members that nothing is said of keep what they were in the window before
+
+    @kept
+    def form() -> Formed | None:
+        from mbm.estimation.batches.forms import formed
+
+        return formed(bound.exactly(), part.first.uncorrected(), settings)
+
+    before = None if window is None else _before(part.sets, window.min_rows)
+    descent = _descent(problem, bound, part.first, part.points, before, form, settings)
+    if descent is None:
+        return None
+    return Together(
+        problem=problem,
+        kernels=kernels,
+        sets=part.sets,
+        stack=bound,
+        settings=settings,
+        cache=cache,
+        descent=descent,
+        before=before,
+        form=form,
+        places=part.which,
+    )
+
+
+def _descent(
+    problem: Problem,
+    bound: Stack,
+    first: Assembled,
+    points: Floats,
+    before: Indices | None,
+    form: Callable[[], Formed | None],
+    settings: Settings,
+) -> Descent | None:
+    """What solves from ``points`` (T, N) where these are stated; None where native code does not.
+
+    Windows (``before`` as `Chain` has it) begin where the ones before ended, but for consensus that needs no start.
+    """
+    if bound.equations.constraints and not _simple(problem, bound, settings):
+        return None
+    stated = settings.robust is not None or not _missing(bound, points).any()
+    begun = points if stated else _begun(bound, points, form)
+    if begun is None:
+        return None
+    solver: Solver | None
+    if bound.errors is not None:
+        # Loaded by problems with errors in measured columns only, so that the others start at once.
+        from mbm.estimation.batches.corrected import corrected_solver
+
+        odd = settings.robust is not None or _begins_at_agreement(problem, bound)
+        solver = None if odd else corrected_solver(problem, bound, first, settings)
+    elif settings.robust is not None:
+        solver = consensus_solver(problem, bound, first, points, settings)
+    elif _begins_at_agreement(problem, bound):
+        solver = loss_solver(problem, bound, first, begun, settings)
+    elif several_noises(problem):
+        solver = components_solver(problem, bound, first, form, settings)
+    else:
+        solver = solver_of(bound, settings)
+    if solver is None:
+        return None
+    solve = solver
+    if before is None or (settings.robust is not None and bool(_missing(bound, points).any())):
+        given = None if stated else np.zeros(bound.solves, dtype=bool)
+        return lambda which: replace(
+            solve(which, begun[which.start : which.stop]),
+            given=None if given is None else given[which.start : which.stop],
+        )
+    known = settings.robust is None and not problem.estimates_noise
+    ends, began = Chain(
+        stack=bound,
+        solve=solve,
+        own=begun,
+        before=before,
+        known=known,
+        blocks=len(problem.blocks) if estimated_on_the_way(problem) else None,
+        places=places_before(bound, before),
+        settings=settings,
+    ).ends()
+    if settings.robust is not None:  # what was kept is found again, slice by slice
+        lost = ends.reason < 0
+
+        def again(which: range) -> Ends:
+            found = solve(which, began[which.start : which.stop])
+            return replace(found, reason=np.where(lost[which.start : which.stop], -1, found.reason))
+
+        return again
+    if not stated:
+        ends = replace(ends, given=np.zeros(bound.solves, dtype=bool))
+    return ends.part
+
+
+def _simple(problem: Problem, bound: Stack, settings: Settings) -> bool:
+    """Whether constraints stand beside nothing but equations of one noise, and losses with one minimum."""
+    convex = all(loss.convex for group in bound.equations.groups for loss in group.losses)
+    odd = estimated_on_the_way(problem) or settings.robust is not None
+    return convex and not odd
+
+
+def _begins_at_agreement(problem: Problem, bound: Stack) -> bool:
+    """Whether losses begin where the least median of squares is: some are not convex, or of unknown noise."""
+    lossy = any(block.unknown_factor and block.loss is not None for block in problem.blocks)
+    return lossy or any(not loss.convex for group in bound.equations.groups for loss in group.losses)
+
+
+def _idle(bound: Stack) -> bool:
+    """Whether there are members that no equation mentions."""
+    layout = bound.equations.layout
+    return len(bound.equations.free) + int(layout.fixed.sum()) < len(layout.number)
+
+
+def _missing(bound: Stack, points: Floats) -> Mask:
+    """Which numbers (N,) that are estimated have no start of their own in some solve."""
+    equations = bound.equations
+    return np.asarray((equations.layout.guessed | ~np.isfinite(points).all(axis=0)) & equations.moving())
+
+
+def _begun(bound: Stack, points: Floats, form: Callable[[], Formed | None]) -> Floats | None:
+    """Where each solve begins (T, N) where a closed form says; ``points`` hold what is stated.
+
+    None where something else gives starts; NaN in solves of which a closed form says nothing, or several things.
+    """
+    equations = bound.exactly().equations
+    moving = equations.moving()
+    missing = _missing(bound, points)
+    free = np.zeros(len(equations.layout.number), dtype=bool)
+    free[equations.free] = True
+    linear = equations.linear and all(affine(group, free) for group in equations.constraints)
+    if linear and not _boxed(equations):
+        return np.where(np.isfinite(points), points, 0.0)  # there is one minimum, which every start leads to
+    apart = (
+        bool(equations.constraints)
+        or bool((missing != moving).any())
+        or bool((points[:, ~moving] != points[:1, ~moving]).any())
+    )
+    found = None if apart else form()
+    if found is None:
+        return None
+    return np.concatenate([found.starts(part) for part in bound.ranges()])
+
+
+def _boxed(equations: Assembled) -> bool:
+    return bool(np.isfinite(equations.lower).any() or np.isfinite(equations.upper).any() or equations.positive.any())
+
+
+def _before(sets: Sets, least: int) -> Indices:
+    """The number of the window before each that has ``least`` rows, as `Chain` has it."""
+    solved = np.full(sets.count, True) if sets.used is None else sets.used >= least
+    numbers = np.where(solved, np.arange(sets.count), -1)
+    latest = np.maximum.accumulate(numbers)
+    return np.where(solved, np.concatenate([[-1], latest[:-1]]), NOT_SOLVED)

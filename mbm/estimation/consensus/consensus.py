@@ -1,0 +1,242 @@
+"""The units that agree → which rows count, from where to start, with what noise.
+
+Consensus (`:robust`) leaves the units that agree. Losses (`:loss`) keep all units, but those whose minimum may hide
+behind others are started where consensus is, and a noise factor that goes with a loss is estimated there, once and for
+all (the M-step of MM-estimation, Yohai 1987): estimated together with the loss it would grow with every outlier.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from math import inf, isfinite, sqrt
+from typing import TypeAlias
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled, loss_lines
+from mbm.equations.excerpt import excerpt
+from mbm.equations.types import Floats, Noise, NoiseState
+from mbm.estimation.consensus import faults
+from mbm.estimation.consensus.agreeing import agreed, agreed_anywhere
+from mbm.estimation.consensus.beginning import told_apart
+from mbm.estimation.consensus.binding import units_of, without_losses
+from mbm.estimation.consensus.many import agree_by_losses
+from mbm.estimation.consensus.parts import agree_in_parts, parts_of
+from mbm.estimation.consensus.subsets import independent_columns
+from mbm.estimation.consensus.types import Agreed, Asked, Prepared, observed, with_loss
+from mbm.estimation.consensus.units import Units, consistency
+from mbm.estimation.minimise.minimise import minimise
+from mbm.estimation.search.starting import Beginning
+from mbm.estimation.settings import Settings
+from mbm.problem.types import Consensus, ConsensusKind, Method, Problem, RandomStarts
+from mbm.solver.decisions import LEAST_SHARE, MANY_CONNECTED, STATED
+from mbm.text.types import Diagnostic, MbmError
+
+Starts: TypeAlias = Callable[[], tuple[Beginning, ...]]
+"""Finds the points to start from, at least one; may raise MbmError."""
+
+SAMPLE = 10_000
+"""With more units the trials are judged by so many, drawn at random: the best of them is the best of all but for luck
+that the last fits, to all units, do not depend on."""
+
+
+def agreeing(
+    problem: Problem, equations: Assembled, settings: Settings, consensus: Consensus, starts: Starts
+) -> Prepared:
+    """The units that agree, by the consensus that the problem asks for; ``starts`` are looked for where they matter."""
+    # graduated non-convexity narrows down from fits to all rows: which of the closed form's roots it begins at decides
+    anywhere = settings.starts is None and consensus.kind is not ConsensusKind.GNC
+    asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=observed)
+    found = _startless(asked, equations) if anywhere else None
+    beginnings: tuple[Beginning, ...] = ()
+    if found is None or found.share < LEAST_SHARE:  # what it began with may have been wrong itself
+        try:
+            beginnings = _told_apart(asked, equations, starts)
+        except MbmError:
+            if found is None:
+                raise
+    point = beginnings[0].point if found is None or beginnings else found.point
+    units = units_of(equations, problem, point, observed)
+    if found is None and (units.scalars <= equations.dimension or not equations.dimension):
+        return Prepared(equations=equations, starts=beginnings)
+    if found is None or beginnings:
+        found = _agreed(asked, equations, units, beginnings)
+    if not found.inliers.any():  # no equation has a value anywhere near: the minimisation says which
+        return Prepared(equations=equations, starts=beginnings or starts())
+    keep = np.ones(int(equations.units.max()) + 1, dtype=bool)
+    keep[units.number] = found.inliers
+    factors, noise = _loss_noise(problem, equations, units, found)
+    diagnostics: list[Diagnostic] = []
+    if found.share < LEAST_SHARE:
+        diagnostics.append(faults.too_few_agree(problem.span, int(found.inliers.sum()), units.count))
+    elif found.ambiguous:
+        diagnostics.append(faults.ambiguous_consensus(problem.span))
+    return Prepared(
+        equations=equations.kept(keep),
+        starts=_from_agreement(found, consensus, settings, beginnings),
+        factors=factors,
+        noise=noise,
+        truncation=_truncation(equations, units, consistency(units.components, found.limits / found.variances)),
+        agreed=found.share >= LEAST_SHARE,
+        cut_short=found.cut_short,
+        diagnostics=tuple(diagnostics),
+    )
+
+
+def scaled(problem: Problem, equations: Assembled, settings: Settings, search: Starts) -> Prepared:
+    """All units, from where consensus finds the losses' minimum, with noise factors from there; ``search`` as above."""
+    unknown = any(block.loss is not None and block.unknown_factor for block in problem.blocks)
+    convex = all(loss.convex for loss, _ in loss_lines(equations))
+    if not unknown and convex:
+        return Prepared(equations=equations, starts=search())
+    consensus = Consensus(kind=ConsensusKind.LMEDS)
+    asked = Asked(problem=problem, settings=settings, consensus=consensus, ruled=with_loss)
+    starts = _told_apart(asked, equations, search)
+    units = units_of(equations, problem, starts[0].point, with_loss)
+    if units.scalars == 0 or not equations.dimension:
+        return Prepared(equations=equations, starts=starts)
+    starts = _fitted_plainly(problem, equations, settings, starts)
+    few = equations.count < equations.dimension
+    found = _all_agree(units, starts[0].point) if few else _agreed(asked, equations, units, starts)
+    factors, noise = _loss_noise(problem, equations, units, found)
+    return Prepared(
+        equations=equations,
+        starts=starts if few else _from_agreement(found, consensus, settings, starts),
+        factors=factors,
+        noise=noise,
+        cut_short=found.cut_short,
+        diagnostics=(faults.ambiguous_consensus(problem.span),) if found.ambiguous and not convex else (),
+    )
+
+
+def _fitted_plainly(
+    problem: Problem, equations: Assembled, settings: Settings, starts: tuple[Beginning, ...]
+) -> tuple[Beginning, ...]:
+    """The starts, where plain squares lead from them if the equations do not determine the unknowns there.
+
+    A closed form, or a fit to a subset, then lies anywhere, and far off a loss that ends is level.
+    """
+    plain = without_losses(equations)
+    if equations.count >= equations.dimension:
+        known = not _without_start(equations)
+        if known or equations.dimension > MANY_CONNECTED or equations.count > SAMPLE or equations.implicit is not None:
+            return starts
+        if independent_columns(plain.jacobian(starts[0].point)) >= equations.dimension:
+            return starts
+    ends = [minimise(plain, start.point, settings, problem.span) for start in starts]
+    order = sorted(range(len(ends)), key=lambda i: ends[i].cost if isfinite(ends[i].cost) else inf)
+    return tuple(replace(starts[i], point=ends[i].point) for i in order)
+
+
+def _all_agree(units: Units, point: Floats) -> Agreed:
+    """What fewer equations than unknowns say: none contradicts another."""
+    return Agreed(
+        point=point,
+        inliers=np.ones(units.count, dtype=bool),
+        limits=np.full(units.count, np.inf),
+        variances=np.ones(units.count),
+    )
+
+
+def _agreed(asked: Asked, equations: Assembled, units: Units, starts: tuple[Beginning, ...]) -> Agreed:
+    """The units that agree: in one piece, part by part, or, with very many connected unknowns, by way of losses."""
+    points = np.stack([start.point for start in starts])
+    if equations.implicit is None and equations.dimension > 1:
+        parts = parts_of(equations)
+        if max(len(part.columns) for part in parts) > MANY_CONNECTED:
+            return agree_by_losses(asked, equations, units, points[0])
+        if len(parts) > 1:
+            return agree_in_parts(asked, equations, units, parts, points[0])
+        if units.count > SAMPLE:
+            return _agreed_from_sample(asked, equations, units, points)
+    return agreed(asked, equations, points)
+
+
+def _startless(asked: Asked, equations: Assembled) -> Agreed | None:
+    """The units that agree with what a closed form gives, where some unknown has no start of its own; None: unknown."""
+    if equations.implicit is not None or not _without_start(equations):
+        return None
+    if equations.whole > SAMPLE or (equations.dimension > 1 and len(parts_of(equations)) > 1):
+        return None
+    return agreed_anywhere(asked, equations)
+
+
+def _told_apart(asked: Asked, equations: Assembled, starts: Starts) -> tuple[Beginning, ...]:
+    """Starts at which the units that are ruled tell the unknowns apart, if closed forms give any.
+
+    Raises:
+        MbmError: there is no start, of whatever kind.
+
+    """
+    settings = asked.settings
+    stated = settings.starts is not None or settings.method is Method.CLOSED_FORM
+    if stated or equations.implicit is not None or not _without_start(equations) or equations.whole > SAMPLE:
+        return starts()
+    units = units_of(equations, asked.problem, equations.numbers, asked.ruled)
+    try:
+        found = starts()
+    except MbmError:  # one row whose square has no value, and the cost has none at any start
+        found = told_apart(equations, units, (), settings.closed_forms)
+        if not found:
+            raise
+        return found
+    return told_apart(equations, units, found, settings.closed_forms)
+
+
+def _without_start(equations: Assembled) -> bool:
+    """Whether some unknown has no start of its own."""
+    missing = np.isnan(equations.layout.start) | equations.layout.guessed
+    return bool((missing & equations.moving()).any())
+
+
+def _agreed_from_sample(asked: Asked, equations: Assembled, units: Units, starts: Floats) -> Agreed:
+    """Consensus of a sample of the units, then all units that agree with it."""
+    generator = np.random.Generator(np.random.PCG64(asked.settings.seed))
+    chosen = np.sort(generator.choice(units.count, SAMPLE, replace=False))
+    rows = np.flatnonzero((units.of_row < 0) | np.isin(units.of_row, chosen))
+    found = agreed(asked, excerpt(equations, equations.free, np.unique(equations.units[rows])), starts)
+    whole = agreed(asked, equations, found.point[None], near=True)
+    return replace(whole, trials=found.trials, ambiguous=found.ambiguous, cut_short=found.cut_short)
+
+
+def _from_agreement(
+    found: Agreed, consensus: Consensus, settings: Settings, starts: tuple[Beginning, ...]
+) -> tuple[Beginning, ...]:
+    """Where units agree; then the points of `:starts`, for other minima (the first random one is what it would be)."""
+    agreeing = Beginning(point=found.point, origin=f"consensus ({consensus.kind.value})")
+    if settings.starts is None:
+        return (agreeing,)
+    return (agreeing, *(starts[1:] if isinstance(settings.starts, RandomStarts) else starts))
+
+
+def _loss_noise(
+    problem: Problem, equations: Assembled, units: Units, found: Agreed
+) -> tuple[Floats | None, Mapping[int, Noise]]:
+    """Factors (all residuals,) and noise of the blocks that have a loss and unknown noise."""
+    factors = np.ones(equations.whole)
+    noise: dict[int, Noise] = {}
+    total = int(units.components[found.inliers].sum())
+    for number in np.unique(units.group[units.group != STATED]).tolist():
+        if problem.blocks[number].loss is None:
+            continue
+        mine = units.group == number
+        count = int(units.components[mine & found.inliers].sum())
+        redundancy = count * (1.0 - equations.dimension / total) if total else 0.0
+        variance = float(found.variances[mine].mean())
+        factor = sqrt(variance)
+        exact = variance <= units.rounding[mine & found.inliers].max(initial=0.0)
+        state = NoiseState.NO_REDUNDANCY if redundancy <= 0.0 else NoiseState.EXACT if exact else NoiseState.ESTIMATED
+        if state is not NoiseState.ESTIMATED:
+            factor = 1.0
+        noise[number] = Noise(factor=factor, state=state)
+        factors[equations.block_rows(number)] = factor
+    return (factors, noise) if noise else (None, noise)
+
+
+def _truncation(equations: Assembled, units: Units, kappa: Floats) -> Floats:
+    """κ by residual (all residuals,): 1 for what no rule touches, and for losses, whose sandwich sees it itself."""
+    found = units.expanded(kappa)
+    for _, lines in loss_lines(equations):
+        found[lines] = 1.0
+    return found

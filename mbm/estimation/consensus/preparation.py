@@ -1,0 +1,73 @@
+"""What robust estimation does before the minimisation, and what it says of the rows afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled, loss_lines
+from mbm.equations.types import Floats, Mask, Minimum
+from mbm.estimation.consensus.types import Prepared
+from mbm.estimation.search.starting import Beginning
+from mbm.estimation.settings import Settings
+from mbm.problem.types import Problem
+
+
+def prepared(
+    problem: Problem, equations: Assembled, settings: Settings, starts: Callable[[], tuple[Beginning, ...]]
+) -> Prepared:
+    """The equations that count, and better starts; what ``starts`` finds where nothing is robust.
+
+    Raises:
+        MbmError: no start is known and none can be found.
+
+    """
+    if settings.robust is None and not equations.lossy:
+        return Prepared(equations=equations, starts=starts())
+    # Here and below: loaded by robust problems only, so that the others start at once.
+    from mbm.estimation.consensus.consensus import agreeing, scaled
+
+    if settings.robust is not None:
+        return agreeing(problem, equations, settings, settings.robust, starts)
+    return scaled(problem, equations, settings, starts)
+
+
+def outliers(equations: Assembled, whole: Floats) -> Mask | None:
+    """Which residuals (all,) belong to units left out, or beyond three deviations under a loss; None if neither is.
+
+    ``whole`` (all residuals,) are plain and whitened with the final noise.
+    """
+    if equations.rows is None and not equations.lossy:
+        return None
+    from mbm.estimation.consensus.scores import STATED_CUT
+    from mbm.estimation.consensus.units import limits
+
+    found = np.zeros(equations.whole, dtype=bool)
+    if equations.rows is not None:
+        found[:] = True
+        found[equations.rows] = False
+    for _, lines in loss_lines(equations.everything()):
+        squares = np.square(whole[lines]).sum(axis=1)
+        limit = limits(np.full(1, lines.shape[1]), STATED_CUT)[0]
+        found[lines[~(squares <= limit)]] = True
+    return found
+
+
+def unit_weights(equations: Assembled, whole: Floats) -> Floats | None:
+    """What each residual (all of them) counted: 0 where it was left out, ρ' under a loss; None if all counted fully."""
+    if equations.rows is None and not equations.lossy:
+        return None
+    found = np.ones(equations.whole)
+    for loss, lines in loss_lines(equations.everything()):
+        found[lines] = loss.weight(np.square(whole[lines]).sum(axis=1))[:, None]
+    if equations.rows is not None:
+        counted = np.zeros(equations.whole)
+        counted[equations.rows] = 1.0
+        found *= counted
+    return found
+
+
+def robust_cost(equations: Assembled, minimum: Minimum) -> float | None:
+    """``Σ ρ`` at the minimum; None without losses."""
+    return minimum.cost if equations.lossy else None

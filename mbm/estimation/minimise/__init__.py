@@ -1,0 +1,1 @@
+"""One local minimum: the compiled solver, the sparse solver, constraints."""

@@ -1,0 +1,144 @@
+"""Equations and a start → a minimum: chooses the solver."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from mbm.equations import faults
+from mbm.equations.assembly import Assembled
+from mbm.equations.types import Correctable, Equations, Floats, Minimum, Reason
+from mbm.estimation.minimise.native.minimum import native_minima, native_minimum
+from mbm.estimation.minimise.native.system import one_step_suits
+from mbm.estimation.minimise.sparsity import sparse_suits
+from mbm.estimation.settings import Settings
+from mbm.estimation.starts.nudging import SINGULAR, beside
+from mbm.problem.types import Method
+from mbm.solver.description import RULES
+from mbm.text.types import MbmError, Place
+
+if TYPE_CHECKING:
+    from mbm.estimation.minimise.constrained.types import ConstrainedEquations
+
+DENSE_LIMIT = 200_000_000
+"""Numbers in a dense Jacobian: 1.6 GB, and as much again while it is decomposed."""
+
+ROUGH = 20
+ROUGHLY = 0.05
+"""Iterations and relative offset of a fit whose end is only a start."""
+
+LINEAR = "linear"
+"""The name of a method that nobody asks for by name."""
+
+SPARSE = {
+    Method.AUTO: "dogleg-sparse",  # fewer iterations than Marquardt's on every pose graph tried, as many on bundles
+    **{Method(rule): f"{rule}-sparse" for rule in RULES},
+}
+"""The methods that the sparse solver has, and what it calls them."""
+
+
+def solver_name(equations: Equations, settings: Settings) -> str:
+    """The name of the method that ``minimise`` takes: one step for linear equations without bounds, else Marquardt's,
+    where the settings name none that goes on from any start.
+    """
+    method = settings.method
+    if method is not Method.CLOSED_FORM and _bound(equations, settings) is not None:
+        from mbm.estimation.minimise.constrained.solve import method_name
+
+        return method_name(settings)
+    if _sparse(equations, settings):
+        return SPARSE[method]
+    if method is Method.AUTO and one_step_suits(equations):
+        return LINEAR
+    only_begin = (Method.AUTO, Method.DIRECT_SEARCH, Method.IPOPT)
+    return Method.MARQUARDT.value if method in only_begin else method.value
+
+
+def minimise(equations: Equations, start: Floats, settings: Settings, place: Place | None = None) -> Minimum:
+    """The minimum of ``Σ r²`` (where the constraints hold) that the start leads to; never worse than the start.
+
+    Raises MbmError (`no-equations`, `no-unknowns`, `too-many-unknowns`), with ``place`` to point at.
+    """
+    if equations.dimension == 0:
+        raise MbmError(faults.no_unknowns(place))
+    if equations.count == 0:
+        raise MbmError(faults.no_equations(equations.dimension, place))
+    size = max(equations.count, equations.dimension) * equations.dimension
+    bound = _bound(equations, settings)
+    if (not _sparse(equations, settings) or bound is not None) and size > DENSE_LIMIT:
+        raise MbmError(faults.too_many_unknowns(equations.count, equations.dimension, DENSE_LIMIT, place))
+    # asked first, as looking for all that a protocol wants takes longer than a small solve
+    if getattr(equations, "profiled", False) and isinstance(equations, Correctable):
+        from mbm.equations.corrections.approach import approached
+
+        start = approached(equations, start, lambda plain, point: _roughly(plain, point, settings))
+    found = _from(equations, bound, start, settings)
+    if found.reason in SINGULAR and settings.method is not Method.CLOSED_FORM:
+        others = (_from(equations, bound, point, settings) for point in beside(equations, start, settings.seed))
+        found = next((other for other in others if other.reason not in SINGULAR), found)
+    return found
+
+
+def minima(equations: Equations, starts: Floats, settings: Settings, place: Place | None = None) -> Iterator[Minimum]:
+    """The minimum that each of many starts (T, N) leads to, as `minimise` finds it; native solves are made at once."""
+    found: Iterable[Minimum | None] = (None for _ in starts)
+    alone = len(starts) < 2 or _sparse(equations, settings) or settings.method in (Method.CLOSED_FORM, Method.IPOPT)
+    if not alone and isinstance(equations, Assembled) and not equations.profiled:
+        if equations.constraints:
+            from mbm.estimation.minimise.constrained.solve import constrained_minima
+
+            found = constrained_minima(equations, starts, settings)
+        else:
+            found = native_minima(equations, starts, settings)
+    for start, native in zip(starts, found, strict=True):
+        each = native if native is not None and native.reason not in SINGULAR else None
+        yield each or minimise(equations, start, settings, place)
+
+
+def _sparse(equations: Equations, settings: Settings) -> bool:
+    """Whether the sparse solver is taken."""
+    return settings.method in SPARSE and sparse_suits(equations)
+
+
+def _bound(equations: Equations, settings: Settings) -> ConstrainedEquations | None:
+    """The equations if a method for constraints is to take them."""
+    equality = getattr(equations, "equality", None)
+    if equality is None or (not equality.size and settings.method is not Method.IPOPT):
+        return None
+    from mbm.estimation.minimise.constrained.solve import for_constrained
+
+    return for_constrained(equations, settings)
+
+
+def _from(equations: Equations, bound: ConstrainedEquations | None, start: Floats, settings: Settings) -> Minimum:
+    """Where the solver gets from the start; ``bound`` are the equations if they have constraints."""
+    if settings.method is not Method.CLOSED_FORM and bound is not None:
+        from mbm.estimation.minimise.constrained.solve import constrained_minimum
+
+        return constrained_minimum(bound, start, settings, _stopped(settings))
+    if _sparse(equations, settings):
+        # Here and below: methods that few problems need are loaded by those that do, so that small ones start at once.
+        from mbm.estimation.minimise.sparse import sparse_minimum
+
+        found = sparse_minimum(equations, start, settings)
+    else:
+        found = native_minimum(equations, start, settings, _stopped(settings))
+    if settings.method is Method.CLOSED_FORM and found.bad_row is None:
+        found = replace(found, reason=Reason.CLOSED_FORM)
+    if bound is None:
+        return found
+    from mbm.estimation.minimise.constrained.solve import with_constraints
+
+    return with_constraints(bound, found)
+
+
+def _stopped(settings: Settings) -> Callable[[], bool] | None:
+    """What is asked between iterations; None: nobody may interrupt."""
+    return settings.stopped if settings.interruption is not None else None
+
+
+def _roughly(equations: Equations, start: Floats, settings: Settings) -> Floats:
+    """Where a few iterations lead."""
+    short = replace(settings, max_iterations=min(ROUGH, settings.max_iterations), tolerance=ROUGHLY)
+    return minimise(equations, start, short).point

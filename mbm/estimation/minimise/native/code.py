@@ -1,0 +1,214 @@
+"""The solver and the kernels of a problem as machine code, made once and kept with what else is kept of the problem."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Sequence
+from dataclasses import field
+from threading import Lock
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.kernels.native.sources import source_digest
+from mbm.kernels.types import Backend, Kernel, KernelSet, MachineCode, Stream
+from mbm.machine.kinds import LANES
+from mbm.machine.records import address, blank
+from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.estimation.minimise.native.callbacks import CallbackKernels
+    from mbm.estimation.minimise.native.interpreted import InterpretedCode
+    from mbm.kernels.native.engine import Library
+    from mbm.kernels.native.kernels import NativeKernels
+    from mbm.kernels.native.normal import NormalKernels
+    from mbm.kernels.store import Store
+
+UNOPTIMISED, OPTIMISED = 0, 2
+"""Levels of optimisation."""
+
+WORTH = 1e9
+"""Products from which making the fast code pays: it takes 1.8 s of a processor (that of consensus 2.3 s), and saves 1
+to 1.5 ns a product."""
+
+KEPT_WORTH = 5e8
+"""The same where a store keeps it, for the processes to come: half a second that each of them would lose."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Routine:
+    """A function of the solver: arrays and integers go in, changed arrays come out.
+
+    The call lets other threads run.
+    """
+
+    function: Any
+    kinds: tuple[bool, ...]
+
+    def __call__(self, *arguments: NDArray[Any] | int) -> int:
+        """Call it; arrays are of 64-bit numbers, contiguous, and stay with the caller."""
+        plain = [a if isinstance(a, int) else address(a) for a in arguments]
+        found: int = self.function(*plain)
+        return found
+
+
+class SolverCode:
+    """The compiled solver. Local to one process; several threads may call its routines.
+
+    Code that runs fast takes seconds to make, plain code, which gives the same numbers to the last bit, a tenth of
+    one. So plain code serves until what it has been asked for takes as long as the fast one would take to make; what
+    the store has of the fast one is taken at once.
+    """
+
+    def __init__(self, store: Store | None, name: str, text: Callable[[], str]) -> None:
+        self._store = store
+        self._name = f"{name} {source_digest('solver', __file__)}"
+        self._text = text
+        self._expected = 0.0
+        self._lock = Lock()
+        self._libraries: list[Library] = []  # none goes while a thread may be in it
+        self._known: dict[str, Routine] = {}
+        self.fast = False
+        """Whether all that is to come is done by the fast code."""
+
+    def expect(self, products: float) -> None:
+        """Choose the code for so many products more; inf: for work without end."""
+        from mbm.kernels.native.engine import fetched, kept
+
+        if self.fast:
+            return
+        with self._lock:
+            self._expected += products
+            found = None
+            if not self._libraries:
+                found = fetched(self._name, self._store, OPTIMISED, compact=True)
+            if found is None and self._expected >= (WORTH if self._store is None else KEPT_WORTH):
+                found = kept(self._name, self._text, self._store, OPTIMISED, compact=True)
+            if found is not None:
+                self._libraries.append(found)
+                self._known = {}
+                self.fast = True
+            elif not self._libraries:
+                self._libraries.append(kept(self._name, self._text, self._store, UNOPTIMISED))
+
+    def blank(self, kind: type) -> NDArray[np.int64]:
+        """Memory for a record, with nothing in it."""
+        return blank(kind)
+
+    def routine(self, name: str, *kinds: type) -> Routine:
+        """The public function ``name``; ``kinds`` says of each argument whether it is an array or an ``int``."""
+        known = self._known
+        found = known.get(name)
+        if found is None:
+            plain = tuple(kind is int for kind in kinds)
+            types = [ctypes.c_int64 if whole else ctypes.c_void_p for whole in plain]
+            signature = ctypes.CFUNCTYPE(ctypes.c_int64, *types)
+            found = known[name] = Routine(signature(self._libraries[-1].address(name)), plain)
+        return found
+
+
+AnyCode: TypeAlias = "SolverCode | InterpretedCode"
+
+
+def _text() -> str:
+    """The IR of the solver."""
+    from llvmlite import ir
+
+    from mbm.machine.llvm import lower_into
+    from mbm.machine.tree import Return
+    from mbm.solver.modules import solver_module
+
+    target, solver = ir.Module("solver"), solver_module(LANES)
+    lower_into(target, solver)
+    for each in solver.functions:
+        made = target.get_global(each.name)
+        if len(each.body) == 1 and isinstance(each.body[0], Return):
+            made.attributes.add("alwaysinline")
+    return str(target)
+
+
+def _consensus_text() -> str:
+    """The IR of consensus."""
+    from llvmlite import ir
+
+    from mbm.machine.llvm import lower_into
+    from mbm.solver.modules import consensus_module
+
+    target = ir.Module("consensus")
+    lower_into(target, consensus_module(LANES))
+    return str(target)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Described:
+    """``system`` and ``constants`` of equations with up to ``rows`` rows in each group; ``fused`` is their code."""
+
+    rows: tuple[int, ...]
+    system: NDArray[np.int64]
+    constants: NDArray[np.float64]
+    fused: object = field(repr=False)
+
+
+class NativeCode:
+    """What native solves of one compiled problem share; local to it, as `EvaluationCache` is.
+
+    ``systems`` keeps descriptions by structure and settings. With a ``backend`` whose kernels are machine code the
+    solver is machine code too; else that is looked into first, and where none can be made its text runs as Python.
+    """
+
+    def __init__(self, backend: Backend | None) -> None:
+        self.store: Store | None = getattr(backend, "store", None)
+        self._sure = isinstance(backend, MachineCode)
+        self._solver: AnyCode | None = None
+        self._consensus: AnyCode | None = None
+        self._kernels: dict[tuple[int, ...], NativeKernels] = {}
+        self._callbacks: dict[tuple[int, ...], CallbackKernels] = {}
+        self.sums: dict[object, NormalKernels] = {}
+        self.systems: dict[object, Described] = {}
+
+    @property
+    def solver(self) -> AnyCode:
+        """The solver, compiled or fetched when first asked for."""
+        if self._solver is None:
+            self._solver = self._made("solver", _text)
+        return self._solver
+
+    @property
+    def consensus(self) -> AnyCode:
+        """Consensus, likewise."""
+        if self._consensus is None:
+            self._consensus = self._made("consensus", _consensus_text)
+        return self._consensus
+
+    def _made(self, name: str, text: Callable[[], str]) -> AnyCode:
+        if not self._sure:
+            from mbm.kernels.native.engine import hindrance
+
+            if hindrance(self.store) is not None:
+                # Loaded where there is nothing else.
+                from mbm.estimation.minimise.native.interpreted import InterpretedCode
+
+                return InterpretedCode(name)
+        return SolverCode(self.store, name, text)
+
+    def callbacks(
+        self, numbers: Sequence[int], kernels: Sequence[Kernel], streams: Sequence[Stream]
+    ) -> CallbackKernels:
+        """Some kernels, the k-th under the number k, that the ``streams`` of a backend evaluate."""
+        key = tuple(numbers)
+        if key not in self._callbacks:
+            from mbm.estimation.minimise.native.callbacks import CallbackKernels
+
+            widths = [(len(k.variables) + len(k.parameters), k.outputs, len(k.jacobian_rows)) for k in kernels]
+            self._callbacks[key] = CallbackKernels(streams, widths)
+        return self._callbacks[key]
+
+    def kernels(self, numbers: Sequence[int], kernels: Sequence[Kernel], rows: int) -> NativeKernels:
+        """The code of some kernels, the k-th under the number k."""
+        key = tuple(numbers)
+        if key not in self._kernels:
+            from mbm.kernels.native.kernels import native_kernels
+
+            self._kernels[key] = native_kernels(KernelSet(name="system", kernels=tuple(kernels)), self.store, rows)
+        return self._kernels[key]

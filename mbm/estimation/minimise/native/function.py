@@ -1,0 +1,176 @@
+"""Equations that Python evaluates as a whole, for the compiled solver.
+
+Residuals and Jacobian are one fused kernel; constraints are a block of one row with all of them.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import field
+from functools import cache
+from typing import Any, cast
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.forwarding import Forwarding
+from mbm.equations.types import Equations, Floats
+from mbm.estimation.minimise.constrained.types import ConstrainedEquations
+from mbm.estimation.minimise.native.callbacks import KERNEL, Guard, address_of, memory
+from mbm.estimation.minimise.native.code import AnyCode, NativeCode
+from mbm.estimation.minimise.native.packing import Fused, Limits, Rows, function_arrays
+from mbm.estimation.minimise.native.system import NativeSystem, iteration_of, native_code
+from mbm.estimation.settings import Settings
+from mbm.machine.kinds import LANES
+from mbm.solver import description as of
+from mbm.values import dataclass
+
+CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)
+"""The signature of ``call_fused``."""
+
+
+@dataclass(slots=True, eq=False)
+class Remembered:
+    """Equations with what they were at the last point: several kernels ask for parts of it.
+
+    Used by one thread at a time: equations keep what they evaluate with.
+    """
+
+    equations: Equations
+    _point: Floats | None = None
+    _residuals: Floats | None = None
+    _jacobian: Floats | None = None
+
+    def residuals(self, point: Floats) -> Floats:
+        """Those (m,) at a point (N,)."""
+        if self._point is None or self._residuals is None or not np.array_equal(point, self._point):
+            self._point, self._jacobian = point.copy(), None
+            self._residuals = self.equations.residuals(self._point)
+        return self._residuals
+
+    def jacobian(self, point: Floats) -> Floats:
+        """That (m, n) at a point."""
+        self.residuals(point)
+        if self._jacobian is None:
+            self._jacobian = self.equations.jacobian(point.copy())
+        return self._jacobian
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Function:
+    """What ``equations`` have, residuals and constraints, as kernels, at points of so many ``numbers``."""
+
+    equations: Equations
+    numbers: int
+    guard: Guard = field(default_factory=Guard)
+    _remembered: Remembered = field(init=False)
+    _held: tuple[Any, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        self._remembered = Remembered(self.equations)
+
+    def fused(self) -> Fused:
+        """What the solver is told of them; the callbacks live as long as this object does."""
+        self._held = (CALL(self._values), CALL(self._slopes))
+        head = np.zeros(of.FUSED, dtype=np.int64)
+        head[of.Fused.values], head[of.Fused.jacobian] = (address_of(callback) for callback in self._held)
+        head[of.Fused.residuals] = self.equations.count
+        return Fused(table=head, reals=1, library=self)
+
+    def limits(self) -> Limits:
+        """The same of the constraints."""
+        callbacks = KERNEL(self._limits), KERNEL(self._limit_slopes)
+        self._held = (*self._held, *callbacks)
+        values, jacobian = (address_of(callback) for callback in callbacks)
+        return Limits(values=values, jacobian=jacobian, equality=self._limited.equality)
+
+    @property
+    def _limited(self) -> ConstrainedEquations:
+        return cast(ConstrainedEquations, self.equations)
+
+    def _limits(self, given: int, target: int, _blocks: int) -> None:
+        found = memory(target, LANES * len(self._limited.equality)).reshape(-1, LANES)
+
+        def evaluate() -> None:
+            found[...] = self._limited.constraint_values(self._first_lane(given))[:, None]
+
+        self.guard.fill(found, evaluate)
+
+    def _limit_slopes(self, given: int, target: int, _blocks: int) -> None:
+        count = len(self._limited.equality)
+        found = memory(target, LANES * count * (1 + self.equations.dimension)).reshape(-1, LANES)
+
+        def evaluate() -> None:
+            here = self._first_lane(given)
+            found[:count] = self._limited.constraint_values(here)[:, None]
+            found[count:] = self._limited.constraint_jacobian(here).reshape(-1, 1)
+
+        self.guard.fill(found, evaluate)
+
+    def _first_lane(self, given: int) -> Floats:
+        """A point as a kernel is given it; all lanes are equal."""
+        return memory(given, LANES * self.numbers)[::LANES].copy()
+
+    def _values(self, point: int, _data: int, target: int, _stride: int) -> None:
+        found = memory(target, self.equations.count)
+
+        def evaluate() -> None:
+            found[:] = self._remembered.residuals(memory(point, self.numbers))
+
+        self.guard.fill(found, evaluate)
+
+    def _slopes(self, point: int, _data: int, target: int, stride: int) -> None:
+        equations = self.equations
+        found = memory(target, (equations.dimension + 1) * stride).reshape(-1, stride)[:, : equations.count]
+
+        def evaluate() -> None:
+            here = memory(point, self.numbers)
+            found[-1], found[:-1] = self._remembered.residuals(here), self._remembered.jacobian(here).T
+
+        self.guard.fill(found, evaluate)
+
+
+def underlying(equations: Equations) -> Assembled | None:
+    """The equations of a problem that others are made of; None: these are none of a problem."""
+    while isinstance(equations, Forwarding):
+        equations = equations.equations
+    return equations if isinstance(equations, Assembled) else None
+
+
+@cache
+def solver_code() -> AnyCode:
+    """The solver for equations that belong to no problem, kept for this process only."""
+    return NativeCode(None).solver
+
+
+def system_of_function(equations: Equations, settings: Settings, *, constrained: bool = False) -> NativeSystem:
+    """Any equations for the native solver: their residuals and Jacobian are asked for as `Equations` has them.
+
+    ``constrained``: their constraints as well.
+    """
+    base = underlying(equations)
+    function = Function(equations=equations, numbers=equations.dimension if base is None else len(base.layout.start))
+    system, constants = function_arrays(
+        equations,
+        base,
+        iteration_of(equations, settings, direct=False if constrained else None, strict=False),
+        function.fused(),
+        function.limits() if constrained else None,
+    )
+    none = np.zeros(1)
+    places = np.arange(max(function.numbers, equations.dimension))
+    data = np.array([[equations.count, *(constrained * [0, 0, 0, 0, 1])]], dtype=np.int64)
+    return NativeSystem(
+        system=system,
+        constants=constants,
+        rows=Rows(parameters=none, weights=none, index=places, columns=places, data=data),
+        code=_code(base),
+        held=function,
+        failed=function.guard.raise_failure,
+    )
+
+
+def _code(base: Assembled | None) -> AnyCode:
+    if base is None or not base.groups:
+        return solver_code()
+    return native_code(base.groups[0].cache).solver

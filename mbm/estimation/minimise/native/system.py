@@ -1,0 +1,392 @@
+"""Equations in native code: what of them can be handed over, solved from many points in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.binding import EvaluationCache, Group
+from mbm.equations.types import Equations, Floats, Indices
+from mbm.estimation.minimise.native.code import AnyCode, Described, NativeCode
+from mbm.estimation.minimise.native.packing import (
+    ROWS_AT_A_TIME,
+    Iteration,
+    Rows,
+    rows_of,
+    structure_of,
+    system_arrays,
+    triangle_kind,
+)
+from mbm.estimation.minimise.native.summing import sum_addresses, summable
+from mbm.estimation.settings import Settings
+from mbm.machine.records import address, inside, put, slot, view
+from mbm.problem.types import ConstraintMethod, Method
+from mbm.solver import description as of
+from mbm.solver import workspace as workspace
+from mbm.solver.batch import Solves
+from mbm.solver.workspace import Answer, Work, work_integers, work_reals
+from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.estimation.minimise.native.callbacks import CallbackKernels
+    from mbm.kernels.native.kernels import NativeKernels
+
+MOST_COORDINATES = 80
+"""Beyond, calling kernels gains a fifth at most over asking for all residuals at once, and a batch loses by it: what it
+says of each answer takes longer than LAPACK does."""
+
+AT_A_TIME = 2e8
+"""Products in one call, about a tenth of a second: between calls the user may interrupt."""
+
+ROWS_IN_PYTHON = 8192
+"""Residuals that go through kernels in Python at a time: a call takes as long as a thousand of them."""
+
+MANY_ROWS, MANY_ROWS_OFTEN = 500, 32
+"""Rows of a group from which its normal equations are summed: the function for that takes its time to compile, so in
+streams there are fewer of them."""
+
+ITERATIONS_OF_MANY = 20.0
+"""Iterations that a solve of many takes, as a guess."""
+
+MOST_ITERATIONS = 100.0
+"""Iterations that hardly a solve exceeds: where one call has not room for them, solves are made in several."""
+
+_GIVEN = ("constants", "parameters", "whitening", "index", "columns")
+"""What `Rows` has of a system."""
+
+
+def never() -> bool:
+    """Nobody interrupts."""
+    return False
+
+
+def nothing() -> None:
+    """Nothing failed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NativeEnds:
+    """Where T solves ended, as `mbm.solver.description` says."""
+
+    numbers: Floats
+    results: Floats
+    states: Indices
+    sides: Indices
+    triangles: Floats
+    covariances: Floats
+    multipliers: Floats
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All of it, by the names that the solver has for it."""
+        first = {"numbers": self.numbers, "results": self.results, "states": self.states, "sides": self.sides}
+        last = {"triangle": self.triangles, "covariance": self.covariances, "multipliers": self.multipliers}
+        return {**first, **last}
+
+    @property
+    def clean(self) -> NDArray[np.bool_]:
+        """Which solves (T,) ended in a minimum of full rank."""
+        reasons = self.states[:, of.REASON]
+        good = (reasons >= of.SMALL_OFFSET) & (reasons <= of.ONE_STEP)
+        return np.asarray(good & (self.states[:, of.DEFICIENT] == 0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NativeSystem:
+    """A system with its rows, ready to be solved.
+
+    ``code`` and ``held`` keep machine code alive; ``failed`` raises what ended an evaluation in Python, if one did.
+    """
+
+    system: Indices
+    constants: Floats
+    rows: Rows
+    code: AnyCode
+    held: object = field(repr=False)
+    scratch_sizes: tuple[int, int] | None = None
+    """Reals and integers that a thread needs; None: they are still to be worked out."""
+    failed: Callable[[], None] = field(default=nothing, repr=False)
+    _given: tuple[int, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.scratch_sizes is None:
+            problem = view(of.Problem, self.system)
+            object.__setattr__(self, "scratch_sizes", (int(work_reals(problem)), int(work_integers(problem))))
+        # Where they begin; asking for that takes longer than a small solve.
+        object.__setattr__(self, "_given", tuple(address(array) for array in self._arrays))
+
+    @property
+    def _arrays(self) -> tuple[NDArray[Any], ...]:
+        """What `Rows` has of a system, by the names of `_GIVEN`."""
+        rows = self.rows
+        return self.constants, rows.parameters, rows.weights, rows.index, rows.columns
+
+    @property
+    def dimension(self) -> int:
+        """Free coordinates n."""
+        return int(self.system[of.Problem.n])
+
+    def solve(
+        self,
+        points: Floats,
+        which: Indices | None = None,
+        *,
+        workers: int = 1,
+        stopped: Callable[[], bool] = never,
+    ) -> NativeEnds:
+        """Solve from each of ``points`` (T, N), with the data set ``which`` (T,) (None: the first).
+
+        The answers do not depend on ``workers``, the number of threads. ``stopped`` is asked now and then; solves that
+        were not made then, or not to their end, have the reason `RUNNING`.
+        """
+        count = len(points)
+        ends = self.blank(count)
+        chosen = np.zeros(count, dtype=np.int64) if which is None else np.ascontiguousarray(which, dtype=np.int64)
+        starts = np.ascontiguousarray(points, dtype=np.float64)
+        at_a_time = AT_A_TIME / self._products
+        self.code.expect(count * self.expected)
+
+        def part(first: int, last: int) -> None:
+            work = self.scratch()
+            if at_a_time < MOST_ITERATIONS:
+                most = int(max(at_a_time, 1))
+                for k in range(first, last):
+                    if not stopped():
+                        answer = {name: array[k : k + 1] for name, array in ends.arrays().items()}
+                        self._alone(starts[k], int(chosen[k]), answer, work, most, stopped)
+                return
+            step = int(max(at_a_time / ITERATIONS_OF_MANY, 1))
+            routine = self.code.routine("solve_many", object)
+            solves = self.solves(chosen, starts, ends, work[0])
+            for k in range(first, last, step):
+                if stopped():
+                    return
+                put(solves, Solves, first=k, last=min(k + step, last))
+                routine(solves)
+
+        if workers <= 1 or count < 2:
+            part(0, count)
+            self.failed()
+            return ends
+        cuts = np.linspace(0, count, min(workers, count) + 1).astype(int).tolist()
+        from concurrent.futures import ThreadPoolExecutor  # loads what logs; one solve needs no threads
+
+        with ThreadPoolExecutor(len(cuts) - 1) as pool:
+            list(pool.map(part, cuts[:-1], cuts[1:]))
+        self.failed()
+        return ends
+
+    @property
+    def expected(self) -> float:
+        """Products of one solve, as a guess."""
+        return ITERATIONS_OF_MANY * self._products
+
+    @property
+    def _products(self) -> float:
+        """Products in one iteration, about: however few the rows are, the damped triangle has as many as unknowns."""
+        return float(max(self.system[of.Problem.most_residuals], self.dimension)) * (self.dimension + 4) ** 2
+
+    def blank(self, count: int) -> NativeEnds:
+        """Room for the answers of so many solves."""
+        n = self.dimension
+        return NativeEnds(
+            numbers=np.zeros((count, int(self.system[of.Problem.numbers]))),
+            results=np.zeros((count, of.RESULTS)),
+            states=np.zeros((count, of.STATES), dtype=np.int64),
+            sides=np.zeros((count, n), dtype=np.int64),
+            triangles=np.zeros((count, n + 1, n + 1)),
+            covariances=np.zeros((count, n, n)),
+            multipliers=np.zeros((count, int(self.system[of.Problem.most_multipliers]))),
+        )
+
+    def hand(self, rows: Any) -> None:
+        """Let `Rows` have what belongs to the system."""
+        if isinstance(rows, np.ndarray):
+            for name, begin in zip(_GIVEN, self._given, strict=True):
+                rows[slot(workspace.Rows, name)] = begin
+        else:
+            put(rows, workspace.Rows, **dict(zip(_GIVEN, self._arrays, strict=True)))
+
+    def scratch(self, parameters: Floats | None = None) -> tuple[Any, ...]:
+        """What one thread needs beside, as `Work`, and the arrays that it refers to; with other ``parameters``."""
+        count, whole = self.scratch_sizes or (0, 0)
+        reals, integers = np.empty(count), np.empty(whole, dtype=np.int64)
+        work = self.code.blank(Work)
+        put(work, Work, reals=reals, integers=integers)
+        self.hand(inside(work, Work, "rows"))
+        if parameters is not None:
+            put(inside(work, Work, "rows"), workspace.Rows, parameters=parameters)
+        return work, reals, integers
+
+    def solves(self, which: Indices, starts: Floats, ends: NativeEnds, work: Any) -> Any:
+        """A batch as `Solves`, with the scratch of one thread."""
+        found = self.code.blank(Solves)
+        put(found, Solves, problem=self.system, work=work, data=self.rows.data, which=which, starts=starts)
+        put(inside(found, Solves, "answers"), Answer, **ends.arrays())
+        return found
+
+    def one(
+        self, start: Floats, *, which: int = 0, stopped: Callable[[], bool] | None = None, end: str = "finish_solve"
+    ) -> NativeEnds:
+        """Solve from one start (N,); ``stopped`` is asked before each iteration: what is reached comes back.
+
+        ``end`` is the routine that answers; `set_end` leaves out what is known about the answer there.
+        """
+        ends = self.blank(1)
+        begun = np.ascontiguousarray(start, dtype=np.float64)
+        work = self.scratch()
+        most = 1 if stopped is not None else int(max(AT_A_TIME / self._products, 1))
+        self.code.expect(self.expected)
+        self._alone(begun, which, ends.arrays(), work, most, stopped or never, end)
+        self.failed()
+        return ends
+
+    def _alone(
+        self,
+        start: Floats,
+        which: int,
+        answer: Mapping[str, NDArray[Any]],
+        scratch: tuple[Any, ...],
+        most: int,
+        stopped: Callable[[], bool],
+        end: str = "finish_solve",
+    ) -> None:
+        """One solve, ``most`` iterations at a time; ``answer`` are the arrays that the routine ``end`` puts it to."""
+        begin = self.code.routine("start_solve", object, object, int, object, object)
+        go_on = self.code.routine("go_on", object, int, object)
+        work = scratch[0]
+        put(inside(work, Work, "answer"), Answer, **answer)
+        begin(self.system, self.rows.data[which], 0, start, work)
+        done = go_on(self.system, 0, work)
+        while not done and not stopped():
+            done = go_on(self.system, most, work)
+        self.code.routine(end, object, object)(self.system, work)
+
+
+def handled(equations: object) -> bool:
+    """Whether equations are such as the native solver knows."""
+    if not isinstance(equations, Assembled) or equations.implicit is not None or equations.dimension == 0:
+        return False
+    if equations.dimension > MOST_COORDINATES or equations.count == 0:
+        return False
+    groups = (*equations.groups, *equations.constraints)
+    if any(group.sampled for group in groups) or not all(group.kernel.outputs for group in groups):
+        return False
+    if equations.rows is not None and not _whole_units(equations):
+        return False
+    return all(triangle_kind(w) is not None for group in groups for w in group.whiteners)
+
+
+def one_step_suits(equations: Equations) -> bool:
+    """Whether one linear step is the answer: affine residuals, no constraint, no bound and no `positive` unknown."""
+    bounded = np.isfinite(equations.lower) | np.isfinite(equations.upper) | equations.positive
+    constrained = bool(getattr(equations, "constraints", ()))
+    return equations.linear and not constrained and not bool(bounded.any())
+
+
+def iteration_of(equations: Equations, settings: Settings, *, direct: bool | None, strict: bool) -> Iteration:
+    """How equations are solved; ``direct`` and ``strict`` as in `system_of`."""
+    if direct is None:
+        direct = settings.method is Method.AUTO and one_step_suits(equations)
+    return Iteration(
+        most=0 if settings.method is Method.CLOSED_FORM else settings.max_iterations,
+        tolerance=settings.tolerance,
+        direct=direct,
+        strict=strict,
+        rule=of.RULES.get(settings.method.value, of.MARQUARDT),
+        exact=settings.constraints is ConstraintMethod.EXACT,
+    )
+
+
+def _whole_units(equations: Assembled) -> bool:
+    """Whether the residuals picked are all those of some units."""
+    units = equations.every_unit
+    sizes = np.bincount(units)
+    found = np.bincount(units[equations.rows], minlength=len(sizes))
+    return bool(((found == 0) | (found == sizes)).all())
+
+
+def system_of(
+    equations: Assembled,
+    settings: Settings,
+    *,
+    direct: bool | None = None,
+    strict: bool = True,
+    most_rows: Sequence[int] | None = None,
+    often: bool = False,
+    kept: bool = True,
+) -> NativeSystem | None:
+    """The equations of one data set for the native solver; None: they are not for it.
+
+    ``direct``: the one step of affine equations (None: where they are affine and nothing else is asked for).
+    ``strict``: solves end at once where their Jacobian is not of full rank; else they go on, for the best they can get.
+    ``most_rows`` of each group, where data sets of some of the rows are to be solved (None: all of them are one).
+    ``often``: so many solves are to come that it is worth compiling a function for the rows of small groups together,
+    and to sum the normal equations of others from fewer rows on.
+    ``kept``: the description is looked up, and kept for equations of the same structure.
+    """
+    groups = (*equations.groups, *equations.constraints) if handled(equations) else ()
+    if not groups:
+        return None
+    code = native_code(groups[0].cache)
+    kernels = _kernels(code, groups, compiled=equations.machine_code is not None)
+    guard = getattr(kernels, "guard", None)
+    iteration = iteration_of(equations, settings, direct=direct, strict=strict)
+    rows = [g.rows for g in groups] if most_rows is None else list(most_rows)
+    together: tuple[int, ...] = ()
+    own: tuple[object, ...] = ()
+    if often and guard is None:
+        # Loaded by streams only, so that one solve begins at once.
+        from mbm.estimation.minimise.native.fusing import fused_rows, places_of, unitable
+
+        together = unitable(groups, rows)
+        own = (together, places_of(groups, together))
+    key = (structure_of(equations), iteration, own) if kept else None
+    known = code.systems.get(key)
+    if known is None or any(a > b for a, b in zip(rows, known.rows, strict=True)):
+        room = rows if known is None else [max(a, b) for a, b in zip(rows, known.rows, strict=True)]
+        least = MANY_ROWS_OFTEN if often else MANY_ROWS
+        many = [g if guard is None and r >= least and summable(g) else None for g, r in zip(groups, room, strict=True)]
+        sums = sum_addresses(code, many)
+        addresses = [(kernels.values_address(k), kernels.jacobian_address(k), sums[k]) for k in range(len(groups))]
+        fused = fused_rows(equations, together, code.store) if any(together) else None
+        system, constants = system_arrays(
+            equations,
+            addresses,
+            iteration,
+            most_rows=room,
+            at_a_time=ROWS_AT_A_TIME if guard is None else ROWS_IN_PYTHON,
+            summed_from=least,
+            fused=fused,
+        )
+        known = Described(rows=tuple(room), system=system, constants=constants, fused=fused)
+        if kept:
+            code.systems[key] = known
+    return NativeSystem(
+        system=known.system,
+        constants=known.constants,
+        rows=rows_of(equations),
+        code=code.solver,
+        held=(kernels, known, code),
+        failed=nothing if guard is None else guard.raise_failure,
+    )
+
+
+def _kernels(code: NativeCode, groups: Sequence[Group], *, compiled: bool) -> NativeKernels | CallbackKernels:
+    """The kernels of groups, as machine code where that is wanted."""
+    numbers, kernels = [g.number for g in groups], [g.kernel for g in groups]
+    if compiled:
+        return code.kernels(numbers, kernels, max(g.rows for g in groups))
+    return code.callbacks(numbers, kernels, [g.cache.stream(g.number, g.kernel) for g in groups])
+
+
+def native_code(cache: EvaluationCache) -> NativeCode:
+    """What native solves of a problem share."""
+    found = cache.native.get("code")
+    if not isinstance(found, NativeCode):
+        found = cache.native["code"] = NativeCode(cache.backend)
+    return found

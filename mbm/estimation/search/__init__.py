@@ -1,0 +1,1 @@
+"""Local minima from many starts, compared with closed forms."""

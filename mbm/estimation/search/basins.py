@@ -1,0 +1,209 @@
+"""From where many starts ended to the distinct minima: what is the same, what is no minimum, what is a twin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.metric import turning
+from mbm.equations.types import Floats, Indices, Minimum
+from mbm.estimation.minimise.native.starts import StartEnds
+from mbm.estimation.search.agreement import Agreement
+from mbm.estimation.search.twins import Twin, separation, twin_of
+from mbm.solver.decisions import DIFFERENCE, ROUNDED_ROTATION
+from mbm.values import dataclass
+
+COARSE = 1e-4
+"""Ends nearer to each other than this share of the spread of all ends are the same before they are polished."""
+
+FINE = 1e-3
+"""Minima are the same if no coordinate differs by more than this share of its conditional standard deviation."""
+
+EQUAL = 1e-6
+"""Costs that differ by less, relatively, are equal."""
+
+NEGATIVE = -1e-3
+"""A curvature below this share of the largest one that JᵀJ has in its direction is a way down, not rounding."""
+
+LARGEST = 400
+"""Unknowns up to which the curvature at a minimum is looked at."""
+
+COMPARED = 60
+"""Minima, the lowest first, that are looked at for twins."""
+
+LARGEST_MOVE = 0.1
+"""Share of its box, or of its size, that a coordinate moves at most."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Basin:
+    """A minimum, the starts that led to it (numbers, ascending), and how it follows from a better one, if it does."""
+
+    minimum: Minimum
+    starts: Indices
+    twin: Twin | None = None
+
+
+def ends_apart(equations: Assembled, ends: StartEnds) -> Iterator[tuple[Floats, Indices]]:
+    """The ends that differ (N,), the lowest cost first, each with the numbers of the starts that it stands for."""
+    usable = np.flatnonzero(np.isfinite(ends.cost))
+    left = usable[np.argsort(ends.cost[usable], kind="stable")]
+    if not left.size:
+        return
+    reach = COARSE * np.ptp(separation(equations, ends.points[left[0]], ends.points[left]), axis=0)
+    size = np.abs([equations.coordinates(p) for p in ends.points[left]]).max(axis=0)
+    allowed = np.maximum(reach, EQUAL * size)
+    while left.size:
+        first = left[0]
+        near = (separation(equations, ends.points[first], ends.points[left]) <= allowed).all(axis=1)
+        near &= ends.cost[left] <= ends.cost[first] + COARSE * (1.0 + ends.cost[first])
+        near[0] = True
+        yield ends.points[first], np.sort(left[near])
+        left = left[~near]
+
+
+def merged(equations: Assembled, basins: Sequence[Basin]) -> tuple[Basin, ...]:
+    """The basins that differ, the lowest cost first; those that do not meet the constraints come after all others.
+
+    Of equal costs, those that converged come first, then those that the first starts led to.
+    """
+    order = sorted(basins, key=lambda b: (b.minimum.cost, int(b.starts[0])))
+    kept: list[Basin] = []
+    for basin in order:
+        number = next((i for i, k in enumerate(kept) if _same(equations, k.minimum, basin.minimum)), None)
+        if number is None:
+            kept.append(basin)
+        else:
+            kept[number] = _joined(kept[number], basin)
+    meeting = [b for b in kept if b.minimum.feasible]
+    return (*_ranked(meeting), *_ranked([b for b in kept if not b.minimum.feasible]))
+
+
+def _ranked(basins: Sequence[Basin]) -> Iterator[Basin]:
+    """In the order of costs, where the last digits of a cost do not count."""
+    left = list(basins)
+    while left:
+        lowest = left[0].minimum.cost
+        equal = [b for b in left if equal_costs(lowest, b.minimum.cost)]
+        yield from sorted(equal, key=lambda b: (not b.minimum.reason.converged, int(b.starts[0])))
+        left = left[len(equal) :]
+
+
+def without_twins(equations: Assembled, basins: Sequence[Basin], agree: Agreement) -> tuple[Basin, ...]:
+    """Basins that are another way to write a better one are joined to it; mirror images stay, and are marked.
+
+    Those of which derived quantities do not ``agree`` stay as well: somebody tells them apart.
+    """
+    kept: list[Basin] = []
+    for number, basin in enumerate(basins):
+        found = _twin_among(equations, kept, basin) if number < COMPARED else None
+        if found is None:
+            kept.append(basin)
+        elif found[1] is Twin.MIRRORED:
+            kept.append(replace(basin, twin=Twin.MIRRORED))
+        elif agree(kept[found[0]].minimum.point, basin.minimum.point):
+            kept[found[0]] = _joined(kept[found[0]], basin)
+        else:
+            kept.append(basin)
+    return tuple(kept)
+
+
+def equal_costs(first: float, second: float) -> bool:
+    """Both fit equally well."""
+    return abs(first - second) <= EQUAL * (1.0 + min(first, second))
+
+
+def ways_down(equations: Assembled, minimum: Minimum) -> tuple[Floats, ...]:
+    """Two points on either side of a saddle, in the direction in which the cost falls; none at a minimum.
+
+    The Hessian of Σ r²/2 by differences of the gradient, over the coordinates that no bound holds, in units of their
+    conditional standard deviations (of a tenth of their size, where no residual feels them to first order).
+    """
+    free = np.flatnonzero(minimum.at_bound == 0)
+    if not 0 < free.size <= LARGEST or minimum.cost <= EQUAL:
+        return ()
+    spread = np.sqrt(minimum.cost / max(minimum.residuals.size, 1))
+    units = _units(equations, minimum, spread)[free]
+    lengths = DIFFERENCE * units
+    steps = np.zeros((2 * free.size, minimum.jacobian.shape[1]))
+    line = np.arange(free.size)
+    steps[line, free], steps[free.size + line, free] = lengths, -lengths
+    points = np.array([equations.retract(minimum.point, s) for s in steps])
+    with np.errstate(all="ignore"):
+        gradient = np.stack([equations.residuals(point) @ equations.jacobian(point)[:, free] for point in points])
+    slopes = (gradient[: free.size] - gradient[free.size :]) / (2.0 * lengths[:, None])
+    hessian = slopes * np.multiply.outer(units, units) / (spread * spread)
+    if not np.isfinite(hessian).all():
+        return ()
+    values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
+    if values[0] >= NEGATIVE:
+        return ()
+    step = np.zeros(minimum.jacobian.shape[1])
+    step[free] = units * vectors[:, 0]
+    return tuple(equations.retract(minimum.point, sign * step) for sign in (1.0, -1.0))
+
+
+def _units(equations: Assembled, minimum: Minimum, spread: float) -> Floats:
+    """How far each coordinate (n,) moves to change the residuals by about their size; at most a tenth of its box."""
+    length = _lengths(minimum)
+    width = equations.upper - equations.lower
+    size = np.maximum(1.0, np.abs(equations.coordinates(minimum.point)))
+    most = LARGEST_MOVE * np.where(np.isfinite(width), width, size)
+    return np.asarray(spread / np.maximum(length, spread / most))
+
+
+def _same(equations: Assembled, one: Minimum, other: Minimum) -> bool:
+    """One minimum, found twice; or points of one valley along which no residual changes."""
+    if not equal_costs(one.cost, other.cost):
+        return False
+    apart = separation(equations, one.point, other.point[None])[0]
+    length = _lengths(one)
+    spread = np.sqrt(max(1.0, one.cost))
+    size = np.abs(equations.coordinates(one.point))
+    within = apart * length <= FINE * spread + EQUAL * size * length
+    if within.all():
+        return True
+    if one.residuals.shape != other.residuals.shape or not _flat(equations, one):
+        return False
+    return bool((np.abs(one.residuals - other.residuals) <= FINE * spread).all())
+
+
+def _lengths(minimum: Minimum) -> Floats:
+    """Norms of the columns of the Jacobian (n,), dense or sparse."""
+    if minimum.blocks is not None:
+        squares: Any = minimum.jacobian
+        return np.sqrt(np.asarray((squares * squares).sum(axis=0), dtype=np.float64).ravel())
+    return np.asarray(np.linalg.norm(minimum.jacobian, axis=0))
+
+
+def _flat(equations: Assembled, minimum: Minimum) -> bool:
+    """The equations do not determine all unknowns at the minimum; with many unknowns nobody asks."""
+    if minimum.blocks is not None:
+        return False
+    free = minimum.at_bound == 0
+    columns = minimum.jacobian[:, free]
+    length = np.linalg.norm(columns, axis=0)
+    curved = turning(equations)
+    least = (
+        0.0 if curved is None else np.where(curved[free], ROUNDED_ROTATION * length[curved[free]].max(initial=0.0), 0.0)
+    )
+    if not (length > least).all():
+        return True
+    return bool(np.linalg.matrix_rank(columns / length, tol=EQUAL * FINE) < free.sum())
+
+
+def _twin_among(equations: Assembled, kept: Sequence[Basin], basin: Basin) -> tuple[int, Twin] | None:
+    for number, other in enumerate(kept):
+        if equal_costs(other.minimum.cost, basin.minimum.cost):
+            twin = twin_of(equations, other.minimum.point, basin.minimum.point)
+            if twin is not None:
+                return number, twin
+    return None
+
+
+def _joined(basin: Basin, other: Basin) -> Basin:
+    return replace(basin, starts=np.union1d(basin.starts, other.starts))

@@ -1,0 +1,194 @@
+"""A start that was given against the closed forms: where one of these leads lower, its minimum is the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.binding import EvaluationCache, Kind
+from mbm.equations.types import Floats, Indices, Minimum
+from mbm.estimation.minimise.minimise import minimise
+from mbm.estimation.minimise.sparsity import sparse_suits
+from mbm.estimation.search.multistart import GIVEN as GIVEN_START
+from mbm.estimation.search.multistart import RANDOM
+from mbm.estimation.search.search import Alternative, Found, Tally
+from mbm.estimation.search.starting import GIVEN, Beginning
+from mbm.estimation.settings import Settings
+from mbm.estimation.starts.random_starts import costs
+from mbm.problem.types import Method, Problem
+from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.estimation.starts.closed_forms.completion import Completion
+
+LOWER = 1e-6
+"""Share of the cost by which another minimum must be lower to take the place of the one that a given start leads to."""
+
+
+FROM_A_SAMPLE = 1e-2
+"""Share of the cost by which an answer from a sample of the rows may lie above the minimum near it."""
+
+USUAL = 5.0
+"""Standard deviations of χ² within which a fit gives no cause for doubt."""
+
+
+def usual_cost(freedom: Indices | int) -> Floats:
+    """The cost that a fit with stated noise and so many degrees of freedom (…) stays below, if nothing is wrong."""
+    usual = np.maximum(freedom, 1)
+    return np.asarray(usual + USUAL * np.sqrt(2.0 * usual))
+
+
+def kind_of(equations: Assembled) -> Kind:
+    """What decides whether there is a closed form, by which the cache remembers that there is none."""
+    names = tuple(entry.unknown.name for entry in equations.layout.entries)
+    return names, tuple(group.rows for group in equations.groups)
+
+
+class Challenge:
+    """What closed forms for all unknowns have to say against a start that was given.
+
+    That no closed form is made for such equations is remembered in ``cache``, for the data sets to come. It is learnt
+    from data that were solved only, and not relied on where a fit is worse than stated noise lets expect: what closed
+    forms recognise is found by probing the data, and one that fails on these may succeed on the next.
+    """
+
+    def __init__(self, equations: Assembled, settings: Settings, problem: Problem, cache: EvaluationCache) -> None:
+        self._equations = equations
+        self._settings = settings
+        self._problem = problem
+        self._cache = cache
+        self._kind = kind_of(equations)
+        iterative = settings.method not in (Method.CLOSED_FORM, Method.DIRECT_SEARCH)
+        plain = not equations.lossy and not equations.constraints and settings.robust is None
+        self._open = iterative and plain and not equations.linear
+        self._led: Minimum | None = None
+
+    def anticipated(self, starts: Sequence[Beginning]) -> Found | None:
+        """What a closed form leads to, where it spares a long way from the one start that is stated; else None.
+
+        Of large sparse equations, if the closed form is the only one and costs less than the start, and what it leads
+        to fits as well as stated noise lets expect.
+        """
+        if not self._open or self._problem.estimates_noise or not sparse_suits(self._equations):
+            return None
+        if len(starts) != 1 or starts[0].origin != GIVEN:
+            return None
+        form = self._form
+        if form is None or form.several or not form.cost < costs(self._equations, starts[0].point[None])[0]:
+            return None
+        self._led = led = minimise(self._equations, form.numbers, self._settings, self._problem.span)
+        if not led.reason.converged or self._strained(led):
+            return None
+        return Found(
+            minimum=led,
+            alternatives=(),
+            tally=None,
+            origin=form.origin,
+            iterations=led.iterations,
+            evaluations=led.evaluations,
+        )
+
+    def answered(self, found: Found) -> Found:
+        """``found``, or what a closed form leads to where that is a better fit.
+
+        A closed form's answer costs more than the minimum that it lies near: it is followed if it costs less than what
+        was found (hardly more, where it is that of a sample of very many rows), or nothing was found, or what was found
+        costs more than the stated noise lets expect (errors add up along a chain of poses: its start may cost more than
+        a wrong minimum).
+        """
+        if not self._open or found.origin not in (GIVEN, GIVEN_START, RANDOM):
+            return found
+        solved = found.minimum.reason.converged and bool(np.isfinite(found.minimum.cost))
+        strained = not self._problem.estimates_noise and self._strained(found.minimum)
+        if solved and self._kind in self._cache.without_closed_form and not strained:
+            return found
+        form = self._form
+        if form is None:
+            if solved and not self._recognised:
+                self._cache.without_closed_form.add(self._kind)
+            return found
+        promising = form.cost < found.minimum.cost * form.allowance or strained or self._led is not None
+        if not np.isfinite(form.cost) or (found.minimum.reason.converged and not promising):
+            return found
+        other = self._led
+        if other is None:
+            other = minimise(self._equations, form.numbers, self._settings, self._problem.span)
+        lower = other.cost < (1 - LOWER) * found.minimum.cost
+        rescued = not found.minimum.reason.converged and other.cost <= found.minimum.cost
+        worked = replace(
+            found, iterations=found.iterations + other.iterations, evaluations=found.evaluations + other.evaluations
+        )
+        return _beaten(worked, other, form.origin) if lower or rescued else worked
+
+    @cached_property
+    def _reached(self) -> tuple[bool, tuple[Completion, ...]]:
+        """How far closed forms get; whether they were made of a sample of the rows."""
+        # Loaded where a start is challenged only, so that other problems start at once.
+        from mbm.estimation.starts.closed_forms.completion import completions
+        from mbm.estimation.starts.closed_forms.situation import Situation
+        from mbm.estimation.starts.closed_forms.thinning import ENOUGH
+
+        numbers = np.where(self._equations.moving(), np.nan, self._equations.numbers)
+        situation = Situation(
+            layout=self._equations.layout, groups=self._equations.groups, numbers=numbers, most=ENOUGH
+        )
+        return situation.thins, tuple(completions(situation, self._settings.closed_forms))
+
+    @property
+    def _recognised(self) -> bool:
+        return any(c.recognised for c in self._reached[1])
+
+    @cached_property
+    def _form(self) -> _Form | None:
+        """The best of the closed forms that give all numbers; None: there is none."""
+        thins, reached = self._reached
+        complete = [c for c in reached if not bool(np.isnan(c.numbers).any())]
+        if not complete:
+            return None
+        fits = costs(self._equations, np.stack([c.numbers for c in complete]))
+        best = int(np.argmin(fits))
+        return _Form(
+            numbers=complete[best].numbers,
+            cost=float(fits[best]),
+            origin="; ".join(complete[best].used),
+            several=len(complete) > 1,
+            allowance=1.0 + FROM_A_SAMPLE if thins else 1.0,
+        )
+
+    def _strained(self, minimum: Minimum) -> bool:
+        """Whether the cost is larger than stated noise lets expect."""
+        return not minimum.cost < usual_cost(self._equations.count - self._equations.dimension)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Form:
+    """A point (N,) from closed forms, and what it costs; ``several``: they give others, too.
+
+    ``allowance``: by which factor it may lie above the minimum near it.
+    """
+
+    numbers: Floats
+    cost: float
+    origin: str
+    several: bool
+    allowance: float
+
+
+def _beaten(found: Found, other: Minimum, origin: str) -> Found:
+    """A better minimum, which one more start has led to; what was the best before is another solution."""
+    if found.tally is None:
+        return replace(found, minimum=other, origin=origin)
+    former = Alternative(minimum=found.minimum, cost=found.minimum.cost, starts=found.tally.best_found, mirrored=False)
+    converged = int(other.reason.converged)
+    return replace(
+        found,
+        minimum=other,
+        origin=origin,
+        alternatives=(former, *found.alternatives) if found.minimum.reason.converged else found.alternatives,
+        tally=Tally(tried=found.tally.tried + 1, converged=found.tally.converged + converged, best_found=1),
+    )

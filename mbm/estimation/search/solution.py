@@ -1,0 +1,103 @@
+"""The answer of one solve, before it is made into a report: values, why it stopped, and how good the point is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbm.equations.binding import Group
+from mbm.equations.layout import Layout
+from mbm.equations.types import Covariance, Fit, Floats, Indices, Mask, Minimum, Noise, Observability
+from mbm.problem.tables import CellKey, Table
+from mbm.text.types import Diagnostic
+from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.equations.corrections.types import CorrectedColumn
+    from mbm.estimation.search.search import Alternative, Tally
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DerivedSolution:
+    """A derived quantity: ``values`` and ``sigma`` (rows, size), sigma NaN where the data do not determine it.
+
+    ``gradient`` (rows·size, n) is with respect to the free numbers; None where it was left out for its size.
+    """
+
+    owner: int
+    values: Floats
+    sigma: Floats
+    gradient: Floats | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Failure:
+    """One solve of several that could not be set up with its data: nothing was solved, ``diagnostics`` say why."""
+
+    key: Mapping[str, CellKey]
+    diagnostics: tuple[Diagnostic, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Skipped:
+    """A window with fewer rows than it should have: nothing was solved, and nothing is wrong."""
+
+    key: Mapping[str, CellKey]
+    rows: int
+    wanted: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Solution:
+    """One solve.
+
+    ``numbers`` (N,) are all unknowns in SI, ``free`` the positions of the estimated coordinates; ``noise`` has an entry
+    for each block with an unknown factor; ``factors`` are the noise factors per residual that the estimates hold with
+    (None: all 1); ``residuals`` are all whitened ones without losses, those of rows left out included, ``weights``
+    (same shape, None: all 1) what they counted, ``outliers`` which of them are taken for such (None: none);
+    ``robust_cost`` is the sum of the losses, None without one; ``unused`` are coordinates of members that no equation
+    mentions. ``origin`` says where the start came from.
+    ``corrections`` has those of measured columns with errors.
+    """
+
+    key: Mapping[str, CellKey]
+    tables: Mapping[str, Table]
+    layout: Layout
+    groups: tuple[Group, ...]
+    constraints: tuple[Group, ...]
+    numbers: Floats
+    free: Indices
+    minimum: Minimum
+    residuals: Floats
+    weights: Floats | None
+    outliers: Mask | None
+    robust_cost: float | None
+    alternatives: tuple[Alternative, ...]
+    tally: Tally | None
+    origin: str
+    observability: Observability
+    covariance: Covariance
+    derived_covariance: NDArray[np.float64] | None
+    derived: tuple[DerivedSolution, ...]
+    fit: Fit
+    noise: Mapping[int, Noise]
+    factors: Floats | None
+    sigma_known: bool
+    unused: Indices
+    corrections: tuple[CorrectedColumn, ...] = ()
+    method: str
+    iterations: int
+    evaluations: int
+    seconds: float
+    diagnostics: tuple[Diagnostic, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Alone:
+    """A solve that was made one by one where others are made together, and its number (from 0) among all."""
+
+    place: int
+    solution: Solution | Failure | Skipped

@@ -1,0 +1,224 @@
+"""Where a solve begins: the starts that are given, and for unknowns without one what the equations themselves tell.
+
+In this order: closed forms; the middle of the range that is stated; linear least squares given the others; random
+points, with the unknowns that enter linearly solved for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbm.equations import faults
+from mbm.equations.affine_part import affine_coordinates, solved_linearly
+from mbm.equations.assembly import Assembled
+from mbm.equations.layout import Layout
+from mbm.equations.types import Floats, Mask
+from mbm.estimation.settings import Settings
+from mbm.estimation.starts.random_starts import costs, random_points
+from mbm.problem import faults as problem_faults
+from mbm.problem.types import Method
+from mbm.text.types import MbmError
+from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.estimation.starts.closed_forms.completion import Completion
+
+SAMPLES = 128
+"""Random points that are looked at where nothing else gives a start."""
+
+KEPT = 24
+"""How many of them, those that fit best, are started from."""
+
+LARGE, FEW_KEPT = 20_000, 3
+"""Numbers in the Jacobian, or in the normal equations, from which so few are kept: each start takes long.
+
+So it does where measured values are corrected.
+"""
+
+HUGE = 500_000
+"""The same for the best one alone: each start takes seconds."""
+
+DIRECT_SEARCH = 30_000
+"""Random points of `:method direct-search`: in Nishida's room 99 % of searches then see a point within 10 cm."""
+
+GIVEN = "the initial values"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Beginning:
+    """A point (N,) to start from, and where it came from in words."""
+
+    point: Floats
+    origin: str
+
+
+def beginnings(equations: Assembled, settings: Settings) -> tuple[Beginning, ...]:
+    """The points to start from, the most promising first; at least one.
+
+    Raises:
+        MbmError: an unknown is fixed at nothing, or no random point gives the equations finite values.
+
+    """
+    equations = equations.uncorrected()
+    if settings.method is Method.CLOSED_FORM:
+        return _closed_form_alone(equations, settings)
+    layout = equations.layout
+    wanted = np.isnan(layout.start) | layout.guessed
+    if settings.method is Method.DIRECT_SEARCH:
+        return (_direct_search(equations, settings, wanted),)
+    if not bool(wanted.any()):
+        return (Beginning(point=layout.start, origin=GIVEN),)
+    _refuse(layout, layout.missing() & layout.fixed)
+    numbers = _with_idle_ones(equations)
+    free = equations.moving()
+    open_ones = wanted & free
+    if not bool(open_ones.any()):
+        return (Beginning(point=numbers, origin=GIVEN),)
+    # Here and below: loaded where starts are missing only, so that other problems start at once.
+    from mbm.estimation.starts.closed_forms.completion import completions
+    from mbm.estimation.starts.closed_forms.situation import Situation
+    from mbm.estimation.starts.closed_forms.thinning import ENOUGH
+
+    wanted_numbers = np.where(open_ones, np.nan, numbers)
+    situation = Situation(layout=layout, groups=equations.groups, numbers=wanted_numbers, most=ENOUGH)
+    found = completions(situation, settings.closed_forms)
+    most = min(int(np.isnan(c.numbers).sum()) for c in found)
+    ends = [b for c in found if int(np.isnan(c.numbers).sum()) == most for b in _ended(equations, c, settings)]
+    return _sorted(equations, ends)
+
+
+def _with_idle_ones(equations: Assembled) -> Floats:
+    return with_idle_ones(equations, equations.layout.start)
+
+
+def with_idle_ones(equations: Assembled, starts: Floats) -> Floats:
+    """The starts (N,), with something for members that no equation mentions; they stay without an estimate."""
+    layout = equations.layout
+    numbers = starts.copy()
+    idle = np.isnan(numbers) & ~equations.moving()
+    numbers[idle] = 0.0
+    for curved in layout.curved:
+        whole = idle[curved.numbers].all(axis=1)
+        numbers[curved.numbers[whole]] = np.eye(curved.piece.size)[0]
+    return numbers
+
+
+def _closed_form_alone(equations: Assembled, settings: Settings) -> tuple[Beginning, ...]:
+    """What closed forms say of all estimated unknowns; else of those without a start, the others staying at theirs.
+
+    Raises:
+        MbmError: no closed form gives them, or the routine that is asked for has no part in it.
+
+    """
+    from mbm.estimation.starts.closed_forms.completion import completions
+    from mbm.estimation.starts.closed_forms.situation import Situation
+
+    layout = equations.layout
+    forms = sorted(settings.closed_forms, key=lambda form: form.name != settings.routine)
+    moving = equations.moving()
+    numbers = _with_idle_ones(equations)
+    for open_ones in (moving, moving & (np.isnan(layout.start) | layout.guessed)):
+        situation = Situation(layout=layout, groups=equations.groups, numbers=np.where(open_ones, np.nan, numbers))
+        found = [
+            Beginning(point=c.numbers, origin="; ".join(c.used))
+            for c in completions(situation, forms)
+            if not bool(np.isnan(c.numbers).any())
+            and c.used
+            and (settings.routine is None or any(u.startswith(f"{settings.routine}:") for u in c.used))
+        ]
+        if found:
+            return _sorted(equations, found)
+    names = [e.unknown for e in layout.entries if bool(moving[e.range].any())]
+    raise MbmError(faults.no_closed_form(names[0].span if names else None, settings.routine))
+
+
+def _direct_search(equations: Assembled, settings: Settings, wanted: Mask) -> Beginning:
+    """The best fitting of many random points: in the ranges where there are some, at the starts elsewhere.
+
+    Nishida et al.'s direct substitution method, in its own words the method of last resort.
+    """
+    layout = equations.layout
+    numbers = np.where(wanted & equations.moving(), np.nan, _with_idle_ones(equations))
+    ranged = np.isfinite(layout.lower) & np.isfinite(layout.upper)
+    ranged |= np.isfinite(layout.start_lower) & np.isfinite(layout.start_upper)
+    missing = replace(layout, start=numbers).missing()
+    free = np.zeros(len(missing), dtype=bool)
+    free[equations.free] = True
+    points = random_points(equations, numbers, free & (missing | ranged), DIRECT_SEARCH, settings.seed)
+    found = costs(equations, points)
+    best = int(np.argmin(found))
+    if not np.isfinite(found[best]):
+        _refuse(layout, missing)
+    return Beginning(point=points[best], origin=f"direct search ({DIRECT_SEARCH} random points)")
+
+
+def _ended(equations: Assembled, completion: Completion, settings: Settings) -> tuple[Beginning, ...]:
+    """Points without any unknown number, from what the closed forms gave."""
+    layout = equations.layout
+    numbers, used = completion.numbers, completion.used
+    middle = np.isnan(numbers) & layout.guessed
+    if bool(middle.any()):
+        numbers = np.where(middle, layout.start, numbers)
+        used = (*used, "the middle of the range")
+    missing = replace(layout, start=numbers).missing()
+    if not bool(missing.any()):
+        return (Beginning(point=numbers, origin="; ".join(used)),)
+    linear = affine_coordinates(equations, missing)
+    if bool((linear == missing).all()):
+        return (Beginning(point=solved_linearly(equations, numbers, linear), origin="; ".join((*used, "linear"))),)
+    if bool(middle.any()):
+        # What is drawn at random for the others would fit the middle only: the ranges are drawn from as well.
+        numbers, used = completion.numbers, completion.used
+        missing = replace(layout, start=numbers).missing()
+        linear = affine_coordinates(equations, missing)
+    return _random(equations, numbers, missing, linear, settings, used)
+
+
+def _random(
+    equations: Assembled, base: Floats, missing: Mask, linear: Mask, settings: Settings, used: tuple[str, ...]
+) -> tuple[Beginning, ...]:
+    """The best fitting of random points; where ``linear`` unknowns depend on the others, they are solved for."""
+    points = random_points(equations, base, missing, SAMPLES, settings.seed)
+    if bool(linear.any()):
+        with np.errstate(all="ignore"):
+            points = np.stack([solved_linearly(equations, point, linear) for point in points])
+    found = costs(equations, points)
+    corrected = any(group.kernel.corrections is not None for group in equations.groups)
+    numbers = max(equations.count, equations.dimension) * equations.dimension
+    kept = 1 if numbers > HUGE else FEW_KEPT if numbers > LARGE or corrected else KEPT
+    order = [i for i in np.argsort(found, kind="stable")[:kept] if np.isfinite(found[i])]
+    if not order:
+        _refuse(equations.layout, missing)
+    origin = "; ".join((*used, "random points"))
+    return tuple(Beginning(point=points[i], origin=origin) for i in order)
+
+
+def _sorted(equations: Assembled, found: list[Beginning]) -> tuple[Beginning, ...]:
+    """Those that meet the constraints first, and of those the best fitting; bounds hold throughout if they can."""
+    if len(found) == 1:
+        return tuple(found)
+    from mbm.estimation.starts.closed_forms.completion import SAME_COSTS
+
+    violations = []
+    for each in found:
+        with np.errstate(all="ignore"):
+            values = equations.constraint_values(each.point)
+        above = values[~equations.equality]
+        violations.append(float(np.maximum(above, 0.0).sum()) if np.isfinite(above).all() else np.inf)
+    fits = costs(equations, np.stack([each.point for each in found]))
+    lowest = fits.min()
+    fits = np.where(fits <= lowest * (1 + SAME_COSTS) + SAME_COSTS, lowest, fits)
+    met = [v <= 1e-6 for v in violations]
+    order = sorted(range(len(found)), key=lambda i: (not met[i], fits[i]))
+    if any(met):
+        order = [i for i in order if met[i]]
+    return tuple(found[i] for i in order)
+
+
+def _refuse(layout: Layout, wrong: Mask) -> None:
+    if bool(wrong.any()):
+        unknowns = [e.unknown for e in layout.entries if bool(wrong[e.coordinates].any())]
+        raise MbmError(*(problem_faults.missing_start(u.span, u.name) for u in unknowns))

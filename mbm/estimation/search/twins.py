@@ -1,0 +1,175 @@
+"""Minima that are one solution written twice, or mirror images that no equation tells apart.
+
+Two minima of the same residuals suggest a symmetry: angles that turn by half a turn (Euler angles: φ+π, π−θ, ψ+π),
+values that change sign or are reflected, directions that point the other way (a plane's normal, with its offset),
+unknowns that trade places. Whether the equations have it is tried at random
+points: a symmetry holds everywhere, two solutions that happen to fit equally well agree at the solutions only.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.search.agreement import NEAR
+from mbm.problem.manifold import Piece
+from mbm.values import dataclass
+
+AGREE = 1e-7
+"""Relative difference of residuals that a symmetry may leave: rounding, magnified by the model."""
+
+MIDDLES = 3
+"""Numbers that a reflection may have about middles of their own: one through a plane across all axes."""
+
+PROBES = 6
+ANGLE = 0.3
+TRIED_SHARE = 0.1
+"""How far from the minimum a symmetry is tried: angles and directions in rad, others as a share of themselves."""
+
+
+class Twin(Enum):
+    """How one minimum follows from another; the value is the sentence for people."""
+
+    TURNED = "the same solution in other angles"
+    EXCHANGED = "the same solution with unknowns exchanged"
+    MIRRORED = "the mirror image: no observation tells the two apart"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Map:
+    """``x[targets] ← sign · x[sources] + shift``, directions (k, 3) turn about; everything else stays."""
+
+    targets: Indices
+    sources: Indices
+    sign: Floats
+    shift: Floats
+    about: Indices
+    kind: Twin
+
+    def applied(self, points: Floats) -> Floats:
+        result = points.copy()
+        result[:, self.targets] = self.sign * points[:, self.sources] + self.shift
+        result[:, self.about] *= -1.0
+        return result
+
+
+def twin_of(equations: Assembled, first: Floats, second: Floats) -> Twin | None:
+    """How the point ``second`` (N,) follows from ``first`` by a symmetry of the equations; None where it does not."""
+    layout = equations.layout
+    about = _turned_about(equations, first, second)
+    mended = second.copy()
+    mended[about] *= -1.0
+    if any(_turned_apart(first[c.numbers], mended[c.numbers]) for c in layout.curved):
+        return None
+    places = layout.number[equations.free]
+    angle = layout.angle[equations.free][places >= 0]
+    places = places[places >= 0]
+    difference = second[places] - first[places]
+    difference = np.where(angle, np.remainder(difference + np.pi, 2 * np.pi) - np.pi, difference)
+    differs = np.abs(difference) > NEAR * (np.abs(first[places]) + np.abs(second[places])) + angle * NEAR
+    if not differs.any() and not len(about):
+        return None
+    moving, turning = places[differs], angle[differs]
+    exchange = None if len(about) else _exchange(first, second, moving)
+    for candidate in (exchange, _reflection(first, second, moving, turning, about)):
+        if candidate is not None and _holds(equations, candidate, first, places, angle):
+            return candidate.kind
+    return None
+
+
+def _turned_about(equations: Assembled, first: Floats, second: Floats) -> Indices:
+    """The numbers (k, 3) of the free directions that point the other way."""
+    parts = [np.empty((0, 3), dtype=np.int64)]
+    for curved in equations.layout.curved:
+        if curved.piece is Piece.SPHERE:
+            opposite = (np.abs(first[curved.numbers] + second[curved.numbers]) <= NEAR).all(axis=1)
+            parts.append(curved.numbers[opposite & np.isin(curved.coordinates, equations.free).all(axis=1)])
+    return np.vstack(parts)
+
+
+def _turned_apart(first: Floats, second: Floats) -> bool:
+    """Quaternions (k, 4) up to their sign, directions and scales (k, …) themselves."""
+    if first.shape[1] == 4:
+        return bool((np.abs(np.einsum("ki,ki->k", first, second)) < 1 - NEAR * NEAR).any())
+    return bool((np.abs(first - second) > NEAR * (np.abs(first) + np.abs(second))).any())
+
+
+def _exchange(first: Floats, second: Floats, moving: Indices) -> _Map | None:
+    """The numbers that trade places: each of the second point is one of the first."""
+    apart = np.abs(second[moving][:, None] - first[moving][None, :])
+    same = apart <= NEAR * (np.abs(second[moving])[:, None] + np.abs(first[moving])[None, :])
+    source = same.argmax(axis=1)
+    if not same.any(axis=1).all() or len(np.unique(source)) < len(moving):
+        return None
+    ones, zeros, nothing = np.ones(len(moving)), np.zeros(len(moving)), np.empty((0, 3), dtype=np.int64)
+    return _Map(targets=moving, sources=moving[source], sign=ones, shift=zeros, about=nothing, kind=Twin.EXCHANGED)
+
+
+def _reflection(first: Floats, second: Floats, moving: Indices, turning: Mask, about: Indices) -> _Map | None:
+    """Half turns of angles, supplements and changes of sign; a few numbers may be reflected about any middle.
+
+    A plane is the same where its normal turns about and its offset changes sign: one number for each direction. Where
+    more numbers do, places may be reflected.
+    """
+    a, b = first[moving], second[moving]
+
+    def wrapped(x: Floats) -> Floats:
+        return np.abs(np.remainder(x + np.pi, 2 * np.pi) - np.pi)
+
+    half = turning & (wrapped(b - a - np.pi) <= NEAR)
+    supplement = turning & ~half & (wrapped(b + a - np.pi) <= NEAR)
+    negated = np.where(turning, wrapped(a + b) <= NEAR, np.abs(a + b) <= NEAR * (np.abs(a) + np.abs(b)))
+    if (~(half | supplement | negated)).sum() > MIDDLES:
+        return None
+    sign = np.where(half, 1.0, -1.0)
+    shift = np.where(half | supplement, np.pi, np.where(negated, 0.0, a + b))
+    rewritten = len(about) > 0 and bool((half | supplement | negated).all()) and len(moving) <= len(about)
+    kind = Twin.TURNED if rewritten or half.any() else Twin.MIRRORED
+    return _Map(targets=moving, sources=moving, sign=sign, shift=shift, about=about, kind=kind)
+
+
+def _holds(equations: Assembled, candidate: _Map, about: Floats, places: Indices, angle: Mask) -> bool:
+    """Whether the map leaves all residuals as they are, up to their signs, at points scattered about one minimum."""
+    random = np.random.default_rng(len(places))
+    reach = np.where(angle, ANGLE, TRIED_SHARE * np.abs(about[places]))
+    probes = np.tile(about, (PROBES, 1))
+    probes[:, places] += reach * random.uniform(-1.0, 1.0, (PROBES, len(places)))
+    scattered = probes[:, candidate.about] + ANGLE * random.uniform(-1.0, 1.0, (PROBES, *candidate.about.shape))
+    probes[:, candidate.about] = scattered / np.linalg.norm(scattered, axis=-1, keepdims=True)
+    with np.errstate(all="ignore"):
+        before, after = equations.residuals_at(probes), equations.residuals_at(candidate.applied(probes))
+    finite = np.isfinite(before).all(axis=1) & np.isfinite(after).all(axis=1)
+    if finite.sum() < 2:
+        return False
+    before, after = before[finite], after[finite]
+    allowed = AGREE * (1.0 + np.abs(before).max())
+    kept, turned = (np.abs(before - sign * after).max(axis=0) <= allowed for sign in (1.0, -1.0))
+    return bool((kept | turned).all())
+
+
+def separation(equations: Assembled, point: Floats, others: Floats) -> Floats:
+    """How far other points (T, N) are from a point (N,), per free coordinate, shape (T, n), at least 0.
+
+    Angles differ by less than half a turn; rotations and directions by the angle between them, scales by the logarithm
+    of their ratio, in each of their coordinates.
+    """
+    layout = equations.layout
+    apart = np.zeros((len(others), len(layout.number)))
+    plain = layout.number >= 0
+    difference = others[:, layout.number[plain]] - point[layout.number[plain]]
+    turn = np.remainder(difference + np.pi, 2 * np.pi) - np.pi
+    apart[:, plain] = np.abs(np.where(layout.angle[plain], turn, difference))
+    for curved in layout.curved:
+        here, there = point[curved.numbers], others[:, curved.numbers]
+        if curved.piece.size == 1:
+            angle = np.abs(np.log(there / here))[:, :, 0]
+        else:
+            chord = np.linalg.norm(there - here, axis=2)
+            if curved.piece.size == 4:
+                chord = 2.0 * np.minimum(chord, np.linalg.norm(there + here, axis=2))
+            angle = chord
+        apart[:, curved.coordinates] = angle[:, :, None]
+    return apart[:, equations.free]

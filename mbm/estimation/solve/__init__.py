@@ -1,0 +1,1 @@
+"""One solve from its starts to its statistics."""

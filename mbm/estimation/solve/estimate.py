@@ -1,0 +1,218 @@
+"""One data set → one solution: assemble, find starts, minimise, decide the rank, propagate the uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from time import perf_counter
+
+import numpy as np
+
+from mbm.equations import faults
+from mbm.equations.assembling import blank
+from mbm.equations.assembly import Assembled
+from mbm.equations.binder import Binder
+from mbm.equations.binding import EvaluationCache
+from mbm.equations.types import (
+    Floats,
+    Indices,
+    Minimum,
+    Observability,
+)
+from mbm.estimation.consensus.preparation import outliers, prepared, robust_cost, unit_weights
+from mbm.estimation.consensus.rivals import rivals
+from mbm.estimation.consensus.types import Prepared
+from mbm.estimation.minimise.minimise import solver_name
+from mbm.estimation.search.agreement import derived_agreement
+from mbm.estimation.search.challenge import Challenge
+from mbm.estimation.search.multistart import starting_points
+from mbm.estimation.search.search import Tally, search
+from mbm.estimation.search.solution import Solution
+from mbm.estimation.settings import Settings
+from mbm.estimation.solve.weighing import Reached, reached
+from mbm.estimation.trust.plausibility import doubts
+from mbm.estimation.uncertainty.derived import Propagation
+from mbm.estimation.uncertainty.gauge import with_gauge
+from mbm.estimation.uncertainty.motion import with_motions
+from mbm.estimation.uncertainty.observability import observed_at
+from mbm.estimation.uncertainty.statistics import statistics
+from mbm.kernels.types import KernelSet
+from mbm.problem.tables import CellKey, Table
+from mbm.problem.types import Problem
+from mbm.text.types import Diagnostic
+from mbm.values import dataclass
+
+
+def assemble(
+    problem: Problem,
+    kernels: KernelSet,
+    tables: Mapping[str, Table],
+    starts: Mapping[str, Floats],
+    cache: EvaluationCache,
+) -> tuple[Assembled, Binder]:
+    """The equations of one data set; coordinates without a start have NaN in ``numbers``.
+
+    Raises:
+        MbmError: weights that are none, bounds the wrong way round.
+
+    """
+    places = cache.layouts.of(problem, tables, starts)
+    binder = Binder(problem=problem, layout=places, tables=tables, cache=cache)
+    return blank(binder, kernels), binder
+
+
+def estimate(
+    problem: Problem,
+    kernels: KernelSet,
+    tables: Mapping[str, Table],
+    *,
+    key: Mapping[str, CellKey],
+    starts: Mapping[str, Floats],
+    settings: Settings,
+    cache: EvaluationCache,
+    last: Solution | None = None,
+) -> Solution:
+    """Solve one data set; ``last`` is the solution of the window before, whose estimates may be the better start.
+
+    Raises MbmError: it cannot be set up, or no start is known and none can be found.
+    """
+    began = perf_counter()
+    equations, binder = assemble(problem, kernels, tables, starts, cache)
+    robust = prepared(problem, equations, settings, lambda: starting_points(equations, settings, last))
+    equations = robust.equations.with_factors(robust.factors)
+    challenge = Challenge(equations, settings, problem, cache)
+    found = challenge.anticipated(robust.starts)
+    if found is None:
+        found = search(equations, robust.starts, settings, problem, derived_agreement(problem, binder, kernels))
+        found = challenge.answered(found)
+    end = reached(problem, robust, settings, found)
+    run = Run(
+        problem=problem, kernels=kernels, tables=tables, key=key, settings=settings, equations=equations, binder=binder
+    )
+    return answered(run, robust, end, tally=found.tally, origin=found.origin, seconds=lambda: perf_counter() - began)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Run:
+    """One data set to be solved, and its equations with all rows and the noise as it is first known."""
+
+    problem: Problem
+    kernels: KernelSet
+    tables: Mapping[str, Table]
+    key: Mapping[str, CellKey]
+    settings: Settings
+    equations: Assembled
+    binder: Binder
+
+
+def answered(
+    run: Run, robust: Prepared, end: Reached, *, tally: Tally | None, origin: str, seconds: Callable[[], float]
+) -> Solution:
+    """What is known at a minimum: the rank decision, the covariance, derived quantities, and what is to be doubted."""
+    problem, equations = run.problem, run.equations
+    weighted = end.equations
+    minimum = end.minimum
+    if weighted.implicit is not None:  # loaded by such equations only, so that the others start at once
+        from mbm.estimation.solve.confirmed import confirmed
+
+        minimum = confirmed(weighted, minimum)
+    observed = _observed(equations, weighted, minimum, robust, run.settings)
+    tested = robust.tested(minimum.residuals)
+    outcome = statistics(problem, weighted, minimum, observed, end.noise, end.factors, tested)
+    unused = np.flatnonzero(~equations.used & ~equations.layout.fixed)  # coordinates that no equation depends on
+    numbers = _known(equations, minimum.point, unused)
+    propagation = Propagation(
+        problem=problem,
+        kernels=run.kernels,
+        binder=run.binder,
+        equations=weighted,
+        numbers=numbers,
+        outcome=outcome,
+    )
+    derived, derived_covariance = propagation.all_derived()
+    whole = weighted.everything().plain_residuals(minimum.point)
+    warnings = (
+        *robust.diagnostics,
+        *rivals(problem, minimum, end.others, outcome.fit, end.noise),
+        *doubts(propagation, minimum, derived),
+    )
+    return Solution(
+        key=run.key,
+        tables=run.tables,
+        layout=equations.layout,
+        groups=equations.groups,
+        constraints=equations.constraints,
+        numbers=numbers,
+        free=equations.free,
+        minimum=robust.judged(minimum),
+        residuals=whole,
+        weights=unit_weights(weighted, whole),
+        outliers=outliers(weighted, whole),
+        robust_cost=robust_cost(weighted, minimum),
+        alternatives=end.others,
+        tally=tally,
+        origin=origin,
+        observability=outcome.observed,
+        covariance=outcome.covariance,
+        derived_covariance=derived_covariance,
+        derived=derived,
+        fit=outcome.fit,
+        noise=end.noise,
+        factors=end.factors,
+        sigma_known=outcome.sigma_known,
+        unused=unused,
+        corrections=() if weighted.implicit is None else weighted.implicit.corrected(minimum.point),
+        method=solver_name(equations, run.settings),
+        iterations=end.iterations,
+        evaluations=end.evaluations,
+        seconds=seconds(),
+        diagnostics=(*_at_start(problem, run.tables, minimum, equations), *outcome.diagnostics, *warnings),
+    )
+
+
+def _observed(
+    equations: Assembled, weighted: Assembled, minimum: Minimum, robust: Prepared, settings: Settings
+) -> Observability:
+    """The rank decision with the motions that are free, and the common ones among them named."""
+    observed = observed_at(minimum, weighted.coordinates(minimum.point), robust.informing(minimum.jacobian))
+    observed = with_gauge(observed, equations.layout, equations.free, minimum.point, settings.gauge)
+    return with_motions(weighted, minimum, observed)
+
+
+def _known(equations: Assembled, numbers: Floats, unused: Indices) -> Floats:
+    """``numbers`` (N,) with NaN for what has neither a start nor an equation: the place it was put in says nothing.
+
+    ``unused`` are the coordinates that no equation mentions.
+    """
+    layout = equations.layout
+    idle = np.isnan(layout.start)
+    if not len(unused) or not bool(idle.any()):
+        return numbers
+    moved = np.zeros(len(layout.number), dtype=bool)
+    moved[unused] = True
+    empty = np.zeros(len(numbers), dtype=bool)
+    empty[layout.number[moved & (layout.number >= 0)]] = True
+    for curved in layout.curved:
+        empty[curved.numbers[moved[curved.coordinates].all(axis=1)]] = True
+    return np.where(idle & empty, np.nan, numbers)
+
+
+def _at_start(
+    problem: Problem, tables: Mapping[str, Table], minimum: Minimum, equations: Assembled
+) -> tuple[Diagnostic, ...]:
+    """Where an equation has no finite value at the start: its place in the text and in the data."""
+    if minimum.bad_row is None:
+        return ()
+    groups, bad = equations.groups, minimum.bad_row
+    if bad >= equations.count:
+        groups, bad = equations.constraints, bad - equations.count
+    for group in groups:
+        if group.first <= bad < group.first + group.count:
+            row = (bad - group.first) // group.kernel.outputs
+            table = problem.blocks[group.kernel.owner].table
+            place = None
+            if table is not None and group.positions is not None:
+                place = tables[table].place(int(group.positions[row]))
+            corrected = group.kernel.corrections is not None
+            fault = faults.no_corrections_at_start if corrected else faults.not_finite_at_start
+            return (fault(group.kernel.span, group.kernel.name, place),)
+    return ()

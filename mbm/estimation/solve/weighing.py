@@ -1,0 +1,149 @@
+"""The minimum with its final weights: variance components, each round of which minimises again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled, block_rows
+from mbm.equations.types import Floats, Minimum, Noise, Observability, Reason
+from mbm.estimation.consensus.types import Prepared
+from mbm.estimation.minimise.minimise import minimise
+from mbm.estimation.search.search import Alternative, Found, reweighted
+from mbm.estimation.settings import Settings
+from mbm.estimation.uncertainty.observability import observed_at
+from mbm.estimation.uncertainty.stationary import without_stationary
+from mbm.estimation.uncertainty.variance import common_factor, redundancy_numbers, variance_components
+from mbm.problem.types import Problem
+from mbm.values import dataclass
+
+REWEIGHTED_SEARCHES = 5
+"""Times the limit of iterations that the rounds of the variance components may take together. Those left over get one
+each, and the first of them that is at no minimum then is the last."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Reached:
+    """The minimum with the final weights, and the equations with them; ``factors`` (all residuals,), None: all 1.
+
+    ``noise`` has the factor of each block whose noise is unknown; ``others`` are the other minima with these weights.
+    """
+
+    minimum: Minimum
+    noise: Mapping[int, Noise]
+    factors: Floats | None
+    equations: Assembled
+    others: tuple[Alternative, ...]
+    iterations: int
+    evaluations: int
+
+
+def reached(problem: Problem, robust: Prepared, settings: Settings, found: Found) -> Reached:
+    """From the minimum with the noise as stated to that with the noise as it is."""
+    run = _Weighing(problem, robust, settings, found)
+    minimum, noise, factors = run.weighted()
+    equations = robust.equations.with_factors(factors)
+    changed = factors is not robust.factors and bool(found.alternatives)
+    return Reached(
+        minimum=minimum,
+        noise=noise,
+        factors=factors,
+        equations=equations,
+        others=reweighted(equations, found.alternatives, settings, problem) if changed else found.alternatives,
+        iterations=run.iterations,
+        evaluations=run.evaluations,
+    )
+
+
+class _Weighing:
+    """Minimisations of one data set, again for each round of the variance components; counts the work.
+
+    ``found`` is the minimum with the noise as stated.
+    """
+
+    def __init__(self, problem: Problem, robust: Prepared, settings: Settings, found: Found) -> None:
+        self.equations = robust.equations
+        self._robust = robust
+        self.settings = settings
+        self._place = problem.span
+        self.iterations = found.iterations
+        self.evaluations = found.evaluations
+        self._first: Minimum | None = found.minimum
+        self.unknown = [
+            i
+            for i, block in enumerate(problem.blocks)
+            if block.unknown_factor and i not in robust.noise and len(self.equations.block_rows(i)) > 0
+        ]
+        self._point = found.minimum.point if np.isfinite(found.minimum.cost) else self.equations.numbers
+
+    def weighted(self) -> tuple[Minimum, Mapping[int, Noise], Floats | None]:
+        """The minimum with the final weights, and the noise of each block whose factor is unknown."""
+        robust = self._robust
+        rows = {i: self.equations.block_rows(i) for i in self.unknown}
+        stated = sum(len(r) for r in rows.values()) < self.equations.count
+        if not self.unknown:
+            return self._minimise(robust.factors), robust.noise, robust.factors
+        if len(self.unknown) == 1 and not stated:
+            minimum = self._minimise(None)
+            observed = self._observed(minimum)
+            cost = float(np.square(robust.scattering(minimum.residuals)).sum())
+            noise = common_factor(cost, self.equations.count + observed.equalities - observed.rank)
+            return minimum, {self.unknown[0]: noise}, None
+        groups = [rows[i] for i in self.unknown]
+        components = variance_components(self._reweighted, groups)
+        factors = self._row_factors([noise.factor for noise in components.noises])
+        noises = {**robust.noise, **dict(zip(self.unknown, components.noises, strict=True))}
+        return self._minimise(factors), noises, factors
+
+    def _row_factors(self, values: Sequence[float] | Floats) -> Floats:
+        """Factors by residual (all of them) from those of the unknown blocks."""
+        by_row = np.ones(self.equations.whole) if self._robust.factors is None else self._robust.factors.copy()
+        for number, value in zip(self.unknown, values, strict=True):
+            by_row[block_rows(self.equations.groups, number)] = value
+        return by_row
+
+    def _reweighted(self, factors: Floats) -> tuple[Floats, Floats] | None:
+        minimum = self._minimise(self._row_factors(factors))
+        if minimum.reason is Reason.MAX_ITERATIONS and self._left() <= 0:
+            return None
+        observed = self._observed(minimum)
+        return self._robust.scattering(minimum.residuals), redundancy_numbers(
+            minimum.jacobian, observed, minimum.blocks
+        )
+
+    def _left(self) -> int:
+        """Iterations that the rounds have left."""
+        return REWEIGHTED_SEARCHES * self.settings.max_iterations - self.iterations
+
+    def _observed(self, minimum: Minimum) -> Observability:
+        return observed_at(minimum, self.equations.coordinates(minimum.point))
+
+    def _minimise(self, factors: Floats | None) -> Minimum:
+        minimum = self._minimum(factors)
+        spread = np.sqrt(minimum.cost / max(self.equations.count, 1)) if self.unknown else 1.0
+        return without_stationary(self.equations.with_factors(factors), minimum, float(spread))
+
+    def _minimum(self, factors: Floats | None) -> Minimum:
+        if self._first is not None and _same(factors, self._robust.factors):
+            first, self._first = self._first, None
+            return first
+        limit = self.settings.max_iterations
+        if self.iterations:
+            limit = min(limit, max(self._left(), 1))
+        settings = replace(self.settings, max_iterations=limit)
+        minimum = minimise(self.equations.with_factors(factors), self._point, settings, self._place)
+        self.iterations += minimum.iterations
+        self.evaluations += minimum.evaluations
+        if np.isfinite(minimum.cost):
+            self._point = minimum.point
+        return minimum
+
+
+def _same(first: Floats | None, second: Floats | None) -> bool:
+    """Whether two sets of noise factors are equal; None: all 1."""
+    if first is None or second is None:
+        other = second if first is None else first
+        return other is None or bool((other == 1.0).all())
+    return bool((first == second).all())

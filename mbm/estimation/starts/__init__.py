@@ -1,0 +1,1 @@
+"""Initial values: closed forms and random starts."""

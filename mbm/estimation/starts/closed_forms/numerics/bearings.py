@@ -1,0 +1,130 @@
+"""Bearings of many points of known position → the poses that see them so (object space error, as in SQPnP)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.equations.types import Floats
+from mbm.rotations import cross_matrix, exponential, nearest
+
+ITERATIONS = 12
+"""Steps of Gauss–Newton on the rotation from each candidate; it converges quadratically from most."""
+
+SAME_ANGLE = 1e-3
+"""Rotations nearer than this, in rad, count as one solution."""
+
+
+def poses_from_bearings(points: Floats, bearings: Floats, weights: Floats | None = None) -> tuple[Floats, Floats]:
+    """The poses (k, 3, 3), (k, 3) that see ``points`` (n, 3) along unit ``bearings`` (n, 3), best first; k = 0 … 2.
+
+    Minimises ``Σ w |(1 − d dᵀ)(R x + t)|²``: the translation is eliminated, what remains is a quadratic form in the
+    nine elements of R (Terzakis and Lourakis, ECCV 2020). Rotations nearest to its smallest eigenvectors, and the 24
+    of the cube, start Gauss–Newton, all at once; solutions with points behind the eye are left out. Planar and general
+    points alike; a second solution is given where one is there, as with planes seen from afar. n ≥ 3.
+    """
+    centre = points.mean(axis=0)
+    spread = np.sqrt(np.square(points - centre).sum(axis=1).mean())
+    if not spread > 0:
+        return np.empty((0, 3, 3)), np.empty((0, 3))
+    local = (points - centre) / spread
+    w = np.ones(len(points)) if weights is None else weights / weights.max()
+    Q = w[:, None, None] * (np.eye(3) - bearings[:, :, None] * bearings[:, None, :])
+    total = Q.sum(axis=0)
+    if np.linalg.cond(total) > 1e12:
+        return np.empty((0, 3, 3)), np.empty((0, 3))
+    lifted = np.einsum("ij,nk->nijk", np.eye(3), local).reshape(-1, 3, 9)  # R x = A r, r row by row
+    elimination = -np.linalg.solve(total, np.einsum("nij,njk->ik", Q, lifted))
+    moved = lifted + elimination
+    form = np.einsum("nij,nik,nkl->jl", moved, Q, moved)
+    values, vectors = np.linalg.eigh(form)
+    root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+    basis = vectors[:, :4].T.reshape(-1, 3, 3)
+    R = _descended(np.concatenate([nearest(basis), nearest(-basis), _cube()]), root)
+    cost = np.square(np.einsum("ij,kj->ki", root, R.reshape(-1, 9))).sum(axis=1)
+    t = np.einsum("ij,kj->ki", elimination, R.reshape(-1, 9))
+    seen = np.einsum("kij,nj->kni", R, local) + t[:, None, :]
+    in_front = ((seen * bearings).sum(axis=2) > 0).mean(axis=1)
+    kept = _distinct(R, cost, in_front)
+    shift = spread * t[kept] - np.einsum("kij,j->ki", R[kept], centre)
+    return np.asarray(R[kept]), np.asarray(shift)
+
+
+def _cube() -> Floats:
+    """The 24 rotations of a cube, tilted so that none is a critical point by symmetry."""
+    axes = [np.eye(3)[list(p)] for p in ((0, 1, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1), (2, 1, 0), (1, 0, 2))]
+    signs = [np.diag([a, b, c]) for a in (1.0, -1.0) for b in (1.0, -1.0) for c in (1.0, -1.0)]
+    every = np.stack([s @ a for s in signs for a in axes])
+    return np.asarray(every[np.linalg.det(every) > 0] @ exponential(np.array([0.1, 0.2, 0.3])))
+
+
+def _descended(R: Floats, root: Floats) -> Floats:
+    """Gauss–Newton with a little damping on ``|root · r(R)|²`` from each of ``R`` (k, 3, 3)."""
+    generators = cross_matrix(np.eye(3))
+    damping = np.full(len(R), 1e-3)
+    values = np.einsum("ij,kj->ki", root, R.reshape(-1, 9))
+    cost = np.square(values).sum(axis=1)
+    for _ in range(ITERATIONS):
+        J = np.einsum("ij,kaj->kia", root, np.einsum("kij,ajl->kail", R, generators).reshape(-1, 3, 9))
+        normal = np.einsum("kia,kib->kab", J, J)
+        scale = np.trace(normal, axis1=1, axis2=2)[:, None, None]
+        damped = normal + np.eye(3) * (damping[:, None, None] * scale + 1e-300)
+        step = -np.linalg.solve(damped, np.einsum("kia,ki->ka", J, values)[:, :, None])[:, :, 0]
+        trial = R @ exponential(step)
+        trial_values = np.einsum("ij,kj->ki", root, trial.reshape(-1, 9))
+        trial_cost = np.square(trial_values).sum(axis=1)
+        better = trial_cost < cost
+        R = np.where(better[:, None, None], trial, R)
+        values = np.where(better[:, None], trial_values, values)
+        cost = np.where(better, trial_cost, cost)
+        damping = np.where(better, damping * 0.01, np.maximum(damping, 1e-6) * 10)
+    return R
+
+
+def _distinct(R: Floats, cost: Floats, in_front: Floats) -> list[int]:
+    """The best solution and the next best one that differs from it; those with most points in front only."""
+    most = in_front.max(initial=0.0)
+    if most <= 0.5:
+        return []
+    order = [int(i) for i in np.argsort(cost, kind="stable") if in_front[i] >= most - 1e-9]
+    kept = order[:1]
+    for i in order[1:]:
+        difference = np.trace(R[kept[0]].T @ R[i])
+        if (difference - 1) / 2 < np.cos(SAME_ANGLE) and _is_minimum_of_its_own(cost[i], cost[kept[0]]):
+            kept.append(i)
+            break
+    return kept
+
+
+def _is_minimum_of_its_own(cost: float, best: float) -> bool:
+    """Whether a second solution fits nearly as well: candidates that got stuck on the way do not."""
+    return cost <= 100 * best + 1e-2
+
+
+def plane_poses_from_bearings(points: Floats, bearings: Floats, weights: Floats | None = None) -> tuple[Floats, Floats]:
+    """Poses of the plane R (…, 2, 2, 2), t (…, 2, 2) that see points (…, n, 2) along unit bearings (…, n, 2); n ≥ 3.
+
+    Minimises ``Σ w (n · (R x + t))²`` with n across the bearing: a quadratic form in (cos, sin) once t is eliminated.
+    The solution with more points in front comes first, the other one is NaN unless as many are in front there.
+    """
+    w = np.ones(points.shape[:-1]) if weights is None else weights
+    across = np.stack([-bearings[..., 1], bearings[..., 0]], axis=-1)
+    x, y = points[..., 0], points[..., 1]
+    n0, n1 = across[..., 0], across[..., 1]
+    turning = np.stack([n0 * x + n1 * y, n1 * x - n0 * y], axis=-1)  # n · R x = turning · (cos, sin)
+    weighted = w[..., None] * across
+    normal = np.einsum("...ni,...nj->...ij", weighted, across)
+    usable = np.linalg.cond(np.where(np.isfinite(normal), normal, 0.0)) < 1e12
+    normal = np.where(usable[..., None, None], normal, np.eye(2))
+    elimination = -np.linalg.solve(normal, np.einsum("...ni,...nj->...ij", weighted, turning))
+    moved = turning + across @ elimination
+    form = np.einsum("...n,...ni,...nj->...ij", w, moved, moved)
+    smallest = np.linalg.eigh(np.nan_to_num(form))[1][..., 0]
+    found = np.stack([smallest, -smallest], axis=-2)
+    R = np.stack(
+        [np.stack([found[..., 0], -found[..., 1]], axis=-1), np.stack([found[..., 1], found[..., 0]], axis=-1)], axis=-2
+    )
+    t = np.einsum("...ij,...kj->...ki", elimination, found)
+    seen = np.einsum("...kij,...nj->...kni", R, points) + t[..., None, :]
+    in_front = (np.einsum("...kni,...ni->...kn", seen, bearings) > 0).sum(axis=-1)
+    best = in_front == in_front.max(axis=-1, keepdims=True)
+    return np.where((best & usable[..., None])[..., None, None], R, np.nan), t

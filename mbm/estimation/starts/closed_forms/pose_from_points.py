@@ -1,0 +1,133 @@
+"""Images of known points, or bearings of landmarks: the pose of the eye, or of the object before it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.equations.types import Floats, Indices
+from mbm.estimation.starts.closed_forms.lines_of_sight import directions
+from mbm.estimation.starts.closed_forms.moved_points import MovedPoints, moved_points
+from mbm.estimation.starts.closed_forms.numerics.bearings import plane_poses_from_bearings, poses_from_bearings
+from mbm.estimation.starts.closed_forms.numerics.finite import finite
+from mbm.estimation.starts.closed_forms.numerics.three_points import poses_from_three
+from mbm.estimation.starts.closed_forms.situation import Candidate, Situation
+from mbm.estimation.starts.closed_forms.types import Plan
+from mbm.values import dataclass
+
+CENTRAL = 1e-7
+"""Change of an image when its point moves along the line of sight, beside that when it moves across."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sights:
+    """Rows that see ``points`` (n, d) along unit ``bearings`` (n, d)."""
+
+    moved: MovedPoints
+    bearings: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class PoseFromPoints:
+    """Three points: Grunert's P3P, up to four poses; more: least squares in object space, planar points or not.
+
+    The camera is whatever the equations say: its lines of sight are found by probing, distortion undone by Newton.
+    """
+
+    name: str = "pose-from-points"
+    joint: bool = False
+
+    def recognises(self, situation: Situation, candidate: Candidate) -> Plan | None:
+        """Rows that depend on a moved point through its direction alone."""
+        del situation
+        for dimension in (3, 2):
+            moved = moved_points(candidate, candidate.rows(dimension - 1))
+            if moved is None or moved.frame.dimension != dimension or moved.frame.scales or not _central(moved):
+                continue
+            bearings = _bearings(moved)
+            seen = finite(bearings, 1)
+            if int(seen.sum()) < 3:
+                return None
+            sights = Sights(moved=moved.picked(seen), bearings=bearings[seen])
+            return Plan(form=self, candidate=candidate, rows=sights.moved.rows, minimal=3, data=_facing(sights))
+        return None
+
+    def solve(self, plan: Plan, subsets: Indices) -> Floats:
+        """Up to four poses for each subset of three, two for more."""
+        sights: Sights = plan.data
+        points, bearings = sights.moved.points[subsets], sights.bearings[subsets]
+        if points.shape[-1] == 2:
+            R, t = plane_poses_from_bearings(points, bearings)
+        elif subsets.shape[1] == 3:
+            R, t = poses_from_three(points, bearings)
+        else:
+            R, t = _least_squares(points, bearings, plan.rows.weight[subsets])
+        if sights.moved.inverse:
+            R = np.swapaxes(R, -1, -2)
+            t = -np.einsum("...ij,...j->...i", R, t)
+        return sights.moved.frame.numbers(np.ones(t.shape[:-1]), R, t)
+
+
+def _least_squares(points: Floats, bearings: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    R, t = np.full((len(points), 2, 3, 3), np.nan), np.full((len(points), 2, 3), np.nan)
+    for i in range(len(points)):
+        found, shift = poses_from_bearings(points[i], bearings[i], weights[i])
+        R[i, : len(found)], t[i, : len(found)] = found, shift
+    return R, t
+
+
+def _central(moved: MovedPoints) -> bool:
+    """Whether the rows do not notice when the point moves along its line of sight."""
+    generator = np.random.default_rng(0)
+    for _ in range(3):
+        place = generator.uniform(0.5, 1.5, size=moved.points.shape)
+        slopes = moved.slopes(place)
+        along = np.abs(np.einsum("nwd,nd->nw", slopes, place)).max(axis=1)
+        across = np.abs(slopes).max(axis=(1, 2))
+        if not bool((along <= CENTRAL * across).all()) or not bool((across > 0).all()):
+            return False
+    return True
+
+
+def _bearings(moved: MovedPoints) -> Floats:
+    """Lines of sight; the search begins along z (OpenCV), x (the paper's axes), y."""
+    d = moved.points.shape[1]
+    axes = np.eye(3)[[2, 0, 1]] if d == 3 else np.eye(2)
+    starts = [*axes, *-axes] if d == 2 else [*axes]
+    return directions(moved.values, moved.slopes, len(moved.points), starts)
+
+
+def _turned_round(sights: Sights) -> bool:
+    """Whether both image coordinates fall where the lateral coordinates grow: a camera that looks the other way, or
+    residuals of the other sign.
+    """
+    ahead = sights.bearings.mean(axis=0)
+    axis = int(np.argmax(np.abs(ahead)))
+    lateral = [(axis + 1) % 3, (axis + 2) % 3]
+    slopes = sights.moved.slopes(ahead)[:, :, lateral]
+    return bool((slopes[:, 0, 0] < 0).all() and (slopes[:, 1, 1] < 0).all())
+
+
+def _facing(sights: Sights) -> Sights:
+    """The same, or with all bearings turned round where the camera looks along a negative axis (BAL's cameras do).
+
+    A pinhole does not tell front from back; points in general position do: only one side sees them unmirrored.
+    """
+    first = sights.moved.rows.of_member(int(sights.moved.rows.member[0]))
+    points, bearings = sights.moved.points[first], sights.bearings[first]
+    if points.shape[1] == 2 or len(points) < 4 or not _turned_round(sights):
+        return sights
+    misfits = []
+    for sign in (1.0, -1.0):
+        R, t = poses_from_bearings(points, sign * bearings)
+        if not len(R):
+            misfits.append(np.inf)
+            continue
+        seen = points @ R[0].T + t[0]
+        seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+        misfits.append(float(np.median(np.linalg.norm(seen - sign * bearings, axis=1))))
+    if misfits[1] < 0.1 * misfits[0]:
+        return Sights(moved=sights.moved, bearings=-sights.bearings)
+    return sights
+
+
+POSE_FROM_POINTS = PoseFromPoints()

@@ -1,0 +1,104 @@
+"""Point pairs: rotation, rigid motion or similarity between two sets of points (Umeyama 1991), in plane and space."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.equations.types import Floats, Indices
+from mbm.estimation.starts.closed_forms.frames import Frame, frames_of, some_rotation
+from mbm.estimation.starts.closed_forms.moved_points import moved_points
+from mbm.estimation.starts.closed_forms.numerics.alignment import aligned, turned
+from mbm.estimation.starts.closed_forms.rows import Rows
+from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation
+from mbm.estimation.starts.closed_forms.types import Plan
+from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pairs:
+    """The motion takes ``source`` (n, d) to ``target`` (n, d); ``inverse``: the other way round."""
+
+    frame: Frame
+    inverse: bool
+    source: Floats
+    target: Floats
+    weight: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Similarity:
+    """Umeyama's closed form, weighted, with the determinant rule."""
+
+    name: str = "umeyama"
+    joint: bool = False
+
+    def recognises(self, situation: Situation, candidate: Candidate) -> Plan | None:
+        """Rows whose residual is affine in the place of a moved point: with it, the point and its target are known."""
+        del situation
+        frame = next(frames_of(candidate), None)
+        if frame is None:
+            return None
+        rows = candidate.rows(frame.dimension)
+        if not len(rows):
+            return None
+        pairs = _moved_pairs(candidate, rows) if frame.moves else _turned_pairs(rows, frame)
+        if pairs is None:
+            return None
+        minimal = frame.dimension if frame.moves else frame.dimension - 1
+        return Plan(form=self, candidate=candidate, rows=rows, minimal=minimal, data=pairs)
+
+    def solve(self, plan: Plan, subsets: Indices) -> Floats:
+        """One solution for each subset."""
+        pairs: Pairs = plan.data
+        source, target = pairs.source[subsets], pairs.target[subsets]
+        if pairs.inverse:
+            source, target = target, source
+        weight = pairs.weight[subsets]
+        if pairs.frame.moves:
+            c, R, t = aligned(source, target, weight, scale=pairs.frame.scales)
+        else:
+            R = turned(source, target, weight)
+            c, t = np.ones(len(R)), np.zeros((len(R), pairs.frame.dimension))
+        return pairs.frame.numbers(c, R, t)[:, None, :]
+
+
+def _moved_pairs(candidate: Candidate, rows: Rows) -> Pairs | None:
+    found = moved_points(candidate, rows)
+    if found is None:
+        return None
+    d = found.frame.dimension
+    size = 1.0 + float(np.abs(found.points).max())
+    slopes = found.slopes(np.zeros(d))
+    if not np.isfinite(slopes).all():
+        return None
+    for place in (np.full(d, size), size * np.arange(1.0, d + 1)):
+        if not np.allclose(found.slopes(place), slopes, rtol=AGREEMENT, atol=AGREEMENT * float(np.abs(slopes).max())):
+            return None
+    if bool((np.abs(np.linalg.det(slopes)) <= 1e-9 * np.abs(slopes).max(axis=(1, 2)) ** d).any()):
+        return None
+    target = np.asarray(-np.linalg.solve(slopes, found.values(np.zeros(d))[..., None])[..., 0])
+    weight = rows.weight * np.square(slopes).mean(axis=(1, 2)) * d
+    return Pairs(frame=found.frame, inverse=found.inverse, source=found.points, target=target, weight=weight)
+
+
+def _turned_pairs(rows: Rows, frame: Frame) -> Pairs | None:
+    """Rows ``R u − y`` (or ``Rᵀ u − y``): half turns about all axes add up to nothing, which leaves y."""
+    d = frame.dimension
+    halves = [np.diag(np.array(s)) for s in ((1.0, 1, 1), (1.0, -1, -1), (-1.0, 1, -1), (-1.0, -1, 1))]
+    if d == 2:
+        halves = [np.eye(2), -np.eye(2)]
+    values = [rows.values(frame.numbers(np.ones(()), R, np.zeros(d))) for R in halves]
+    target = np.asarray(-np.mean(values, axis=0))
+    source = values[0] + target
+    generator = np.random.default_rng(0)
+    R = some_rotation(d, generator)
+    direct = rows.values(frame.numbers(np.ones(()), R, np.zeros(d)))
+    tolerance = AGREEMENT * (np.abs(source).max(axis=1) + np.abs(target).max(axis=1))
+    for inverse in (False, True):
+        expected = source @ (R if inverse else R.T) - target
+        if bool((np.abs(direct - expected).max(axis=1) <= tolerance).all()):
+            return Pairs(frame=frame, inverse=inverse, source=source, target=target, weight=rows.weight)
+    return None
+
+
+SIMILARITY = Similarity()

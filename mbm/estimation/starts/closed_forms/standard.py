@@ -1,0 +1,26 @@
+"""The closed forms that mbm brings, in the order in which they are tried."""
+
+from __future__ import annotations
+
+from mbm.estimation.starts.closed_forms.intersection import INTERSECTION
+from mbm.estimation.starts.closed_forms.linear import LINEAR
+from mbm.estimation.starts.closed_forms.measured import MEASURED
+from mbm.estimation.starts.closed_forms.multilateration import MULTILATERATION
+from mbm.estimation.starts.closed_forms.planar_calibration import PLANAR_CALIBRATION
+from mbm.estimation.starts.closed_forms.planes import PLANES
+from mbm.estimation.starts.closed_forms.pose_from_points import POSE_FROM_POINTS
+from mbm.estimation.starts.closed_forms.relative_poses import RELATIVE_POSES
+from mbm.estimation.starts.closed_forms.similarity import SIMILARITY
+from mbm.estimation.starts.closed_forms.types import ClosedForm
+
+STANDARD: tuple[ClosedForm, ...] = (
+    LINEAR,
+    SIMILARITY,
+    MULTILATERATION,
+    PLANES,
+    POSE_FROM_POINTS,
+    INTERSECTION,
+    PLANAR_CALIBRATION,
+    MEASURED,
+    RELATIVE_POSES,
+)

@@ -1,0 +1,1 @@
+"""Doubts about an answer: nonlinearity, priors against data."""

@@ -1,0 +1,1 @@
+"""Rank, covariance, undetermined directions, derived quantities."""

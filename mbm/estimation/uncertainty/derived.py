@@ -1,0 +1,129 @@
+"""Quantities computed from the estimates, with their uncertainty."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.binder import Binder
+from mbm.equations.binding import Group
+from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.estimation.search.solution import DerivedSolution
+from mbm.estimation.uncertainty.covariance import propagate
+from mbm.estimation.uncertainty.statistics import Statistics, changed
+from mbm.kernels.types import KernelSet
+from mbm.problem.manifold import manifold_of
+from mbm.problem.types import Problem
+from mbm.values import dataclass
+
+GRADIENT_LIMIT = 20_000_000
+"""Numbers in the gradients of derived quantities that are kept for their covariance."""
+
+VARYING = 4 * float(np.finfo(np.float64).eps)
+"""Standard deviation beside the value up to which a quantity cannot vary: its derivatives are roundings."""
+
+COVARIANCE_LIMIT = 2_000
+"""Derived scalars whose full covariance is made; beyond, the marginal sigmas stay."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Propagation:
+    """Linear propagation at the solution: ``numbers`` (N,) are all unknowns, ``equations`` the weighted ones."""
+
+    problem: Problem
+    kernels: KernelSet
+    binder: Binder
+    equations: Assembled
+    numbers: Floats
+    outcome: Statistics
+
+    def all_derived(self) -> tuple[tuple[DerivedSolution, ...], Floats | None]:
+        """All derived quantities, and their common covariance if it is not too large."""
+        with np.errstate(all="ignore"):
+            found = tuple(self._one(owner) for owner in range(len(self.problem.derived)))
+            gradients = [one.gradient for one in found if one.gradient is not None]
+            total = sum(len(g) for g in gradients)
+            if not gradients or len(gradients) < len(found) or total > COVARIANCE_LIMIT:
+                return found, None
+            matrix = self._covariance(np.vstack(gradients))
+        undefined = np.isnan(np.concatenate([one.sigma.ravel() for one in found]))
+        matrix[undefined, :] = np.nan
+        matrix[:, undefined] = np.nan
+        return found, matrix
+
+    def _covariance(self, gradient: Floats) -> Floats:
+        """Covariance (k, k) of quantities with a gradient (k, n); NaN where it depends on noise that nobody knows."""
+        outcome = self.outcome
+        matrix = propagate(gradient, outcome.observed, outcome.covariance).matrix
+        if outcome.alternative is None:
+            return matrix
+        other = propagate(gradient, *outcome.alternative).matrix
+        return np.where(changed(matrix, other), np.nan, matrix)
+
+    def _one(self, owner: int) -> DerivedSolution:
+        derived = self.problem.derived[owner]
+        rows = len(self.binder.tables[derived.table]) if derived.table is not None else 1
+        numbers = size = len(derived.cases[0].values) if derived.cases else 0
+        if derived.kind is not None:
+            shape = manifold_of(derived.kind.value, derived.dimension, 0)
+            numbers, size = shape.size, shape.tangent
+        width = self.equations.dimension
+        values, sigma = np.full((rows, numbers), np.nan), np.full((rows, size), np.nan)
+        gradient = np.zeros((rows, size, width)) if rows * size * width <= GRADIENT_LIMIT else None
+        for group in self.binder.derived(self.kernels, owner):
+            positions = group.positions if group.positions is not None else np.arange(1)
+            stated = group.values(self.numbers).copy()
+            unknown = self._unknown(group)
+            if derived.kind is None:
+                values[positions] = stated
+            else:
+                values[positions] = numbers_of_stated(derived.kind, derived.dimension, stated)
+                unknown = np.repeat(unknown.any(axis=1, keepdims=True), size, axis=1)
+            for lines, slopes in group.dense_slopes(self.numbers, self._columns(self.equations.free), width):
+                chosen, part = positions[lines], slopes
+                if derived.kind is not None:
+                    part = tangent_slopes(derived.kind, derived.dimension, stated[lines], slopes)
+                spread = self._sigmas(part)
+                if derived.kind is None:
+                    held = cannot_vary(stated[lines], spread)
+                    part, spread = np.where(held[..., None], 0.0, part), np.where(held, 0.0, spread)
+                sigma[chosen] = np.where(unknown[lines], np.nan, spread)
+                if gradient is not None:
+                    gradient[chosen] = part
+        return DerivedSolution(
+            owner=owner,
+            values=values,
+            sigma=sigma,
+            gradient=gradient.reshape(-1, width) if gradient is not None else None,
+        )
+
+    def _sigmas(self, part: Floats) -> Floats:
+        """Standard deviations (rows, size) for gradients (rows, size, n), a part of the rows at a time."""
+        flat = part.reshape(-1, part.shape[-1])
+        sigma = np.empty(len(flat))
+        for start in range(0, len(flat), COVARIANCE_LIMIT):
+            block = self._covariance(flat[start : start + COVARIANCE_LIMIT])
+            sigma[start : start + COVARIANCE_LIMIT] = np.sqrt(np.diag(block))
+        return sigma.reshape(part.shape[:2])
+
+    def _unknown(self, group: Group) -> np.ndarray:
+        """Which outputs (rows, size) depend on members that no equation mentions."""
+        layout = self.equations.layout
+        free = np.zeros(len(layout.number), dtype=bool)
+        free[self.equations.free] = True
+        loose = np.flatnonzero(~free & ~layout.fixed)
+        if not loose.size or not np.isin(group.columns, loose).any():
+            return np.zeros((group.rows, group.kernel.outputs), dtype=bool)
+        slopes = group.dense_jacobian(self.numbers, self._columns(loose), len(loose))
+        return np.asarray((slopes != 0).any(axis=2))
+
+    def _columns(self, positions: Indices) -> Indices:
+        columns = np.full(len(self.equations.layout.number), -1, dtype=np.int64)
+        columns[positions] = np.arange(len(positions))
+        return columns
+
+
+def cannot_vary(values: Floats, sigma: Floats) -> Mask:
+    """Which quantities have standard deviations that are roundings of their values; arrays of one shape."""
+    return np.asarray((sigma > 0.0) & (sigma <= VARYING * np.abs(values)))

@@ -1,0 +1,119 @@
+"""Jacobian → rank decision: what the equations determine, and in which combinations the rest is free."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.equations.metric import metric
+from mbm.equations.triangle import triangle
+from mbm.equations.types import Floats, Indices, Mask, Minimum, Observability
+from mbm.estimation.uncertainty.freedom import free_combinations
+from mbm.solver.decisions import SHARE, decided_rank
+from mbm.values import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Surface:
+    """Where the estimates may move: ``slopes`` (k, n) of the constraints that hold them, which of those are equations.
+
+    Inequalities are there only where they hold with a force of their own: like a bound, they take a dimension away.
+    """
+
+    slopes: Floats
+    equality: Mask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Tangent:
+    """Orthonormal directions (u, q) along the surface, and how many dimensions equations and inequalities take away."""
+
+    basis: Floats
+    equalities: int
+    inequalities: int
+
+
+def observability(jacobian: Floats, point: Floats, fixed: Mask, surface: Surface | None = None) -> Observability:
+    """The rank decision at ``point`` (n,) for a whitened Jacobian (m, n); coordinates in ``fixed`` (n,) do not move.
+
+    Column scaling makes the decision independent of the units of the unknowns. With a ``surface`` only movements along
+    it count: what equations determine is determined, and each independent one adds to the rank.
+    """
+    n = point.size
+    peaks = np.abs(jacobian).max(axis=0, initial=0.0)
+    safe = np.where(peaks > 0.0, peaks, 1.0)
+    norms = safe * np.sqrt(np.square(jacobian / safe).sum(axis=0))
+    scale = np.where(peaks > 0.0, norms, 1.0)
+    felt = peaks > 0.0
+    if surface is not None:
+        scale = np.where(felt, scale, metric(jacobian, surface.slopes))
+        felt = felt | (surface.slopes != 0.0).any(axis=0)
+    used, unused = np.flatnonzero(felt & ~fixed), np.flatnonzero(~felt & ~fixed)
+    tangent = _tangent(surface, used, scale)
+    reduced = jacobian[:, used] / scale[used]
+    if surface is not None:
+        reduced = reduced @ tangent.basis
+    width = reduced.shape[1]
+    if reduced.shape[0] > 2 * width > 0:
+        reduced = triangle(reduced)
+    singular, right = np.zeros(0), np.zeros((0, width))
+    if width and reduced.shape[0]:
+        _, singular, right = np.linalg.svd(reduced, full_matrices=True)
+    rank = decided_rank(len(singular), singular)
+    free = right[rank:].T if right.size else np.eye(width)
+    determined, inner = right[:rank].T, free
+    if surface is not None:
+        determined, inner = tangent.basis @ determined, tangent.basis @ inner
+    row_space = np.zeros((n, rank))
+    row_space[used] = determined
+    null_space = np.zeros((n, unused.size + inner.shape[1]))
+    null_space[unused, np.arange(unused.size)] = 1.0
+    null_space[used, unused.size :] = inner
+    touched = np.abs(null_space).max(axis=1, initial=0.0) > SHARE
+    return Observability(
+        dimension=n - int(fixed.sum()) - tangent.inequalities,
+        rank=rank + tangent.equalities,
+        equalities=tangent.equalities,
+        condition=float(singular[0] / singular[rank - 1]) if rank else 1.0,
+        singular_values=singular,
+        scale=scale,
+        row_space=row_space,
+        null_space=null_space,
+        combinations=free_combinations(null_space[:, unused.size :], scale, point),
+        unused=tuple(int(i) for i in unused),
+        estimable=~touched & ~fixed,
+        fixed=fixed.copy(),
+    )
+
+
+def observed_at(minimum: Minimum, point: Floats, jacobian: Floats | None = None) -> Observability:
+    """The rank decision at a minimum with the coordinates ``point`` (n,), on the surface of its constraints.
+
+    ``jacobian`` (m, n) stands in for the minimum's own.
+    """
+    if minimum.blocks is not None:
+        # Loaded by sparse problems only, so that the others start at once.
+        from mbm.estimation.uncertainty.sparse import sparse_observability
+
+        return sparse_observability(minimum, point)
+    surface, held = None, minimum.constraints
+    if held is not None and bool(held.forcing.any()):
+        surface = Surface(slopes=held.slopes[held.forcing], equality=held.equality[held.forcing])
+    own = minimum.jacobian if jacobian is None else jacobian
+    return observability(own, point, minimum.at_bound != 0, surface)
+
+
+def _tangent(surface: Surface | None, used: Indices, scale: Floats) -> _Tangent:
+    """The directions along the surface, in the scaled coordinates ``used``; dependent constraints count once."""
+    if surface is None:
+        return _Tangent(basis=np.zeros((used.size, 0)), equalities=0, inequalities=0)
+    rows = surface.slopes[:, used] / scale[used]
+    lengths = np.sqrt(np.square(rows).sum(axis=1))
+    rows = rows[lengths > 0.0] / lengths[lengths > 0.0, None]
+    equality = surface.equality[lengths > 0.0]
+    if not len(rows):
+        return _Tangent(basis=np.eye(used.size), equalities=0, inequalities=0)
+    _, singular, right = np.linalg.svd(rows, full_matrices=True)
+    rank = decided_rank(len(singular), singular)
+    of_equalities = np.linalg.svd(rows[equality], compute_uv=False) if bool(equality.any()) else np.zeros(0)
+    equalities = decided_rank(len(of_equalities), of_equalities)
+    return _Tangent(basis=right[rank:].T, equalities=equalities, inequalities=rank - equalities)

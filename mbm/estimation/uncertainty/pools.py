@@ -1,0 +1,112 @@
+"""Robust losses in K solves side by side: what each loss contributes to the sandwich covariance ``H⁻¹ G H⁻¹``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.equations.losses import LossFunction, of_arrays
+from mbm.equations.types import Floats, Indices
+from mbm.solver import loss_spread as formulas
+from mbm.values import dataclass
+
+Units = tuple[LossFunction, Indices, Indices]
+"""A loss, the solves (U,) of units that it acts on, and the places (U, k) of their residuals."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sums:
+    """One loss in K solves, over all its units: (K,), named as in `mbm.solver.loss_spread`."""
+
+    total: Floats
+    traces: Floats
+    squared_traces: Floats
+    spread: Floats
+    count: Floats
+    stated: Floats
+
+    @property
+    def curvature(self) -> Floats:
+        """The factors (K,) of A in H."""
+        return of_arrays(formulas.curvature_factor)(self.traces, self.total)
+
+    def corrected(self, share: Floats) -> Floats:
+        """The factors (K,) of A in G, where the units determine ``share`` (K,) unknowns."""
+        return of_arrays(formulas.spread_factor)(
+            share, self.total, self.traces, self.squared_traces, self.spread, self.count, self.stated
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pools:
+    """All losses in K solves, of rows along r directions; ``fixed`` (K, r, r) is the information without a loss."""
+
+    fixed: Floats
+    losses: tuple[tuple[Sums, Floats], ...]
+    """The sums of each loss, and the information A (K, r, r) that its weights leave."""
+
+    @property
+    def weighed(self) -> Floats:
+        """The information (K, r, r) that the weights leave."""
+        return self.fixed + sum(information for _, information in self.losses)
+
+    @property
+    def curvature(self) -> Floats:
+        """H (K, r, r)."""
+        return self.fixed + sum(sums.curvature[:, None, None] * information for sums, information in self.losses)
+
+    def spread(self, inverse: Floats) -> Floats:
+        """G (K, r, r), where ``inverse`` (K, r, r) is that of H."""
+        found = self.fixed.copy()
+        for sums, information in self.losses:
+            share = sums.curvature * np.einsum("kij,kji->k", inverse, information)
+            found += sums.corrected(share)[:, None, None] * information
+        return found
+
+    def within(self, kept: Floats) -> Pools:
+        """The same along some of the directions (r, s) alone."""
+        within = tuple((sums, kept.T @ information @ kept) for sums, information in self.losses)
+        return replace(self, fixed=kept.T @ self.fixed @ kept, losses=within)
+
+
+def pools(units: Iterable[Units], residuals: Floats, along: Floats, stated: Floats) -> Pools:
+    """Of plain whitened ``residuals`` (K, m) with their derivatives ``along`` r directions (K, m, r).
+
+    ``stated`` (K, m) is 1 where the noise is stated, else 0; parts of a loss differ in the components of units at most.
+    """
+    plain = np.ones(residuals.shape)
+    by_loss: dict[LossFunction, list[Units]] = {}
+    for each in units:
+        plain[each[1][:, None], each[2]] = 0.0
+        by_loss.setdefault(each[0], []).append(each)
+    losses = []
+    for parts in by_loss.values():
+        weights, sums = summed(parts, residuals, stated)
+        losses.append((sums, information(weights, along)))
+    return Pools(fixed=information(plain, along), losses=tuple(losses))
+
+
+def information(weights: Floats, along: Floats) -> Floats:
+    """``Σ w aᵀa`` (K, r, r) of weights (K, m) and rows (K, m, r)."""
+    return np.asarray(np.matmul((along * weights[:, :, None]).transpose(0, 2, 1), along))
+
+
+def summed(parts: Iterable[Units], residuals: Floats, stated: Floats) -> tuple[Floats, Sums]:
+    """The weights (K, m) of one loss, 0 where it does not act, and its sums solve by solve."""
+    solves = len(residuals)
+    weights = np.zeros(residuals.shape)
+    sums = np.zeros((6, solves))
+    for loss, solve, slots in parts:
+        size = slots.shape[1]
+        squares = np.square(residuals[solve[:, None], slots]).sum(axis=1)
+        weight, traces = loss.weight(squares), loss.trace(squares, size)
+        weights[solve[:, None], slots] = weight[:, None]
+        known = weight * stated[solve, slots[:, 0]]
+        of_units = (size * weight, traces, traces * traces / size, weight * weight * squares)
+        for total, each in zip(sums, (*of_units, np.full(len(solve), float(size)), size * known), strict=True):
+            total += np.bincount(solve, weights=each, minlength=solves)
+    return weights, Sums(
+        total=sums[0], traces=sums[1], squared_traces=sums[2], spread=sums[3], count=sums[4], stated=sums[5]
+    )

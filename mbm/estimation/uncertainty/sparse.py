@@ -1,0 +1,118 @@
+"""Rank decision and covariance of sparse problems, in the terms of the dense ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.equations.types import Covariance, Floats, FreeCombination, Mask, Minimum, Observability, Propagated
+from mbm.estimation.uncertainty.freedom import free_combination, touched_by
+from mbm.solver.decisions import SHARE
+from mbm.sparse.inverse import inverse_of
+from mbm.sparse.rank import Decision, decided
+from mbm.sparse.system import blocks_of
+
+NAMED = 20
+"""Free directions of single members that are put into words; the others are counted."""
+
+HELD = 5000
+"""Coordinates up to which the covariance matrix is made, if it is asked for: 200 MB."""
+
+PART = 4_000_000
+"""Numbers in the right sides that are solved for at once."""
+
+
+@np.errstate(all="ignore")
+def sparse_observability(minimum: Minimum, point: Floats) -> Observability:
+    """The rank decision at a minimum of a sparse problem, with the coordinates ``point`` (n,)."""
+    blocks = blocks_of(minimum)
+    fixed = minimum.at_bound != 0
+    held = np.zeros(blocks.plan.structure.columns, dtype=bool)
+    held[blocks.plan.structure.free] = fixed
+    return described(decided(blocks.plan, blocks.values, held), point, fixed)
+
+
+def described(found: Decision, point: Floats, fixed: Mask) -> Observability:
+    """A rank decision at ``point`` (n,), of whose coordinates some are ``fixed`` (n,)."""
+    inverse = found.inverse
+    layout = inverse.factors.plan.structure
+    common = inverse.null[layout.free]
+    unused = found.unused[layout.free]
+    scale = inverse.scale[layout.free]
+    touched = touched_by(common) | unused | inverse.single()
+    dimension = len(point) - int(fixed.sum())
+    return Observability(
+        dimension=dimension,
+        rank=dimension - int(unused.sum()) - common.shape[1] - len(inverse.local.members),
+        condition=found.largest / found.smallest if found.smallest > 0.0 else 1.0,
+        singular_values=np.array([found.largest, found.smallest]),
+        scale=scale,
+        row_space=np.zeros((len(point), 0)),
+        null_space=common,
+        combinations=_single(found, scale, point),
+        unused=tuple(np.flatnonzero(unused).tolist()),
+        estimable=~touched & ~fixed,
+        fixed=fixed,
+        inverse=inverse,
+    )
+
+
+def _single(found: Decision, scale: Floats, point: Floats) -> tuple[FreeCombination, ...]:
+    """The first few free directions of single members."""
+    local, layout = found.inverse.local, found.inverse.factors.plan.structure
+    size = local.vectors.shape[1]
+    result = []
+    for member, vector in list(zip(local.members.tolist(), local.vectors, strict=True))[:NAMED]:
+        direction = np.zeros(layout.columns)
+        first = local.columns.start + member * size
+        direction[first : first + size] = vector
+        result.append(free_combination(direction[layout.free], scale, point))
+    return tuple(result)
+
+
+def sparse_covariance(observed: Observability, variance: float) -> Covariance:
+    """Standard deviations of all coordinates; the matrix is left empty, as the factor is."""
+    inverse = replace(inverse_of(observed.inverse), datum=observed.datum_space)
+    undetermined = ~observed.estimable & ~observed.fixed
+    variances = inverse.variances() * variance
+    sigma = np.where(undetermined, np.nan, np.where(observed.fixed, 0.0, np.sqrt(variances)))
+    factor = np.zeros((len(observed.scale), 0))
+    return Covariance(matrix=np.zeros((0, 0)), sigma=sigma, factor=factor, variance=variance, inverse=inverse)
+
+
+@np.errstate(all="ignore")
+def whole_covariance(observed: Observability, estimated: Covariance) -> Floats | None:
+    """The covariance matrix (n, n), with NaN as in ``Covariance``; None where it would be too large."""
+    count = len(observed.scale)
+    if estimated.inverse is None:
+        return estimated.matrix
+    if count > HELD:
+        return None
+    matrix = inverse_of(estimated.inverse).solve(np.eye(count)) * estimated.variance
+    matrix = (matrix + matrix.T) / 2.0
+    undetermined = ~observed.estimable & ~observed.fixed
+    matrix[undetermined, :] = np.nan
+    matrix[:, undetermined] = np.nan
+    return matrix
+
+
+@np.errstate(all="ignore")
+def sparse_propagate(gradient: Floats, observed: Observability, estimated: Covariance) -> Propagated:
+    """Covariance of k derived quantities with the gradient (k, n)."""
+    inverse = inverse_of(estimated.inverse)
+    count = len(gradient)
+    image = np.empty((count, len(observed.scale)))
+    along = np.empty(count)
+    step = max(PART // max(image.shape[1], 1), 1)
+    unused = np.flatnonzero(inverse.zero[inverse.factors.plan.structure.free] & ~observed.fixed)
+    for start in range(0, count, step):
+        part = gradient[start : start + step]
+        image[start : start + step] = inverse.solve(part.T).T
+        along[start : start + step] = inverse.along(part, observed.null_space)
+    matrix = image @ gradient.T * estimated.variance
+    matrix = (matrix + matrix.T) / 2.0
+    estimable = (along <= SHARE) & ~(gradient[:, unused] != 0.0).any(axis=1)
+    matrix[~estimable, :] = np.nan
+    matrix[:, ~estimable] = np.nan
+    return Propagated(matrix=matrix, sigma=np.sqrt(np.diag(matrix)), estimable=estimable)

@@ -1,0 +1,107 @@
+"""The covariance of estimates with robust losses for sparse problems.
+
+Each loss with its pooled factors of slope and spread (`mbm.solver.loss_spread`) gives the information
+``slope²/spread · Σ w JᵀJ``; their sum is inverted as a whole. That is the sandwich itself where one loss acts on all
+rows, and the covariance of the best combination of the parts where there are several.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled, loss_lines
+from mbm.equations.losses import LossFunction
+from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum, Observability
+from mbm.estimation.uncertainty.freedom import free_combination, free_combinations
+from mbm.estimation.uncertainty.pools import Sums, Units, summed
+from mbm.estimation.uncertainty.sparse import NAMED, described, sparse_covariance
+from mbm.sparse.equations import blocked
+from mbm.sparse.rank import Decision, decided
+from mbm.sparse.system import BlockJacobian, blocks_of
+
+
+@np.errstate(all="ignore")
+def sparse_sandwich(
+    equations: Assembled, minimum: Minimum, residuals: Floats, observed: Observability, stated: Mask
+) -> tuple[Covariance, Observability]:
+    """The covariance at the minimum, and ``observed`` with what losses leave free as well, and with the inverse that
+    derived quantities are propagated with.
+
+    ``residuals`` (m,) are plain, whitened with the noise that the estimates hold with: ``stated`` (m,) or estimated.
+    """
+    blocks = blocks_of(minimum)
+    plain = blocked(equations).plain_block_jacobian(minimum.point, blocks.plan.arithmetic)
+    blocks = replace(blocks, values=plain)
+    layout = blocks.plan.structure
+    every = np.arange(len(residuals)) if layout.rows is None else layout.rows
+    held = _held(blocks, observed.fixed)
+    losses = [_of_loss(parts, residuals, stated) for parts in _by_loss(equations)]
+    factors = np.ones(len(residuals))
+    for places, weight, sums in losses:
+        factors[places] = weight * _curvature(sums)
+    weighted = _weighted(blocks, np.sqrt(factors), every)
+    leverages = decided(blocks.plan, weighted, held).inverse.leverages(weighted, observed.fixed)
+    for places, weight, sums in losses:
+        spread = float(sums.corrected(leverages[places].sum(keepdims=True))[0])
+        factors[places] = weight * _curvature(sums) ** 2 / max(spread, 1e-300)
+    final = decided(blocks.plan, _weighted(blocks, np.sqrt(factors), every), held)
+    settled = _settled(observed, final, equations.coordinates(minimum.point))
+    return sparse_covariance(settled, 1.0), settled
+
+
+def _by_loss(equations: Assembled) -> list[list[Units]]:
+    found: dict[LossFunction, list[Units]] = {}
+    for loss, lines in loss_lines(equations):
+        found.setdefault(loss, []).append((loss, np.zeros(len(lines), dtype=np.int64), lines))
+    return list(found.values())
+
+
+def _of_loss(parts: list[Units], residuals: Floats, stated: Mask) -> tuple[Indices, Floats, Sums]:
+    """The places of the residuals that a loss acts on, their weights, and its sums."""
+    weights, sums = summed(parts, residuals[None], stated[None].astype(np.float64))
+    places = np.concatenate([lines.ravel() for _, _, lines in parts])
+    return places, weights[0, places], sums
+
+
+def _curvature(sums: Sums) -> float:
+    """The factor of A in H; the losses of sparse problems leave no information rather than less than none."""
+    return max(float(sums.curvature[0]), 0.0)
+
+
+def _settled(observed: Observability, final: Decision, point: Floats) -> Observability:
+    """``observed`` with the inverse of the information that losses leave, and what that leaves free beside it."""
+    now = described(final, point, observed.fixed)
+    flat = observed.rank - now.rank
+    if flat <= 0:
+        return replace(observed, inverse=final.inverse, estimable=observed.estimable & ~final.inverse.single())
+    alone = sorted(set(now.unused) - set(observed.unused))[:NAMED]
+    each = tuple(free_combination(np.eye(1, len(point), place)[0], now.scale, point) for place in alone)
+    common = free_combinations(now.null_space, now.scale, point)
+    return replace(
+        observed,
+        inverse=final.inverse,
+        null_space=now.null_space,
+        combinations=(*common, *now.combinations, *each),
+        estimable=observed.estimable & now.estimable,
+        flat=flat,
+    )
+
+
+def _held(blocks: BlockJacobian, fixed: Mask) -> Mask:
+    layout = blocks.plan.structure
+    held = np.zeros(layout.columns, dtype=bool)
+    held[layout.free] = fixed
+    return held
+
+
+def _weighted(blocks: BlockJacobian, factors: Floats, every: Indices) -> list[Floats]:
+    """The Jacobian with its rows multiplied; ``every`` (m,) places the factors among all residuals."""
+    layout = blocks.plan.structure
+    whole = np.zeros(layout.count)
+    whole[every] = factors
+    return [
+        values * whole[piece.residuals].reshape(values.shape[:2])[:, :, None]
+        for piece, values in zip(layout.pieces, blocks.values, strict=True)
+    ]

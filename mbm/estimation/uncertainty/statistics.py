@@ -1,0 +1,133 @@
+"""How good a minimum is: cost, degrees of freedom, covariance, and what the residuals cannot say about the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.equations import faults
+from mbm.equations.assembly import Assembled, loss_lines
+from mbm.equations.types import Covariance, Fit, Floats, Mask, Minimum, Noise, NoiseState, Observability
+from mbm.estimation.uncertainty.covariance import covariance
+from mbm.estimation.uncertainty.observability import observed_at
+from mbm.estimation.uncertainty.variance import fit_statistics
+from mbm.problem.types import Problem
+from mbm.text.types import Diagnostic
+from mbm.values import dataclass
+
+SAME_COVARIANCES = 1e-9
+"""Relative difference up to which two covariances are the same: far above rounding, far below any factor."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Statistics:
+    """``covariance`` holds NaN also for what depends on noise that nothing tells; ``alternative`` is the covariance
+    with another assumption about such noise (None: there is none): what differs between the two is not known.
+    ``sigma_known`` is False where no noise at all is known.
+    """
+
+    observed: Observability
+    covariance: Covariance
+    alternative: tuple[Observability, Covariance] | None
+    fit: Fit
+    sigma_known: bool
+    diagnostics: tuple[Diagnostic, ...]
+
+
+def statistics(
+    problem: Problem,
+    equations: Assembled,
+    minimum: Minimum,
+    observed: Observability,
+    noise: Mapping[int, Noise],
+    factors: Floats | None,
+    tested: float | None = None,
+) -> Statistics:
+    """Cost, degrees of freedom and covariance; a single unknown factor counts as σ = 1 in the cost (CONTRACT §2).
+
+    ``tested`` as for `fit_statistics`.
+    """
+    plain = equations.plain_residuals(minimum.point) if equations.lossy else minimum.residuals
+    cost, variance, known = float(plain @ plain) if equations.lossy else minimum.cost, 1.0, True
+    if len(noise) == 1 and factors is not None:
+        rows = equations.block_rows(next(iter(noise)))
+        residuals = plain.copy()
+        residuals[rows] *= equations.picked(factors)[rows]
+        cost = float(residuals @ residuals)
+    elif len(noise) == 1:
+        only = next(iter(noise.values()))
+        variance = only.factor**2 if only.state is NoiseState.ESTIMATED else 0.0
+        known = only.state is not NoiseState.NO_REDUNDANCY
+    stated = _stated(equations, noise)
+    if equations.lossy and minimum.blocks is not None:
+        # Here and below: loaded by problems with losses only, so that the others start at once.
+        from mbm.estimation.uncertainty.sparse_sandwich import sparse_sandwich
+
+        estimated, observed = sparse_sandwich(equations, minimum, plain, observed, stated)
+    elif equations.lossy:
+        from mbm.estimation.uncertainty.robust import sandwich
+
+        slopes = equations.plain_jacobian(minimum.point)
+        place = equations.coordinates(minimum.point)
+        estimated, observed = sandwich(loss_lines(equations), plain, slopes, observed, stated, place)
+    else:
+        estimated = covariance(observed, variance)
+    alternative = _alternative(equations, minimum, noise) if factors is not None else None
+    if alternative is not None:
+        estimated = _masked(estimated, changed(estimated.matrix, alternative[1].matrix))
+    diagnostics = tuple(
+        faults.noise_not_estimated(problem.blocks[i].span, problem.blocks[i].name, n.state.value)
+        for i, n in noise.items()
+        if n.state is not NoiseState.ESTIMATED
+    )
+    return Statistics(
+        observed=observed,
+        covariance=estimated,
+        alternative=alternative,
+        fit=fit_statistics(
+            cost,
+            equations.count,
+            observed.rank,
+            noise_stated=not noise and not equations.lossy,
+            equalities=observed.equalities,
+            tested=tested,
+        ),
+        sigma_known=known,
+        diagnostics=diagnostics,
+    )
+
+
+def _stated(equations: Assembled, noise: Mapping[int, Noise]) -> Mask:
+    """Which residuals (m,) have noise that is stated."""
+    found = np.ones(equations.count, dtype=bool)
+    for number in noise:
+        found[equations.block_rows(number)] = False
+    return found
+
+
+def _alternative(
+    equations: Assembled, minimum: Minimum, noise: Mapping[int, Noise]
+) -> tuple[Observability, Covariance] | None:
+    """The covariance if the noise that the residuals cannot tell were twice as large; not of sparse problems."""
+    untold = [i for i, n in noise.items() if n.state is NoiseState.NO_REDUNDANCY]
+    if not untold or minimum.blocks is not None:
+        return None
+    jacobian = minimum.jacobian.copy()
+    for number in untold:
+        jacobian[equations.block_rows(number)] /= 2.0
+    observed = observed_at(minimum, equations.coordinates(minimum.point), jacobian)
+    return observed, covariance(observed)
+
+
+def changed(first: Floats, second: Floats) -> Mask:
+    """Which elements of two covariances differ."""
+    scale = np.maximum(np.abs(first), np.abs(second))
+    return np.asarray(np.abs(first - second) > SAME_COVARIANCES * scale, dtype=bool)
+
+
+def _masked(estimated: Covariance, unknown: Mask) -> Covariance:
+    matrix = np.where(unknown, np.nan, estimated.matrix)
+    sigma = np.where(np.diag(unknown), np.nan, estimated.sigma)
+    return replace(estimated, matrix=matrix, sigma=sigma)

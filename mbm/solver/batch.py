@@ -1,0 +1,248 @@
+"""Solves from beginning to end, one after the other: what is called from outside."""
+
+from __future__ import annotations
+
+from mbm.machine.kinds import LANES
+from mbm.machine.records import Reference, record, view
+from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Integers
+from mbm.solver.active_bounds import release_inactive
+from mbm.solver.beginning import begin, constraint_count, solve_directly
+from mbm.solver.constraint_values import tell_equations
+from mbm.solver.constraints import begin_rounds, next_round, set_held
+from mbm.solver.covariance import set_covariance, undetermined
+from mbm.solver.decisions import PUSHED
+from mbm.solver.description import (
+    BOUNDS_AT,
+    CONDITION,
+    COST,
+    DATA_BLOCK,
+    DATA_HEAD,
+    DEFICIENT,
+    EVALUATIONS,
+    FREEDOM,
+    MAX_ITERATIONS,
+    NO_LOSS,
+    NOT_FINITE_AT_START,
+    OFFSET,
+    PLAIN_COST,
+    REASON,
+    RESULTS,
+    ROUNDS,
+    RUNNING,
+    STATES,
+    STEPS,
+    TOLERANCE,
+    UNSURE,
+    VIOLATION,
+    DataSet,
+    Problem,
+)
+from mbm.solver.equations import load_rows, residuals_at_point
+from mbm.solver.linear_algebra import add_multiple, copied, dot, filled
+from mbm.solver.sequential import begin_steps, sequential_step
+from mbm.solver.sweeps import sweep
+from mbm.solver.trust_region import iterate
+from mbm.solver.workspace import Answer, Linearisation, Work, share_out
+
+SURE = 1e4
+"""A squared condition up to which sums of products give variances to 1e-10: with errors of a few eps √rows."""
+
+
+@record
+class Solves:
+    """Solves ``first … last`` of a batch."""
+
+    problem: Reference[Problem]
+    work: Reference[Work]
+    """The scratch of one thread."""
+    first: Integer
+    last: Integer
+    data: ConstantIntegers
+    which: ConstantIntegers
+    """The data set of each."""
+    starts: ConstantReals
+    answers: Answer
+    """Of the whole batch."""
+
+
+def start_solve(
+    problem: Problem,
+    data: DataSet,
+    loaded: Integer,
+    start: ConstantReals,
+    work: Work,
+) -> None:
+    """Everything at the start of a solve; ``loaded`` 1: the rows of the data set are in ``work`` already."""
+    if work.shared == 0:
+        share_out(problem, work)
+    work.rows.data = data
+    if loaded == 0:
+        load_rows(problem, work.rows)
+    work.here = work.first
+    work.other = work.second
+    copied(problem.numbers, start, work.here.point)
+    work.iterations = 0
+    work.evaluations = 0
+    work.round = 0
+    work.penalised = 0
+    work.tolerance = work.rows.constants[TOLERANCE]
+    work.sequential = 0
+    tell_equations(problem, work)
+    if problem.constraint_blocks > 0 and problem.exact == 1:
+        begin_steps(problem, work)
+    elif problem.constraint_blocks > 0:
+        begin_rounds(problem, work)
+    else:
+        begin(problem, work)
+        if problem.direct == 1 and work.stop != NOT_FINITE_AT_START and work.stop != UNSURE:
+            solve_directly(problem, work)
+
+
+def go_on(
+    problem: Problem,
+    most: Integer,
+    work: Work,
+) -> Integer:
+    """Up to ``most`` further iterations; 1 where the solve is at its end, 0 where there is more to do."""
+    last = work.iterations + most
+    going = 1
+    while going == 1:
+        while work.stop == RUNNING and work.iterations < problem.iterations:
+            if work.iterations >= last:
+                return 0
+            if work.sequential == 1:
+                sequential_step(problem, work)
+            else:
+                iterate(problem, work)
+        if work.stop == RUNNING:
+            work.stop = MAX_ITERATIONS
+        going = 0
+        if problem.constraint_blocks > 0 and work.penalised == 1 and work.sequential == 0:
+            going = next_round(problem, work)
+    return 1
+
+
+def set_sides(problem: Problem, constants: ConstantReals, place: Linearisation, sides: Integers) -> None:
+    """-1 and +1 for coordinates held at their lower and upper bound, else 0.
+
+    A `positive` coordinate whose undamped step still goes all the way to zero is at its lower bound.
+    """
+    n = problem.n
+    for j in range(n):
+        sides[j] = 0
+        if place.free[j] == 0.0 and place.x[j] >= constants[BOUNDS_AT + n + j]:
+            sides[j] = 1
+        if place.free[j] == 0.0 and place.x[j] <= constants[BOUNDS_AT + j]:
+            sides[j] = -1
+        if problem.positive[j] != 0 and place.stopped[j] != 0.0 and place.full[j] < 0.0:
+            sides[j] = -1
+
+
+def lossy(problem: Problem) -> Integer:
+    """1 where some unit has a loss."""
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
+        for u in range(block.unit_count):
+            if block.units[u].loss != NO_LOSS:
+                return 1
+    return 0
+
+
+def set_end(problem: Problem, work: Work) -> None:
+    """Where a solve has ended and why, without what is known about the answer there."""
+    answer = work.answer
+    results = answer.results
+    states = answer.states
+    here = work.here
+    copied(problem.numbers, here.point, answer.numbers)
+    states[REASON] = work.stop
+    states[STEPS] = work.iterations
+    states[EVALUATIONS] = work.evaluations
+    states[ROUNDS] = work.round
+    states[DEFICIENT] = 1 if here.deficient > 0 else 0
+    results[OFFSET] = here.offset
+    results[COST] = here.cost
+    results[VIOLATION] = 0.0
+    filled(problem.most_multipliers, 0.0, answer.multipliers)
+    n = problem.n
+    copied((n + 1) * (n + 1), here.triangle, answer.triangle)
+    if work.stop == NOT_FINITE_AT_START:
+        for j in range(n):
+            answer.sides[j] = 0
+        return
+    set_sides(problem, work.rows.constants, here, answer.sides)
+    pulls = work.gradient
+    filled(n, 0.0, pulls)
+    if work.penalised == 1:
+        residuals = work.rows.residuals
+        size = residuals_at_point(problem, work.rows, here.point, 1, 0, residuals)
+        results[COST] = dot(size, residuals, residuals)
+        results[VIOLATION] = work.worst
+        set_held(problem, results[COST], work)
+        copied(constraint_count(problem, work.rows.data), work.multipliers, answer.multipliers)
+        for c in range(constraint_count(problem, work.rows.data)):
+            add_multiple(n, work.multipliers[c], work.slopes[c * n :], pulls)
+    if work.penalised == 1 or (LANES > 1 and here.squared_condition > SURE):
+        sweep(problem, here.point, 0, 0, work.rows, work.rows.constants, answer.triangle)
+    release_inactive(n, answer.triangle, here.x, results[COST], pulls, answer.sides)
+
+
+def finish_solve(problem: Problem, work: Work) -> None:
+    """The answer of a solve that has ended."""
+    answer = work.answer
+    results = answer.results
+    states = answer.states
+    sides = answer.sides
+    triangle = answer.triangle
+    covariance = answer.covariance
+    n = problem.n
+    here = work.here
+    set_end(problem, work)
+    residuals = work.rows.residuals
+    point = here.point
+    count = constraint_count(problem, work.rows.data)
+    if work.stop == NOT_FINITE_AT_START:
+        states[FREEDOM] = 0
+        states[DEFICIENT] = 1
+        results[PLAIN_COST] = here.cost
+        results[CONDITION] = undetermined(n, sides, covariance)
+        filled(n, 1.0, work.touched)
+        work.rank = 0
+        work.loose = 0
+        return
+    results[PLAIN_COST] = results[COST]
+    if lossy(problem) == 1:
+        size = residuals_at_point(problem, work.rows, point, 0, 0, residuals)
+        results[PLAIN_COST] = dot(size, residuals, residuals)
+    count = count if work.penalised == 1 else 0
+    results[CONDITION] = set_covariance(problem, triangle, sides, count, work.held, work, covariance)
+    states[FREEDOM] = work.rows.data.count - work.rank
+    if work.penalised == 1 and states[FREEDOM] <= 0 and results[COST] > PUSHED * PUSHED:
+        # Residuals are perpendicular to all columns at a minimum: what remains of so few leaves a column too many.
+        results[CONDITION] = undetermined(n, sides, covariance)
+    states[DEFICIENT] = 0 if results[CONDITION] < 1e300 else 1
+
+
+def solve_many(solves: Solves) -> None:
+    """Solves of a batch, each from beginning to end, with the scratch of one thread."""
+    problem = solves.problem
+    work = solves.work
+    every = solves.answers
+    answer = work.answer
+    n = problem.n
+    stride = DATA_HEAD + DATA_BLOCK * (problem.residual_blocks + problem.constraint_blocks)
+    work.loaded = -1
+    for k in range(solves.first, solves.last):
+        own = view(DataSet, solves.data[solves.which[k] * stride :])
+        loaded = 1 if work.loaded == solves.which[k] else 0
+        start_solve(problem, own, loaded, solves.starts[k * problem.numbers :], work)
+        work.loaded = solves.which[k]
+        answer.numbers = every.numbers[k * problem.numbers :]
+        answer.results = every.results[k * RESULTS :]
+        answer.states = every.states[k * STATES :]
+        answer.sides = every.sides[k * n :]
+        answer.triangle = every.triangle[k * (n + 1) * (n + 1) :]
+        answer.covariance = every.covariance[k * n * n :]
+        answer.multipliers = every.multipliers[k * problem.most_multipliers :]
+        go_on(problem, problem.iterations + 1, work)
+        finish_solve(problem, work)

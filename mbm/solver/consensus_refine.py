@@ -1,0 +1,179 @@
+"""Fits to self-chosen units from one point: the local search of consensus.
+
+A rule says which units count at a point, and an objective that a fit to those units lowers: so every accepted step
+lowers the objective.
+"""
+
+from __future__ import annotations
+
+from math import fabs, isfinite, sqrt
+
+from mbm.machine.words import ConstantReals, Integer, Real, Reals
+from mbm.solver.consensus_records import NO_CANDIDATE, ConsensusWork, Fit
+from mbm.solver.consensus_rows import (
+    linearised,
+    moved,
+    spread_weights,
+    unit_squares,
+    unruled_square,
+    weigh_columns,
+)
+from mbm.solver.consensus_weights import GIVEN, TRUNCATED, objective_of
+from mbm.solver.decisions import CANDIDATE_DAMPING, CANDIDATE_REGULARISATION
+from mbm.solver.description import Problem
+from mbm.solver.linear_algebra import cholesky, dot
+
+NEARLY_STILL = 1e-4
+"""A step that promises to lower the objective by less than this has arrived, where a fit is only on the way."""
+
+ALIKE = 1e-6
+"""Squared distance of two points, in standard deviations of the residuals, below which they lead to one end."""
+
+NEAR = 0.1
+"""The same where they have the same units inside: the next fit, to these, leads from both to one point."""
+
+
+def weighted_step(problem: Problem, count: Integer, damping: Real, chunk: Reals, work: ConsensusWork) -> Real:
+    """The Marquardt step by the weights of the rows, and the decrease of the weighted sum of squares it promises.
+
+    Both are 0 where something is not finite. The diagonal of the normal equations, as roots, stays in `scale`.
+    """
+    n = problem.n
+    stride = problem.chunk
+    weighted = work.weighted
+    normal = work.normal
+    gradient = work.gradient
+    scale = work.scale
+    step = work.step
+    weigh_columns(n + 1, stride, count, work.by_row, chunk, weighted)
+    finite = 1
+    for i in range(n):
+        gradient[i] = dot(count, weighted[i * stride :], chunk[n * stride :])
+        step[i] = 0.0
+        if not isfinite(gradient[i]):
+            finite = 0
+        for j in range(i + 1):
+            normal[i * n + j] = dot(count, weighted[i * stride :], chunk[j * stride :])
+            if not isfinite(normal[i * n + j]):
+                finite = 0
+    if finite == 0:
+        return 0.0
+    for i in range(n):
+        scale[i] = sqrt(normal[i * n + i]) if normal[i * n + i] > 0.0 else 1.0
+    for i in range(n):
+        for j in range(i + 1):
+            normal[i * n + j] = normal[i * n + j] / scale[i] / scale[j]
+        normal[i * n + i] += damping + CANDIDATE_REGULARISATION
+        gradient[i] = gradient[i] / scale[i]
+    if cholesky(n, normal) == 0:
+        return 0.0
+    for i in range(n):
+        total = gradient[i]
+        for j in range(i):
+            total -= normal[i * n + j] * step[j]
+        step[i] = total / normal[i * n + i]
+    for back in range(n):
+        i = n - 1 - back
+        total = step[i]
+        for j in range(i + 1, n):
+            total -= normal[j * n + i] * step[j]
+        step[i] = total / normal[i * n + i]
+    lowered = 0.0
+    for i in range(n):
+        lowered += gradient[i] * step[i] + damping * step[i] * step[i]
+        step[i] = -step[i] / scale[i]
+    return lowered if isfinite(lowered) else 0.0
+
+
+def same_inliers(units: Integer, weights: ConstantReals, squares: ConstantReals, limits: ConstantReals) -> Integer:
+    """Whether units count (U,) just where their squared norms are within their limits."""
+    different = 0
+    for u in range(units):
+        different += (weights[u] > 0.0) != (squares[u] <= limits[u])
+    return different == 0
+
+
+def candidate_alike(
+    rule: Integer, last: Integer, objective: Real, fit: Fit, problem: Problem, work: ConsensusWork
+) -> Integer:
+    """Which of the first ``last`` candidates the point leads to for sure, `NO_CANDIDATE` if none.
+
+    Candidates are ends by the limits in the work.
+    """
+    units = work.units
+    weights = units.weights
+    point = fit.point
+    squares = fit.squares
+    for k in range(last):
+        other = work.candidates[k * problem.numbers :]
+        theirs = work.candidate_squares[k * units.count :]
+        if fabs(work.objectives[k] - objective) < NEAR:
+            near = ALIKE
+            along = 1e-3
+            if rule == TRUNCATED and same_inliers(units.count, weights, theirs, units.limits) == 1:
+                near = NEAR
+                along = 0.1
+            away = 0.0
+            for j in range(problem.n):
+                place = problem.number_of[j]
+                if place >= 0:
+                    difference = work.scale[j] * (other[place] - point[place])
+                    away += along * difference * difference
+            for u in range(units.count):
+                if weights[u] > 0.0:
+                    difference = squares[u] - theirs[u]
+                    away += weights[u] * (difference * difference / (squares[u] + theirs[u] + 1e-300))
+            if away < near:
+                return k
+    return NO_CANDIDATE
+
+
+def measure(problem: Problem, count: Integer, fit: Fit, work: ConsensusWork) -> Real:
+    """The squared norms of the units at a fit, and the sum of squares that no rule touches."""
+    residuals = fit.chunk[problem.n * problem.chunk :]
+    unit_squares(work.units, residuals, fit.squares)
+    return unruled_square(count, residuals, work)
+
+
+def refined(
+    rule: Integer, iterations: Integer, still: Real, last: Integer, problem: Problem, work: ConsensusWork
+) -> Integer:
+    """Where the fit is after fits to the units that the rule picks, anew at every step; its squares follow it.
+
+    Steps end where they promise less than ``still``. `objective` is that at the end, never above that at the start,
+    infinite where there is no value. If the point comes to one of the first ``last`` candidates it stays there and the
+    number of that is given.
+    """
+    count = linearised(problem, work.rows, work.here.point, work.here.chunk)
+    rest = measure(problem, count, work.here, work)
+    objective = objective_of(rule, work.here.squares, rest, work)
+    damping = CANDIDATE_DAMPING
+    alike = NO_CANDIDATE
+    if isfinite(objective):
+        alike = candidate_alike(rule, last, objective, work.here, problem, work)
+    done = 0
+    while isfinite(objective) and damping < 1e6 and done < iterations and alike == NO_CANDIDATE:
+        done += 1
+        here = work.here
+        there = work.there
+        spread_weights(work.units, count, work.by_row)
+        promise = weighted_step(problem, count, damping, here.chunk, work)
+        enough = still * objective if rule == GIVEN else still
+        if not promise > enough:
+            break
+        moved(problem, work.rows.constants, here.point, work.step, there.point)
+        linearised(problem, work.rows, there.point, there.chunk)
+        rest_there = measure(problem, count, there, work)
+        lower = objective_of(rule, there.squares, rest_there, work)
+        if lower < objective:
+            objective = lower
+            rest = rest_there
+            work.here = there
+            work.there = here
+            damping = max(damping * 0.1, 1e-12)
+            alike = candidate_alike(rule, last, objective, there, problem, work)
+        else:
+            objective_of(rule, here.squares, rest, work)
+            damping = max(damping * 30.0, 1e-4)
+    work.objective = objective
+    return alike

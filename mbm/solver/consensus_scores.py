@@ -1,0 +1,113 @@
+"""How well trials explain the units: least median, number of outliers, truncated squares; none is scored in vain."""
+
+from __future__ import annotations
+
+from math import exp, inf, isfinite, log
+
+from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals, distinct_arrays
+from mbm.solver.consensus_order import selected
+from mbm.solver.decisions import STATED
+
+LMEDS = 0
+RANSAC = 1
+MSAC = 2
+GNC = 3
+"""Kinds of scores; the last one is that of truncated squares, for graduated non-convexity, which takes no subsets.
+
+`LMEDS`: order statistics of the squared norms (Rousseeuw and Leroy 1987), `RANSAC`: units outside their limits
+(Fischler and Bolles 1981), `MSAC`: squared norms up to their limits (Torr and Zisserman 2000).
+"""
+
+
+def rank_of_half(count: Integer, size: Integer) -> Integer:
+    """``⌊n/2⌋ + ⌊(k + 1)/2⌋``, at most n: the units of the better half with subsets of ``size`` k."""
+    found = count // 2 + (size + 1) // 2
+    if found > count:
+        return count
+    return found
+
+
+@distinct_arrays
+def divided(count: Integer, values: ConstantReals, by: ConstantReals, target: Reals) -> None:
+    """``target = values / by``."""
+    for i in range(count):
+        target[i] = values[i] / by[i]
+
+
+@distinct_arrays
+def within(count: Integer, reach: Real, values: ConstantReals) -> Integer:
+    """How many values are no larger than ``reach``."""
+    found = 0
+    for i in range(count):
+        if values[i] <= reach:
+            found += 1
+    return found
+
+
+def least_median(
+    units: Integer,
+    groups_count: Integer,
+    size: Integer,
+    squares: ConstantReals,
+    medians: ConstantReals,
+    groups: ConstantIntegers,
+    bound: Real,
+    scratch: Reals,
+) -> Real:
+    """``Σ n log q`` over the noise groups, q the order statistic of the squared norms that breaks down last.
+
+    Infinite where that exceeds ``bound`` for sure: with one group it is enough to count the norms below it.
+    """
+    total = 0.0
+    for group in range(STATED, groups_count):
+        count = units
+        if groups_count == 0:
+            divided(units, squares, medians, scratch)
+        else:
+            count = 0
+            for u in range(units):
+                if groups[u] == group:
+                    scratch[count] = squares[u] / medians[u]
+                    count += 1
+        if count > 0:
+            place = rank_of_half(count, size)
+            if count == units:
+                reach = exp(bound / float(count)) * (1.0 + 1e-9)
+                if within(count, reach, scratch) < place:
+                    return inf
+            total += float(count) * log(max(selected(count, place - 1, scratch), 1e-30))
+    if not isfinite(total):
+        return inf
+    return total
+
+
+@distinct_arrays
+def truncated(units: Integer, width: Real, squares: ConstantReals, limits: ConstantReals) -> Real:
+    """The sum of the squared norms over ``width`` times their ``limits`` (U,), none counting more than 1."""
+    s0 = 0.0
+    s1 = 0.0
+    s2 = 0.0
+    s3 = 0.0
+    for i in range(units // 4):
+        s0 += min(squares[4 * i] / (width * limits[4 * i]), 1.0)
+        s1 += min(squares[4 * i + 1] / (width * limits[4 * i + 1]), 1.0)
+        s2 += min(squares[4 * i + 2] / (width * limits[4 * i + 2]), 1.0)
+        s3 += min(squares[4 * i + 3] / (width * limits[4 * i + 3]), 1.0)
+    for i in range(4 * (units // 4), units):
+        s0 += min(squares[i] / (width * limits[i]), 1.0)
+    return (s0 + s1) + (s2 + s3)
+
+
+@distinct_arrays
+def inlier_count(units: Integer, squares: ConstantReals, limits: ConstantReals) -> Integer:
+    """The units whose squared norms are within their ``limits`` (U,)."""
+    count = 0
+    for u in range(units):
+        if squares[u] <= limits[u]:
+            count += 1
+    return count
+
+
+def outlier_count(units: Integer, squares: ConstantReals, limits: ConstantReals, sum_of_squares: Real) -> Real:
+    """The number of outliers, and a share below 1 for how far the others are off: their truncated sum of squares."""
+    return float(units - inlier_count(units, squares, limits)) + sum_of_squares / (float(units) + 1.0)

@@ -1,0 +1,171 @@
+"""Trials: subsets of units, each fitted, until one is free of the outliers of what the best of them explains."""
+
+from __future__ import annotations
+
+from mbm.machine.words import Integer
+from mbm.solver.consensus_forms import points_in_closed_form
+from mbm.solver.consensus_ranking import score_trials
+from mbm.solver.consensus_records import ConsensusWork
+from mbm.solver.consensus_sample import (
+    FEWEST_TRIALS,
+    combinations_of,
+    count_chosen,
+    drawn_below,
+    jump_to_next_trial,
+    next_combination,
+    subset_sampled,
+    subset_taken,
+    trials_for_share,
+    unit_added,
+)
+from mbm.solver.consensus_subset import fitted_to_subset, gather_subset
+from mbm.solver.decisions import MOST_FITS
+from mbm.solver.description import Problem
+from mbm.solver.linear_algebra import copied
+
+DRAWS = 40
+"""Subsets that are looked at: so many cost what a few trials do, and most often show what befalls a tenth of them."""
+
+
+def size_of_subsets(problem: Problem, work: ConsensusWork) -> Integer:
+    """The units that the first trial takes, with the rank that they have in the work; 0 where that is 0.
+
+    Of less than n unknowns the others are left where they are by all trials.
+    """
+    state = work.state_used
+    state[0] = work.rules.first_state
+    state[1] = work.rules.second_state
+    n = problem.n
+    work.rank = subset_sampled(state, work.units, n, n, work.directions, work.order, work.basis, work.chosen)
+    return count_chosen(work.chosen)
+
+
+def seldom_in_vain(problem: Problem, work: ConsensusWork) -> Integer:
+    """Whether less than a tenth of `DRAWS` subsets of units drawn at random leave unknowns open at the start."""
+    n = problem.n
+    units = work.units.count
+    order = work.order
+    for i in range(units):
+        order[i] = i
+    vain = 0
+    for _ in range(DRAWS):
+        rank = 0
+        for position in range(n if n < units else units):
+            other = position + drawn_below(work.state_used, units - position)
+            unit = order[other]
+            order[other] = order[position]
+            order[position] = unit
+            before = rank
+            rank = unit_added(unit, rank, n, work.units.first, work.directions, work.basis)
+            if (rank - before) * (n - rank) == 0:  # enough, or one that says nothing new
+                break
+        if rank < n:
+            vain += 1
+    return 10 * vain < DRAWS
+
+
+def next_subset(problem: Problem, work: ConsensusWork) -> Integer:
+    """The units of the next trial in the work: how many; 0 for those that leave more unknowns open than the first."""
+    units = work.units
+    rows = work.directions
+    n = problem.n
+    if work.every_subset == 1:
+        rank = subset_taken(work.size, n, work.combination, units.first, rows, work.basis, work.chosen)
+        next_combination(units.count, work.size, work.combination)
+    else:
+        state = work.state_used
+        state[0] = work.state[0]
+        state[1] = work.state[1]
+        jump_to_next_trial(work.state)
+        rank = subset_sampled(state, units, work.rank, n, rows, work.order, work.basis, work.chosen)
+    return count_chosen(work.chosen) if rank >= work.rank else 0
+
+
+def all_alike(work: ConsensusWork) -> Integer:
+    """Whether all units have as many components."""
+    components = work.units.components
+    for u in range(work.units.count):
+        if components[u] != components[0]:
+            return 0
+    return 1
+
+
+def fit_subset(trial: Integer, count: Integer, problem: Problem, work: ConsensusWork) -> Integer:
+    """Points that fit the ``count`` chosen units, put behind those that are made: how many there are then."""
+    rules = work.rules
+    numbers = problem.numbers
+    trials = work.trials_wanted
+    done = work.points_made
+    if rules.form != 0:
+        found = points_in_closed_form(problem, count, work.begun, work, work.trials[done * numbers :])
+        if found > 0:
+            return done + found
+    fits = trials * rules.starts
+    if fits > MOST_FITS:
+        fits = MOST_FITS
+    if fits < trials:
+        fits = trials
+    gather_subset(problem, count, work)
+    turn = 0
+    while turn * trials + trial < fits and done < rules.most_points - 4:
+        start = work.begun[(turn + trial) % rules.starts * numbers :]
+        fitted_to_subset(problem, start, work, work.trials[done * numbers :])
+        done += 1
+        turn += 1
+        if rules.form != 0:
+            break
+    return done
+
+
+def begin_trials(work: ConsensusWork) -> None:
+    """None is made yet: the number that is wanted, and the generator or the first combination."""
+    rules = work.rules
+    units = work.units
+    trials = rules.trials[work.size]
+    most = combinations_of(units.count, work.size, trials)
+    work.every_subset = 0
+    work.until_enough = rules.until_sure
+    if most <= trials:
+        trials = most
+        work.until_enough = 0
+        work.every_subset = all_alike(work)
+    work.trials_wanted = trials
+    work.trials_made = 0
+    work.points_made = 0
+    work.most_inliers = 0
+    work.state[0] = rules.first_state
+    work.state[1] = rules.second_state
+    for i in range(work.size):
+        work.combination[i] = i
+    copied(units.count, units.cuts, units.limits)
+
+
+def fit_trials(most: Integer, problem: Problem, work: ConsensusWork) -> None:
+    """``most`` trials more: points that fit subsets, from the starts where no closed form does.
+
+    Where the noise is stated they are judged as they are made, and end when they are enough.
+    """
+    last = work.trials_made + most
+    if last > work.trials_wanted:
+        last = work.trials_wanted
+    for trial in range(work.trials_made, last):
+        count = next_subset(problem, work)
+        before = work.points_made
+        if count > 0 and before < work.rules.most_points - 4:
+            work.verdict.trials += 1
+            work.points_made = fit_subset(trial, count, problem, work)
+        if work.rules.groups == 0:
+            here = score_trials(work.rules.kind, before, work.points_made, problem, work)
+            if here > work.most_inliers:
+                work.most_inliers = here
+        work.trials_made = trial + 1
+        if enough_made(work) == 1:
+            work.trials_wanted = trial + 1
+            break
+
+
+def enough_made(work: ConsensusWork) -> Integer:
+    """Whether one of the trials made has met only units of a solution as good as the best, or better."""
+    if work.until_enough == 0 or work.trials_made < FEWEST_TRIALS or work.most_inliers == 0:
+        return 0
+    return float(work.trials_made) >= trials_for_share(work.most_inliers, work.units.count, work.size)

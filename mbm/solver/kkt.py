@@ -1,0 +1,231 @@
+"""The end of a constrained solve: Newton's steps on the surface of the constraints that the penalties show to hold.
+
+Heavy penalties drown the residuals' digits in their own roundings. Once they have come near, with the signs of the
+multipliers, equations alone are left to be solved, and those converge quadratically. Where the steps do not end in a
+minimum for which the signs are right, nothing has happened: the search goes on.
+"""
+
+from __future__ import annotations
+
+from math import fabs, inf, isfinite, sqrt
+
+from mbm.machine.words import ConstantReals, Integer, Real, Reals
+from mbm.solver.active_set import change_active, largest_violation, pushes_on_bounds, set_active
+from mbm.solver.beginning import constraint_count
+from mbm.solver.constraint_manifold import choose_free, kkt_step, set_null_space
+from mbm.solver.constraint_values import linearise, set_units
+from mbm.solver.decisions import DIFFERENCE, EXACT, LEAST_DIFFERENCE, MET, MOST_DENSE, POLISH, SETTLED, SLOW_KKT
+from mbm.solver.description import BOUNDS_AT, ROUNDING, RUNNING, SMALL_OFFSET, TOLERANCE, Problem
+from mbm.solver.equations import residuals_at_point
+from mbm.solver.linear_algebra import copied, dot, filled
+from mbm.solver.manifolds import coordinates_of, retract
+from mbm.solver.sweeps import sweep
+from mbm.solver.workspace import Linearisation, Work
+
+STEPS_AT_MOST = 20
+
+CLOSE = 0.3
+"""A first step longer than this, in standard deviations, is left to the penalties."""
+
+
+def set_place(
+    problem: Problem,
+    place: Linearisation,
+    work: Work,
+) -> Integer:
+    """Residuals, without penalties, and constraints at the point of a place; 0 where something is not finite."""
+    n = problem.n
+    triangle = place.triangle
+    point = place.point
+    residuals = work.rows.residuals
+    coordinates_of(problem, point, place.x)
+    count = residuals_at_point(problem, work.rows, point, 1, 0, residuals)
+    place.cost = dot(count, residuals, residuals)
+    sweep(problem, point, 0, 0, work.rows, residuals, triangle)
+    linearise(problem, point, work)
+    work.evaluations += 1
+    total = place.cost
+    for j in range(n):
+        square = 0.0
+        for i in range(j + 1):
+            square += triangle[i * (n + 1) + j] * triangle[i * (n + 1) + j]
+        place.norms[j] = sqrt(square)
+        total += place.norms[j]
+    for c in range(constraint_count(problem, work.rows.data)):
+        total += fabs(work.values[c])
+        for j in range(n):
+            total += fabs(work.slopes[c * n + j])
+    if not isfinite(total):
+        return 0
+    set_units(problem, place, 0, work)
+    return 1
+
+
+def set_lagrangian_curvature(
+    problem: Problem,
+    count: Integer,
+    place: Linearisation,
+    work: Work,
+) -> Integer:
+    """``Σ r ∇²r + Σ λ ∇²c`` at a place that `set_null_space` has seen, by forward differences; 0: it is not finite."""
+    n = problem.n
+    step = work.shift
+    there = work.gradient_shifted
+    curvature = work.curvature
+    point = work.trial
+    residuals = work.rows.residuals
+    freedom = float(work.rows.data.count - count)
+    spread = sqrt(place.cost / (freedom if freedom > 1.0 else 1.0))
+    if spread < 1e-3:
+        spread = 1e-3
+    filled(n * n, 0.0, curvature)
+    set_gradient(problem, place.point, residuals, work, work.gradient)
+    total = 0.0
+    for k in range(count):
+        j = work.chosen[k]
+        filled(n, 0.0, step)
+        step[j] = DIFFERENCE * spread / work.scale[k]
+        if LEAST_DIFFERENCE * fabs(place.x[j]) > step[j]:
+            step[j] = LEAST_DIFFERENCE * fabs(place.x[j])
+        retract(problem, place.point, step, point)
+        linearise(problem, point, work)
+        set_gradient(problem, point, residuals, work, there)
+        for i in range(n):
+            curvature[j * n + i] = (there[i] - work.gradient[i]) / step[j]
+            total += fabs(curvature[j * n + i])
+    work.evaluations += count
+    for i in range(n):
+        for k in range(i):
+            value = 0.5 * (curvature[i * n + k] + curvature[k * n + i])
+            curvature[i * n + k] = value
+            curvature[k * n + i] = value
+    linearise(problem, place.point, work)
+    return 1 if isfinite(total) else 0
+
+
+def set_gradient(
+    problem: Problem,
+    point: ConstantReals,
+    residuals: ConstantReals,
+    work: Work,
+    gradient: Reals,
+) -> None:
+    """``Jᵀ r + Σ λ ∇c`` (n,) with the slopes at a point, residuals and multipliers as they are given."""
+    n = problem.n
+    sweep(problem, point, 1, 0, work.rows, residuals, gradient)
+    for c in range(constraint_count(problem, work.rows.data)):
+        for j in range(n):
+            gradient[j] += work.forces[c] * work.slopes[c * n + j]
+
+
+def move(problem: Problem, place: Linearisation, work: Work) -> Integer:
+    """The step of a place taken; 0 where that leaves the bounds."""
+    n = problem.n
+    point = work.trial
+    x = place.x
+    retract(problem, place.point, place.full, point)
+    copied(problem.numbers, point, place.point)
+    coordinates_of(problem, point, x)
+    for j in range(n):
+        if place.free[j] != 0.0:
+            if x[j] < work.rows.constants[BOUNDS_AT + j] or x[j] > work.rows.constants[BOUNDS_AT + n + j]:
+                return 0
+            if problem.positive[j] != 0 and not x[j] > 0.0:
+                return 0
+    return 1
+
+
+def ending_of(
+    constants: ConstantReals, place: Linearisation, steps: Integer, fresh: Integer, before: Real, worst: Real
+) -> Integer:
+    """Why the steps end at a place, `RUNNING`: they do not, -1: they lead nowhere.
+
+    After ``steps`` with the same constraints; ``fresh`` 1: the last had the second-order term of its own place. A step
+    has to be short by the stated noise and by that which the residuals show.
+    """
+    offset = place.offset
+    small = offset <= constants[TOLERANCE] and sqrt(place.predicted) <= constants[TOLERANCE]
+    if worst <= EXACT and steps > 0 and small:
+        return SMALL_OFFSET
+    if worst <= MET and place.length <= place.rounding:
+        return ROUNDING
+    if fresh == 1 and not offset <= POLISH * before:
+        return ROUNDING if worst <= MET and offset <= SETTLED else -1
+    return RUNNING
+
+
+def begin_kkt(problem: Problem, place: Linearisation, work: Work) -> Integer:
+    """A place where the iteration is, and which constraints hold there; how many coordinates may move."""
+    n = problem.n
+    here = work.here
+    copied(problem.numbers, here.point, place.point)
+    copied(n, here.free, place.free)
+    filled(n, 0.0, place.stopped)
+    set_active(problem, work)
+    return choose_free(problem, place, work)
+
+
+def polish(
+    problem: Problem,
+    work: Work,
+) -> Integer:
+    """1: the solve is at its end, at a point on the surface near that of the iteration; 0: nothing has happened."""
+    place = work.other
+    count = begin_kkt(problem, place, work)
+    before = inf
+    curved = 0
+    fresh = 0
+    steps = 0
+    for _ in range(STEPS_AT_MOST):
+        if set_place(problem, place, work) == 0:
+            return 0
+        reflected = set_null_space(problem, place, count, work)
+        if kkt_step(problem, count, reflected, curved, place, work) == 0:
+            return 0
+        worst = largest_violation(problem, work)
+        ending = ending_of(work.rows.constants, place, steps, fresh, before, worst)
+        if ending < 0:
+            return 0
+        if ending != RUNNING:
+            nothing = work.rows.constants[TOLERANCE] * (1.0 + sqrt(place.cost))
+            if change_active(problem, nothing, work) == 0:
+                if pushes_on_bounds(problem, nothing, place, work) == 0:
+                    return 0
+                arrive_kkt(problem, ending, worst, work)
+                return 1
+            steps = 0
+            reflected = set_null_space(problem, place, count, work)
+            if kkt_step(problem, count, reflected, curved, place, work) == 0:
+                return 0
+        if steps == 0 and not (place.offset <= CLOSE or place.length <= CLOSE):
+            return 0
+        fresh = 0
+        if steps > 0 and not place.offset <= SLOW_KKT * before and problem.n <= MOST_DENSE:
+            if set_lagrangian_curvature(problem, count, place, work) == 0:
+                return 0
+            curved = 1
+            fresh = 1
+            reflected = set_null_space(problem, place, count, work)
+            if kkt_step(problem, count, reflected, curved, place, work) == 0:
+                return 0
+        before = place.offset
+        steps += 1
+        work.iterations += 1
+        if move(problem, place, work) == 0:
+            return 0
+    return 0
+
+
+def arrive_kkt(
+    problem: Problem,
+    ending: Integer,
+    worst: Real,
+    work: Work,
+) -> None:
+    """The iteration ends at the other place, with its multipliers."""
+    there = work.other
+    work.other = work.here
+    work.here = there
+    work.stop = ending
+    work.worst = worst
+    copied(constraint_count(problem, work.rows.data), work.forces, work.multipliers)

@@ -1,0 +1,20 @@
+"""The solver and consensus as modules of the target language: what is called from outside, and all that it calls."""
+
+from __future__ import annotations
+
+from mbm.machine.from_python import module_of
+from mbm.machine.tree import Module
+from mbm.solver.batch import finish_solve, go_on, set_end, solve_many, start_solve
+from mbm.solver.chi_square import chi_square_tails
+from mbm.solver.consensus import consensus_in_portions, consensus_many
+
+
+def solver_module(lanes: int) -> Module:
+    """The solver for kernels that take ``lanes`` rows at a time."""
+    roots = (start_solve, go_on, set_end, finish_solve, solve_many, chi_square_tails)
+    return module_of("solver", roots, constants={"LANES": lanes})
+
+
+def consensus_module(lanes: int) -> Module:
+    """Consensus likewise: beside the solver, for few problems ask it."""
+    return module_of("consensus", (consensus_many, consensus_in_portions), constants={"LANES": lanes})

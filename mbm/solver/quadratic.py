@@ -1,0 +1,206 @@
+"""One linearised problem: least squares with linear equations, inequalities and bounds (Lawson and Hanson 1974, LSEI).
+
+The equations take away dimensions first; what is left is turned into the nearest point of a polyhedron.
+"""
+
+from __future__ import annotations
+
+from math import fabs, isfinite, sqrt
+
+from mbm.machine.words import Integer, Real
+from mbm.solver.beginning import constraint_count
+from mbm.solver.constraint_manifold import set_forces, set_null_space
+from mbm.solver.covariance import set_reduced
+from mbm.solver.description import Problem
+from mbm.solver.linear_algebra import copied, damped_triangle, dot, filled, solve_transposed, solve_upper
+from mbm.solver.null_space import from_null_space, to_null_space
+from mbm.solver.polyhedron import join, settle_nearest
+from mbm.solver.steps import down_of, up_of
+from mbm.solver.workspace import Linearisation, Work
+
+REDUNDANT = 1e-10
+"""The share of a normal along the surface of the equations below which it is none."""
+
+FLOOR = 1e-9
+"""Directions that the residuals feel less than this are damped so much that they stay where they are."""
+
+FEASIBLE = 1e-13
+"""Violations below this share of the step and of the limit are rounding."""
+
+
+def solve_quadratic(problem: Problem, place: Linearisation, work: Work) -> Integer:
+    """``min ‖J p + r‖² + damping² ‖scale p‖²`` where the linearised constraints and the bounds hold: the step p.
+
+    It becomes `full` of the place, its multipliers `forces`, those of bounds `pushes`. 0 where the inequalities have no
+    common point: the step then only serves the equations. `held` and `chosen` say which constraints are equations, and
+    that all coordinates may move.
+    """
+    n = problem.n
+    holding = constraint_count(problem, work.rows.data)
+    reflected = set_null_space(problem, place, n, work)
+    width = n - reflected
+    for i in range(n):
+        work.right[i] = place.triangle[i * (n + 1) + n]
+    set_reduced(n, n, reflected, place.triangle, work)
+    square = 0.0
+    for i in range(width):
+        for k in range(width):
+            value = work.small[i * (width + 1) + k]
+            work.part[i * width + k] = value
+            square += value * value
+        work.part_projected[i] = work.small[i * (width + 1) + width]
+    damping = work.damping * work.damping
+    if damping < FLOOR * FLOOR * square:
+        damping = FLOOR * FLOOR * square
+    if not damping > 0.0:
+        damping = 1e-300
+    damped_triangle(width, work.part, work.part_projected, damping, work.damped, work.right, work.row)
+    filled(width, 0.0, work.nearest)
+    work.active = 0
+    feasible = 1
+    for _ in range(20 * (holding + 3 * n) + 50):
+        set_movement(problem, reflected, place, work)
+        face = worst_face(problem, place, work)
+        if face < 0:
+            break
+        feasible = add_face(problem, face, reflected, place, work)
+        if feasible == 0:
+            work.active = 0
+            break
+    if feasible == 1:
+        settle_nearest(width, work)
+        set_movement(problem, reflected, place, work)
+    set_multipliers(problem, reflected, place, work)
+    return feasible
+
+
+def set_movement(problem: Problem, reflected: Integer, place: Linearisation, work: Work) -> None:
+    """The step (n,) that the nearest point stands for."""
+    n = problem.n
+    width = n - reflected
+    moved = work.moved
+    copied(reflected, work.along, moved)
+    rest = work.rest
+    for k in range(width):
+        rest[k] = work.nearest[k] - work.right[k]
+    solve_upper(width, work.damped, rest)
+    copied(width, rest, moved[reflected:])
+    from_null_space(n, reflected, work.reflections, moved)
+    for j in range(n):
+        place.full[j] = moved[j] / work.scale[j]
+
+
+def worst_face(problem: Problem, place: Linearisation, work: Work) -> Integer:
+    """The inequality or bound that the step oversteps most, beyond rounding; -1: none.
+
+    Constraints by their numbers, then lower bounds, then upper bounds.
+    """
+    n = problem.n
+    holding = constraint_count(problem, work.rows.data)
+    found = -1
+    most = 0.0
+    longest = 1.0 + sqrt(dot(n, work.moved, work.moved))
+    for c in range(holding):
+        if work.equation[c] == 0:
+            size = 0.0
+            for j in range(n):
+                slope = work.slopes[c * n + j] / work.scale[j]
+                size += slope * slope
+            size = sqrt(size)
+            value = work.values[c] + dot(n, work.slopes[c * n :], place.full)
+            beyond = value - FEASIBLE * (size * longest + fabs(work.values[c]))
+            if size > 0.0 and beyond > most * size and is_active(c, work) == 0:
+                most = beyond / size
+                found = c
+    if problem.boxed == 1:
+        for j in range(n):
+            low = down_of(problem, work.rows.constants, place.x, j) * work.scale[j]
+            high = up_of(problem, work.rows.constants, place.x, j) * work.scale[j]
+            below = low - work.moved[j] - FEASIBLE * (longest + fabs(low))
+            above = work.moved[j] - high - FEASIBLE * (longest + fabs(high))
+            if isfinite(low) and below > most and is_active(holding + j, work) == 0:
+                most = below
+                found = holding + j
+            if isfinite(high) and above > most and is_active(holding + n + j, work) == 0:
+                most = above
+                found = holding + n + j
+    return found
+
+
+def is_active(face: Integer, work: Work) -> Integer:
+    """1 where an inequality is among the active ones."""
+    for k in range(work.active):
+        if work.faces[k] == face:
+            return 1
+    return 0
+
+
+def set_face(problem: Problem, face: Integer, reflected: Integer, place: Linearisation, work: Work) -> Real:
+    """The gradient of an inequality in turned scaled coordinates into `moved` (n,), and its value at step 0."""
+    n = problem.n
+    holding = constraint_count(problem, work.rows.data)
+    moved = work.moved
+    filled(n, 0.0, moved)
+    if face < holding:
+        value = work.values[face]
+        for j in range(n):
+            moved[j] = work.slopes[face * n + j] / work.scale[j]
+    elif face < holding + n:
+        j = face - holding
+        value = down_of(problem, work.rows.constants, place.x, j) * work.scale[j]
+        moved[j] = -1.0
+    else:
+        j = face - holding - n
+        value = -up_of(problem, work.rows.constants, place.x, j) * work.scale[j]
+        moved[j] = 1.0
+    to_null_space(n, reflected, work.reflections, moved)
+    return value
+
+
+def add_face(problem: Problem, face: Integer, reflected: Integer, place: Linearisation, work: Work) -> Integer:
+    """One more inequality is active; 0 where it has no common point with the others."""
+    n = problem.n
+    width = n - reflected
+    normal = work.normal
+    value = set_face(problem, face, reflected, place, work)
+    length = sqrt(dot(n, work.moved, work.moved))
+    copied(width, work.moved[reflected:], normal)
+    if not sqrt(dot(width, normal, normal)) > REDUNDANT * length:
+        return 0
+    solve_transposed(width, work.damped, normal)
+    limit = dot(width, normal, work.right) - value - dot(reflected, work.moved, work.along)
+    size = sqrt(dot(width, normal, normal))
+    for k in range(width):
+        normal[k] /= size
+    return join(width, face, limit / size, size, work)
+
+
+def set_multipliers(problem: Problem, reflected: Integer, place: Linearisation, work: Work) -> None:
+    """`forces` of the constraints and `pushes` of the bounds, for the active inequalities and the step."""
+    n = problem.n
+    holding = constraint_count(problem, work.rows.data)
+    gradient = work.gradient
+    pulled = work.shift
+    filled(holding, 0.0, work.forces)
+    filled(n, 0.0, work.pushes)
+    filled(n, 0.0, pulled)
+    for i in range(n):
+        moved = place.triangle[i * (n + 1) + n] + dot(n - i, place.triangle[i * (n + 1) + i :], place.full[i:])
+        for j in range(i, n):
+            pulled[j] += place.triangle[i * (n + 1) + j] * moved
+    for k in range(work.active):
+        face = work.faces[k]
+        force = work.face_forces[k] / work.face_sizes[k]
+        if face < holding:
+            work.forces[face] = force
+            for j in range(n):
+                pulled[j] += force * work.slopes[face * n + j]
+        elif face < holding + n:
+            work.pushes[face - holding] -= force * work.scale[face - holding]
+        else:
+            work.pushes[face - holding - n] += force * work.scale[face - holding - n]
+    for j in range(n):
+        damped = work.damping * work.damping * work.scale[j] * work.scale[j] * place.full[j]
+        gradient[j] = (pulled[j] + work.pushes[j] + damped) / work.scale[j]
+    to_null_space(n, reflected, work.reflections, gradient)
+    set_forces(n, holding, reflected, work)

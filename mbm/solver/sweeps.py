@@ -1,0 +1,163 @@
+"""All rows of ``[J r]`` portion by portion: into their triangular factor, a product ``Jᵀ v``, or sums of products."""
+
+from __future__ import annotations
+
+from mbm.machine.kinds import LANES
+from mbm.machine.words import ConstantReals, Integer, Reals, call_kernel, distinct_arrays
+from mbm.solver.description import Block, DataSet, Problem
+from mbm.solver.equations import (
+    gather,
+    groups_of,
+    penalise_values,
+    portion,
+    root_values,
+    weights_width,
+    whiten_values,
+)
+from mbm.solver.fused import first_separate, fused_rows, separate_rows
+from mbm.solver.linear_algebra import append_rows, dot, filled
+from mbm.solver.normal_equations import add_products, add_sums, rooted
+from mbm.solver.slopes import penalise_slopes, root_slopes, scatter, whiten_matrices
+from mbm.solver.workspace import Linearisation, Rows, Work
+
+TOGETHER = 256
+"""Rows that go into a triangle at a time: with 25 unknowns they take 54 kB, which stay near."""
+
+HARMLESS = 1e6
+"""A squared condition up to which sums of products give steps to 1e-9 of their length, and offsets likewise."""
+
+
+@distinct_arrays
+def settle_chunk(
+    width: Integer, rows: Integer, stride: Integer, mode: Integer, vector: ConstantReals, chunk: Reals, target: Reals
+) -> None:
+    """What becomes of a full chunk: rows of the triangle, of the product with the vector, or of the sums."""
+    count = rows
+    while count % 4 != 0:
+        for column in range(width):
+            chunk[column * stride + count] = 0.0
+        count += 1
+    if LANES > 1 and mode == 2:
+        add_products(width, count, stride, chunk, target)
+        return
+    if mode == 0:
+        first = 0
+        while first < count:
+            some = count - first if count - first < TOGETHER else TOGETHER
+            append_rows(width, some, stride, chunk[first:], target)
+            first += TOGETHER
+    else:
+        for column in range(width - 1):
+            target[column] += dot(rows, chunk[column * stride :], vector)
+
+
+def whiten_portion(
+    problem: Problem,
+    rows: Rows,
+    block: Block,
+    groups: Integer,
+    weights: ConstantReals,
+    right: Reals,
+    chunk: Reals,
+) -> None:
+    """What of a portion of observations is not whitened yet, and losses."""
+    whiten_values(block, groups, block.outputs + block.nonzero_count, rows.outputs, weights, right)
+    whiten_matrices(problem, block, groups, weights, chunk)
+    root_slopes(problem, rows.constants, block, groups, right, chunk)
+    root_values(rows.constants, block, groups, right)
+
+
+def sweep(
+    problem: Problem,
+    point: ConstantReals,
+    mode: Integer,
+    penalised: Integer,
+    rows: Rows,
+    vector: ConstantReals,
+    target: Reals,
+) -> None:
+    """All rows of ``[J r]`` at a point, with losses; ``penalised`` 0 leaves the constraints out.
+
+    ``mode`` 0: ``target`` becomes their triangular factor (n + 1, n + 1); 1: the product ``Jᵀ vector`` (n,) with a
+    vector of residuals; 2: the upper triangle of ``[J r]ᵀ [J r]``, without its last number, is added to zeros there.
+    """
+    n = problem.n
+    stride = problem.chunk
+    inputs = 0
+    whitening = 0
+    outputs = rows.outputs
+    chunk = rows.chunk
+    filled((n + 1) * (n + 1) if mode == 0 else n, 0.0, target)
+    there = fused_rows(problem, rows, 1, point, stride, chunk) if LANES > 1 else 0
+    settled = 0
+    begin = first_separate(problem, rows) if LANES > 1 else 0
+    for b in range(begin, problem.residual_blocks + penalised * problem.constraint_blocks):
+        block = problem.blocks[b]
+        part = rows.data.blocks[b]
+        count = separate_rows(problem, rows, b) if LANES > 1 else part.rows
+        lines = block.outputs * LANES
+        width = (block.variables + block.parameters) * LANES
+        heavy = weights_width(block) * LANES
+        gather(block, count, rows.index[part.index :], point, rows.inputs[inputs:])
+        first = 0
+        if LANES > 1 and mode == 2 and block.normal != 0 and count >= problem.summed_from:
+            first = groups_of(count)
+            weights = rows.weights[whitening:]
+            add_sums(n, block, part, first, rows, rows.inputs[inputs:], weights, target)
+        while first < groups_of(count):
+            groups = portion(problem, block)
+            if first + groups > groups_of(count):
+                groups = groups_of(count) - first
+            if there + groups * lines > stride:
+                settle_chunk(n + 1, there, stride, mode, vector[settled:], chunk, target)
+                settled += there
+                there = 0
+            call_kernel(block.jacobian, rows.inputs[inputs + first * width :], outputs, groups)
+            weights = rows.weights[whitening + first * heavy :]
+            for column in range(n):
+                filled(groups * lines, 0.0, chunk[column * stride + there :])
+            scatter(problem, block, part, first, groups, rows, weights, chunk[there:])
+            right = chunk[n * stride + there :]
+            if b < problem.residual_blocks:
+                whiten_portion(problem, rows, block, groups, weights, right, chunk[there:])
+            else:
+                every = block.outputs + block.nonzero_count
+                penalise_values(block, groups, every, outputs, weights, right)
+                penalise_slopes(problem, block, groups, weights, right, chunk[there:])
+            there += groups * lines
+            first += groups
+        inputs += groups_of(count) * width
+        whitening += groups_of(count) * heavy
+    if there > 0:
+        settle_chunk(n + 1, there, stride, mode, vector[settled:], chunk, target)
+
+
+def summed(problem: Problem, data: DataSet) -> Integer:
+    """1 where some block has rows enough for sums of products to be worth while."""
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
+        if block.normal != 0 and data.blocks[b].rows >= problem.summed_from:
+            return 1
+    return 0
+
+
+def set_triangle(
+    problem: Problem,
+    place: Linearisation,
+    work: Work,
+) -> None:
+    """The triangle of a place whose point and cost are known: from sums of products while the condition allows it."""
+    n = problem.n
+    triangle = place.triangle
+    if work.summed == 1:
+        filled((n + 1) * (n + 1), 0.0, triangle)
+        sweep(problem, place.point, 2, work.penalised, work.rows, work.rows.constants, triangle)
+        lower = work.lower
+        upper = work.inner
+        inverse = work.inverse
+        place.squared_condition = rooted(n, place.cost, triangle, work.row, lower, upper, inverse)
+        if place.squared_condition <= HARMLESS:
+            return
+        work.summed = 0
+    place.squared_condition = 0.0
+    sweep(problem, place.point, 0, work.penalised, work.rows, work.rows.constants, triangle)

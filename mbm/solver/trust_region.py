@@ -1,0 +1,184 @@
+"""One iteration of the trust region that Marquardt's method, the dogleg and Gauss-Newton share.
+
+Moré (1978) for the radius and its update. Added to it: trial points without a finite residual or Jacobian are refused
+and the radius shrinks; hard bounds; a second try along the curve where a step met curvature; Newton's steps at the end
+where Gauss-Newton's are slow; and last steps that are judged by the relative offset of Bates and Watts (1981) instead
+of the sum of squares, because the sum of squares stops telling points apart at half the digits.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from mbm.machine.kinds import LANES
+from mbm.machine.words import Integer, Real
+from mbm.solver.decisions import (
+    CREEP,
+    LEAST_GAIN_RATIO,
+    NEAR_OFFSET,
+    NEVER,
+    OFFSET_DECREASE,
+    PATIENCE,
+    REACH,
+    SLOW_OFFSET,
+    TRIAL_POINTS,
+    UNDECIDED,
+)
+from mbm.solver.description import FLAT, NO_FINITE_STEP, ROUNDING, RUNNING, UNSURE, Problem
+from mbm.solver.linear_algebra import copied
+from mbm.solver.linearisation import arrive, judge
+from mbm.solver.newton import set_curvature
+from mbm.solver.step_control import radius_after, remaining
+from mbm.solver.sweeps import set_triangle, sweep
+from mbm.solver.trial_steps import same_point, shortening, step_within, try_step
+from mbm.solver.workspace import Work
+
+
+def factor_there(
+    problem: Problem,
+    work: Work,
+) -> Integer:
+    """The trial point as the other place, with its triangle; 0 where that is not finite."""
+    n = problem.n
+    there = work.other
+    copied(problem.numbers, work.tried, there.point)
+    there.cost = work.cost_tried
+    if LANES > 1:
+        set_triangle(problem, there, work)
+    else:
+        sweep(problem, there.point, 0, work.penalised, work.rows, work.rows.constants, there.triangle)
+    total = 0.0
+    for i in range((n + 1) * (n + 1)):
+        total += there.triangle[i]
+    return 1 if isfinite(total) else 0
+
+
+def arrive_there(
+    problem: Problem,
+    share: Real,
+    work: Work,
+) -> None:
+    """Go to the accepted point; the second-order term is taken where convergence is slow enough to pay for it.
+
+    ``share`` of the promise that the step brought, negative where it was judged by the offset.
+    """
+    here = work.here
+    there = work.other
+    arrive(problem, there, 1, work.curvature_known, work)
+    if share < 0.0 and not there.offset <= OFFSET_DECREASE * here.offset:
+        no_better(problem, work)
+        return
+    if share >= 0.0:
+        work.radius = radius_after(share, work.radius, work.step_length, work.undamped)
+    work.here = there
+    work.other = here
+    work.residuals_here = work.residuals_tried
+    work.stop = there.ending
+    if work.patience > 0:
+        work.patience -= 1
+    if problem.strict == 1 and there.deficient > 0:
+        work.stop = UNSURE
+    if work.stop != RUNNING or there.offset <= SLOW_OFFSET * here.offset or work.patience > 0:
+        return
+    if there.offset < NEAR_OFFSET:
+        few = float(problem.n + 2)
+        if remaining(there.offset, here.offset, work.tolerance) <= few:
+            return
+    elif here.cost - there.cost > CREEP * here.cost:
+        return
+    take_curvature(problem, work)
+    longest = REACH * work.radius
+    if there.length < longest:
+        longest = there.length
+    if longest > work.radius:
+        work.radius = longest
+
+
+def take_curvature(
+    problem: Problem,
+    work: Work,
+) -> None:
+    """The second-order term at the place of the iteration, and the place judged anew with it."""
+    place = work.here
+    work.curvature_known = set_curvature(problem, work)
+    judge(problem, place, work.curvature_known, work)
+    work.patience = PATIENCE if place.offset >= NEAR_OFFSET else 0
+    work.stop = place.ending
+
+
+def no_better(problem: Problem, work: Work) -> None:
+    """No better point: the end, unless the second-order term was too inexact for the last digits."""
+    if work.curvature_known == 0:
+        work.stop = ROUNDING
+        return
+    place = work.here
+    work.curvature_known = 0
+    judge(problem, place, 0, work)
+    if place.length > work.radius:
+        work.radius = place.length
+    work.patience = NEVER
+    work.stop = place.ending
+
+
+def stuck(
+    problem: Problem,
+    work: Work,
+) -> None:
+    """No trial was accepted: the end, unless Newton's step shows a way that Gauss-Newton's did not."""
+    place = work.here
+    if place.predicted <= UNDECIDED * place.cost_rounding:
+        no_better(problem, work)
+    elif work.finite == 0:
+        work.stop = NO_FINITE_STEP
+    elif work.patience > 0:
+        work.stop = FLAT
+    else:
+        take_curvature(problem, work)
+        work.patience = PATIENCE
+        if place.length > work.radius:
+            work.radius = place.length
+
+
+def iterate(
+    problem: Problem,
+    work: Work,
+) -> None:
+    """Trial steps until one is accepted, or none can be; the cost never grows by more than its rounding."""
+    here = work.here
+    start = work.radius
+    radius = start
+    work.finite = 1
+    work.iterations += 1
+    for _ in range(TRIAL_POINTS):
+        step_within(problem, radius, work)
+        try_step(problem, work)
+        if same_point(problem, work.tried, here.point) == 1:
+            break
+        shorter = work.step_length if work.step_length < radius else radius
+        work.finite = 1 if isfinite(work.cost_tried) else 0
+        if work.finite == 0:
+            radius = 0.25 * shorter
+            continue
+        actual = here.cost - work.cost_tried
+        share = -1.0
+        acceptable = 0
+        decided = work.step_predicted > UNDECIDED * here.cost_rounding
+        if decided:
+            share = actual / work.step_predicted
+            if share > LEAST_GAIN_RATIO:
+                acceptable = 1
+        elif work.undamped == 1 and actual >= -here.cost_rounding:
+            acceptable = 1
+        if acceptable == 1:
+            if factor_there(problem, work) == 0:
+                work.finite = 0
+                radius = 0.25 * shorter
+                continue
+            work.radius = radius
+            arrive_there(problem, share, work)
+            return
+        if not decided:
+            break
+        radius = shortening(problem, here, work.step, actual, work) * shorter
+    work.radius = radius
+    stuck(problem, work)

@@ -1,0 +1,212 @@
+"""Assembled equations as the sparse solver sees them: their blocks, and their Jacobian piece by piece."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.binding import Group
+from mbm.equations.forwarding import Forwarding
+from mbm.equations.layout import Entry
+from mbm.equations.losses import rooted_jacobian
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.kernels.types import MachineCode
+from mbm.sparse.arithmetic import Arithmetic
+from mbm.sparse.structure import BlockFamily, Piece, Structure, structure
+from mbm.values import dataclass
+
+WIDEST = 12
+"""Coordinates of an unknown that stay together in one block; those of longer vectors and arrays are blocks of one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GroupPlace:
+    """A group that has a piece: nonzero ``chosen[k]`` of its kernel goes to place ``target[k]`` of a row's values.
+
+    It is of output ``lines[k]``, and is multiplied by that one's weight: ``weights`` (rows, outputs), zero for
+    residuals that are left out. Outputs that are whitened by ``matrices`` (their places, and (rows, k, k)) have the
+    weight 1. ``kept`` (rows, width) is 0 for columns of fixed coordinates; None where none are.
+    """
+
+    group: Group
+    piece: Piece
+    chosen: Indices
+    target: Indices
+    lines: Indices
+    weights: Floats
+    matrices: tuple[tuple[slice, Floats], ...]
+    kept: Floats | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Blocked(Forwarding):
+    """``equations`` with all residuals in place: those that are left out are zero (protocol ``BlockEquations``).
+
+    ``count`` and ``jacobian`` are of those alone that count.
+    """
+
+    equations: Assembled
+    found: Structure
+    places: tuple[GroupPlace, ...]
+
+    @property
+    def lower(self) -> Floats:
+        """Hard lower bounds (n,)."""
+        return self.equations.lower
+
+    @property
+    def upper(self) -> Floats:
+        """Hard upper bounds (n,)."""
+        return self.equations.upper
+
+    @property
+    def linear(self) -> bool:
+        """The residuals are affine."""
+        return self.equations.linear
+
+    @property
+    def machine_code(self) -> MachineCode | None:
+        """What evaluates the kernels, if it makes machine code."""
+        return self.equations.machine_code
+
+    def residuals(self, x: Floats) -> Floats:
+        """Whitened residuals with losses (all,), zero where left out."""
+        found = self.equations.residuals(x)
+        if self.equations.rows is None:
+            return found
+        result = np.zeros(self.equations.whole)
+        result[self.equations.rows] = found
+        return result
+
+    def structure(self) -> Structure:
+        """Which blocks there are."""
+        return self.found
+
+    def block_jacobian(self, x: Floats, arithmetic: Arithmetic) -> list[Floats]:
+        """The whitened Jacobian with losses, for each piece (rows, outputs, width)."""
+        return [self._piece(place, x, arithmetic, plain=False) for place in self.places]
+
+    def plain_block_jacobian(self, x: Floats, arithmetic: Arithmetic) -> list[Floats]:
+        """The same without losses."""
+        return [self._piece(place, x, arithmetic, plain=True) for place in self.places]
+
+    def _piece(self, place: GroupPlace, x: Floats, arithmetic: Arithmetic, *, plain: bool) -> Floats:
+        group, outputs = place.group, place.group.kernel.outputs
+        places = (place.chosen, place.target, place.lines)
+        result = np.zeros((group.rows, outputs, place.piece.width))
+        values = np.empty((group.rows, outputs))
+        arithmetic.put_jacobian(group, x, place.weights, places, values, result)
+        if place.kept is not None:
+            result *= place.kept[:, None, :]
+        for own, matrices in place.matrices:
+            result[:, own] = np.matmul(matrices, result[:, own])
+        if group.losses and not plain:
+            residuals = group.whitened(values)
+            if self.equations.factors is not None:
+                residuals = residuals / self.equations.factors[place.piece.residuals].reshape(group.rows, outputs)
+            for whitener, loss in zip(group.whiteners, group.losses, strict=True):
+                own = slice(whitener.first, whitener.last)
+                result[:, own] = rooted_jacobian(loss, residuals[:, own], result[:, own])
+        return result
+
+
+def blocked(equations: Assembled) -> Blocked:
+    """The blocks of equations: a family for each unknown that is not wholly fixed, a piece for each group."""
+    layout = equations.layout
+    free = np.zeros(len(layout.number), dtype=bool)
+    free[equations.free] = True
+    families: list[BlockFamily] = []
+    number: dict[str, int] = {}
+    column = np.full(len(free), -1, dtype=np.int64)
+    reached = 0
+    for entry in layout.entries:
+        if not free[entry.coordinates].any():
+            continue
+        number[entry.unknown.name] = len(families)
+        total = entry.members * entry.unknown.freedom
+        size = _block_size(entry)
+        families.append(BlockFamily(first=reached, members=total // size, size=size))
+        column[entry.coordinates] = reached + np.arange(total)
+        reached += total
+    placed = [_place(equations, group, number, free) for group in equations.groups if group.rows]
+    places = tuple(place for place in placed if place is not None)
+    pieces = [place.piece for place in places]
+    found = structure(families, pieces, column[equations.free], equations.whole, equations.rows)
+    return Blocked(equations=equations, found=found, places=places)
+
+
+def _block_size(entry: Entry) -> int:
+    freedom = entry.unknown.freedom
+    return freedom if freedom <= WIDEST else 1
+
+
+def _place(equations: Assembled, group: Group, number: dict[str, int], free: Mask) -> GroupPlace | None:
+    """The piece of a group: its tangents by member of a family; None where it touches nothing that is free."""
+    local: dict[tuple[object, ...], int] = {}
+    starts: list[int] = []
+    families: list[int] = []
+    members: list[Indices] = []
+    kept: list[Mask] = []
+    place = np.full(len(group.kernel.tangents), -1, dtype=np.int64)
+    width = 0
+    for j, slot in enumerate(group.kernel.tangents):
+        if slot.unknown not in number:
+            continue
+        entry = equations.layout.entry(slot.unknown)
+        size = _block_size(entry)
+        block, component = divmod(slot.component, size)
+        key = (slot.unknown, slot.member, block)
+        if key not in local:
+            local[key] = len(starts)
+            starts.append(width)
+            families.append(number[slot.unknown])
+            first = group.columns[:, j] - entry.first - component
+            members.append(first // size)
+            kept.append(free[entry.first + first[:, None] + np.arange(size)])
+            width += size
+        place[j] = starts[local[key]] + component
+    if not starts:
+        return None
+    columns = place[group.kernel.jacobian_columns]
+    chosen = np.flatnonzero(columns >= 0)
+    piece = Piece(
+        first=group.first,
+        outputs=group.kernel.outputs,
+        families=tuple(families),
+        members=np.array(members),
+        starts=tuple(starts),
+        width=width,
+    )
+    mask = np.concatenate(kept, axis=1)
+    lines = group.kernel.jacobian_rows[chosen]
+    weights, matrices = _weights(equations, group, piece)
+    return GroupPlace(
+        group=group,
+        piece=piece,
+        chosen=chosen,
+        target=lines * width + columns[chosen],
+        lines=lines,
+        weights=weights,
+        matrices=matrices,
+        kept=None if mask.all() else mask.astype(np.float64),
+    )
+
+
+def _weights(equations: Assembled, group: Group, piece: Piece) -> tuple[Floats, tuple[tuple[slice, Floats], ...]]:
+    """What multiplies each output (rows, outputs), and the matrices that whiten some outputs together."""
+    weights = np.ones((group.rows, group.kernel.outputs))
+    if equations.factors is not None:
+        weights /= equations.factors[piece.residuals].reshape(weights.shape)
+    if equations.rows is not None:
+        counted = np.zeros(equations.whole)
+        counted[equations.rows] = 1.0
+        weights *= counted[piece.residuals].reshape(weights.shape)
+    matrices = []
+    for whitener in group.whiteners:
+        own = slice(whitener.first, whitener.last)
+        if whitener.weights.ndim == 2:
+            weights[:, own] *= whitener.weights
+        else:
+            matrices.append((own, whitener.weights * weights[:, own, None]))
+            weights[:, own] = 1.0
+    return weights, tuple(matrices)

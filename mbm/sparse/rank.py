@@ -1,0 +1,216 @@
+"""Block Jacobian → what it leaves free, and the inverse on all that it determines.
+
+Free directions of single members show in the diagonal blocks of the family that is eliminated; common ones are found by
+inverse iteration (block of trial vectors, Rayleigh-Ritz). Whether a direction is free is decided on ``‖J v‖``, not on
+``JᵀJ``, whose rounding hides all singular values below 1e-8.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mbm.equations.types import Floats, Indices, Mask
+from mbm.sparse.inverse import LocalNull, SparseInverse
+from mbm.sparse.normal import Normal
+from mbm.sparse.structure import Values
+from mbm.sparse.system import Factorised, Plan, factorised
+from mbm.values import dataclass
+
+TRIALS = 12
+MOST = 96
+"""Trial vectors in the search for free directions, at first and at most."""
+
+ROUNDS = 6
+"""Inverse iterations; each takes a direction that is 1e-4 less free down by that factor at least."""
+
+SHIFTS = (1e-12, 1e-10, 1e-8)
+"""What makes the scaled matrix invertible, until it is."""
+
+CERTAIN = 1e-11
+SUSPECT = 1e-8
+GAP = 1e3
+"""Singular values, relative to the largest, that are zero: the first surely, the second if a gap follows them."""
+
+PART = 512
+"""Rows that are triangularised together: they stay in the cache, where tall matrices do not."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Decision:
+    """``null`` (columns, g) common and ``inverse.local`` single free directions in scaled coordinates.
+
+    ``smallest``, ``largest``: singular values of the scaled Jacobian on what is determined; ``unused`` (columns,) live
+    columns that are zero; ``complete`` False: there may be more free directions than were looked for.
+    """
+
+    inverse: SparseInverse
+    unused: Mask
+    smallest: float
+    largest: float
+    complete: bool
+
+
+def decided(found: Plan, values: Values, held: Mask) -> Decision:
+    """The rank decision for the Jacobian ``values``; columns in ``held`` (columns,) do not move."""
+    layout = found.structure
+    still = layout.dead | held
+    squares = np.where(still, 0.0, found.squares(values))
+    zero = squares <= 0.0
+    scale = np.where(zero, 1.0, np.sqrt(np.where(zero, 1.0, squares)))
+    scaled = layout.weighted(values, np.where(zero, 0.0, 1.0 / scale))
+    normal = found.accumulate(scaled)
+    largest = _largest(found, scaled)
+    local = _local(found, normal, scaled, zero)
+    normal = _pinned(found, normal, local)
+    null, smallest, complete = _common(found, normal, scaled, zero, largest)
+    added = np.where(zero, 1.0, 0.0)
+    added[_pivots(null)] += 1.0
+    factors = factorised(found, normal, added)
+    for shift in SHIFTS:
+        if factors is None:
+            factors = factorised(found, normal, added + shift)
+    if factors is None:
+        message = "the scaled normal equations are not finite"
+        raise ArithmeticError(message)
+    inverse = SparseInverse(factors=factors, scale=scale, null=null, local=local, zero=zero)
+    return Decision(inverse=inverse, unused=zero & ~still, smallest=smallest, largest=largest, complete=complete)
+
+
+def _local(found: Plan, normal: Normal, values: Values, zero: Mask) -> LocalNull:
+    """Free directions of single members of the eliminated family: their diagonal block does not see them."""
+    layout = found.structure
+    if found.elimination is None:
+        return LocalNull(columns=slice(0, 0), members=np.empty(0, dtype=np.int64), vectors=np.empty((0, 1)))
+    number = found.elimination.family
+    family = layout.families[number]
+    blocks = normal.blocks[number, number].copy()
+    each = np.arange(family.size)
+    blocks[:, each, each] += zero[family.columns].reshape(family.members, family.size)
+    curvatures, vectors = np.linalg.eigh(blocks)
+    members, chosen = [], []
+    for k in range(family.size):
+        suspects = np.flatnonzero(curvatures[:, k] < SUSPECT)
+        if not suspects.size:
+            break
+        trial = np.zeros(layout.columns)
+        trial[family.columns].reshape(family.members, family.size)[suspects] = vectors[suspects, :, k]
+        image = np.square(found.image(values, trial))
+        felt = np.zeros(family.members)
+        for piece in layout.pieces:
+            for local, of in enumerate(piece.families):
+                if of == number:
+                    np.add.at(felt, piece.members[local], image[piece.residuals].reshape(piece.rows, -1).sum(axis=1))
+        free = suspects[np.sqrt(felt[suspects]) <= CERTAIN]
+        members.append(free)
+        chosen.append(vectors[free, :, k])
+    return LocalNull(
+        columns=family.columns,
+        members=np.concatenate(members) if members else np.empty(0, dtype=np.int64),
+        vectors=np.concatenate(chosen) if chosen else np.empty((0, family.size)),
+    )
+
+
+def _pinned(found: Plan, normal: Normal, local: LocalNull) -> Normal:
+    """The normal equations with unit weight along the free directions of single members."""
+    if found.elimination is None or not len(local.members):
+        return normal
+    key = (found.elimination.family,) * 2
+    blocks = normal.blocks[key].copy()
+    np.add.at(blocks, local.members, local.vectors[:, :, None] * local.vectors[:, None, :])
+    return replace(normal, blocks={**normal.blocks, key: blocks})
+
+
+def _common(found: Plan, normal: Normal, values: Values, zero: Mask, largest: float) -> tuple[Floats, float, bool]:
+    """Free directions (columns, g), the smallest singular value of the others, whether all were found."""
+    live = int((~zero).sum())
+    trials = min(TRIALS, live)
+    factors = _shifted(found, normal, zero)
+    if not trials or factors is None or largest == 0.0:
+        return np.zeros((len(zero), 0)), largest, True
+    while True:
+        directions = np.random.default_rng(0).standard_normal((len(zero), trials))
+        directions[zero] = 0.0
+        for _ in range(ROUNDS):
+            directions = factors.solve(orthonormal(directions))
+            directions[zero] = 0.0
+        basis = orthonormal(directions)
+        images = [found.image(values, direction) for direction in basis.T]
+        _, singular, right = np.linalg.svd(_triangle(images))
+        shares = singular[::-1] / largest
+        free = free_count(shares)
+        if free < trials or trials >= min(MOST, live):
+            null = basis @ right[::-1][:free].T
+            return null, float(singular[::-1][min(free, trials - 1)]), free < trials
+        trials = min(2 * trials, MOST, live)
+
+
+def orthonormal(columns: Floats) -> Floats:
+    """An orthonormal basis (n, k) of the space of the columns (n, k), k ≤ n, at any condition.
+
+    The QR decomposition of tall matrices by parts of their rows: the triangles of the parts, one below the other, are
+    decomposed again (Demmel, Grigori, Hoemmen and Langou 2012).
+    """
+    part = max(PART, columns.shape[1])
+    parts = [np.linalg.qr(columns[first : first + part]) for first in range(0, len(columns), part)]
+    joint = np.linalg.qr(np.concatenate([triangle for _, triangle in parts]))[0]
+    ends = np.cumsum([len(triangle) for _, triangle in parts])
+    turns = np.split(joint, ends[:-1])
+    found = [basis @ turn for (basis, _), turn in zip(parts, turns, strict=True)]
+    return np.asarray(np.concatenate(found), dtype=np.float64)
+
+
+def _triangle(columns: list[Floats]) -> Floats:
+    """The upper triangle of a QR decomposition of a matrix given by columns, a part of the rows at a time."""
+    found = np.zeros((0, len(columns)))
+    for first in range(0, len(columns[0]), PART):
+        part = np.stack([column[first : first + PART] for column in columns], axis=1)
+        found = np.asarray(np.linalg.qr(np.concatenate([found, part]), mode="r"), dtype=np.float64)
+    return found
+
+
+def free_count(shares: Floats) -> int:
+    """How many of the singular values (ascending, relative to the largest) are zero."""
+    count = 0
+    for k, share in enumerate(shares.tolist()):
+        following = float(shares[k + 1]) if k + 1 < len(shares) else 1.0
+        if share <= CERTAIN or (share <= SUSPECT and share * GAP <= following):
+            count = k + 1
+        elif share > SUSPECT:
+            break
+    return count
+
+
+def _shifted(found: Plan, normal: Normal, zero: Mask) -> Factorised | None:
+    for shift in SHIFTS:
+        factors = factorised(found, normal, np.where(zero, 1.0, 0.0) + shift)
+        if factors is not None:
+            return factors
+    return None
+
+
+def _largest(found: Plan, values: Values) -> float:
+    """The largest singular value, to the few digits that a comparison needs: power iteration."""
+    columns = found.structure.columns
+    direction = np.full(columns, 1.0 / np.sqrt(max(columns, 1)))
+    size = 0.0
+    for _ in range(12):
+        direction = found.gradient(values, found.image(values, direction))
+        size = float(np.linalg.norm(direction))
+        if size == 0.0:
+            return 0.0
+        direction = direction / size
+    return float(np.sqrt(size))
+
+
+def _pivots(null: Floats) -> Indices:
+    """The columns that hold the free directions best: pivots of a QR decomposition of the directions (columns, g)."""
+    rest = null.T.copy()
+    found = np.empty(len(rest), dtype=np.int64)
+    for k in range(len(rest)):
+        lengths = np.square(rest).sum(axis=0)
+        found[k] = np.argmax(lengths)
+        across = rest[:, found[k]] / np.sqrt(lengths[found[k]])
+        rest -= np.outer(across, across @ rest)
+    return found

@@ -1,0 +1,86 @@
+"""Poses from bearings: three points with all solutions, many points, points in a plane, resection in the plane."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mbm.estimation.starts.closed_forms.numerics.bearings import plane_poses_from_bearings, poses_from_bearings
+from mbm.estimation.starts.closed_forms.numerics.rays import meeting_points
+from mbm.estimation.starts.closed_forms.numerics.three_points import poses_from_three
+from tests.estimation.closed_forms.numerics_cases import ROTATIONS, Floats, bearings, cloud
+
+EXACT = 1e-8
+"""Roots of a quartic that are nearly double have half the digits of its coefficients."""
+
+
+@pytest.mark.parametrize("R", ROTATIONS)
+@pytest.mark.parametrize("seed", range(5))
+def test_the_pose_is_among_the_solutions_for_three_points(R: Floats, seed: int) -> None:
+    points, t = cloud(3, seed), np.array([0.3, -0.2, 4.0])
+    rotations, shifts = poses_from_three(points, bearings(points, R, t))
+    best = int(np.nanargmin(np.abs(rotations - R).max(axis=(1, 2))))
+    np.testing.assert_allclose(rotations[best], R, atol=EXACT)
+    np.testing.assert_allclose(shifts[best], t, atol=10 * EXACT)
+
+
+def test_every_solution_for_three_points_sees_them_where_they_are_seen() -> None:
+    """An equilateral triangle from straight above is seen alike from three other places (Fischler and Bolles 1981)."""
+    angles = np.array([0.0, 2.0, 4.0]) * np.pi / 3
+    points = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    seen = bearings(points, np.eye(3), np.array([0.0, 0.0, np.sqrt(3.0)]))
+    rotations, shifts = poses_from_three(points, seen)
+    real = np.isfinite(shifts).all(axis=1)
+    assert real.sum() == 4
+    for R, t in zip(rotations[real], shifts[real], strict=True):
+        assert np.linalg.det(R) == pytest.approx(1.0)
+        np.testing.assert_allclose(bearings(points, R, t), seen, atol=1e-6)
+
+
+def test_three_points_on_a_line_give_no_pose() -> None:
+    points = np.outer(np.arange(3.0), [1.0, 0.0, 0.0])
+    assert np.isnan(poses_from_three(points, bearings(points, np.eye(3), np.array([0.0, 1.0, 4.0])))[1]).all()
+
+
+@pytest.mark.parametrize("R", ROTATIONS)
+@pytest.mark.parametrize("flat", [False, True])
+@pytest.mark.parametrize("count", [4, 6, 40])
+def test_many_points_give_the_pose(R: Floats, flat: bool, count: int) -> None:
+    points, t = cloud(count, count, flat=flat), np.array([0.3, -0.2, 4.0])
+    rotations, shifts = poses_from_bearings(points, bearings(points, R, t))
+    np.testing.assert_allclose(rotations[0], R, atol=EXACT)
+    np.testing.assert_allclose(shifts[0], t, atol=10 * EXACT)
+
+
+def test_a_plane_seen_from_afar_has_two_poses() -> None:
+    """Tilted by ±30° about an axis in the image, at 100 times its size: perspective hardly tells which."""
+    points, t = cloud(6, 7, flat=True), np.array([0.0, 0.0, 100.0])
+    c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
+    tilted = np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]])
+    rotations, _ = poses_from_bearings(points, bearings(points, tilted, t))
+    assert len(rotations) == 2
+    np.testing.assert_allclose(rotations[0], tilted, atol=1e-6)
+    np.testing.assert_allclose(rotations[1], tilted.T, atol=0.1)
+
+
+def test_no_point_may_be_behind_the_eye() -> None:
+    points, t = cloud(8, 8), np.array([0.3, -0.2, 4.0])
+    backwards, _ = poses_from_bearings(points, -bearings(points, np.eye(3), t))
+    assert not len(backwards) or np.abs(backwards[0] - np.eye(3)).max() > 0.1
+
+
+@pytest.mark.parametrize("angle", [0.0, 1.0, 3.1, -2.0])
+def test_landmarks_of_the_plane_give_position_and_heading(angle: float) -> None:
+    R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    t, points = np.array([0.5, -2.0]), cloud(4, 9)[:, :2]
+    seen = points @ R.T + t
+    found, shifts = plane_poses_from_bearings(points, seen / np.linalg.norm(seen, axis=1, keepdims=True))
+    np.testing.assert_allclose(found[np.isfinite(found[:, 0, 0])][0], R, atol=EXACT)
+    np.testing.assert_allclose(shifts[np.isfinite(found[:, 0, 0])][0], t, atol=EXACT)
+
+
+def test_rays_meet_where_they_were_sent_from() -> None:
+    places, point = cloud(5, 10), np.array([1.0, 2.0, 9.0])
+    rays = (point - places) / np.linalg.norm(point - places, axis=1, keepdims=True)
+    np.testing.assert_allclose(meeting_points(places, -rays), point, atol=EXACT)
+    assert np.isnan(meeting_points(places, np.tile(rays[:1], (5, 1)))).all()

@@ -1,0 +1,167 @@
+"""The rank decision, the free combinations, and what keeps its covariance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mbm.estimation.uncertainty.covariance import covariance, propagate
+from mbm.estimation.uncertainty.freedom import free_combinations
+from mbm.estimation.uncertainty.observability import observability
+from tests.estimation.nist import Regression
+from tests.estimation.nist_typed import TYPED
+
+
+def observe(jacobian, point, fixed=()):
+    mask = np.zeros(len(point), bool)
+    mask[list(fixed)] = True
+    return observability(np.asarray(jacobian, float), np.asarray(point, float), mask)
+
+
+@pytest.mark.parametrize("reference", TYPED, ids=lambda s: s.name)
+def test_ill_conditioned_sets_are_not_deficient(reference):
+    problem = Regression(reference)
+    observed = observe(problem.jacobian(reference.certified), reference.certified)
+    assert observed.observable
+    assert observed.combinations == ()
+    assert observed.estimable.all()
+
+
+def test_high_degree_polynomial_is_not_deficient():
+    # Condition 5e9 after scaling, as in StRD's Filip: singular values that fall step by step.
+    x = np.linspace(-8.8, -3.1, 82)
+    observed = observe(x[:, None] ** np.arange(11), np.ones(11))
+    assert observed.condition > 1e8
+    assert observed.rank == 11
+
+
+def test_product_pair_is_one_free_combination_and_the_rest_keeps_its_sigma():
+    # r = a b y_i + c - d_i at a = 2, b = 3e5: only a b is determined.
+    y = np.linspace(1, 2, 9)
+    jacobian = np.stack([3e5 * y, 2 * y, np.ones(9)], axis=1)
+    observed = observe(jacobian, [2.0, 3e5, 1.0])
+    assert (observed.dimension, observed.rank) == (3, 2)
+    (combination,) = observed.combinations
+    assert combination.indices == (0, 1)
+    # δa/a = -δb/b, to the rounding of the null vector.
+    assert combination.relative == pytest.approx((1.0, -1.0), rel=1e-9) or combination.relative == pytest.approx(
+        (-1.0, 1.0), rel=1e-9
+    )
+    assert combination.coefficients[0] / combination.coefficients[1] == pytest.approx(-2.0 / 3e5, rel=1e-9)
+    assert observed.estimable.tolist() == [False, False, True]
+    estimated = covariance(observed)
+    assert np.isnan(estimated.sigma[:2]).all()
+    # The same problem in q = a b and c has a covariance by the textbook.
+    textbook = np.linalg.inv(np.stack([y, np.ones(9)], axis=1).T @ np.stack([y, np.ones(9)], axis=1))
+    assert estimated.sigma[2] == pytest.approx(np.sqrt(textbook[1, 1]), rel=1e-12)
+    derived = propagate(np.array([[3e5, 2.0, 0.0], [1.0, 0.0, 0.0], [3e5, 2.0, 1.0]]), observed, estimated)
+    assert derived.estimable.tolist() == [True, False, True]
+    assert derived.sigma[0] == pytest.approx(np.sqrt(textbook[0, 0]), rel=1e-9)
+    assert derived.matrix[0, 2] == pytest.approx(textbook[0, 0] + textbook[0, 1], rel=1e-9)
+    assert np.isnan(derived.sigma[1])
+
+
+def test_unused_unknown_is_named_apart():
+    observed = observe([[1, 0, 2], [1, 0, -1], [0, 0, 1]], [1, 1, 1])
+    assert observed.unused == (1,)
+    assert observed.combinations == ()
+    assert (observed.dimension, observed.rank) == (3, 2)
+    assert observed.estimable.tolist() == [True, False, True]
+    sigma = covariance(observed).sigma
+    assert np.isnan(sigma[1])
+    assert np.isfinite(sigma[[0, 2]]).all()
+
+
+def test_separate_groups_come_apart():
+    # Two pairs known only by their sums, in one matrix mixed by an orthogonal transformation of the rows.
+    random = np.random.default_rng(1)
+    block = np.zeros((12, 5))
+    block[:, 0] = block[:, 3] = random.normal(size=12)
+    block[:, 1] = random.normal(size=12)
+    block[:, 2] = random.normal(size=12)
+    block[:, 4] = 2 * block[:, 2]
+    mixed = np.linalg.qr(random.normal(size=(12, 12)))[0] @ block
+    observed = observe(mixed, [1.0, 2.0, 0.0, 4.0, 5.0])
+    assert [c.indices for c in observed.combinations] == [(0, 3), (2, 4)]
+    by_group = {c.indices: c for c in observed.combinations}
+    first = by_group[(0, 3)]
+    assert first.coefficients[0] == pytest.approx(-first.coefficients[1], rel=1e-9)
+    second = by_group[(2, 4)]
+    # Coordinate 2 is zero: there is no relative change of it.
+    assert second.relative is None
+    assert second.coefficients[0] == pytest.approx(-2 * second.coefficients[1], rel=1e-9)
+    assert observed.estimable.tolist() == [False, True, False, False, False]
+
+
+def test_common_scale_of_a_monocular_view():
+    # Bearings fix positions up to a common factor: δx/x equal for all.
+    point = np.array([2.0, -3.0, 0.5, 4.0])
+    rows = np.array([[1 / 2, 1 / 3, 0, 0], [0, 1 / 3, 2, 0], [0, 0, 2, -1 / 4], [1 / 2, 0, 0, -1 / 4]])
+    observed = observe(rows, point)
+    (combination,) = observed.combinations
+    assert combination.indices == (0, 1, 2, 3)
+    np.testing.assert_allclose(combination.relative, np.ones(4), rtol=1e-9)
+    ratios = propagate(np.array([[1 / 2, 1 / 3, 0, 0]]), observed, covariance(observed))
+    assert ratios.estimable.tolist() == [True]
+
+
+def test_dependence_blurred_by_large_coordinates_is_found():
+    random = np.random.default_rng(5)
+    jacobian = random.normal(size=(30, 4))
+    jacobian[:, 3] = (jacobian[:, 0] + jacobian[:, 1]) * (1 + 1e-10 * random.normal(size=30))
+    assert observe(jacobian, np.ones(4)).rank == 3
+
+
+def test_decision_does_not_depend_on_units():
+    jacobian = np.random.default_rng(2).normal(size=(10, 3)) * np.array([1e-12, 1.0, 1e15])
+    assert observe(jacobian, np.ones(3)).rank == 3
+
+
+def test_coordinate_at_a_bound_is_known():
+    random = np.random.default_rng(4)
+    jacobian = random.normal(size=(10, 3))
+    observed = observe(jacobian, np.ones(3), fixed=[1])
+    assert (observed.dimension, observed.rank) == (2, 2)
+    estimated = covariance(observed, variance=4.0)
+    expected = 4 * np.linalg.inv(jacobian[:, [0, 2]].T @ jacobian[:, [0, 2]])
+    np.testing.assert_allclose(estimated.matrix[np.ix_([0, 2], [0, 2])], expected, rtol=1e-12)
+    assert (estimated.matrix[1] == 0).all()
+    assert estimated.sigma[1] == 0
+
+
+def test_fewer_equations_than_unknowns():
+    observed = observe([[1.0, 1.0, 1.0]], [1, 2, 3])
+    assert (observed.rank, len(observed.combinations)) == (1, 2)
+    assert not observed.estimable.any()
+
+
+def test_nothing_used_at_all():
+    observed = observe(np.zeros((4, 2)), [1, 2])
+    assert (observed.rank, observed.unused) == (0, (0, 1))
+    assert np.isnan(covariance(observed).sigma).all()
+
+
+def test_free_combinations_span_the_null_space():
+    """Each has a coordinate of its own; together they are what the rows leave free (by SVD of the same rows)."""
+    generator = np.random.default_rng(5)
+    jacobian = generator.normal(size=(3, 40)) * np.geomspace(1e-3, 1e3, 40)
+    observed = observe(jacobian, np.ones(40))
+    found = np.zeros((37, 40))
+    for row, combination in zip(found, observed.combinations, strict=True):
+        row[list(combination.indices)] = combination.coefficients
+    assert np.linalg.matrix_rank(found / np.abs(found).max(axis=1)[:, None] * np.linalg.norm(jacobian, axis=0)) == 37
+    sizes = np.abs(jacobian) @ np.abs(found).T  # what cancels, to the share below which coefficients are not named
+    assert (np.abs(jacobian @ found.T) <= 1e-6 * sizes).all()
+    own = [
+        set(c.indices) - set().union(*(o.indices for o in observed.combinations if o is not c))
+        for c in observed.combinations
+    ]
+    assert all(own)
+
+
+def test_few_directions_of_very_many_unknowns_take_little_memory():
+    """100,000 unknowns would be 80 GB as a square; two of the directions move ten unknowns each."""
+    null_space = np.zeros((100_000, 2))
+    null_space[10:20, 0] = null_space[99_000:99_010, 1] = 10**-0.5
+    found = free_combinations(null_space, np.ones(100_000), np.ones(100_000))
+    assert [c.indices for c in found] == [tuple(range(10, 20)), tuple(range(99_000, 99_010))]
