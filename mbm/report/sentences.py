@@ -79,15 +79,19 @@ def residual_sentences(solve: SolveReport) -> Iterator[str]:
 
 
 def _outliers(summary: ResidualSummary) -> str:
-    """The rows taken for outliers, by file and row where there is one."""
+    """The rows taken for outliers, numbered as in the document, and those of the file where there is one."""
     if not summary.outliers:
         return ""
     in_file = summary.file is not None and len({0, *summary.outlier_places}) == len(summary.outliers) + 1
-    rows = summary.outlier_places if in_file else summary.outliers
+    where = f" ({_named_rows(summary.outlier_places)} of {summary.file})" if in_file else ""
+    return f"; outliers: {_named_rows(summary.outliers)}{where}"
+
+
+def _named_rows(rows: tuple[int, ...]) -> str:
+    """`row 7`, `rows 7, 9 and 30 more`."""
     shown = ", ".join(str(row) for row in rows[:MOST_OUTLIERS])
     more = f" and {len(rows) - MOST_OUTLIERS} more" if len(rows) > MOST_OUTLIERS else ""
-    where = f" of {summary.file}" if in_file else ""
-    return f"; outliers: {'row' if len(rows) == 1 else 'rows'} {shown}{more}{where}"
+    return f"{'row' if len(rows) == 1 else 'rows'} {shown}{more}"
 
 
 def prior_sentences(solve: SolveReport) -> Iterator[str]:
