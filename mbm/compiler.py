@@ -197,7 +197,7 @@ def solved(
     registry: Registry,
 ) -> Result:
     """Kernels and tables → estimates, uncertainties, and what the data cannot tell."""
-    from mbm.estimation.batches.run import solutions
+    from mbm.estimation.run import solutions
     from mbm.report.run import asked_options, result_of
 
     found = _requested(found, settings, registry)

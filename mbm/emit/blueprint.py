@@ -291,6 +291,7 @@ class _Drafting:
             identifier=identifier,
             table=None if derived.table is None else Foreign(derived.table),
             size=len(derived.cases[0].values) if derived.cases else 0,
+            angle=derived.turns,
             cases=tuple(self._value(derived, identifier, kernel, symbolic) for kernel, symbolic in mine),
             unit=Foreign("" if derived.unit is None else derived.unit.symbol),
             factor=1.0 if derived.unit is None else derived.unit.factor,

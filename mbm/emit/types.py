@@ -260,13 +260,14 @@ class BlockShape:
 class DerivedShape:
     """A quantity computed from the estimates: ``size`` numbers, once or for each kept row of ``table``.
 
-    Its cases have no equations and no noise. ``unit`` has ``factor`` in SI.
+    Its cases have no equations and no noise. ``unit`` has ``factor`` in SI. An ``angle`` is given in (−π, π].
     """
 
     name: Foreign
     identifier: str
     table: Foreign | None
     size: int
+    angle: bool
     cases: tuple[BlockCase, ...]
     unit: Foreign
     factor: float

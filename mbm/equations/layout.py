@@ -9,6 +9,7 @@ from dataclasses import field
 import numpy as np
 
 from mbm.equations import faults
+from mbm.equations.formulas import of_arrays
 from mbm.equations.manifolds import Curved, bounded_coordinates, moved, numbers_of_stated, stated_width
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.problem import faults as problem_faults
@@ -17,6 +18,7 @@ from mbm.problem.naming import member_name, scalar_name
 from mbm.problem.rows import decided, row_values
 from mbm.problem.tables import CellKey, Table
 from mbm.problem.types import Problem, RowValues, Unknown, UnknownKind
+from mbm.solver.turns import turned_to
 from mbm.text.types import MbmError
 from mbm.values import dataclass
 
@@ -81,6 +83,10 @@ class Layout:
     def entry(self, name: str) -> Entry:
         """The place of an unknown."""
         return self.by_name[name]
+
+    def reported(self, points: Floats) -> Floats:
+        """The points (…, N) as they are reported, and derived quantities computed from them: angles in (−π, π]."""
+        return _turned(points, self.number[self.angle & (self.number >= 0)], np.zeros(()))
 
     def number_of(self) -> dict[str, int]:
         """Which of the unknowns each is, by name."""
@@ -196,11 +202,19 @@ def within_turns(points: Floats, number: Indices, angle: Mask, lower: Floats, up
     The other arguments are those of `Layout`.
     """
     turned = np.flatnonzero(angle & np.isfinite(lower) & np.isfinite(upper))
-    if not len(turned):
+    return _turned(points, number[turned], (lower[turned] + upper[turned]) / 2)
+
+
+def half_turns(angles: Floats) -> Floats:
+    """Angles of any shape, by whole turns in (−π, π]: as they are reported."""
+    return of_arrays(turned_to)(angles, np.zeros(()))
+
+
+def _turned(points: Floats, places: Indices, middles: Floats) -> Floats:
+    if not len(places):
         return points
-    middle = (lower[turned] + upper[turned]) / 2
     result = points.copy()
-    result[..., number[turned]] = middle + np.remainder(points[..., number[turned]] - middle + np.pi, 2 * np.pi) - np.pi
+    result[..., places] = of_arrays(turned_to)(points[..., places], middles)
     return result
 
 

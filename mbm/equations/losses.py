@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
-
 import numpy as np
 
 from mbm.equations.efficiency import tuned
+from mbm.equations.formulas import of_arrays
 from mbm.equations.types import Floats
 from mbm.problem.kinds import LossKind
 from mbm.problem.types import Loss
 from mbm.solver import losses as formulas
 from mbm.solver.loss_spread import loss_trace
 from mbm.values import dataclass
-
-
-@cache
-def of_arrays(formula: Callable[..., float]) -> Callable[..., Floats]:
-    """A formula of the solver for arrays."""
-    # Loaded where a loss is evaluated here: few solves need what the compiled solver does not do itself.
-    from mbm.machine.elementwise import elementwise
-
-    return elementwise(formula)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -198,10 +198,9 @@ class UncertainColumn:
 class Block:
     """Equations that hold for each row of ``table`` (once if None).
 
-    ``unknown_factor``: the stated noise is known up to one factor, which is estimated. ``distinct`` names columns of
-    which each combination of values counts once: rows that repeat one are left out. ``loss`` acts on each equation and
-    row. ``errors`` are the measured columns that are corrected; the equations' own noise then adds to theirs (all zero
-    where none is stated). ``constraint`` is how a constraint is written.
+    ``unknown_factor``: the stated noise is known up to one factor, which is estimated. Of rows with the same values in
+    the columns ``distinct`` one counts. ``loss`` acts on each equation and row. ``errors``: which measured columns are
+    corrected; the equations' own noise adds to theirs (0 if not stated). ``constraint``: how one is written.
     """
 
     name: str
@@ -221,8 +220,7 @@ class Block:
 class Derived:
     """A quantity computed from the estimates, once or for each row of ``table``.
 
-    Of a rotation, pose or similarity (``kind`` with its ``dimension``) the ``cases`` hold the rotation matrix row by
-    row, then the translation, then the scale; ``shape`` is that of the numbers that hold it.
+    ``cases`` hold the matrix of a rotation (``kind``, ``dimension``) row by row, then translation, then scale.
     """
 
     name: str
@@ -234,6 +232,11 @@ class Derived:
     unit: Unit | None
     angle: bool
     span: Span
+
+    @property
+    def turns(self) -> bool:
+        """It is one angle, which is reported in (−π, π]."""
+        return self.angle and not self.shape
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mbm.equations.layout import half_turns
 from mbm.equations.types import Indices
 from mbm.estimation.batches.types import REASONS, Block, Columns
 from mbm.estimation.search.solution import Solution
@@ -14,7 +15,6 @@ from mbm.problem.naming import PRIOR
 from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report.constraints import limit_reports
 from mbm.report.elements import element_names
-from mbm.report.from_solution import wrapped
 from mbm.report.pictures import plot_data
 from mbm.report.quantities import derived_quantity, quantity_of
 from mbm.report.residuals import file_rows, residual_rows
@@ -46,7 +46,7 @@ def families(problem: Problem, block: Block) -> Iterator[Estimate | DerivedValue
         shape = unknown.shape if not unknown.dimension else (unknown.freedom,)
         shape, leading = (shape, ()) if entry.keys is None else ((entry.members, *shape), (entry.members,))
         numbers = block.columns.points[:, entry.range]
-        values = wrapped(numbers) if unknown.kind is UnknownKind.ANGLE else numbers
+        values = half_turns(numbers) if unknown.kind is UnknownKind.ANGLE else numbers
         yield Estimate(
             quantity=quantity_of(problem, unknown),
             value=values.reshape(count, *leading, *unknown.shape),
@@ -55,10 +55,9 @@ def families(problem: Problem, block: Block) -> Iterator[Estimate | DerivedValue
             keys=members,
         )
     for derived, (values, sigma, _) in zip(problem.derived, block.columns.derived, strict=True):
-        turned = wrapped(values) if derived.angle and not derived.shape else values
         yield DerivedValue(
             quantity=derived_quantity(problem, derived),
-            value=turned.reshape(count, *derived.shape),
+            value=values.reshape(count, *derived.shape),
             sigma=sigma.reshape(count, *(derived.shape if derived.kind is None else (sigma.shape[1],))),
             keys=members,
         )

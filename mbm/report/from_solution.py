@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from mbm.equations.layout import Entry
+from mbm.equations.layout import Entry, half_turns
 from mbm.equations.types import NoiseState, Reason
 from mbm.estimation.search.search import Alternative as OtherMinimum
 from mbm.estimation.search.solution import DerivedSolution, Failure, Skipped, Solution
@@ -234,7 +234,7 @@ def _estimate(solution: Solution, entry: Entry, quantity: Quantity, each: _Each)
     leading = () if entry.keys is None else (entry.members,)
     numbers = solution.numbers[entry.range].copy()
     if entry.unknown.kind is UnknownKind.ANGLE:
-        numbers = wrapped(numbers)
+        numbers = half_turns(numbers)
     place = entry.coordinates
     shape = (*leading, *(entry.unknown.shape if not entry.unknown.dimension else (entry.unknown.freedom,)))
     bound = each.bound[place]
@@ -261,11 +261,6 @@ def _alternative(solution: Solution, how: Shown, other: OtherMinimum) -> Alterna
     )
 
 
-def wrapped(angles: Floats) -> Floats:
-    """Representatives in (−π, π]."""
-    return np.asarray(angles - 2 * np.pi * np.ceil(angles / (2 * np.pi) - 0.5))
-
-
 def _derived(
     problem: Problem, solution: Solution, found: DerivedSolution, quantity: Quantity, unknown: str | None
 ) -> DerivedValue:
@@ -273,14 +268,13 @@ def _derived(
     leading = () if derived.table is None else (len(found.values),)
     shape = (*leading, *derived.shape)
     sigma = found.sigma if unknown is None else np.full_like(found.sigma, np.nan)
-    values = wrapped(found.values) if derived.angle and not derived.shape else found.values
     keys = None
     if derived.table is not None:
         table = solution.tables[derived.table]
         keys = tuple(table.keys()) if table.key is not None else tuple(float(r) for r in table.rows)
     return DerivedValue(
         quantity=quantity,
-        value=values.reshape(shape),
+        value=found.values.reshape(shape),
         sigma=sigma.reshape(shape if derived.kind is None else (*leading, sigma.shape[1])),
         keys=keys,
         over=derived.table,

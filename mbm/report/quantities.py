@@ -76,7 +76,7 @@ def derived_quantity(problem: Problem, derived: Derived) -> Quantity:
         shape, dimension = derived.shape, derived.dimension
         return Quantity(name=derived.name, kind=kind, shape=shape, dimension=dimension, unit=unit, factor=factor)
     unit, factor = _unit(derived.unit, derived.angle, problem, derived.name, range(size))
-    kind = Kind.ANGLE if derived.angle and not derived.shape else Kind.VECTOR if derived.shape else Kind.REAL
+    kind = Kind.ANGLE if derived.turns else Kind.VECTOR if derived.shape else Kind.REAL
     return Quantity(name=derived.name, kind=kind, shape=derived.shape, unit=unit, factor=factor)
 
 

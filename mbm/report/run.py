@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.estimation.batches.run import Solutions
+from mbm.estimation.run import Solutions
 from mbm.estimation.search.solution import Alone, Failure, Skipped, Solution
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Consensus, GivenStarts, Overrides, Problem, RandomStarts

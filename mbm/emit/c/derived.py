@@ -70,6 +70,11 @@ def derived_functions(blueprint: Blueprint) -> str:
     return "\n".join([spread, *("\n".join(_function(cells, each)) for each in blueprint.derived)])
 
 
+def estimates(blueprint: Blueprint) -> str:
+    """The array of the estimates: the numbers of the solver, or a copy of them with angles in (-pi, pi]."""
+    return "estimates" if any(unknown.angle for unknown in blueprint.unknowns) else "point"
+
+
 def capacity(cells: Cells, derived: DerivedShape) -> str:
     """Numbers that a quantity takes at most."""
     return str(derived.size) if derived.table is None else f"{derived.size} * {cells.rows(derived.table)}"
@@ -115,7 +120,7 @@ def _case(cells: Cells, derived: DerivedShape, case: BlockCase, number: int) -> 
     tests = " && ".join(cells.equals(value, key) for value, key in case.static)
     yield f"if ({tests}) {{" if tests else "{"
     for i, slot in enumerate(case.variables):
-        yield f"    inputs[{i}] = f->point[{_place(cells, slot, 'offsets')}];"
+        yield f"    inputs[{i}] = f->{estimates(cells.blueprint)}[{_place(cells, slot, 'offsets')}];"
     for i, value in enumerate(case.parameters):
         yield f"    inputs[{len(case.variables) + i}] = {cells.input(value)};"
     for i, slot in enumerate(case.tangents):
@@ -124,7 +129,8 @@ def _case(cells: Cells, derived: DerivedShape, case: BlockCase, number: int) -> 
     held = f"f->derived_{derived.identifier}"
     yield f"    {case.identifier}_derived(inputs, outputs);"
     yield f"    for (c = 0; c < {derived.size}; c++) {{"
-    yield f"        {held}[used * {derived.size} + c] = outputs[c];"
+    found = "turned_to(outputs[c], 0.0)" if derived.angle else "outputs[c]"
+    yield f"        {held}[used * {derived.size} + c] = {found};"
     yield f"        {held}_sigma[used * {derived.size} + c] = spread_of(f, c, {count}, rows_{number + 1},"
     yield f"            columns_{number + 1}, places, outputs + {derived.size}, f->spare);"
     yield "    }"

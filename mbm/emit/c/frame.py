@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from mbm.emit.c.agreement import agreement_fields, agreement_room
 from mbm.emit.c.cells import Cells
-from mbm.emit.c.derived import capacity
+from mbm.emit.c.derived import capacity, estimates
 from mbm.emit.c.sizes import outputs_capacity, spare_size
 from mbm.emit.c.text import remark
 from mbm.emit.foreign import Foreign, told
@@ -83,6 +83,8 @@ def _struct(blueprint: Blueprint) -> Iterator[str]:
     yield "    long parameters_used, weights_used, index_used, columns_used;"
     yield "    double *parameters, *weights, *scratch, *start, *lower, *upper, *constants, *point, *sigma;"
     yield "    double *triangle, *covariance, *multipliers, *spare;"
+    if estimates(blueprint) != "point":
+        yield "    double *estimates;    /* the numbers of `point`, angles in (-pi, pi] */"
     for derived in blueprint.derived:
         yield f"    double *derived_{derived.identifier}, *derived_{derived.identifier}_sigma;"
         yield f"    long derived_{derived.identifier}_count;"
@@ -131,6 +133,8 @@ def _layout(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield f"    f->scratch = reals_of(a, {_widest_matrix(blueprint)});"
     yield "    f->start = reals_of(a, numbers);"
     yield "    f->point = reals_of(a, numbers);"
+    if estimates(blueprint) != "point":
+        yield "    f->estimates = reals_of(a, numbers);"
     yield "    f->lower = reals_of(a, n);"
     yield "    f->upper = reals_of(a, n);"
     yield "    f->sigma = reals_of(a, n);"

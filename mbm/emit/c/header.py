@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from mbm.emit.c.derived import estimates
 from mbm.emit.c.text import comment, remark
 from mbm.emit.foreign import Foreign, Word, told
 from mbm.emit.types import Blueprint, DerivedShape, TableShape, UnknownShape
@@ -44,7 +45,7 @@ def header(blueprint: Blueprint) -> str:
     for unknown in blueprint.unknowns:
         lines.append(f"    const double *start_{unknown.identifier};    {_start(unknown)}")
     lines += [f"}} {name}_data;", "", "/* What is answered, in SI; `sigma` are standard deviations. */"]
-    lines += ["typedef struct {", *_result(), *_agreed(blueprint)]
+    lines += ["typedef struct {", *_result(blueprint), *_agreed(blueprint)]
     lines += [line for unknown in blueprint.unknowns for line in _estimate(unknown)]
     lines += [line for derived in blueprint.derived for line in _derived(derived)]
     lines += [f"}} {name}_result;", "", *_workspace(name), *_calls(name), *_guarded("}"), "", "#endif", ""]
@@ -77,7 +78,7 @@ def _start(unknown: UnknownShape) -> str:
     return remark("where ", unknown.name, f" begins: {numbers}{many}; NULL: as the README says")
 
 
-def _result() -> Iterator[str]:
+def _result(blueprint: Blueprint) -> Iterator[str]:
     yield "    int status;"
     yield "    long iterations, evaluations;"
     yield "    double cost;           /* weighted sum of squares, without losses */"
@@ -85,7 +86,8 @@ def _result() -> Iterator[str]:
     yield "    long freedom;          /* degrees of freedom */"
     yield "    double sigma0;         /* sqrt(cost / freedom); 0 without freedom */"
     yield "    long numbers;          /* N, numbers of all unknowns */"
-    yield "    const double *point;   /* (N) the estimates, unknown after unknown, member after member */"
+    turned = ", angles by any turns" if estimates(blueprint) != "point" else ""
+    yield f"    const double *point;   /* (N) the estimates, unknown after unknown, member after member{turned} */"
     yield "    long free;             /* n, estimated coordinates */"
     yield "    const long *coordinates;     /* (n) their places among all coordinates */"
     yield "    const double *covariance;    /* (n, n) row by row; NaN: not determined */"

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from mbm.emit.c.agreement import agreement_answer, agreement_beginning, agreement_function
 from mbm.emit.c.cells import Cells
+from mbm.emit.c.derived import estimates
 from mbm.emit.c.header import STATUSES
 from mbm.emit.c.sizes import lossy
 from mbm.emit.routines.noises import SCATTER, SQUARES
@@ -138,6 +139,7 @@ def _answer(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield f"    const long n = f->system->n, all = f->firsts[{len(blueprint.unknowns)}];"
     yield "    long c;"
     yield ""
+    yield from _reported(blueprint)
     for derived in blueprint.derived:
         yield f"    if (!derive_{derived.identifier}(f))"
         yield f"        result->status = {cells.status('UNKNOWN_CASE')};"
@@ -164,7 +166,7 @@ def _answer(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
             family = blueprint.families[unknown.family]
             yield f"    result->{unknown.identifier}_members = f->members[{number}];"
             yield f"    result->{unknown.identifier}_rows = f->{family.identifier};"
-        yield f"    result->{unknown.identifier} = f->point + f->offsets[{number}];"
+        yield f"    result->{unknown.identifier} = f->{estimates(blueprint)} + f->offsets[{number}];"
         yield f"    result->{unknown.identifier}_sigma = f->sigma + f->firsts[{number}];"
     if blueprint.agreement is not None:
         yield from agreement_answer(blueprint.agreement)
@@ -189,6 +191,18 @@ def _answer(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield f"    return {cells.status('CONVERGED')};"
     yield "}"
     yield ""
+
+
+def _reported(blueprint: Blueprint) -> Iterator[str]:
+    """The estimates, where they are not the numbers of the solver: angles in (-pi, pi]."""
+    angles = [number for number, unknown in enumerate(blueprint.unknowns) if unknown.angle]
+    if not angles:
+        return
+    yield f"    for (c = 0; c < f->offsets[{len(blueprint.unknowns)}]; c++)"
+    yield "        f->estimates[c] = f->point[c];"
+    for number in angles:
+        yield f"    for (c = f->offsets[{number}]; c < f->offsets[{number + 1}]; c++)"
+        yield "        f->estimates[c] = turned_to(f->point[c], 0.0);"
 
 
 def _public(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator[str]:

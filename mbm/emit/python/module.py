@@ -87,6 +87,7 @@ def _tables(blueprint: Blueprint) -> Iterator[str]:
         [
             *_assigned("KEYS", map(literal, blueprint.for_each), "Columns that tell the data sets apart."),
             *_assigned("NAMES", [literal(u.name) for u in blueprint.unknowns], "The unknowns."),
+            *_assigned("ANGLES", [u for u, each in enumerate(blueprint.unknowns) if each.angle], "Which are angles."),
             *_assigned("FAMILIES", families, "Where their members stand: name, table, key; None: there is one."),
             *_assigned("DERIVED_SHOWN", [f"({each})" for each in derived], "Unit and its factor in SI."),
             *_assigned(
@@ -168,12 +169,16 @@ def _lists(blueprint: Blueprint) -> Iterator[str]:
         lines.append(f"    ({clauses[id(block)]}, {block.identifier}_rows, {case.identifier}_assemble),")
     held = [")", '"""Clause, its rows, and what makes arrays of them, for each kernel."""', "DERIVED: Derivations = ("]
     for derived in blueprint.derived:
-        held.append(f"    ({literal(derived.name)}, {optional(derived.table)}, {derived.size}, (")
+        held.append(f"    ({literal(derived.name)}, {optional(derived.table)}, {derived.size}, {derived.angle}, (")
         for case in derived.cases:
             rows, columns = case.kernel.jacobian_rows.tolist(), case.kernel.jacobian_columns.tolist()
             held.append(f"        ({case.identifier}_assemble, {case.identifier}_derived, {rows}, {columns}),")
         held.append("    )),")
-    lines += [*held, ")", '"""Derived quantities: name, table, size, and how each case is computed."""']
+    lines += [
+        *held,
+        ")",
+        '"""Derived quantities: name, table, size, whether an angle, how each case is computed."""',
+    ]
     kinds = (NoiseKind.COVARIANCE, NoiseKind.INFORMATION)
     lines += ["MATRIX_WEIGHTS = {" + ", ".join(f"{k.value!r}: weights_of_{k.value}" for k in kinds) + "}"]
     yield "\n".join(lines)

@@ -63,7 +63,7 @@ def lines_of(result: Mapping[str, Any]) -> Iterator[str]:
                 label += f"[{c + 1}]" if len(member) > 1 else ""
                 sigma = "" if turned else spread_text(sigmas[m][c] / factor)
                 yield f"{field(label)},{value / factor:.17g},{sigma},{field(unit)}"
-    for (name, table, size, _), (unit, factor) in zip(DERIVED, DERIVED_SHOWN, strict=True):
+    for (name, table, size, *_), (unit, factor) in zip(DERIVED, DERIVED_SHOWN, strict=True):
         found = result["derived"][name]
         for r, (values, sigmas) in enumerate(zip(found["value"], found["sigma"], strict=True)):
             for c in range(size):

@@ -19,7 +19,8 @@ Tables = Mapping[str, Mapping[str, Any]]
 """Tables by name: columns by name, NumPy arrays of numbers in SI or of texts."""
 Found = dict[str, Any]
 """Rows that are kept, rows and members that keys name."""
-Derivations = tuple[tuple[str, Any, int, tuple[tuple[Callable[..., Any], Callable[..., None], Any, Any], ...]], ...]
+Derivation = tuple[Callable[..., Any], Callable[..., None], Any, Any]
+Derivations = tuple[tuple[str, Any, int, bool, tuple[Derivation, ...]], ...]
 """Derived quantities: name, table, size; for each case what makes arrays of a row, the kernel, and its nonzeros."""
 
 
@@ -199,7 +200,7 @@ def derive(p: Prepared, point: Array, matrix: Array, *, deficient: bool) -> dict
     ``deficient``: the data leave directions free, which are in the scratch of ``p``.
     """
     found = {}
-    for name, table, size, cases in DERIVED:
+    for name, table, size, angle, cases in DERIVED:
         rows = np.zeros(1, dtype=int) if table is None else kept_rows(p.tables, p.found, table)
         value, sigma = np.full((len(rows), size), np.nan), np.full((len(rows), size), np.nan)
         for i in range(len(rows)):
@@ -210,7 +211,7 @@ def derive(p: Prepared, point: Array, matrix: Array, *, deficient: bool) -> dict
                 if chosen:
                     outputs = np.zeros((size + len(lines), 1))
                     kernel(np.concatenate([point[index[0]], parameters[0]])[:, None], outputs)
-                    value[i] = outputs[:size, 0]
+                    value[i] = [turned_to(v, 0.0) for v in outputs[:size, 0]] if angle else outputs[:size, 0]
                     own, slopes = places[0][columns], outputs[size:, 0]
                     sigma[i] = spread(p, size, own, lines, slopes, matrix, deficient=deficient)
         found[name] = {"value": value, "sigma": sigma}
@@ -237,6 +238,15 @@ def spread(
     return sigma
 
 
+def reported(p: Prepared, point: Array) -> Array:
+    """The estimates of a point (N,): its numbers, with angles in (-pi, pi]."""
+    found = np.array(point)
+    for u in ANGLES:
+        own = slice(p.offsets[u], p.offsets[u + 1])
+        found[own] = [turned_to(angle, 0.0) for angle in found[own]]
+    return found
+
+
 def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Solve one data set.
 
@@ -248,8 +258,8 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         ``status`` (see `STATUSES`), ``iterations``, ``evaluations``, ``cost`` (weighted sum of squares without losses),
         ``robust_cost``, ``freedom``, ``sigma0``; ``estimates``: name → ``value`` (members, size), ``sigma`` (members,
         coordinates; 0: it stays, NaN: not determined), in SI, and ``keys`` (members,) of families; ``derived``: name →
-        ``value`` and ``sigma`` (rows, size), in SI; ``covariance``
-        (n, n), and ``coordinates`` (n,): the place of each of its rows among all coordinates; ``point`` (N,);
+        ``value`` and ``sigma`` (rows, size), in SI; ``covariance`` (n, n), and ``coordinates`` (n,): the place of each
+        of its rows among all coordinates; ``point`` (N,): the numbers of the solver, angles by any turns;
         ``agreement``: which ``units`` agree (``inside``, clause by clause, row by row), None without consensus.
 
     Raises:
@@ -291,12 +301,12 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
     coordinates = np.array([c for c in range(p.firsts[len(NAMES)]) if p.column[c] >= 0], dtype=np.int64)
     sigma = np.where(np.array(p.fixed[: p.firsts[len(NAMES)]]) != 0, 0.0, np.nan)
     with np.errstate(all="ignore"):
-        derived = derive(p, point, matrix, deficient=bool(states[DEFICIENT]))
+        numbers = reported(p, point)
+        derived = derive(p, numbers, matrix, deficient=bool(states[DEFICIENT]))
         if states[DEFICIENT]:
             matrix = np.array(matrix)
             mask_undetermined(p.system, p.work, matrix.reshape(-1))
         sigma[coordinates] = np.sqrt(np.diag(matrix))
-    numbers = point
     estimates = {}
     for u, name in enumerate(NAMES):
         own, mine = slice(p.offsets[u], p.offsets[u + 1]), slice(p.firsts[u], p.firsts[u + 1])
@@ -317,7 +327,7 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         "derived": derived,
         "covariance": matrix,
         "coordinates": coordinates,
-        "point": numbers,
+        "point": point,
         "agreement": agreed if KEPT else None,
     }
 

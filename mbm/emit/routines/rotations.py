@@ -1,8 +1,8 @@
-"""Stated rotations → the numbers that hold them, and angles within their bounds."""
+"""Stated rotations → the numbers that hold them, and where numbers begin."""
 
 from __future__ import annotations
 
-from math import atan2, floor, isfinite, pi, sqrt
+from math import atan2, isfinite, sqrt
 
 from mbm.machine.words import ConstantReals, Real, Reals
 
@@ -17,16 +17,6 @@ def unit_vector(stated: ConstantReals, direction: Reals) -> None:
     length = sqrt(stated[0] * stated[0] + stated[1] * stated[1] + stated[2] * stated[2])
     for i in range(3):
         direction[i] = stated[i] / length
-
-
-def within_turn(angle: Real, lower: Real, upper: Real) -> Real:
-    """An angle by whole turns nearest to the middle of its bounds; as it is where there are none."""
-    found = angle
-    if isfinite(lower) and isfinite(upper):
-        middle = (lower + upper) / 2.0
-        reflected = angle - middle + pi
-        found = middle + reflected - 2.0 * pi * floor(reflected / (2.0 * pi)) - pi
-    return found
 
 
 def begun(stated: Real, least: Real, greatest: Real, lower: Real, upper: Real) -> Real:

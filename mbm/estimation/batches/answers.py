@@ -56,8 +56,9 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
     spread = _spread(problem, portion, residuals, slopes, found, noise, None if ends.kept is None else left)
     factor = spread.factor
     solved &= spread.sound & np.isfinite(cost)
+    reported = stack.equations.layout.reported(ends.points)
     derived = tuple(
-        derived_columns(quantity, owner, stack, ends.points, factor) for owner, quantity in enumerate(problem.derived)
+        derived_columns(quantity, owner, stack, reported, factor) for owner, quantity in enumerate(problem.derived)
     )
     solved &= _all_finite([one.sigma for one in derived], len(which))
     sigma0 = np.where(freedom > 0, np.sqrt(cost / np.maximum(freedom, 1)), np.nan)

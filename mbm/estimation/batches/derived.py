@@ -8,7 +8,7 @@ from mbm.equations.binding import Group
 from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
 from mbm.equations.types import Floats
 from mbm.estimation.batches.stack import Stack, stated, stated_slopes
-from mbm.estimation.uncertainty.derived import cannot_vary
+from mbm.estimation.uncertainty.derived import cannot_vary, reported
 from mbm.problem.types import Derived
 from mbm.values import dataclass
 
@@ -42,4 +42,5 @@ def derived_columns(quantity: Derived, owner: int, stack: Stack, points: Floats,
     if quantity.kind is None:
         held = cannot_vary(values, sigma)
         gradient[held], image[held], sigma[held] = 0.0, 0.0, 0.0
+        values = reported(quantity, values)
     return DerivedColumns(owner=owner, group=group, values=values, sigma=sigma, gradient=gradient, image=image)

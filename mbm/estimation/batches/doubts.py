@@ -84,6 +84,7 @@ class _Intervals:
         self.noise = noise
         k = found.root.shape[2] - (0 if found.gone is None else int(found.gone.sum(axis=1).max(initial=0)))
         self.too_much = too_much(k, portion.most)
+        self.turned = portion.equations.layout.reported(ends.points) - ends.points
 
     def point(self, along: Floats, side: float) -> Floats:
         """The points (K, N) at one end of the intervals in the directions ``along`` (K, k)."""
@@ -115,7 +116,8 @@ def _derived_ends(around: _Intervals, one: DerivedColumns, place: int, angle: bo
     told = length > DETERMINED * np.einsum("kn,kn->k", np.abs(one.gradient[:, place]), parts)
     along = image / np.where(length > 0.0, length, 1.0)[:, None]
     grown = np.ones((2, len(length))) if linear else around.ratios(along)
-    moves = [stated(one.group, around.point(along, side))[:, place] - one.values[:, place] for side in SIDES]
+    there = (stated(one.group, around.point(along, side) + around.turned)[:, place] for side in SIDES)
+    moves = [values - one.values[:, place] for values in there]
     ends = derived_ratios(np.stack(moves), around.noise * length, grown, angle=angle)
     return np.where(told, ends, 1.0)
 

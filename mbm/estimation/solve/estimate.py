@@ -125,7 +125,7 @@ def answered(
         kernels=run.kernels,
         binder=run.binder,
         equations=weighted,
-        numbers=numbers,
+        numbers=equations.layout.reported(numbers),
         outcome=outcome,
     )
     derived, derived_covariance = propagation.all_derived()

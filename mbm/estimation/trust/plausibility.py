@@ -84,7 +84,8 @@ def _nonlinear_derived(
 ) -> Iterator[Diagnostic]:
     """The same for quantities that are derived once, and are numbers."""
     left = MOST_DERIVED
-    equations = propagation.equations
+    equations, point = propagation.equations, around.minimum.point
+    turned = equations.layout.reported(point) - point  # quantities are derived from reported angles
     free = np.zeros(len(equations.layout.number), dtype=bool)
     free[equations.free] = True
     for one in derived:
@@ -101,7 +102,7 @@ def _nonlinear_derived(
         known = np.flatnonzero(np.isfinite(one.values.ravel()) & np.isfinite(sigma) & (sigma > DETERMINED * parts))
         if not known.size:
             continue
-        values = _picked(groups[0], known)
+        values = _picked(groups[0], known, turned)
         ends = derived_ends(around, one.gradient[known], values, stated.angle)
         names = [scalar_name(stated.name, None, _index(stated.shape, int(i))) for i in known]
         texts = [_ends(names[i], float(ends.lower[i]), float(ends.upper[i])) for i in ends.doubtful]
@@ -109,8 +110,8 @@ def _nonlinear_derived(
             yield faults.too_nonlinear(stated.span, texts)
 
 
-def _picked(group: Group, which: Indices) -> Callable[[Floats], Floats]:
-    return lambda points: group.values_at(points)[:, 0, which]
+def _picked(group: Group, which: Indices, turned: Floats) -> Callable[[Floats], Floats]:
+    return lambda points: group.values_at(points + turned)[:, 0, which]
 
 
 def _index(shape: tuple[int, ...], place: int) -> tuple[int, ...]:

@@ -7,6 +7,7 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
 from mbm.equations.binding import Group
+from mbm.equations.layout import half_turns
 from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.search.solution import DerivedSolution
@@ -14,7 +15,7 @@ from mbm.estimation.uncertainty.covariance import propagate
 from mbm.estimation.uncertainty.statistics import Statistics, changed
 from mbm.kernels.types import KernelSet
 from mbm.problem.manifold import manifold_of
-from mbm.problem.types import Problem
+from mbm.problem.types import Derived, Problem
 from mbm.values import dataclass
 
 GRADIENT_LIMIT = 20_000_000
@@ -76,7 +77,7 @@ class Propagation:
             stated = group.values(self.numbers).copy()
             unknown = self._unknown(group)
             if derived.kind is None:
-                values[positions] = stated
+                values[positions] = reported(derived, stated)
             else:
                 values[positions] = numbers_of_stated(derived.kind, derived.dimension, stated)
                 unknown = np.repeat(unknown.any(axis=1, keepdims=True), size, axis=1)
@@ -122,6 +123,11 @@ class Propagation:
         columns = np.full(len(self.equations.layout.number), -1, dtype=np.int64)
         columns[positions] = np.arange(len(positions))
         return columns
+
+
+def reported(derived: Derived, values: Floats) -> Floats:
+    """Values of any shape as they are reported: an angle in (−π, π]."""
+    return half_turns(values) if derived.turns else values
 
 
 def cannot_vary(values: Floats, sigma: Floats) -> Mask:

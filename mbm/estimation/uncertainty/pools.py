@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.equations.losses import LossFunction, of_arrays
+from mbm.equations.formulas import of_arrays
+from mbm.equations.losses import LossFunction
 from mbm.equations.types import Floats, Indices
 from mbm.solver import loss_spread as formulas
 from mbm.values import dataclass

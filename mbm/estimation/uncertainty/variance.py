@@ -7,7 +7,7 @@ from math import sqrt
 
 import numpy as np
 
-from mbm.equations.losses import of_arrays
+from mbm.equations.formulas import of_arrays
 from mbm.equations.types import Components, Fit, Floats, Indices, Mask, Noise, NoiseState, Observability, SparseJacobian
 from mbm.solver.chi_square import chi_square_tail
 from mbm.solver.decisions import LEAST_REDUNDANCY, NOISE_ROUNDS, SETTLED_FACTORS, noise_ratio
