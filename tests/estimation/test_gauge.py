@@ -166,3 +166,38 @@ def test_heights_beside_each_other_only():
     design = np.array([[-1, 1, 0], [0, -1, 1], [-1, 0, 1]]) / 0.01  # all columns are of one length
     np.testing.assert_allclose(settled["h"].sigma, np.sqrt(np.diag(np.linalg.pinv(design.T @ design))), rtol=1e-9)
     np.testing.assert_allclose(settled["h"].value, np.linalg.pinv(design) @ ([102.0, 49, 150]), atol=1e-12)
+
+
+SHEET = """(problem g
+  (data c (table (x y u v) {rows}))
+  (camera cam :focal (fx fy) :center (cx cy))
+  (unknowns (fx :init 800) (fy :init 810) (cx :init 320 {fixed}) (cy :init 240 {fixed})
+    (r (vector 3) :init [0.35 -0.2 0.1]) (t (vector 3) :init [-0.1 -0.05 0.5]))
+  (observe c (= [u v] (project cam (trans t (rotate (axis-angle r) [x y 0])))) :sigma 0.1))"""
+
+
+def test_one_photograph_of_a_plane_is_no_motion_of_the_scene():
+    """A homography has eight numbers, camera and pose ten (Zhang 2000); the grid gives size and direction.
+
+    Rotation vector and position are six numbers: shifts, turns and growth of two points span all their changes, so
+    that a motion is found in whatever is free.
+    """
+    grid = [(x, y, *_seen(x, y)) for x in np.arange(5) * 0.05 for y in np.arange(4) * 0.05]
+    rows = " ".join("(" + " ".join(f"{number:.12g}" for number in row) + ")" for row in grid)
+    found = mbm.loads(SHEET.format(rows=rows, fixed="")).solve()
+    assert found.observability.dimension - found.observability.rank == 2
+    assert found.observability.gauge == ()
+    assert all({"fx", "fy"} <= set(each.unknowns) for each in found.observability.unobservable)
+    known = mbm.loads(SHEET.format(rows=rows, fixed=":fixed true")).solve()
+    assert known.first.status is SolveStatus.CONVERGED
+    assert known["fx"].value == pytest.approx(800, rel=1e-6)
+
+
+def _seen(x, y):
+    """The image of a point of the sheet: Rodrigues' rotation, then a pinhole."""
+    r, t = np.array([0.3, -0.25, 0.1]), np.array([-0.1, -0.06, 0.45])
+    angle = np.linalg.norm(r)
+    axis, p = r / angle, np.array([x, y, 0.0])
+    turned = p * np.cos(angle) + np.cross(axis, p) * np.sin(angle) + axis * (axis @ p) * (1 - np.cos(angle))
+    a, b, c = turned + t
+    return 800 * a / c + 320, 810 * b / c + 240

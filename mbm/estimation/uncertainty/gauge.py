@@ -3,7 +3,7 @@
 Coordinates of points and poses mean something beside each other only: no equation between them notices if all are
 shifted, turned or (for directions alone) enlarged together; heights and clock readings beside each other only, if all
 are shifted. Such motions are made for the unknowns there are and looked for in the null space of the Jacobian; unknowns
-of any other kind may take part without being understood.
+of any other kind may take part without being understood, if more motions are found than any null space would hold.
 """
 
 from __future__ import annotations
@@ -166,11 +166,16 @@ def _recognised(
     _, missed, turned = np.linalg.svd(np.linalg.qr(outside, mode="r"), full_matrices=True)
     missed = np.concatenate([missed, np.zeros(len(turned) - len(missed))])
     shared = basis @ turned[missed <= WITHIN].T
+    chosen = right[kept].T @ ((inside.T @ shared) / singular[kept, None])
+    if shared.shape[1] <= basis.shape[1] + inside.shape[1] - len(lines):
+        # So many motions lie in any null space of this size: they say something where all else stays.
+        _, size, ways = np.linalg.svd(np.delete(directions, lines, axis=0) @ chosen, full_matrices=True)
+        still = ways[int((size > INDEPENDENT).sum()) :].T
+        shared, chosen = shared @ still, chosen @ still
     if not shared.shape[1]:
         return [], directions, 0
     weights = np.zeros((len(length), shared.shape[1]))
     weights[moving] = np.linalg.lstsq(triangle, basis.T @ shared, rcond=None)[0]
-    chosen = right[kept].T @ ((inside.T @ shared) / singular[kept, None])
     names = _names(layout, free, directions @ chosen)
     rest = np.linalg.svd(chosen, full_matrices=True)[0][:, chosen.shape[1] :]
     return list(_named(weights, scene.dimension, names)), directions @ rest, shared.shape[1]
