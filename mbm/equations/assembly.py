@@ -14,7 +14,7 @@ from mbm.equations.losses import rooted, rooted_jacobian
 from mbm.equations.manifolds import chart_slopes
 from mbm.equations.scatter import Scatter
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.kernels.types import MachineCode
+from mbm.kernels.types import Backend, MachineCode
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -56,9 +56,14 @@ class Assembled:
         return len(self.free)
 
     @property
+    def backend(self) -> Backend | None:
+        """What evaluates the kernels; None if there are none."""
+        return self.groups[0].cache.backend if self.groups else None
+
+    @property
     def machine_code(self) -> MachineCode | None:
         """The backend, if it makes machine code: only then is anything native worth loading."""
-        backend = self.groups[0].cache.backend if self.groups else None
+        backend = self.backend
         return backend if isinstance(backend, MachineCode) else None
 
     @property

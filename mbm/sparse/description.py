@@ -15,9 +15,9 @@ def solved_how(equations: Assembled) -> str:
         for entry in equations.layout.entries
         if any(place in free for place in range(entry.coordinates.start, entry.coordinates.stop))
     ]
-    found = plan(blocked(equations).structure())
+    found = plan(blocked(equations).structure(), equations.backend)
     many = f"there are {equations.dimension} scalar unknowns, of which each equation touches few"
-    rest = "densely" if found.tree is None else f"by sparse Cholesky ({len(found.tree.fronts)} fronts)"
+    rest = "densely" if found.fronts is None else f"by sparse Cholesky ({found.fronts.count} fronts)"
     if found.elimination is None:
         return f"{many}: all are solved {rest}"
     return f"{many}: `{names[found.elimination.family]}` is eliminated, the other {found.width} are solved {rest}"

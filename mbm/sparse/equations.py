@@ -10,7 +10,7 @@ from mbm.equations.forwarding import Forwarding
 from mbm.equations.layout import Entry
 from mbm.equations.losses import rooted_jacobian
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.kernels.types import MachineCode
+from mbm.kernels.types import Backend
 from mbm.sparse.arithmetic import Arithmetic
 from mbm.sparse.structure import BlockFamily, Piece, Structure, structure
 from mbm.values import dataclass
@@ -65,9 +65,9 @@ class Blocked(Forwarding):
         return self.equations.linear
 
     @property
-    def machine_code(self) -> MachineCode | None:
-        """What evaluates the kernels, if it makes machine code."""
-        return self.equations.machine_code
+    def backend(self) -> Backend | None:
+        """What evaluates the kernels."""
+        return self.equations.backend
 
     def residuals(self, x: Floats) -> Floats:
         """Whitened residuals with losses (all,), zero where left out."""

@@ -1,11 +1,12 @@
-"""Sparse Cholesky by compiled routines (`mbm.sparse.blocks.frontal`), of the same fronts as `cholesky`."""
+"""Sparse Cholesky by fronts: factor, solve, and the inverse on the pattern (`mbm.sparse.blocks.frontal`)."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
 from mbm.equations.types import Floats, Indices
-from mbm.machine.records import filled
 from mbm.sparse.blocks import frontal as of
 from mbm.sparse.blocks.parts import Graph
 from mbm.sparse.fronts import Fronts
@@ -17,28 +18,29 @@ ROOM = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CompiledFronts:
+class FrontSolver:
     """The fronts as routines take them: ``tree`` refers to the arrays ``held``."""
 
     routines: Routines
     order: Indices
-    tree: Indices
+    tree: Any
     held: tuple[Floats | Indices, ...]
+    count: int
     numbers: int
     path: int
 
-    def factorise(self, entries: Floats) -> CompiledFactor | None:
+    def factorise(self, entries: Floats) -> FrontFactor | None:
         """The factor of the matrix with these entries; None: not positive."""
         panels = np.empty(self.numbers)
         bad = self.routines.call("factorise_fronts", self.tree, np.ascontiguousarray(entries), panels)
-        return None if bad else CompiledFactor(fronts=self, panels=panels)
+        return None if bad else FrontFactor(fronts=self, panels=panels)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CompiledFactor:
+class FrontFactor:
     """``P A Pᵀ = Rᵀ R``; the panels of ``R`` one after the other."""
 
-    fronts: CompiledFronts
+    fronts: FrontSolver
     panels: Floats
 
     def solve(self, right: Floats) -> Floats:
@@ -78,12 +80,12 @@ def minimum_degree(made: Routines, left: Indices, right: Indices, sizes: Indices
             "lists": lists,
             "work": np.zeros(8 * count + columns + 1, dtype=np.int64),
         }
-        if not made.call("order_nodes", filled(Graph, count=count, columns=columns, room=room, **held), order):
+        if not made.call("order_nodes", made.filled(Graph, count=count, columns=columns, room=room, **held), order):
             return order
 
 
-def compiled_fronts(tree: Fronts, routines: Routines) -> CompiledFronts:
-    """The fronts of ``tree`` for compiled routines."""
+def front_solver(tree: Fronts, routines: Routines) -> FrontSolver:
+    """The fronts of ``tree`` as the routines take them."""
     fronts = tree.fronts
     widths = np.array([front.width for front in fronts])
     sizes = np.array([len(front.rows) for front in fronts])
@@ -107,11 +109,12 @@ def compiled_fronts(tree: Fronts, routines: Routines) -> CompiledFronts:
         "whole": np.empty(int(sizes.max()) ** 2),
         "waiting": np.empty(2 * len(fronts), dtype=np.int64),
     }
-    return CompiledFronts(
+    return FrontSolver(
         routines=routines,
         order=tree.order,
-        tree=filled(of.Fronts, count=len(fronts), **held),
+        tree=routines.filled(of.Fronts, count=len(fronts), **held),
         held=tuple(held.values()),
+        count=len(fronts),
         numbers=int((widths * sizes).sum()),
         path=int((table[:, of.Front.part_at] + sizes**2).max()),
     )

@@ -49,15 +49,14 @@ Ordering: TypeAlias = Callable[[Indices, Indices, Indices], Indices]
 """From the entries of a graph, each pair of nodes once, and the sizes of its nodes to an elimination order."""
 
 
-def fronts(rows: Indices, columns: Indices, sizes: Indices, ordering: Ordering | None = None) -> Fronts:
+def fronts(rows: Indices, columns: Indices, sizes: Indices, ordering: Ordering) -> Fronts:
     """The fronts of a symmetric matrix with entries at ``(rows, columns)``, each pair once (in either triangle).
 
     ``sizes`` (blocks,) are the numbers of columns in each block; every diagonal element must be among the entries.
-    ``ordering`` None: that of SciPy.
     """
     first = np.concatenate([[0], np.cumsum(sizes)])
     block_of = np.repeat(np.arange(len(sizes)), sizes)
-    order = (ordering or _ordered)(block_of[rows], block_of[columns], sizes)
+    order = ordering(block_of[rows], block_of[columns], sizes)
     below, parents = _eliminated(block_of[rows], block_of[columns], order)
     tops, owner = _joined(below, parents, sizes[order])
     tops = _postordered(tops, [owner[parents[top]] if parents[top] >= 0 else -1 for top in tops])
@@ -81,24 +80,6 @@ def fronts(rows: Indices, columns: Indices, sizes: Indices, ordering: Ordering |
     number = {top: k for k, top in enumerate(tops)}
     above = [number[owner[parents[top]]] if parents[top] >= 0 else -1 for top in tops]
     return Fronts(size=len(scalar), order=scalar, fronts=_placed(spans, above, place_of[rows], place_of[columns]))
-
-
-def _ordered(left: Indices, right: Indices, sizes: Indices) -> Indices:
-    """Multiple minimum degree of the graph of blocks (Liu 1985): the block at each place."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.linalg import splu
-
-    count, ones = len(sizes), np.ones(len(left))
-    graph = coo_array((ones, (left, right)), shape=(count, count)).tocsc()
-    graph.data[:] = -1.0
-    graph = graph + graph.T
-    weight = np.asarray(abs(graph).sum(axis=0)).reshape(-1) + 1.0
-    graph.setdiag(2.0 * weight)
-    options = {"SymmetricMode": True}
-    factor = splu(graph.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-    order = np.empty(count, dtype=np.int64)
-    order[factor.perm_c] = np.arange(count)
-    return order
 
 
 def _eliminated(left: Indices, right: Indices, order: Indices) -> tuple[list[set[int]], list[int]]:

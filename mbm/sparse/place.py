@@ -9,7 +9,7 @@ import numpy as np
 
 from mbm.equations.metric import magnitudes
 from mbm.equations.types import Equations, Floats, Mask
-from mbm.kernels.types import MachineCode
+from mbm.kernels.types import Backend
 from mbm.solver.decisions import EPSILON, POSITIVE_KEPT, ROUNDING_ERRORS, ROUNDING_OF_BOUNDS
 from mbm.sparse.arithmetic import Arithmetic
 from mbm.sparse.normal import Normal
@@ -23,8 +23,8 @@ class BlockEquations(Equations, Protocol):
     """Equations whose Jacobian comes in blocks."""
 
     @property
-    def machine_code(self) -> MachineCode | None:
-        """What evaluates the kernels, if it makes machine code."""
+    def backend(self) -> Backend | None:
+        """What evaluates the kernels."""
         ...
 
     def structure(self) -> Structure:

@@ -1,4 +1,8 @@
-"""Compiled routines for blocks of given sizes: made ready once for a pattern, called with arrays."""
+"""The routines for blocks of given sizes: made ready once for a pattern, called with arrays and records.
+
+They are machine code, that of small problems made fast rather than running fast; where none can be made, they run as
+Python.
+"""
 
 from __future__ import annotations
 
@@ -7,23 +11,33 @@ import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mbm.equations.types import Floats, Indices
+from mbm.equations.types import Floats
 from mbm.kernels.native.sources import source_digest
+from mbm.kernels.types import MachineCode
+from mbm.machine.records import blank, put
+from mbm.machine.tree import Module
+from mbm.sparse.blocks.modules import blocks_module, fronts_module
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.kernels.native.engine import Library
     from mbm.kernels.store import Store
+    from mbm.kernels.types import Backend
+    from mbm.machine.interpreted import Interpreted
 
-LEVEL = 3
+LIGHT, FAST = 0, 3
+"""Levels of optimisation: code that is made at once, and code that runs fast."""
+
+WORTH = 20_000
+"""Numbers in the Jacobian from which code that runs fast is worth the second that it takes to make."""
+
 FLAGS = ("contract", "reassoc")
 """Sums of products may be fused and taken in another order: they are rounded anyway."""
-
-Argument = int | Floats | Indices
 
 
 PIECES = 4
@@ -33,16 +47,18 @@ HEAVY = 500_000
 """Numbers in the Jacobian from which several threads are worth their while."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Routines:
-    """The functions of a library, by name; the ``threads`` of a ``pool`` share the work, if there is one."""
+class _MachineCode:
+    """What `Interpreted` is to Python, of a library of machine code."""
 
-    library: Library
-    threads: int = 1
-    pool: ThreadPoolExecutor | None = None
+    def __init__(self, library: Library) -> None:
+        self._library = library
 
-    def call(self, name: str, *arguments: Argument) -> int:
-        """Call a routine; what it returns, if it returns something. The last axis of arrays must be contiguous."""
+    def blank(self, kind: type) -> NDArray[np.int64]:
+        """Memory for a record."""
+        return blank(kind)
+
+    def call(self, name: str, *arguments: Any) -> int:
+        """Call a routine. The last axis of arrays must be contiguous."""
         kinds: list[type[ctypes.c_void_p | ctypes.c_int64]] = []
         values: list[int] = []
         for argument in arguments:
@@ -55,10 +71,32 @@ class Routines:
             else:
                 kinds.append(ctypes.c_int64)
                 values.append(int(argument))
-        function: Callable[..., int] = ctypes.CFUNCTYPE(ctypes.c_int64, *kinds)(self.library.address(name))
+        function: Callable[..., int] = ctypes.CFUNCTYPE(ctypes.c_int64, *kinds)(self._library.address(name))
         return function(*values)
 
-    def run(self, name: str, count: int, *arguments: Argument, scratch: int = 0) -> bool:
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Routines:
+    """The functions of a library, by name; the ``threads`` of a ``pool`` share the work, if there is one.
+
+    Arguments are integers, arrays of 64-bit numbers, and records.
+    """
+
+    library: _MachineCode | Interpreted
+    threads: int = 1
+    pool: ThreadPoolExecutor | None = None
+
+    def filled(self, kind: type, /, **values: Any) -> Any:
+        """A record with such fields; the arrays stay with the caller, who keeps them alive."""
+        found = self.library.blank(kind)
+        put(found, kind, **values)
+        return found
+
+    def call(self, name: str, *arguments: Any) -> int:
+        """Call a routine; what it returns, if it returns something."""
+        return self.library.call(name, *arguments)
+
+    def run(self, name: str, count: int, *arguments: Any, scratch: int = 0) -> bool:
         """Call a routine for all of ``count``, in parts that write to different places; whether all returned 0.
 
         ``scratch``: numbers, zero, that each part is given for itself as the last argument.
@@ -83,7 +121,7 @@ class Routines:
         for future in [self.pool.submit(work, first, min(first + size, count)) for first in firsts]:
             future.result()
 
-    def total(self, name: str, count: int, shape: tuple[int, ...], *arguments: Argument) -> Floats:
+    def total(self, name: str, count: int, shape: tuple[int, ...], *arguments: Any) -> Floats:
         """What a routine adds up over all of ``count`` in its last argument, an array of that shape."""
         sums = np.zeros((PIECES, *shape))
         parts = [(first, last, *arguments, sums[k]) for k, (first, last) in enumerate(_ends(count, PIECES))]
@@ -106,44 +144,51 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def routines(products: Iterable[tuple[int, int]], size: int | None, store: Store | None, threads: int) -> Routines:
-    """The routines for products with right blocks (outputs, columns), and for members of ``size`` columns that go.
+@dataclass(frozen=True, slots=True, eq=False)
+class Making:
+    """How routines are made for problems with so many ``numbers`` in the Jacobian, and for kernels of a ``backend``.
 
-    From the store, or compiled and put there. ``size`` None: none goes. So many ``threads`` share the work.
+    Where its kernels are no machine code, the routines may be all the same: that is looked into.
     """
-    from mbm.kernels.native.engine import kept
 
-    sizes = tuple(sorted(set(products)))
-    name = f"blocks {source_digest('sparse/blocks', __file__)} {sizes} {size}"
-    # The inner loops are unrolled and side by side; vectors across the outer ones would gather and scatter.
-    library = kept(name, lambda: _lowered(sizes, size), store, LEVEL, loops=False)
-    return Routines(library, threads, ThreadPoolExecutor(threads) if threads > 1 else None)
+    backend: Backend | None
+    numbers: int
+
+    def routines(self, products: Iterable[tuple[int, int]], size: int | None, threads: int) -> Routines:
+        """Those for products with right blocks (outputs, columns), and for members of ``size`` columns that go.
+
+        ``size`` None: none goes. So many ``threads`` share the work.
+        """
+        sizes = tuple(sorted(set(products)))
+        # The inner loops are unrolled and side by side; vectors across the outer ones would gather and scatter.
+        library = self._library(f"blocks {sizes} {size}", lambda: blocks_module(sizes, size), loops=False)
+        threads = threads if isinstance(library, _MachineCode) else 1
+        return Routines(library, threads, ThreadPoolExecutor(threads) if threads > 1 else None)
+
+    def front_routines(self) -> Routines:
+        """Those for fronts and their order, which are the same for all problems; for one thread."""
+        return Routines(self._library("fronts", fronts_module, loops=True))
+
+    def _library(self, name: str, module: Callable[[], Module], *, loops: bool) -> _MachineCode | Interpreted:
+        """From the backend's store, or compiled and put there."""
+        from mbm.kernels.native.engine import hindrance, kept
+
+        store: Store | None = getattr(self.backend, "store", None)
+        if not isinstance(self.backend, MachineCode) and hindrance(store) is not None:
+            # Loaded where there is nothing else.
+            from mbm.machine.interpreted import Interpreted, code_of
+
+            return Interpreted(code_of(module()))
+        name = f"{name} {source_digest('sparse/blocks', __file__)}"
+        level = FAST if self.numbers >= WORTH else LIGHT
+        return _MachineCode(kept(name, lambda: _lowered(module()), store, level, loops=loops))
 
 
-def front_routines(store: Store | None) -> Routines:
-    """The routines for fronts and their order, which are the same for all problems, likewise; for one thread."""
-    from mbm.kernels.native.engine import kept
-
-    return Routines(kept(f"fronts {source_digest('sparse/blocks', __file__)}", _lowered_fronts, store, LEVEL))
-
-
-def _lowered_fronts() -> str:
+def _lowered(module: Module) -> str:
     from llvmlite import ir
 
     from mbm.machine.llvm import lower_into
-    from mbm.sparse.blocks.modules import fronts_module
 
-    target = ir.Module("fronts")
-    lower_into(target, fronts_module(), FLAGS)
-    return str(target)
-
-
-def _lowered(sizes: tuple[tuple[int, int], ...], size: int | None) -> str:
-    from llvmlite import ir
-
-    from mbm.machine.llvm import lower_into
-    from mbm.sparse.blocks.modules import blocks_module
-
-    target = ir.Module("blocks")
-    lower_into(target, blocks_module(sizes, size), FLAGS)
+    target = ir.Module(module.name)
+    lower_into(target, module, FLAGS)
     return str(target)

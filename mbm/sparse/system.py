@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Minimum
-from mbm.sparse.arithmetic import Arithmetic
-from mbm.sparse.cholesky import SparseFactor, SparseSolver, factorise
-from mbm.sparse.cholmod import symbolic
+from mbm.sparse.arithmetic import Arithmetic, arithmetic
 from mbm.sparse.elimination import Elimination, eliminable, elimination
-from mbm.sparse.fronts import Fronts, fronts
-from mbm.sparse.interpreted import interpreted
+from mbm.sparse.frontal import FrontFactor, FrontSolver, front_solver, minimum_degree
+from mbm.sparse.fronts import fronts
 from mbm.sparse.normal import Normal, NormalPattern, normal_pattern
+from mbm.sparse.routines import Making
 from mbm.sparse.structure import Structure, Values
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.kernels.store import Store
+    from mbm.kernels.types import Backend
 
 NARROW = 400
 """Reduced systems of at most so many columns are dense."""
@@ -37,7 +37,7 @@ class Plan:
 
     The ``width`` columns that stay after the elimination (all without one) obey a matrix with entries at ``keys``
     (row · width + column, ascending, upper triangle); the blocks of the pairs that stay, flattened one after the other,
-    go to ``places``. ``tree`` None: the matrix is dense; ``library``: compiled routines, or CHOLMOD, do the work.
+    go to ``places``. ``fronts`` None: the matrix is dense.
     """
 
     pattern: NormalPattern
@@ -48,8 +48,7 @@ class Plan:
     keys: Indices
     places: Indices
     diagonal: Indices
-    tree: Fronts | None
-    library: SparseSolver | None
+    fronts: FrontSolver | None
     arithmetic: Arithmetic
 
     @property
@@ -95,12 +94,13 @@ def blocks_of(minimum: Minimum) -> BlockJacobian:
     return minimum.blocks
 
 
-def plan(found: Structure, *, compiling: bool = False, store: Store | None = None, workers: int | None = None) -> Plan:
+def plan(found: Structure, backend: Backend | None = None, workers: int | None = None) -> Plan:
     """Choose the elimination and the representation of what is left.
 
-    ``compiling``: the work is done by compiled routines, which are kept in ``store``, and shared by ``workers`` threads
-    where it is heavy (None: one for each processor).
+    ``workers`` threads share the work where it is heavy (None: one for each processor); the store of the ``backend``
+    keeps the routines.
     """
+    making = Making(backend, sum(p.rows * p.outputs * p.width for p in found.pieces))
     pattern = normal_pattern(found)
     family = eliminable(pattern)
     gone = None if family is None else elimination(pattern, family)
@@ -124,16 +124,12 @@ def plan(found: Structure, *, compiling: bool = False, store: Store | None = Non
     if gone is not None and not dense:
         keys = np.union1d(keys, _coupled(gone))
         dense = width <= WIDE and len(keys) > FULL * width * width / 2
-    tree: Fronts | None = None
-    library: SparseSolver | None = None
+    solver: FrontSolver | None = None
     if not dense:
         sizes = [np.full(f.members, f.size) for n, f in enumerate(found.families) if n != family]
-        entries = (keys // width, keys % width, np.concatenate(sizes))
-        if compiling:
-            tree, library = _compiled_fronts(entries, store)
-        else:
-            tree = fronts(*entries)
-            library = symbolic(keys, width, tree)
+        made = making.front_routines()
+        tree = fronts(keys // width, keys % width, np.concatenate(sizes), partial(minimum_degree, made))
+        solver = front_solver(tree, made)
     return Plan(
         pattern=pattern,
         elimination=gone,
@@ -143,28 +139,9 @@ def plan(found: Structure, *, compiling: bool = False, store: Store | None = Non
         keys=keys,
         places=np.searchsorted(keys, codes),
         diagonal=np.searchsorted(keys, np.arange(width) * (width + 1)),
-        tree=tree,
-        library=library,
-        arithmetic=_arithmetic(pattern, gone, store, workers) if compiling else interpreted(gone),
+        fronts=solver,
+        arithmetic=arithmetic(pattern, gone, making, workers),
     )
-
-
-def _arithmetic(
-    pattern: NormalPattern, gone: Elimination | None, store: Store | None, workers: int | None
-) -> Arithmetic:
-    # Loaded where something is compiled, which it needs not be.
-    from mbm.sparse.compiled import compiled
-
-    return compiled(pattern, gone, store, workers)
-
-
-def _compiled_fronts(entries: tuple[Indices, Indices, Indices], store: Store | None) -> tuple[Fronts, SparseSolver]:
-    from mbm.sparse.frontal import compiled_fronts, minimum_degree
-    from mbm.sparse.routines import front_routines
-
-    made = front_routines(store)
-    tree = fronts(*entries, lambda left, right, sizes: minimum_degree(made, left, right, sizes))
-    return tree, compiled_fronts(tree, made)
 
 
 def _coupled(gone: Elimination) -> Indices:
@@ -193,7 +170,7 @@ class Factorised:
     plan: Plan
     roots: Floats | None
     y: Floats | None
-    rest: SparseFactor | Floats | None
+    rest: FrontFactor | Floats | None
 
     def solve(self, right: Floats) -> Floats:
         """The solution (columns, k) for a right side (columns, k)."""
@@ -280,12 +257,12 @@ def factorised(found: Plan, normal: Normal, added: Floats) -> Factorised | None:
     return None if rest is None else Factorised(plan=found, roots=roots, y=y, rest=rest)
 
 
-def _rest_factor(found: Plan, data: Floats, y: Floats | None) -> SparseFactor | Floats | None:
+def _rest_factor(found: Plan, data: Floats, y: Floats | None) -> FrontFactor | Floats | None:
     width = found.width
-    if found.tree is not None:
+    if found.fronts is not None:
         if y is not None:
             found.arithmetic.reduce_entries(y, found.keys, data)
-        return factorise(found.tree, data) if found.library is None else found.library.factorise(data)
+        return found.fronts.factorise(data)
     matrix = np.zeros((width, width))
     row, column = (found.keys // width, found.keys % width) if width else (found.keys, found.keys)
     matrix[row, column] = data

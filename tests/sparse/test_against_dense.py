@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import mbm
-from mbm.estimation.minimise import sparse as marquardt
 from mbm.estimation.minimise import sparsity
 from mbm.problem.types import Method
 from mbm.report.types import SolveStatus
@@ -103,17 +102,17 @@ def test_same_answer(blockwise, variant):
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_compiled_routines_with_many_parts_and_threads_give_the_same_answer(blockwise, variant, monkeypatch):
+def test_routines_with_many_parts_and_threads_give_the_same_answer(blockwise, variant, monkeypatch):
     pytest.importorskip("llvmlite", reason="llvmlite is not installed")
-    from mbm.sparse import compiled
+    from mbm.sparse import arithmetic, routines
 
     plain = blockwise(**VARIANTS[variant])
-    monkeypatch.setattr(marquardt, "COMPILED", 0)
-    monkeypatch.setattr(compiled, "HEAVY", 0)
-    monkeypatch.setattr(compiled, "processors", lambda: 3)
-    monkeypatch.setattr(compiled, "TOGETHER", 16)  # five parts, the last one short
-    for few in (compiled.FEW, 0):  # sums for each part, or target by target
-        monkeypatch.setattr(compiled, "FEW", few)
+    monkeypatch.setattr(routines, "WORTH", 0)
+    monkeypatch.setattr(arithmetic, "HEAVY", 0)
+    monkeypatch.setattr(arithmetic, "processors", lambda: 3)
+    monkeypatch.setattr(arithmetic, "TOGETHER", 16)  # five parts, the last one short
+    for few in (arithmetic.FEW, 0):  # sums for each part, or target by target
+        monkeypatch.setattr(arithmetic, "FEW", few)
         found = blockwise(**VARIANTS[variant])
         assert found.first.method == "dogleg-sparse"
         assert found.first.cost == pytest.approx(plain.first.cost, rel=SAME)

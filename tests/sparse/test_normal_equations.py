@@ -3,25 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from mbm.sparse import system
-from mbm.sparse.cholesky import factorise
-from mbm.sparse.fronts import fronts
 from mbm.sparse.system import factorised, plan
 from tests.sparse.networks import Network
 
 ROUNDING = 1e-11
 """Matrices of a few hundred rows with condition numbers up to 1e3."""
-
-WAYS = {"dense": {}, "fronts": {"NARROW": 0, "WIDE": 0}, "filled": {"NARROW": 0, "FULL": 0.0}}
-
-
-@pytest.fixture(params=WAYS, ids=list(WAYS))
-def way(request, monkeypatch):
-    for name, value in WAYS[request.param].items():
-        monkeypatch.setattr(system, name, value)
-    return request.param
 
 
 def test_the_matrix_of_the_pieces_is_the_jacobian():
@@ -30,12 +17,12 @@ def test_the_matrix_of_the_pieces_is_the_jacobian():
     np.testing.assert_array_equal(found.matrix(network.values()).toarray(), network.jacobian())
 
 
-def test_normal_equations_and_their_solution(way):
+def test_normal_equations_and_their_solution(way, backend):
     network = Network()
-    found = plan(network.structure())
+    found = plan(network.structure(), backend)
     assert found.elimination is not None
     assert found.elimination.family == 1  # no two points meet, and they are most of the columns
-    assert (found.tree is not None) == (way == "fronts")
+    assert (found.fronts is not None) == (way == "fronts")
     normal = found.accumulate(network.values())
     jacobian = network.jacobian()
     whole = jacobian.T @ jacobian
@@ -45,11 +32,12 @@ def test_normal_equations_and_their_solution(way):
     right = np.random.default_rng(5).standard_normal((network.columns, 3))
     expected = np.linalg.solve(whole + np.diag(added), right)
     np.testing.assert_allclose(factors.solve(right), expected, atol=ROUNDING)
+    np.testing.assert_allclose(factors.solve(right[:, :1]), expected[:, :1], atol=ROUNDING)
 
 
-def test_the_inverse_on_the_pattern(way):
+def test_the_inverse_on_the_pattern(way, backend):
     network = Network(seed=2)
-    found = plan(network.structure())
+    found = plan(network.structure(), backend)
     added = np.full(network.columns, 0.5)
     factors = factorised(found, found.accumulate(network.values()), added)
     jacobian = network.jacobian()
@@ -64,29 +52,14 @@ def test_the_inverse_on_the_pattern(way):
             np.testing.assert_allclose(block, expected[rows, columns], atol=ROUNDING)
             checked += 1
     assert checked > 300
+    alone = factors.inverse(across=False)
+    for key, blocks in alone.items():
+        np.testing.assert_allclose(blocks, factors.inverse()[key], atol=ROUNDING)
+    assert found.elimination.family in {family for key in alone for family in key}
 
 
-def test_a_matrix_that_is_not_positive_has_no_factor(way):
+def test_a_matrix_that_is_not_positive_has_no_factor(way, backend):
     network = Network()
-    found = plan(network.structure())
+    found = plan(network.structure(), backend)
     normal = found.accumulate(network.values())
     assert factorised(found, normal, np.full(network.columns, -1e3)) is None
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_fronts_of_random_graphs(seed):
-    generator = np.random.default_rng(seed)
-    sizes = generator.integers(1, 5, 60)
-    block = np.repeat(np.arange(60), sizes)
-    graph = generator.random((60, 60)) < 0.03 * (seed + 1)
-    mask = (graph | graph.T | np.eye(60, dtype=bool))[np.ix_(block, block)]
-    matrix = generator.standard_normal(mask.shape) * mask
-    matrix = matrix + matrix.T + 60.0 * np.eye(len(block))
-    rows, columns = np.nonzero(np.triu(mask))
-    tree = fronts(rows, columns, sizes)
-    factor = factorise(tree, matrix[rows, columns])
-    right = generator.standard_normal((len(block), 2))
-    np.testing.assert_allclose(factor.solve(right), np.linalg.solve(matrix, right), atol=ROUNDING)
-    inverse = factor.inverse(len(rows))
-    np.testing.assert_allclose(inverse, np.linalg.inv(matrix)[rows, columns], atol=ROUNDING)
-    assert sorted(tree.order) == list(range(len(block)))

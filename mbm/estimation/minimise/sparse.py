@@ -19,7 +19,6 @@ from mbm.equations.metric import first_bad
 from mbm.equations.pushing import pushed
 from mbm.equations.types import Equations, Floats, Minimum, Reason
 from mbm.estimation.settings import Settings
-from mbm.kernels.types import MachineCode
 from mbm.problem.types import Method
 from mbm.solver.decisions import LEAST_GAIN_RATIO, OFFSET_DECREASE, UNDECIDED
 from mbm.solver.step_control import damping_factor, radius_after, relative_offset
@@ -31,9 +30,6 @@ from mbm.sparse.place import BlockEquations, Place, inside, moved, normal_at, pl
 from mbm.sparse.structure import Structure, Values
 from mbm.sparse.system import BlockJacobian, Factorised, Plan, factorised, plan
 from mbm.values import dataclass
-
-COMPILED = 20_000
-"""Numbers in the Jacobian from which compiled routines are worth compiling for."""
 
 FIRST = 1e-4
 """Damping of the first step, relative to the diagonal."""
@@ -137,7 +133,7 @@ def _blocks(equations: Equations) -> BlockEquations | None:
 
 def _begun(equations: BlockEquations, start: Floats, settings: Settings) -> State:
     layout = equations.structure()
-    found = _planned(layout, equations.machine_code, settings.workers)
+    found = plan(layout, equations.backend, settings.workers)
     rule = Method.DOGLEG if settings.method is Method.AUTO else settings.method
     point = inside(equations, start)
     residuals = equations.residuals(point)
@@ -168,14 +164,6 @@ def _begun(equations: BlockEquations, start: Floats, settings: Settings) -> Stat
         reason=None if place is not None else reason,
         bad_row=row,
     )
-
-
-def _planned(layout: Structure, backend: MachineCode | None, workers: int | None) -> Plan:
-    """The plan, with compiled routines where kernels are compiled too and there is enough to do."""
-    if backend is None:
-        return plan(layout)
-    compiling = sum(p.rows * p.outputs * p.width for p in layout.pieces) >= COMPILED
-    return plan(layout, compiling=compiling, store=backend.store, workers=workers)
 
 
 def _stepped(equations: BlockEquations, state: State, here: Place) -> State:

@@ -16,6 +16,7 @@ PLAIN: tuple[Callable[..., object], ...] = (
     products.add_gradient,
     products.add_squares,
     products.put_image,
+    substitution.solve_triangular,
 )
 """Routines for blocks of any size."""
 
@@ -25,7 +26,6 @@ ELIMINATION: tuple[Callable[..., object], ...] = (
     elimination.reduce_members,
     elimination.reduce_blocks,
     elimination.reduce_sparse,
-    substitution.solve_triangular,
     substitution.put_rooted,
     substitution.add_coupled,
     substitution.add_coupled_once,
@@ -52,10 +52,13 @@ def fronts_module() -> Module:
 
 def blocks_module(sizes: Iterable[tuple[int, int]], size: int | None) -> Module:
     """All routines: products for the ``sizes`` (outputs, right), elimination of members of ``size`` columns."""
-    found = list(module_of("blocks", PLAIN).functions)
+    parts = [module_of("blocks", PLAIN)]
     for outputs, right in sizes:
-        (one,) = module_of("product", [products.add_products], constants={"OUTPUTS": outputs, "RIGHT": right}).functions
-        found.append(replace(one, name=product_name(outputs, right)))
+        part = module_of("product", [products.add_products], constants={"OUTPUTS": outputs, "RIGHT": right})
+        named = tuple(replace(each, name=product_name(outputs, right)) for each in part.functions)
+        parts.append(replace(part, functions=named))
     if size is not None:
-        found.extend(module_of("elimination", ELIMINATION, constants={"SIZE": size}).functions)
-    return Module(name="blocks", functions=tuple(found))
+        parts.append(module_of("elimination", ELIMINATION, constants={"SIZE": size}))
+    functions = tuple(each for part in parts for each in part.functions)
+    records = {each.name: each for part in parts for each in part.records}
+    return Module(name="blocks", functions=functions, records=tuple(records.values()))

@@ -1,4 +1,4 @@
-"""The compiled routines against NumPy's path and dense matrices, on block structures made up at random."""
+"""The routines, as machine code and as Python, against dense matrices, on block structures made up at random."""
 
 from __future__ import annotations
 
@@ -8,43 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mbm.kernels.store import standard_store
-from mbm.sparse import compiled, system
+from mbm.kernels.types import MachineCode
+from mbm.sparse import arithmetic
 from mbm.sparse.structure import BlockFamily, Piece, structure
 from mbm.sparse.system import factorised, plan
 from tests.sparse.networks import Network
 
-pytest.importorskip("llvmlite", reason="llvmlite is not installed")
-
 ROUNDING = 1e-11
 """Matrices of a few hundred rows with condition numbers up to 1e3, and sums in another order."""
 
-WAYS = {"dense": {}, "fronts": {"NARROW": 0, "WIDE": 0}, "filled": {"NARROW": 0, "FULL": 0.0}}
 
-
-@pytest.fixture(params=WAYS, ids=list(WAYS))
-def way(request, monkeypatch):
-    for name, value in WAYS[request.param].items():
-        monkeypatch.setattr(system, name, value)
-    if request.param == "filled":
-        monkeypatch.setattr(compiled, "NARROW", 0)  # by rows of blocks, as for large matrices
-    return request.param
-
-
-@pytest.fixture(params=[False, True], ids=["alone", "threads"])
-def heavy(request, monkeypatch):
-    if request.param:
-        monkeypatch.setattr(compiled, "HEAVY", 0)
-        monkeypatch.setattr(compiled, "processors", lambda: 3)
-
-
-def both(network):
-    found = network.structure()
-    return plan(found, compiling=True, store=standard_store()), plan(found)
-
-
-def test_products_gradient_and_image(heavy):
+def test_products_gradient_and_image(backend):
     network = Network(seed=5)
-    own, _ = both(network)
+    own = plan(network.structure(), backend)
     jacobian, values = network.jacobian(), network.values()
     generator = np.random.default_rng(1)
     residuals, step = generator.standard_normal(len(jacobian)), generator.standard_normal(network.columns)
@@ -55,30 +31,11 @@ def test_products_gradient_and_image(heavy):
     np.testing.assert_allclose(own.image(values, step), jacobian @ step, atol=ROUNDING)
 
 
-def test_solution_and_inverse(way, heavy):
-    network = Network(seed=6)
-    own, plain = both(network)
-    assert (own.tree is not None) == (way == "fronts")
-    added = np.linspace(0.1, 1.0, network.columns)
-    factors = factorised(own, own.accumulate(network.values()), added)
-    whole = network.jacobian().T @ network.jacobian() + np.diag(added)
-    right = np.random.default_rng(5).standard_normal((network.columns, 3))
-    np.testing.assert_allclose(factors.solve(right), np.linalg.solve(whole, right), atol=ROUNDING)
-    np.testing.assert_allclose(factors.solve(right[:, :1]), np.linalg.solve(whole, right[:, :1]), atol=ROUNDING)
-    others = factorised(plain, plain.accumulate(network.values()), added).inverse()
-    for key, blocks in factors.inverse().items():
-        np.testing.assert_allclose(blocks, others[key], atol=ROUNDING)
-    for key, blocks in factors.inverse(across=False).items():
-        np.testing.assert_allclose(blocks, others[key], atol=ROUNDING)
-    assert factorised(own, own.accumulate(network.values()), np.full(network.columns, -1e3)) is None
-
-
-def test_sums_do_not_depend_on_the_threads(monkeypatch):
-    monkeypatch.setattr(compiled, "HEAVY", 0)
+def test_sums_do_not_depend_on_the_threads(heavy):
     network = Network(seed=7)
     found = []
     for count in (1, 2, 5):
-        own = plan(network.structure(), compiling=True, store=standard_store(), workers=count)
+        own = plan(network.structure(), heavy(), workers=count)
         values = network.values()
         factors = factorised(own, own.accumulate(values), np.ones(network.columns))
         solved = factors.solve(own.gradient(values, np.ones(own.structure.count))[:, None])
@@ -88,12 +45,9 @@ def test_sums_do_not_depend_on_the_threads(monkeypatch):
 
 
 @pytest.mark.parametrize(("workers", "threads"), [(None, 3), (1, 1), (2, 2)])
-def test_so_many_threads_share_heavy_work_as_are_asked_for(workers, threads, monkeypatch):
-    monkeypatch.setattr(compiled, "HEAVY", 0)
-    monkeypatch.setattr(compiled, "processors", lambda: 3)
-    found = plan(
-        Network(seed=7).structure(), compiling=True, store=standard_store(), workers=workers
-    ).arithmetic.routines
+def test_so_many_threads_share_heavy_work_as_are_asked_for(workers, threads, heavy, monkeypatch):
+    monkeypatch.setattr(arithmetic, "processors", lambda: 3)
+    found = plan(Network(seed=7).structure(), heavy(), workers).arithmetic.routines
     assert (found.threads, found.pool is None) == (threads, threads == 1)
 
 
@@ -125,16 +79,16 @@ def systems(draw):
     return structure(families, pieces, np.arange(reached), first), values
 
 
+@pytest.mark.parametrize("machine_code", [True, False], ids=["machine code", "python"])
 @settings(max_examples=12)  # the code of each structure is compiled
-@given(systems())
-def test_random_structures_against_dense_matrices(made):
+@given(made=systems())
+def test_random_structures_against_dense_matrices(machine_code, made):
     found, values = made
     jacobian = found.matrix(values).toarray()
-    own = plan(found, compiling=True, store=standard_store())
+    own = plan(found, MachineCode(store=standard_store()) if machine_code else None)
     added = np.full(found.columns, 0.5)
     whole = jacobian.T @ jacobian + np.diag(added)
     np.testing.assert_allclose(own.squares(values), np.square(jacobian).sum(axis=0), atol=ROUNDING)
-    np.testing.assert_allclose(plan(found).squares(values), np.square(jacobian).sum(axis=0), atol=ROUNDING)
     residuals = np.cos(np.arange(found.count))
     np.testing.assert_allclose(own.gradient(values, residuals), jacobian.T @ residuals, atol=ROUNDING)
     factors = factorised(own, own.accumulate(values), added)
