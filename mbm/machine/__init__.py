@@ -1,1 +1,1 @@
-"""The target language. So far its innermost part: straight-line programs in single-assignment form."""
+"""The little language: restricted Python with records, printed as machine code, C and Python; straight-line code."""

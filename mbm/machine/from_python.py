@@ -63,7 +63,7 @@ ANNOTATIONS: Mapping[str, Kind] = {
 
 
 class NotInTargetLanguageError(Exception):
-    """The text uses something that the target language does not have; only a mistake in mbm's own solvers."""
+    """The text uses something that the little language does not have; only a mistake in mbm's own solvers."""
 
 
 def module_of(

@@ -1,1 +1,1 @@
-"""The solver itself, in the restricted Python of the target language: one text for LLVM, C and Python."""
+"""The solver itself, in the little language: one text for LLVM, C and Python."""

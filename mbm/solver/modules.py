@@ -1,4 +1,4 @@
-"""The solver and consensus as modules of the target language: what is called from outside, and all that it calls."""
+"""The solver and consensus as modules of the little language: what is called from outside, and all that it calls."""
 
 from __future__ import annotations
 

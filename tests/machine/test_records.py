@@ -1,4 +1,4 @@
-"""Records of the target language: as Python, as printed Python, as C with sanitizers and as machine code, all alike."""
+"""Records of the little language: as Python, as printed Python, as C with sanitizers and as machine code, all alike."""
 
 from __future__ import annotations
 
