@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from mbm.report.elements import plain_key, shown_sigma
 from mbm.report.filled import conditions, own_names, prior_names
 from mbm.report.geometric import GEOMETRIC
 from mbm.report.geometric import written as written_geometry
+from mbm.report.numbers import NUMBERS
 from mbm.report.solve_document import constraint_document, corrections_document, solve_document, solve_key
 from mbm.report.types import CovarianceMatrix, DerivedValue, Estimate, Floats, Mask
 
@@ -39,13 +40,9 @@ class _Filled:
         self._models: dict[bytes, dict[str, Any]] = {}
         columns = block.columns
         self._condition = conditions(columns, np.arange(len(reports))).tolist()
-        self._numbers: dict[str, list[float] | list[int]] = {
-            name: getattr(columns, name).tolist() for name in ("iterations", "evaluations", "seconds", "cost", "dof")
-        }
-        self._numbers["sigma0"] = columns.sigma0.tolist()
-        for name, numbers in (("chi2_p", columns.chi2_p), ("robust_cost", columns.robust_cost)):
-            if self._model.get(name) is not None:
-                self._numbers[name] = numbers.tolist()
+        summary: dict[str, Floats] = {
+            name: getattr(columns, name) for name in ("iterations", "evaluations", "seconds")
+        } | {number.name: number.columns(columns) for number in NUMBERS if self._model.get(number.name) is not None}
         self._observed = [i for i, b in enumerate(reports.problem.blocks) if b.role is BlockRole.OBSERVATION]
         self._priors, self._known = columns.priors.tolist(), reports.model.priors
         self._noise = columns.noise.tolist()
@@ -62,14 +59,15 @@ class _Filled:
                 ("derived_covariance", np.hstack(images) if images else None, reports.model.derived_covariance),
             )
         }
-        self.complete = self._complete(reports)
+        self._numbers = {name: numbers.tolist() for name, numbers in summary.items()}
+        self.complete = self._complete(reports, summary.values())
 
-    def _complete(self, reports: BlockReports) -> Mask:
+    def _complete(self, reports: BlockReports, summary: Iterable[Floats]) -> Mask:
         """The solves all numbers of which are finite."""
         columns = self._block.columns
         found = reports.from_columns.copy()
-        for name in self._numbers:
-            found &= np.isfinite(getattr(columns, name))
+        for numbers in summary:
+            found &= np.isfinite(numbers)
         unused = columns.used[:, self._observed] == 0  # and said so by the model of the kind
         found &= (unused | np.isfinite(columns.rms[:, self._observed])).all(axis=1)
         found &= np.isfinite(columns.priors).all(axis=1)

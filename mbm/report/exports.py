@@ -12,10 +12,11 @@ from typing import TextIO
 
 from mbm.data.writers import DelimitedLines
 from mbm.report.elements import plain_key
+from mbm.report.numbers import USUAL
 from mbm.report.solve_columns import solve_columns
 from mbm.report.types import Key, Result, SolveReport
 
-SOLVE_COLUMNS = ("status", "cost", "dof", "sigma0", "chi2_p")
+SOLVE_COLUMNS = ("status", *USUAL)
 RESIDUAL_COLUMNS = ("clause", "row", "value", "residual", "weight", "component", "file_row", "used")
 
 

@@ -15,6 +15,7 @@ from mbm.problem.naming import PRIOR
 from mbm.problem.types import BlockRole, Problem, UnknownKind
 from mbm.report.constraints import limit_reports
 from mbm.report.elements import element_names
+from mbm.report.numbers import numbers_at
 from mbm.report.pictures import plot_data
 from mbm.report.quantities import derived_quantity, quantity_of
 from mbm.report.residuals import file_rows, residual_rows
@@ -82,7 +83,6 @@ def filled(
     estimates = [item for item in items if isinstance(item, Estimate)]
     derived = [item for item in items if isinstance(item, DerivedValue)]
     images = [image[place] for _, _, image in columns.derived]
-    chi2_p = float(columns.chi2_p[place])
     return replace(
         model,
         message=REASONS[columns.reason[place]].sentence,
@@ -90,11 +90,7 @@ def filled(
         iterations=int(columns.iterations[place]),
         evaluations=int(columns.evaluations[place]),
         seconds=float(columns.seconds[place]),
-        cost=float(columns.cost[place]),
-        robust_cost=None if model.robust_cost is None else float(columns.robust_cost[place]),
-        dof=int(columns.dof[place]),
-        sigma0=float(columns.sigma0[place]),
-        chi2_p=None if np.isnan(chi2_p) else chi2_p,
+        **numbers_at(columns, place, model),
         estimates=tuple(
             replace(
                 like,

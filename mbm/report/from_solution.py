@@ -22,6 +22,7 @@ from mbm.report.constraints import (
 )
 from mbm.report.covariances import derived_covariance, estimates_covariance
 from mbm.report.freedom import common_directions, free_directions
+from mbm.report.numbers import nothing_known, numbers_of
 from mbm.report.pictures import plot_data
 from mbm.report.quantities import Shown, shown
 from mbm.report.residuals import correction_reports, prior_reports, residual_rows, residual_summaries
@@ -70,6 +71,7 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         for each, quantity in zip(solution.derived, how.derived, strict=True)
     )
     reached = not _stuck(solution)
+    numbers, reasons = numbers_of(solution)
     return SolveReport(
         status=status,
         message=message,
@@ -78,12 +80,8 @@ def solve_report(problem: Problem, solution: Solution, *, covariance_full: bool)
         iterations=solution.iterations,
         evaluations=solution.evaluations,
         seconds=solution.seconds,
-        cost=_finite(solution.fit.cost),
-        dof=solution.fit.dof if reached else None,
-        sigma0=solution.fit.sigma0 if reached else None,
-        chi2_p=solution.fit.chi2_p if reached else None,
-        robust_cost=solution.robust_cost if reached else None,
-        reasons=_reasons(solution),
+        **numbers,
+        reasons=reasons,
         estimates=_estimates(solution, how, unknown),
         covariance=estimates_covariance(solution, how, unknown, full=covariance_full),
         derived=derived,
@@ -113,7 +111,7 @@ def failure_report(failure: Failure) -> SolveReport:
         status=SolveStatus.NOT_CONVERGED,
         message=f"nothing was solved: {first.message}",
         key=dict(failure.key),
-        reasons=dict.fromkeys(("cost", "dof", "sigma0", "chi2_p"), "nothing was solved"),
+        reasons=nothing_known("nothing was solved"),
         diagnostics=failure.diagnostics,
     )
 
@@ -125,12 +123,8 @@ def skipped_report(skipped: Skipped) -> SolveReport:
         status=SolveStatus.SKIPPED,
         message=f"the window has {rows}, and at least {skipped.wanted} are wanted",
         key=dict(skipped.key),
-        reasons=dict.fromkeys(("cost", "dof", "sigma0", "chi2_p"), "the window was skipped"),
+        reasons=nothing_known("the window was skipped"),
     )
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 def _stuck(solution: Solution) -> bool:
@@ -159,21 +153,6 @@ def _status(
     if not solution.observability.observable:
         return SolveStatus.UNOBSERVABLE, SolveStatus.UNOBSERVABLE.sentence
     return SolveStatus.CONVERGED, reason.sentence
-
-
-def _reasons(solution: Solution) -> Mapping[str, str]:
-    if _stuck(solution):
-        return dict.fromkeys(("cost", "dof", "sigma0", "chi2_p"), solution.minimum.reason.sentence)
-    reasons = {}
-    if solution.fit.dof <= 0:
-        reasons["sigma0"] = reasons["chi2_p"] = "there are no degrees of freedom"
-    elif solution.noise:
-        reasons["chi2_p"] = "the noise is estimated from the residuals"
-    elif solution.robust_cost is not None:
-        reasons["chi2_p"] = "with a robust loss the sum of squares does not follow the chi² law"
-    if not np.isfinite(solution.fit.cost):
-        reasons["cost"] = "an equation has no finite value"
-    return reasons
 
 
 def _estimates(solution: Solution, how: Shown, unknown: str | None) -> tuple[Estimate, ...]:

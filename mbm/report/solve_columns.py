@@ -9,10 +9,9 @@ import numpy as np
 from mbm.equations.types import Indices
 from mbm.report.blocks import BlockReports, ManyReports
 from mbm.report.elements import solve_scalars
+from mbm.report.numbers import NUMBERS, USUAL
 from mbm.report.types import Floats, Key, Mask, SolveReport, SolveStatus
 from mbm.values import dataclass
-
-FITS = ("cost", "dof", "sigma0", "chi2_p")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -27,7 +26,7 @@ class ScalarColumn:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SolveColumns:
-    """T solves: their keys, statuses, the statistics called ``FITS`` (None: there is none), scalars in their order.
+    """T solves: their keys, statuses, the numbers called `USUAL` (None: there is none), scalars in their order.
 
     ``stated``: no noise was estimated.
     """
@@ -67,7 +66,7 @@ class _Maker:
         self.count = count
         self.keys: list[Mapping[str, Key]] = [{}] * count
         self.statuses = [SolveStatus.CONVERGED] * count
-        self.fits: dict[str, list[float | int | None]] = {name: [None] * count for name in FITS}
+        self.fits: dict[str, list[float | int | None]] = {name: [None] * count for name in USUAL}
         self.scalars: dict[str, ScalarColumn] = {}
         self.ranks: dict[str, tuple[int, int]] = {}
         self.stated = True
@@ -87,7 +86,7 @@ class _Maker:
         self.keys[place] = solve.key
         self.statuses[place] = solve.status
         self.stated &= all(factor is None for factor in solve.noise.values())
-        for name in FITS:
+        for name in USUAL:
             self.fits[name][place] = getattr(solve, name)
         for rank, scalar in enumerate(solve_scalars(solve)):
             column = self.column(scalar.name, place, rank)
@@ -99,10 +98,11 @@ class _Maker:
         for i, place in enumerate(places.tolist()):
             self.keys[place] = reports.key(i)
         self.stated &= not reports.problem.estimates_noise
-        for name in FITS:
-            fits = self.fits[name]
-            for place, number in zip(places.tolist(), _numbers(getattr(columns, name)), strict=True):
-                fits[place] = number
+        for summary in NUMBERS:
+            if not summary.extra:
+                fits = self.fits[summary.name]
+                for place, number in zip(places.tolist(), _numbers(summary.columns(columns)), strict=True):
+                    fits[place] = number
         for rank, name, own, values, sigmas in reports.scalars():
             if len(own):
                 there = places[own]

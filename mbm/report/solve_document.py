@@ -12,6 +12,7 @@ import numpy as np
 from mbm.report.elements import plain_key, shown_sigma, unit_text
 from mbm.report.geometric import GEOMETRIC
 from mbm.report.geometric import written as written_geometry
+from mbm.report.numbers import NUMBERS, USUAL
 from mbm.report.types import (
     Alternative,
     ConstraintReport,
@@ -37,8 +38,8 @@ def solve_key(key: Mapping[str, Key]) -> dict[str, Any]:
 
 def solve_document(solve: SolveReport) -> dict[str, Any]:
     """The document of one solve."""
-    numbers = {name: _number(getattr(solve, name)) for name in ("cost", "dof", "sigma0", "chi2_p")}
-    reasons = {name: solve.reasons.get(name) or _why_missing(solve, name) for name, x in numbers.items() if x is None}
+    numbers = {each.name: _number(getattr(solve, each.name)) for each in NUMBERS}
+    reasons = {name: solve.reasons.get(name) or _why_missing(solve, name) for name in USUAL if numbers[name] is None}
     factors = {item.quantity.name: item.quantity.factor for item in solve.estimates}
     written: dict[str, Any] = {
         "key": solve_key(solve.key),
@@ -48,10 +49,8 @@ def solve_document(solve: SolveReport) -> dict[str, Any]:
         "iterations": solve.iterations,
         "evaluations": solve.evaluations,
         "seconds": _number(solve.seconds),
-        **numbers,
+        **{name: number for name, number in numbers.items() if name in USUAL or getattr(solve, name) is not None},
     }
-    if solve.robust_cost is not None:
-        written["robust_cost"] = _number(solve.robust_cost)
     if reasons:
         written["reasons"] = reasons
     corrections = {"corrections": corrections_document(solve.corrections)} if solve.corrections else {}
@@ -96,10 +95,6 @@ def _alternative(found: Alternative) -> dict[str, Any]:
 
 
 def _why_missing(solve: SolveReport, name: str) -> str:
-    if name in ("sigma0", "chi2_p") and solve.dof == 0:
-        return "there are no degrees of freedom"
-    if name == "chi2_p" and any(factor is not None for factor in solve.noise.values()):
-        return "the noise was not stated but estimated from the residuals"
     return "it was not computed" if getattr(solve, name) is None else "the value is not finite"
 
 

@@ -101,14 +101,34 @@ READER = Reader(name="semicolons", extensions=(".semicolons",), read=read)
 }
 """A file format."""
 
+FIELD = {
+    "mbm/report/types.py": (("    robust_cost: float | None = None", "    norm: float | None = None\n"),),
+    "mbm/report/numbers.py": (
+        (
+            '    SummaryNumber(name="robust_cost"',
+            '    SummaryNumber(name="norm", of=lambda s: s.fit.cost**0.5, columns=lambda c: c.cost**0.5),\n',
+        ),
+    ),
+    "mbm/report/sentences.py": (
+        (
+            "    for clause, factor in solve.noise.items():",
+            """    if solve.norm is not None:
+        yield f"norm of the residuals {plain(solve.norm, 4)}"
+""",
+        ),
+    ),
+}
+"""A number of each solve: the norm of its residuals."""
+
 FILES = {
     "operation": (OPERATION, 4),
     "function": (FUNCTION, 1),
     "loss": (LOSS, 2),
     "method": (METHOD, 3),
     "reader": (READER, 2),
+    "field": (FIELD, 3),
 }
-"""The additions, with the files that each may take. A field of the result (3) is still to come."""
+"""The additions, with the files that each may take."""
 
 
 def make(tree: Path, addition: Mapping[str, tuple[tuple[str, str], ...]]) -> None:

@@ -39,6 +39,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     )
     assert done.returncode == 0, done.stderr
     answers: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    answers["said"] = done.stdout
     assert answers["source"] == str(tree / "mbm" / "__init__.py")
     return answers
 
@@ -71,6 +72,17 @@ def test_a_loss(found: dict[str, Any], way: str) -> None:
             gtol=1e-15,
         )
         np.testing.assert_allclose(answer, wanted.x, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["curve", "place"])
+def test_a_number_of_each_solve(found: dict[str, Any], name: str) -> None:
+    """In documents, of one solve and of many, in files of columns and in the text."""
+    for file, count in ((name, 1), ("runs", 2)):
+        solves, cells = found[f"norms {name} {file}"]
+        assert len(solves) == len(cells) == count
+        for (cost, norm), cell in zip(solves, cells, strict=True):
+            assert norm == float(cell) == cost**0.5
+    assert "norm of the residuals " in found["said"]
 
 
 def test_a_method_is_taken(found: dict[str, Any]) -> None:

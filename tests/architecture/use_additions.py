@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import subprocess
@@ -82,6 +83,14 @@ def main() -> None:
         for target in ("c", "python"):
             found[f"{name} {target}"] = [generated(name, target)]
     found["words"] = Path("curve-c/README.md").read_text("utf-8")
+    for name in ("curve", "place"):
+        Path("runs.mbm").write_text(for_each(Path(f"{name}.mbm").read_text("utf-8")), "utf-8")
+        for file in (name, "runs"):
+            run(["solve", f"{file}.mbm", "--json", f"{file}.json", "--csv", f"{file}.csv"])
+            solves = json.loads(Path(f"{file}.json").read_text("utf-8"))["solves"]
+            with Path(f"{file}.csv").open(encoding="utf-8", newline="") as stream:
+                cells = [row["norm"] for row in csv.DictReader(stream)]
+            found[f"norms {name} {file}"] = [[solve["cost"], solve["norm"]] for solve in solves], cells
     for method in ("halfway", "gauss-newton"):
         first = mbm.loads(CURVE.replace("METHOD", method)).solve().first
         found[method] = [first.method, first.iterations]
