@@ -31,7 +31,45 @@ MOST = 1e6
 """… and up to this where a round does not bring the violations to the share SHRINKS."""
 
 TIGHTER = 0.03
-"""Standard deviations to which each round after the first is solved."""
+"""Each round is solved to this share of the standard deviations of the one before."""
+
+OVER = 0
+HOPELESS = 1
+HEAVIER_STILL = 2
+AS_HEAVY = 3
+"""What follows on a round: nothing, as the constraints hold; nothing, as they will not; another one, heavier or not."""
+
+
+def multiplier_after(multiplier: Real, value: Real, unit: Real, weight: Real, equation: Integer) -> Real:
+    """The multiplier that a penalty of this weight amounts to, where the constraint has the value (Hestenes 1969)."""
+    updated = multiplier + value / unit * weight * weight / unit
+    if equation == 0 and updated < 0.0:
+        updated = 0.0
+    return updated
+
+
+def missed_by(multiplier: Real, value: Real, unit: Real, rounding: Real, equation: Integer) -> Real:
+    """By how many units a constraint with an updated multiplier is missed, beyond its rounding; 0 where it is not.
+
+    An inequality with a multiplier must hold as an equation does; one without must not be overstepped.
+    """
+    if equation == 0 and multiplier == 0.0 and value < 0.0:
+        return 0.0
+    missed = (fabs(value) - rounding) / unit
+    return missed if missed > 0.0 else 0.0
+
+
+def verdict(worst: Real, before: Real, weight: Real, settled: Integer, rounds: Integer) -> Integer:
+    """What follows on a round that misses constraints by ``worst`` units, where the best one ``before`` did by so many.
+
+    ``settled`` 1: it was solved as closely as is asked, and moved.
+    """
+    stalled = not worst <= SHRINKS * before
+    if settled == 1 and (worst <= EXACT or (stalled and worst <= MET and weight >= ENOUGH)):
+        return OVER
+    if (stalled and worst > MET and weight >= MOST) or rounds >= ROUNDS:
+        return HOPELESS
+    return HEAVIER_STILL if weight < ENOUGH or (stalled and weight < MOST) else AS_HEAVY
 
 
 def set_penalties(problem: Problem, work: Work) -> None:
@@ -60,23 +98,14 @@ def set_penalties(problem: Problem, work: Work) -> None:
 
 def update_multipliers(problem: Problem, work: Work) -> Real:
     """The multipliers that the penalties amount to, and the largest violation in units beyond rounding."""
-    weight = work.weight
-    units = work.units
-    values = work.values
     worst = 0.0
     for c in range(constraint_count(problem, work.rows.data)):
-        updated = work.multipliers[c] + values[c] / units[c] * weight * weight / units[c]
-        missed = fabs(values[c])
-        if work.equation[c] == 0:
-            if updated < 0.0:
-                updated = 0.0
-            # One that pushes must hold as an equation does; one that does not must not be overstepped.
-            if updated == 0.0 and values[c] < 0.0:
-                missed = 0.0
-        work.multipliers[c] = updated
-        missed -= work.roundings[c]
-        if missed > worst * units[c]:
-            worst = missed / units[c]
+        equation = work.equation[c]
+        value = work.values[c]
+        unit = work.units[c]
+        multiplier = multiplier_after(work.multipliers[c], value, unit, work.weight, equation)
+        work.multipliers[c] = multiplier
+        worst = max(worst, missed_by(multiplier, value, unit, work.roundings[c], equation))
     return worst
 
 
@@ -120,17 +149,16 @@ def next_round(
         return 0
     linearise(problem, here.point, work)
     set_units(problem, here, 0, work)
-    settled = work.tolerance <= work.rows.constants[TOLERANCE] and work.stop != FLAT
-    stalled = not worst <= SHRINKS * work.worst
-    over = settled and (worst <= EXACT or (stalled and worst <= MET and work.weight >= ENOUGH))
-    hopeless = stalled and worst > MET and work.weight >= MOST
-    if over or hopeless or work.round >= ROUNDS:
+    settled = 1 if work.tolerance <= work.rows.constants[TOLERANCE] and work.stop != FLAT else 0
+    follows = verdict(worst, work.worst, work.weight, settled, work.round)
+    if follows == OVER:
         work.worst = worst
-        if over:
-            return 0
+        return 0
+    if follows == HOPELESS:
+        work.worst = worst
         work.stop = FLAT if worst <= MET else INFEASIBLE
         return 0
-    if work.weight < ENOUGH or (stalled and work.weight < MOST):
+    if follows == HEAVIER_STILL:
         work.weight *= HEAVIER
     if worst < work.worst:
         work.worst = worst

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 
 from mbm.equations.assembly import Assembled
@@ -42,12 +44,14 @@ class GroupPlace:
 class Blocked(Forwarding):
     """``equations`` with all residuals in place: those that are left out are zero (protocol ``BlockEquations``).
 
-    ``count`` and ``jacobian`` are of those alone that count.
+    ``count`` and ``jacobian`` are of those alone that count. The constraints, to which ``limits`` belong, stand behind
+    the residuals in the structure, and are zero.
     """
 
     equations: Assembled
     found: Structure
     places: tuple[GroupPlace, ...]
+    limits: tuple[GroupPlace, ...] = ()
 
     @property
     def lower(self) -> Floats:
@@ -71,11 +75,11 @@ class Blocked(Forwarding):
 
     def residuals(self, x: Floats) -> Floats:
         """Whitened residuals with losses (all,), zero where left out."""
-        found = self.equations.residuals(x)
-        if self.equations.rows is None:
+        found, rows = self.equations.residuals(x), self.found.rows
+        if rows is None:
             return found
-        result = np.zeros(self.equations.whole)
-        result[self.equations.rows] = found
+        result = np.zeros(self.found.count)
+        result[rows] = found
         return result
 
     def structure(self) -> Structure:
@@ -84,11 +88,27 @@ class Blocked(Forwarding):
 
     def block_jacobian(self, x: Floats, arithmetic: Arithmetic) -> list[Floats]:
         """The whitened Jacobian with losses, for each piece (rows, outputs, width)."""
-        return [self._piece(place, x, arithmetic, plain=False) for place in self.places]
+        return [self._piece(place, x, arithmetic, plain=False) for place in self.places] + self._nothing()
 
     def plain_block_jacobian(self, x: Floats, arithmetic: Arithmetic) -> list[Floats]:
         """The same without losses."""
-        return [self._piece(place, x, arithmetic, plain=True) for place in self.places]
+        return [self._piece(place, x, arithmetic, plain=True) for place in self.places] + self._nothing()
+
+    def _nothing(self) -> list[Floats]:
+        """Zeros for the pieces of constraints."""
+        pieces = [place.piece for place in self.limits]
+        return [np.zeros((piece.rows, piece.outputs, piece.width)) for piece in pieces]
+
+    def penalties(self, x: Floats, weight: Floats, arithmetic: Arithmetic) -> list[Floats]:
+        """The Jacobian of the constraints (k,), each times its ``weight`` (k,), for each piece that ``limits`` have."""
+        first = self.equations.whole
+        return [
+            self._piece(place, x, arithmetic, plain=True)
+            * weight[slice(place.piece.first - first, place.piece.residuals.stop - first)].reshape(
+                place.piece.rows, place.piece.outputs, 1
+            )
+            for place in self.limits
+        ]
 
     def _piece(self, place: GroupPlace, x: Floats, arithmetic: Arithmetic, *, plain: bool) -> Floats:
         group, outputs = place.group, place.group.kernel.outputs
@@ -128,11 +148,14 @@ def blocked(equations: Assembled) -> Blocked:
         families.append(BlockFamily(first=reached, members=total // size, size=size))
         column[entry.coordinates] = reached + np.arange(total)
         reached += total
-    placed = [_place(equations, group, number, free) for group in equations.groups if group.rows]
-    places = tuple(place for place in placed if place is not None)
-    pieces = [place.piece for place in places]
-    found = structure(families, pieces, column[equations.free], equations.whole, equations.rows)
-    return Blocked(equations=equations, found=found, places=places)
+    places = tuple(_places(equations, equations.groups, 0, number, free))
+    limits = tuple(_places(equations, equations.constraints, equations.whole, number, free))
+    pieces = [place.piece for place in (*places, *limits)]
+    count, rows = equations.whole + len(equations.equality), equations.rows
+    if limits and rows is None:
+        rows = np.arange(equations.whole)
+    found = structure(families, pieces, column[equations.free], count, rows)
+    return Blocked(equations=equations, found=found, places=places, limits=limits)
 
 
 def _block_size(entry: Entry) -> int:
@@ -140,7 +163,18 @@ def _block_size(entry: Entry) -> int:
     return freedom if freedom <= WIDEST else 1
 
 
-def _place(equations: Assembled, group: Group, number: dict[str, int], free: Mask) -> GroupPlace | None:
+def _places(
+    equations: Assembled, groups: Iterable[Group], first: int, number: dict[str, int], free: Mask
+) -> Iterator[GroupPlace]:
+    """The pieces of groups whose values begin at ``first``; those that touch nothing that is free have none."""
+    for group in groups:
+        if group.rows:
+            found = _place(equations, group, first, number, free)
+            if found is not None:
+                yield found
+
+
+def _place(equations: Assembled, group: Group, begin: int, number: dict[str, int], free: Mask) -> GroupPlace | None:
     """The piece of a group: its tangents by member of a family; None where it touches nothing that is free."""
     local: dict[tuple[object, ...], int] = {}
     starts: list[int] = []
@@ -170,7 +204,7 @@ def _place(equations: Assembled, group: Group, number: dict[str, int], free: Mas
     columns = place[group.kernel.jacobian_columns]
     chosen = np.flatnonzero(columns >= 0)
     piece = Piece(
-        first=group.first,
+        first=begin + group.first,
         outputs=group.kernel.outputs,
         families=tuple(families),
         members=np.array(members),
@@ -195,6 +229,8 @@ def _place(equations: Assembled, group: Group, number: dict[str, int], free: Mas
 def _weights(equations: Assembled, group: Group, piece: Piece) -> tuple[Floats, tuple[tuple[slice, Floats], ...]]:
     """What multiplies each output (rows, outputs), and the matrices that whiten some outputs together."""
     weights = np.ones((group.rows, group.kernel.outputs))
+    if piece.first >= equations.whole:  # constraints
+        return weights, ()
     if equations.factors is not None:
         weights /= equations.factors[piece.residuals].reshape(weights.shape)
     if equations.rows is not None:

@@ -8,11 +8,12 @@ once more, to the least norm in the coordinates themselves.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from mbm.equations.types import CovarianceFactor, Floats, Indices, Mask
-from mbm.solver.decisions import SHARE
+from mbm.solver.decisions import SHARE, decided_rank
 from mbm.sparse.structure import Values
 from mbm.sparse.system import Factorised
 from mbm.values import dataclass
@@ -54,6 +55,7 @@ class SparseInverse:
     """``factors`` of the pinned, scaled matrix; ``scale`` (columns,); ``null`` (columns, g) orthonormal, free.
 
     Columns that are ``zero`` (columns,) in the Jacobian, or held, have no covariance. ``datum`` (n, g) is orthonormal.
+    ``taken`` (n, k): the covariance without constraints, less ``taken @ takenᵀ``, is that with them.
 
     Coordinates of the public functions are the n estimated ones.
     """
@@ -64,6 +66,7 @@ class SparseInverse:
     local: LocalNull
     zero: Mask
     datum: Floats | None = None
+    taken: Floats | None = None
 
     def solve(self, right: Floats) -> Floats:
         """The covariance times a right side (n, k)."""
@@ -75,8 +78,8 @@ class SparseInverse:
     def _solved(self, right: Floats) -> Floats:
         layout = self.factors.plan.structure
         scaled = self._projected(layout.padded(right) / self.scale[:, None])
-        found = self._projected(self.factors.solve(scaled)) / self.scale[:, None]
-        return np.asarray(found[layout.free])
+        found = np.asarray((self._projected(self.factors.solve(scaled)) / self.scale[:, None])[layout.free])
+        return found if self.taken is None else found - self.taken @ (self.taken.T @ right)
 
     def along(self, gradient: Floats, common: Floats) -> Floats:
         """How much of each row of a gradient (k, n) lies along free directions, relative to its length (k,).
@@ -110,6 +113,8 @@ class SparseInverse:
             found += np.einsum("ck,ck->c", self.null, self.null @ inner - 2.0 * across)
         found[self.zero] = 0.0
         result: Floats = (np.maximum(found, 0.0) / np.square(self.scale))[layout.free]
+        if self.taken is not None:
+            result = result - np.square(self.taken).sum(axis=1)
         if self.datum is not None:
             image = self._solved(self.datum)
             inner = self.datum.T @ image
@@ -146,6 +151,8 @@ class SparseInverse:
                     image[:, :, right] += np.matmul(scaled[number][rows][:, :, left], found)
                 parts.append((image * scaled[number][rows]).sum(axis=2).reshape(-1))
             result[piece.residuals] = np.concatenate(parts) if parts else 0.0
+        for column in () if self.taken is None else layout.padded(self.taken).T:
+            result -= np.square(self.factors.plan.image(values, column))
         return result if layout.rows is None else result[layout.rows]
 
     def _block_places(self, number: int) -> Mapping[tuple[int, int], tuple[tuple[int, int], Indices, Indices]]:
@@ -170,6 +177,38 @@ class SparseInverse:
         if self.null.shape[1]:
             x = x - self.null @ (self.null.T @ x)
         return self.local.removed(x)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Constrained:
+    """The covariance with constraints that hold, and how many dimensions their equations and inequalities take away."""
+
+    inverse: SparseInverse
+    equalities: int = 0
+    inequalities: int = 0
+
+
+def constrained_inverse(inverse: SparseInverse, slopes: Floats, equality: Mask) -> Constrained:
+    """The covariance along the manifold of constraints with the ``slopes`` (k, n), some of which are equations.
+
+    Without them it is A⁻¹, where A has rows for the constraints too, with any weight: with B an orthonormal basis of
+    their slopes it is ``A⁻¹ − A⁻¹Bᵀ (B A⁻¹ Bᵀ)⁻¹ B A⁻¹``. Dependent constraints count once.
+    """
+    free = inverse.factors.plan.structure.free
+    rows = np.where(inverse.zero[free], 0.0, slopes) / inverse.scale[free]
+    lengths = np.sqrt(np.square(rows).sum(axis=1))
+    rows, equality = rows[lengths > 0.0] / lengths[lengths > 0.0, None], equality[lengths > 0.0]
+    if not len(rows):
+        return Constrained(inverse=inverse)
+    _, singular, right = np.linalg.svd(rows, full_matrices=False)
+    rank = decided_rank(len(singular), singular)
+    of_equalities = np.linalg.svd(rows[equality], compute_uv=False) if bool(equality.any()) else np.zeros(0)
+    equalities = decided_rank(len(of_equalities), of_equalities)
+    basis = (right[:rank] * inverse.scale[free]).T
+    image = inverse.solve(basis)
+    factor = np.linalg.cholesky(basis.T @ image)
+    taken = np.linalg.solve(factor, image.T).T
+    return Constrained(inverse=replace(inverse, taken=taken), equalities=equalities, inequalities=rank - equalities)
 
 
 def inverse_of(factor: CovarianceFactor | None) -> SparseInverse:

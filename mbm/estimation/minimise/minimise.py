@@ -37,6 +37,9 @@ SPARSE = {
 }
 """The methods that the sparse solver has, and what it calls them."""
 
+PENALTY_SPARSE = "penalty-sparse"
+"""What it calls the way in which it meets constraints."""
+
 
 def solver_name(equations: Equations, settings: Settings) -> str:
     """The name of the method that ``minimise`` takes: one step for linear equations without bounds, else Marquardt's,
@@ -46,7 +49,7 @@ def solver_name(equations: Equations, settings: Settings) -> str:
     if method is not Method.CLOSED_FORM and _bound(equations, settings) is not None:
         from mbm.estimation.minimise.constrained.solve import method_name
 
-        return method_name(settings)
+        return PENALTY_SPARSE if _sparse(equations, settings) else method_name(settings)
     if _sparse(equations, settings):
         return SPARSE[method]
     if method is Method.AUTO and one_step_suits(equations):
@@ -66,7 +69,7 @@ def minimise(equations: Equations, start: Floats, settings: Settings, place: Pla
         raise MbmError(faults.no_equations(equations.dimension, place))
     size = max(equations.count, equations.dimension) * equations.dimension
     bound = _bound(equations, settings)
-    if (not _sparse(equations, settings) or bound is not None) and size > DENSE_LIMIT:
+    if not _sparse(equations, settings) and size > DENSE_LIMIT:
         raise MbmError(faults.too_many_unknowns(equations.count, equations.dimension, DENSE_LIMIT, place))
     # asked first, as looking for all that a protocol wants takes longer than a small solve
     if getattr(equations, "profiled", False) and isinstance(equations, Correctable):
@@ -114,6 +117,10 @@ def _bound(equations: Equations, settings: Settings) -> ConstrainedEquations | N
 def _from(equations: Equations, bound: ConstrainedEquations | None, start: Floats, settings: Settings) -> Minimum:
     """Where the solver gets from the start; ``bound`` are the equations if they have constraints."""
     if settings.method is not Method.CLOSED_FORM and bound is not None:
+        if isinstance(equations, Assembled) and _sparse(equations, settings):
+            from mbm.estimation.minimise.constrained.sparse import sparse_constrained_minimum
+
+            return sparse_constrained_minimum(equations, start, settings)
         from mbm.estimation.minimise.constrained.solve import constrained_minimum
 
         return constrained_minimum(bound, start, settings, _stopped(settings))

@@ -105,17 +105,17 @@ class State:
 
 
 @np.errstate(all="ignore")
-def sparse_minimum(equations: Equations, start: Floats, settings: Settings) -> Minimum:
+def sparse_minimum(equations: Equations, start: Floats, settings: Settings, made: Plan | None = None) -> Minimum:
     """The minimum that a start (N,) leads to; its Jacobian (m, n) becomes a SciPy CSR array when it is looked at.
 
-    Equations are assembled ones, which are taken apart into blocks, or know their blocks. Threads share heavy work; the
-    answers do not depend on their number.
+    Equations are assembled ones, which are taken apart into blocks, or know their blocks, for which a plan may be
+    ``made`` already. Threads share heavy work; the answers do not depend on their number.
     """
     own = _blocks(equations)
     if own is None:
         message = "equations without blocks"
         raise TypeError(message)
-    state = _begun(own, start, settings)
+    state = _begun(own, start, settings, made)
     while state.reason is None and state.iterations < settings.max_iterations and state.place is not None:
         if settings.stopped():
             return _answer(state, Reason.INTERRUPTED)
@@ -131,9 +131,8 @@ def _blocks(equations: Equations) -> BlockEquations | None:
     return blocked(equations) if isinstance(equations, Assembled) and not equations.profiled else None
 
 
-def _begun(equations: BlockEquations, start: Floats, settings: Settings) -> State:
-    layout = equations.structure()
-    found = plan(layout, equations.backend, settings.workers)
+def _begun(equations: BlockEquations, start: Floats, settings: Settings, made: Plan | None) -> State:
+    found = plan(equations.structure(), equations.backend, settings.workers) if made is None else made
     rule = Method.DOGLEG if settings.method is Method.AUTO else settings.method
     point = inside(equations, start)
     residuals = equations.residuals(point)

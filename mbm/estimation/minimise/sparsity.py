@@ -9,11 +9,15 @@ from mbm.solver.decisions import MOST_DENSE
 SPARSE = 0.1
 """A row that touches more than this share of the unknowns makes the equations dense."""
 
+MOST_SLOPES = 50_000_000
+"""Numbers in the dense Jacobian of the constraints: 400 MB."""
+
 
 def sparse_suits(equations: Equations) -> bool:
-    """Whether there are many unknowns of which each equation touches few, and no constraints or errors in columns."""
+    """Whether there are many unknowns of which each equation touches few, few constraints, no errors in columns."""
     if not isinstance(equations, Assembled) or equations.dimension <= MOST_DENSE:
         return False
-    if equations.constraints or equations.implicit is not None:
+    if equations.implicit is not None or len(equations.equality) * equations.dimension > MOST_SLOPES:
         return False
-    return all(group.columns.shape[1] <= SPARSE * equations.dimension for group in equations.groups if group.rows)
+    groups = (*equations.groups, *equations.constraints)
+    return all(group.columns.shape[1] <= SPARSE * equations.dimension for group in groups if group.rows)

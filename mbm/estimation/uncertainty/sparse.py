@@ -6,10 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbm.equations.types import Covariance, Floats, FreeCombination, Mask, Minimum, Observability, Propagated
+from mbm.equations.types import (
+    ConstraintState,
+    Covariance,
+    Floats,
+    FreeCombination,
+    Mask,
+    Minimum,
+    Observability,
+    Propagated,
+)
 from mbm.estimation.uncertainty.freedom import free_combination, touched_by
 from mbm.solver.decisions import SHARE
-from mbm.sparse.inverse import inverse_of
+from mbm.sparse.inverse import Constrained, constrained_inverse, inverse_of
 from mbm.sparse.rank import Decision, decided
 from mbm.sparse.system import blocks_of
 
@@ -30,21 +39,33 @@ def sparse_observability(minimum: Minimum, point: Floats) -> Observability:
     fixed = minimum.at_bound != 0
     held = np.zeros(blocks.plan.structure.columns, dtype=bool)
     held[blocks.plan.structure.free] = fixed
-    return described(decided(blocks.plan, blocks.values, held), point, fixed)
+    return described(decided(blocks.plan, blocks.values, held), point, fixed, minimum.constraints)
 
 
-def described(found: Decision, point: Floats, fixed: Mask) -> Observability:
-    """A rank decision at ``point`` (n,), of whose coordinates some are ``fixed`` (n,)."""
-    inverse = found.inverse
+def constrained(found: Decision, limits: ConstraintState | None) -> Constrained:
+    """The covariance along the manifold of the constraints that hold the estimates."""
+    if limits is None or not bool(limits.forcing.any()):
+        return Constrained(inverse=found.inverse)
+    return constrained_inverse(found.inverse, limits.slopes[limits.forcing], limits.equality[limits.forcing])
+
+
+def described(found: Decision, point: Floats, fixed: Mask, limits: ConstraintState | None) -> Observability:
+    """A rank decision at ``point`` (n,), of whose coordinates some are ``fixed`` (n,), on the manifold of constraints.
+
+    Those that hold the estimates had rows in the equations that were decided upon.
+    """
+    held = constrained(found, limits)
+    inverse = held.inverse
     layout = inverse.factors.plan.structure
     common = inverse.null[layout.free]
     unused = found.unused[layout.free]
     scale = inverse.scale[layout.free]
     touched = touched_by(common) | unused | inverse.single()
-    dimension = len(point) - int(fixed.sum())
+    dimension = len(point) - int(fixed.sum()) - held.inequalities
     return Observability(
         dimension=dimension,
         rank=dimension - int(unused.sum()) - common.shape[1] - len(inverse.local.members),
+        equalities=held.equalities,
         condition=found.largest / found.smallest if found.smallest > 0.0 else 1.0,
         singular_values=np.array([found.largest, found.smallest]),
         scale=scale,

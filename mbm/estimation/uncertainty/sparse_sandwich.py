@@ -16,9 +16,10 @@ from mbm.equations.losses import LossFunction
 from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum, Observability
 from mbm.estimation.uncertainty.freedom import free_combination, free_combinations
 from mbm.estimation.uncertainty.pools import Sums, Units, summed
-from mbm.estimation.uncertainty.sparse import NAMED, described, sparse_covariance
+from mbm.estimation.uncertainty.sparse import NAMED, constrained, described, sparse_covariance
 from mbm.sparse.equations import blocked
-from mbm.sparse.rank import Decision, decided
+from mbm.sparse.inverse import inverse_of
+from mbm.sparse.rank import decided
 from mbm.sparse.system import BlockJacobian, blocks_of
 
 
@@ -32,8 +33,9 @@ def sparse_sandwich(
     ``residuals`` (m,) are plain, whitened with the noise that the estimates hold with: ``stated`` (m,) or estimated.
     """
     blocks = blocks_of(minimum)
-    plain = blocked(equations).plain_block_jacobian(minimum.point, blocks.plan.arithmetic)
-    blocks = replace(blocks, values=plain)
+    own = blocked(equations)
+    plain, own_pieces = own.plain_block_jacobian(minimum.point, blocks.plan.arithmetic), len(own.places)
+    blocks = replace(blocks, values=[*plain[:own_pieces], *blocks.values[own_pieces:]])
     layout = blocks.plan.structure
     every = np.arange(len(residuals)) if layout.rows is None else layout.rows
     held = _held(blocks, observed.fixed)
@@ -42,12 +44,13 @@ def sparse_sandwich(
     for places, weight, sums in losses:
         factors[places] = weight * _curvature(sums)
     weighted = _weighted(blocks, np.sqrt(factors), every)
-    leverages = decided(blocks.plan, weighted, held).inverse.leverages(weighted, observed.fixed)
+    limits, point = minimum.constraints, equations.coordinates(minimum.point)
+    leverages = constrained(decided(blocks.plan, weighted, held), limits).inverse.leverages(weighted, observed.fixed)
     for places, weight, sums in losses:
         spread = float(sums.corrected(leverages[places].sum(keepdims=True))[0])
         factors[places] = weight * _curvature(sums) ** 2 / max(spread, 1e-300)
     final = decided(blocks.plan, _weighted(blocks, np.sqrt(factors), every), held)
-    settled = _settled(observed, final, equations.coordinates(minimum.point))
+    settled = _settled(observed, described(final, point, observed.fixed, limits), point)
     return sparse_covariance(settled, 1.0), settled
 
 
@@ -70,18 +73,17 @@ def _curvature(sums: Sums) -> float:
     return max(float(sums.curvature[0]), 0.0)
 
 
-def _settled(observed: Observability, final: Decision, point: Floats) -> Observability:
-    """``observed`` with the inverse of the information that losses leave, and what that leaves free beside it."""
-    now = described(final, point, observed.fixed)
-    flat = observed.rank - now.rank
+def _settled(observed: Observability, now: Observability, point: Floats) -> Observability:
+    """``observed`` with the inverse of the information that losses leave, ``now``, and what that leaves free."""
+    flat, inverse = observed.rank - now.rank, inverse_of(now.inverse)
     if flat <= 0:
-        return replace(observed, inverse=final.inverse, estimable=observed.estimable & ~final.inverse.single())
+        return replace(observed, inverse=inverse, estimable=observed.estimable & ~inverse.single())
     alone = sorted(set(now.unused) - set(observed.unused))[:NAMED]
     each = tuple(free_combination(np.eye(1, len(point), place)[0], now.scale, point) for place in alone)
     common = free_combinations(now.null_space, now.scale, point)
     return replace(
         observed,
-        inverse=final.inverse,
+        inverse=inverse,
         null_space=now.null_space,
         combinations=(*common, *now.combinations, *each),
         estimable=observed.estimable & now.estimable,
@@ -97,9 +99,9 @@ def _held(blocks: BlockJacobian, fixed: Mask) -> Mask:
 
 
 def _weighted(blocks: BlockJacobian, factors: Floats, every: Indices) -> list[Floats]:
-    """The Jacobian with its rows multiplied; ``every`` (m,) places the factors among all residuals."""
+    """The Jacobian with its rows multiplied; ``every`` (m,) places the factors among all rows, constraints too."""
     layout = blocks.plan.structure
-    whole = np.zeros(layout.count)
+    whole = np.ones(layout.count)
     whole[every] = factors
     return [
         values * whole[piece.residuals].reshape(values.shape[:2])[:, :, None]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbm.equations.metric import column_norms, magnitudes, metric
+from mbm.equations.metric import column_norms, magnitudes, scale_of
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.minimise.constrained.types import ConstrainedEquations, Linearised
 from mbm.solver.decisions import EPSILON, MET, ROUNDING_ERRORS
@@ -13,11 +13,19 @@ from mbm.solver.decisions import EPSILON, MET, ROUNDING_ERRORS
 @np.errstate(all="ignore")
 def linearise(equations: ConstrainedEquations, x: Floats) -> Linearised:
     """Everything at ``x``."""
-    residuals, values = equations.residuals(x), equations.constraint_values(x)
-    jacobian, slopes = equations.jacobian(x), equations.constraint_jacobian(x)
-    scale = metric(jacobian, slopes)
+    jacobian = equations.jacobian(x)
+    return first_order(equations, x, equations.residuals(x), jacobian, column_norms(jacobian))
+
+
+@np.errstate(all="ignore")
+def first_order(
+    equations: ConstrainedEquations, x: Floats, residuals: Floats, jacobian: Floats, norms: Floats
+) -> Linearised:
+    """The same with residuals (m,) and Jacobian (m, n) that are known, whose columns have the ``norms`` (n,)."""
+    values, slopes = equations.constraint_values(x), equations.constraint_jacobian(x)
+    scale = scale_of(norms, slopes)
     size = magnitudes(equations, equations.coordinates(x))
-    terms = column_norms(jacobian) * size
+    terms = norms * size
     noise = ROUNDING_ERRORS * EPSILON * float(np.sqrt(terms @ terms) + np.sqrt(residuals @ residuals))
     lengths = np.sqrt(np.square(slopes / scale).sum(axis=1))
     return Linearised(

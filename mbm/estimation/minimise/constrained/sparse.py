@@ -1,0 +1,214 @@
+"""Constraints of large sparse problems: rounds of multiplied penalties (`mbm.solver.constraints`), solved sparsely.
+
+The penalties are rows behind the residuals, so that each round is least squares with the blocks of all. What follows on
+a round is decided as in dense problems; there is no quadratic programme, as weights of a few hundred bring violations
+down by five digits a round already.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from mbm.equations.assembly import Assembled
+from mbm.equations.formulas import of_arrays
+from mbm.equations.forwarding import Forwarding
+from mbm.equations.types import Conflict, ConstraintState, Floats, Mask, Minimum, Reason
+from mbm.estimation.minimise.constrained.answer import constraint_state
+from mbm.estimation.minimise.constrained.feasible import feasible_point
+from mbm.estimation.minimise.constrained.linearise import first_order
+from mbm.estimation.minimise.constrained.types import Linearised
+from mbm.estimation.minimise.sparse import sparse_minimum
+from mbm.estimation.settings import Settings
+from mbm.kernels.types import Backend
+from mbm.solver import constraints as rules
+from mbm.solver.decisions import FIRST_WEIGHT, HEAVIER, LOOSE, MET
+from mbm.sparse.arithmetic import Arithmetic
+from mbm.sparse.deferred import DeferredMatrix
+from mbm.sparse.equations import Blocked, blocked
+from mbm.sparse.place import inside
+from mbm.sparse.structure import Structure, Values
+from mbm.sparse.system import BlockJacobian, Plan, plan
+from mbm.values import dataclass
+
+TOUCHED = 2000
+"""Coordinates in constraints up to which a point that meets them is looked for, or what contradicts."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Penalised(Forwarding):
+    """Residuals ``weight · c + shift`` of the constraints c (k,), ``weight`` (k,) > 0, behind those of the ``equations``.
+
+    Those of inequalities are penalties where they are positive only (protocol ``BlockEquations``).
+    """
+
+    equations: Blocked
+    weight: Floats
+    shift: Floats
+
+    @property
+    def count(self) -> int:
+        """Residuals, and penalties."""
+        return self.equations.count + len(self.weight)
+
+    @property
+    def lower(self) -> Floats:
+        """Hard lower bounds (n,)."""
+        return self.equations.lower
+
+    @property
+    def upper(self) -> Floats:
+        """Hard upper bounds (n,)."""
+        return self.equations.upper
+
+    @property
+    def linear(self) -> bool:
+        """Never promised: inequalities have a kink."""
+        return False
+
+    @property
+    def backend(self) -> Backend | None:
+        """What evaluates the kernels."""
+        return self.equations.backend
+
+    def structure(self) -> Structure:
+        """Which blocks there are."""
+        return self.equations.structure()
+
+    def residuals(self, x: Floats) -> Floats:
+        """Whitened residuals, then penalties."""
+        found = self.equations.residuals(x)
+        found[len(found) - len(self.weight) :] = self._penalties(x)
+        return found
+
+    def block_jacobian(self, x: Floats, arithmetic: Arithmetic) -> Values:
+        """Their Jacobian, for each piece of the structure."""
+        values = self.equations.block_jacobian(x, arithmetic)
+        weight = np.where(self._penalties(x) == 0.0, 0.0, self.weight)
+        penalties = self.equations.penalties(x, np.where(self._equality, self.weight, weight), arithmetic)
+        return [*values[: len(values) - len(penalties)], *penalties]
+
+    def _penalties(self, x: Floats) -> Floats:
+        found = self.weight * self.equations.equations.constraint_values(x) + self.shift
+        return np.where(self._equality | np.isnan(found), found, np.maximum(found, 0.0))
+
+    @property
+    def _equality(self) -> Mask:
+        return self.equations.equations.equality
+
+
+@np.errstate(all="ignore")
+def sparse_constrained_minimum(equations: Assembled, start: Floats, settings: Settings) -> Minimum:
+    """The constrained minimum that the start leads to.
+
+    Where the search ends with violations, a point that meets the constraints is looked for among the coordinates that
+    they have, and the search goes on from there; without one, what contradicts is named.
+    """
+    own = blocked(equations)
+    made = plan(own.structure(), own.backend, settings.workers)
+    found = _searched(own, made, start, settings)
+    if found.feasible or found.bad_row is not None or found.reason is Reason.INTERRUPTED:
+        return found
+    touched = np.unique(np.concatenate([group.columns.ravel() for group in equations.constraints if group.rows]))
+    touched = np.intersect1d(touched, equations.free)
+    if not 0 < len(touched) <= TOUCHED:
+        return found
+    point, conflict = feasible_point(equations.freed(touched, found.point), found.point, start, settings)
+    if conflict is not None:
+        place = np.searchsorted(equations.free, touched)
+        told = replace(
+            conflict,
+            lower=tuple(int(place[j]) for j in conflict.lower),
+            upper=tuple(int(place[j]) for j in conflict.upper),
+        )
+        return _contradicting(own, made, replace(found, point=point), told)
+    again = _searched(own, made, point, settings)
+    return replace(
+        again if again.feasible and again.bad_row is None else found,
+        iterations=found.iterations + again.iterations,
+        evaluations=found.evaluations + again.evaluations,
+    )
+
+
+def _searched(own: Blocked, made: Plan, start: Floats, settings: Settings) -> Minimum:
+    """Where rounds of penalties lead from a start."""
+    equality = own.equations.equality
+    point = inside(own, start)
+    place = _first_order(own, made, point)
+    unit = np.where(np.isfinite(place.unit), place.unit, 1.0)
+    multipliers = np.zeros(len(unit))
+    weight, worst, tolerance = FIRST_WEIGHT, inf, max(LOOSE, settings.tolerance)
+    iterations, evaluations, rounds = 0, 0, 0
+    while True:
+        left = replace(settings, tolerance=tolerance, max_iterations=settings.max_iterations - iterations)
+        penalised = Penalised(equations=own, weight=weight / unit, shift=multipliers * unit / weight)
+        found = sparse_minimum(penalised, point, left, made)
+        iterations, evaluations, rounds = iterations + found.iterations, evaluations + found.evaluations, rounds + 1
+        found, point = replace(found, iterations=iterations, evaluations=evaluations), found.point
+        if found.bad_row is not None:
+            return replace(found, constraints=constraint_state(equality, place, np.zeros(len(unit))))
+        place = _first_order(own, made, point)
+        multipliers = _each(
+            rules.multiplier_after, equality, multipliers, place.values, unit, np.full(len(unit), weight)
+        )
+        missed = _each(rules.missed_by, equality, multipliers, place.values, unit, place.rounding)
+        now = float(missed.max(initial=0.0))
+        if not found.reason.converged and found.reason is not Reason.FLAT:
+            return _ended(own, made, found, place, multipliers)
+        settled = int(tolerance <= settings.tolerance and found.reason is not Reason.FLAT)
+        follows = rules.verdict(now, worst, weight, settled, rounds)
+        if follows == rules.HOPELESS:
+            found = replace(found, reason=Reason.FLAT if now <= MET else Reason.INFEASIBLE)
+        if follows in (rules.OVER, rules.HOPELESS):
+            return _ended(own, made, found, place, multipliers)
+        weight = weight * HEAVIER if follows == rules.HEAVIER_STILL else weight
+        worst, tolerance = min(worst, now), max(tolerance * rules.TIGHTER, settings.tolerance)
+
+
+def _each(formula: Callable[..., float], equality: Mask, *given: Floats) -> Floats:
+    """A formula of equations and inequalities (its last argument is 1 or 0) for all constraints (k,)."""
+    of = of_arrays(formula)
+    return np.where(equality, of(*given, 1), of(*given, 0))
+
+
+def _first_order(own: Blocked, made: Plan, point: Floats) -> Linearised:
+    """The constraints at a point, and the residuals and their Jacobian."""
+    layout = made.structure
+    values = own.block_jacobian(point, made.arithmetic)
+    jacobian: Any = DeferredMatrix((own.count, len(layout.free)), lambda: layout.estimated(values))
+    residuals, norms = own.equations.residuals(point), np.sqrt(made.squares(values)[layout.free])
+    return first_order(own.equations, point, residuals, jacobian, norms)
+
+
+def _ended(own: Blocked, made: Plan, found: Minimum, place: Linearised, multipliers: Floats) -> Minimum:
+    """The end of a search, with its constraints."""
+    state = constraint_state(own.equations.equality, place, multipliers)
+    lost = found.reason.converged and bool(state.violated.any())
+    return _with(own, made, replace(found, reason=Reason.FLAT if lost else found.reason), place, state)
+
+
+def _contradicting(own: Blocked, made: Plan, found: Minimum, conflict: Conflict) -> Minimum:
+    """The end at a point of least violation."""
+    place = _first_order(own, made, found.point)
+    state = constraint_state(own.equations.equality, place, np.zeros(len(place.values)))
+    still = np.zeros(own.dimension, dtype=np.int8)
+    ended = replace(found, reason=Reason.INFEASIBLE, at_bound=still)
+    return _with(own, made, ended, place, replace(state, conflict=conflict))
+
+
+def _with(own: Blocked, made: Plan, found: Minimum, place: Linearised, state: ConstraintState) -> Minimum:
+    """A minimum with its constraints; those that hold the estimates are rows of its blocks, in their own units."""
+    values = own.block_jacobian(place.point, made.arithmetic)
+    held = own.penalties(place.point, np.where(state.forcing, 1.0 / place.unit, 0.0), made.arithmetic)
+    return replace(
+        found,
+        residuals=place.residuals,
+        jacobian=place.jacobian,
+        cost=place.cost,
+        constraints=state,
+        blocks=BlockJacobian(plan=made, values=[*values[: len(values) - len(held)], *held]),
+    )
