@@ -1,8 +1,8 @@
 """Constraints of large sparse problems: rounds of multiplied penalties (`mbm.solver.constraints`), solved sparsely.
 
 The penalties are rows behind the residuals, so that each round is least squares with the blocks of all. What follows on
-a round is decided as in dense problems; there is no quadratic programme, as weights of a few hundred bring violations
-down by five digits a round already.
+a round is decided as in dense problems. Gauss-Newton steps along the constraint manifold, judged by the KKT conditions,
+end the search: the sum of squares with penalties cannot tell points apart that are nearer than its rounding.
 """
 
 from __future__ import annotations
@@ -22,26 +22,33 @@ from mbm.estimation.minimise.constrained.answer import constraint_state
 from mbm.estimation.minimise.constrained.feasible import feasible_point
 from mbm.estimation.minimise.constrained.linearise import first_order
 from mbm.estimation.minimise.constrained.types import Linearised
-from mbm.estimation.minimise.sparse import sparse_minimum
+from mbm.estimation.minimise.sparse import LEAST, sparse_minimum
 from mbm.estimation.settings import Settings
 from mbm.kernels.types import Backend
 from mbm.solver import constraints as rules
-from mbm.solver.decisions import FIRST_WEIGHT, HEAVIER, LOOSE, MET
+from mbm.solver.decisions import EXACT, FIRST_WEIGHT, HEAVIER, LOOSE, MET
+from mbm.solver.step_control import relative_offset
 from mbm.sparse.arithmetic import Arithmetic
 from mbm.sparse.deferred import DeferredMatrix
 from mbm.sparse.equations import Blocked, blocked
 from mbm.sparse.place import inside
 from mbm.sparse.structure import Structure, Values
-from mbm.sparse.system import BlockJacobian, Plan, plan
+from mbm.sparse.system import BlockJacobian, Plan, blocks_of, factorised, plan
 from mbm.values import dataclass
 
 TOUCHED = 2000
 """Coordinates in constraints up to which a point that meets them is looked for, or what contradicts."""
 
+REFINEMENTS = 100
+"""Gauss-Newton steps at the end at most: they converge linearly, by the share that curvature has in them."""
+
+REDUNDANT = 1e-12
+"""Relative eigenvalue of ``C A⁻¹ Cᵀ`` below which a constraint follows from others."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Penalised(Forwarding):
-    """Residuals ``weight · c + shift`` of the constraints c (k,), ``weight`` (k,) > 0, behind those of the ``equations``.
+    """Residuals ``weight · c + shift`` of the constraints c (k,), ``weight`` (k,) > 0, behind those of ``equations``.
 
     Those of inequalities are penalties where they are positive only (protocol ``BlockEquations``).
     """
@@ -163,7 +170,9 @@ def _searched(own: Blocked, made: Plan, start: Floats, settings: Settings) -> Mi
         follows = rules.verdict(now, worst, weight, settled, rounds)
         if follows == rules.HOPELESS:
             found = replace(found, reason=Reason.FLAT if now <= MET else Reason.INFEASIBLE)
-        if follows in (rules.OVER, rules.HOPELESS):
+        if follows == rules.OVER:
+            return _refined(own, made, _ended(own, made, found, place, multipliers), settings)
+        if follows == rules.HOPELESS:
             return _ended(own, made, found, place, multipliers)
         weight = weight * HEAVIER if follows == rules.HEAVIER_STILL else weight
         worst, tolerance = min(worst, now), max(tolerance * rules.TIGHTER, settings.tolerance)
@@ -189,6 +198,98 @@ def _ended(own: Blocked, made: Plan, found: Minimum, place: Linearised, multipli
     state = constraint_state(own.equations.equality, place, multipliers)
     lost = found.reason.converged and bool(state.violated.any())
     return _with(own, made, replace(found, reason=Reason.FLAT if lost else found.reason), place, state)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Step:
+    """The Gauss-Newton ``step`` (n,) on constraints that hold, their ``multipliers`` (k,) at its end, and how far the
+    KKT conditions are from being met: the ``promise`` of the step along the manifold, and the violation in units.
+    """
+
+    step: Floats
+    multipliers: Floats
+    promise: float
+    missed: float
+
+    @property
+    def error(self) -> float:
+        """Both in squared standard deviations."""
+        return self.promise + self.missed**2
+
+
+def _refined(own: Blocked, made: Plan, found: Minimum, settings: Settings) -> Minimum:
+    """The minimum after Gauss-Newton steps that keep its active constraints and bounds; ``found`` if they lead off."""
+    equations = own.equations
+    best, step = found, _step(own, made, found)
+    for _ in range(REFINEMENTS):
+        if step is None or settings.stopped():
+            return found
+        moving = equations.dimension - int((best.at_bound != 0).sum())
+        freedom = equations.count + int(_state(best).equality.sum()) - moving
+        offset = relative_offset(step.promise, max(best.cost - step.promise, 0.0), moving, freedom)
+        best = replace(best, offset=offset)
+        if offset <= settings.tolerance and step.missed <= EXACT:
+            return replace(best, reason=Reason.SMALL_OFFSET)
+        point = equations.retract(best.point, step.step)
+        inside_box = np.clip(equations.coordinates(point), equations.lower, equations.upper)
+        if not np.array_equal(inside_box, equations.coordinates(point)):
+            return best
+        place = _first_order(own, made, point)
+        state = constraint_state(equations.equality, place, step.multipliers)
+        if not np.array_equal(state.forcing, _state(best).forcing) or not np.isfinite(place.cost):
+            return best
+        worked = replace(best, point=point, iterations=best.iterations + 1, evaluations=best.evaluations + 1)
+        there = _with(own, made, worked, place, state)
+        onward = _step(own, made, there)
+        if onward is None or not onward.error < step.error:
+            return best
+        best, step = there, onward
+    return best
+
+
+def _state(found: Minimum) -> ConstraintState:
+    if found.constraints is None:
+        message = "the minimum has no constraints"
+        raise TypeError(message)
+    return found.constraints
+
+
+def _step(own: Blocked, made: Plan, found: Minimum) -> _Step | None:
+    """The step from a point; None where there is none.
+
+    With A = JᵀJ and rows for the constraints C p = −c, which change nothing along the manifold:
+    ``A p + Cᵀ λ = −g`` (Nocedal and Wright 2006, eq. 16.13).
+    """
+    layout, state = made.structure, _state(found)
+    values = blocks_of(found).values
+    still = layout.dead
+    still[layout.free[found.at_bound != 0]] = True
+    weighted = layout.weighted(values, np.where(still, 0.0, 1.0))
+    squares = made.squares(weighted)
+    factors = factorised(made, made.accumulate(weighted), np.where(still, 1.0, LEAST * squares))
+    if factors is None:
+        return None
+    residuals = own.residuals(found.point)
+    gradient = np.where(still, 0.0, made.gradient(values, residuals))
+    held = state.forcing
+    C = np.where(still, 0.0, layout.padded(state.slopes[held].T).T)
+    solved = factors.solve(np.column_stack([gradient, C.T]))
+    down, across = solved[:, 0], solved[:, 1:]
+    inverse = np.linalg.pinv(C @ across, rcond=REDUNDANT, hermitian=True)
+    multipliers = np.zeros(len(held))
+    multipliers[held] = inverse @ (state.values[held] - C @ down)
+    along = down - across @ (inverse @ (C @ down))
+    step = -along - across @ (inverse @ state.values[held])
+    lengths = np.sqrt(np.square(C / np.sqrt(np.where(squares > 0.0, squares, 1.0))).sum(axis=1))
+    missed = np.abs(state.values[held]) / np.where(lengths > 0.0, lengths, 1.0)
+    if not bool(np.isfinite(step).all()):
+        return None
+    return _Step(
+        step=step[layout.free],
+        multipliers=multipliers,
+        promise=max(float(gradient @ along), 0.0),
+        missed=float(missed.max(initial=0.0)),
+    )
 
 
 def _contradicting(own: Blocked, made: Plan, found: Minimum, conflict: Conflict) -> Minimum:
