@@ -101,9 +101,9 @@ def _why_missing(solve: SolveReport, name: str) -> str:
 def _estimate(item: Estimate) -> dict[str, Any]:
     written = _family("per", item.per, item.keys)
     written |= _value_and_sigma(item)
-    if bool(np.any(item.fixed)):
+    if item.fixed.any():
         written["fixed"] = item.fixed.tolist()
-    if item.at_bound is not None and bool(np.any(item.at_bound)):
+    if item.at_bound is not None and item.at_bound.any():
         written["at_bound"] = item.at_bound.tolist()
     return written
 
@@ -124,7 +124,7 @@ def _value_and_sigma(item: Estimate | DerivedValue) -> dict[str, Any]:
         "sigma": _numbers(sigma),
         "unit": unit_text(item.quantity) or None,
     }
-    if not np.all(np.isfinite(sigma)) or not np.all(np.isfinite(item.value)):
+    if not _known(sigma) or not _known(item.value):
         written["reason"] = item.reason or _why_undefined(item, sigma)
     return written
 
@@ -139,7 +139,7 @@ def _value(item: Estimate | DerivedValue) -> Any:
 
 
 def _why_undefined(item: Estimate | DerivedValue, sigma: Floats) -> str:
-    if not np.all(np.isfinite(item.value)):
+    if not _known(item.value):
         return "the value is not finite"
     held = item.at_bound if isinstance(item, Estimate) else None
     if held is not None and bool(np.all(np.isfinite(sigma) | held)):
@@ -155,7 +155,7 @@ def _covariance(covariance: CovarianceMatrix | None) -> dict[str, Any] | None:
         return written | {"matrix": None, "reason": covariance.reason or "it was not computed"}
     factors = np.array(covariance.factors)
     written["matrix"] = _numbers(covariance.matrix / np.outer(factors, factors))
-    if not np.all(np.isfinite(covariance.matrix)):
+    if not _known(covariance.matrix):
         written["reason"] = covariance.reason or "null stands for what the data do not determine"
     return written
 
@@ -237,8 +237,13 @@ def _number(value: float | None) -> float | int | None:
 
 def _numbers(values: Floats) -> Any:
     """A number, or (nested) lists of numbers, by the shape of ``values``."""
-    if np.all(np.isfinite(values)):
+    if _known(values):
         return np.asarray(values, dtype=float).tolist()
     entries = np.array(values, dtype=object)
     entries[~np.isfinite(values)] = None
     return entries.tolist()
+
+
+def _known(values: Floats) -> bool:
+    """Whether all are finite; single numbers, of which there may be very many, are looked at in Python."""
+    return math.isfinite(values) if np.ndim(values) == 0 else bool(np.isfinite(values).all())

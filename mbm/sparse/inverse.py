@@ -18,6 +18,9 @@ from mbm.sparse.structure import Values
 from mbm.sparse.system import Factorised
 from mbm.values import dataclass
 
+CANCELLED = 1e-13
+"""Share of a variance that may be left by rounding where constraints determine the coordinate."""
+
 PART = 2_000_000
 """Numbers in the parts of the inverse that are put together for the rows of a piece at once."""
 
@@ -114,7 +117,8 @@ class SparseInverse:
         found[self.zero] = 0.0
         result: Floats = (np.maximum(found, 0.0) / np.square(self.scale))[layout.free]
         if self.taken is not None:
-            result = result - np.square(self.taken).sum(axis=1)
+            left = result - np.square(self.taken).sum(axis=1)
+            result = np.where(left > CANCELLED * result, left, 0.0)
         if self.datum is not None:
             image = self._solved(self.datum)
             inner = self.datum.T @ image

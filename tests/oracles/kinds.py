@@ -42,7 +42,7 @@ class Kind:
     """Random problems that differ in their data only.
 
     ``unknowns`` are names with what the language says of each, ``clauses`` the rest of the problem, with the unknowns
-    in braces; ``draw`` makes the tables of a data set. ``residuals`` (m,) are whitened with the stated noise, priors
+    in braces, and ``{over}`` behind the sides of constraints; ``draw`` makes the tables of a data set. ``residuals`` (m,) are whitened with the stated noise, priors
     included, of points x (n,) and tables; ``start`` is the stated one. ``equal``, ``below`` as in `Statement`.
     ``groups`` are the tables whose noise is unknown, each with a factor of its own, among so many ``noises``.
     ``scatters`` says that the problem may be a member of a large one: its noise is stated, and no rule looks at all its
@@ -81,8 +81,11 @@ class Kind:
         tables = list(self.draw(np.random.default_rng(0)))
         family = f" :per {tables[0]}.{per}" if per else ""
         unknowns = " ".join(f"({name}{family} {stated})" for name, stated in self.unknowns.items())
-        clauses = self.clauses.format(**{name: f"({name} {per})" if per else name for name in self.unknowns})
+        names = {name: f"({name} {per})" if per else name for name in self.unknowns}
+        clauses = self.clauses.format(**names, over=" :over sets" if per else "")
         data = " ".join(f"(data {table} external {self.options.get(table, '')})" for table in tables)
+        if clauses.count(":over sets"):
+            data += " (data sets external)"
         if self.solve:
             more = (
                 more.replace("(solve", f"(solve {self.solve}") if "(solve" in more else f"{more} (solve {self.solve})"

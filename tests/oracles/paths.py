@@ -93,7 +93,10 @@ def members(kind: Kind, sets: Sequence[Tables], least: int = 0, clause: str = ""
     """All data sets as one problem whose unknowns are families; repeated until there are ``least`` numbers."""
     times = -(-least // (len(sets) * len(kind.apart(np.array(kind.start), np.array(kind.start)))))
     many = list(sets) * max(times, 1)
-    solved = mbm.loads(kind.text(clause, per="set")).solve(data=joined(kind, many))
+    tables = joined(kind, many)
+    if "{over}" in kind.clauses:
+        tables["sets"] = {"set": np.arange(float(len(many)))}
+    solved = mbm.loads(kind.text(clause, per="set")).solve(data=tables)
     found = [solved[name] for name in kind.unknowns]
     report = solved.first
     return [

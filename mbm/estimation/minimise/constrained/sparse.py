@@ -1,8 +1,8 @@
 """Constraints of large sparse problems: rounds of multiplied penalties (`mbm.solver.constraints`), solved sparsely.
 
 The penalties are rows behind the residuals, so that each round is least squares with the blocks of all. What follows on
-a round is decided as in dense problems. Gauss-Newton steps along the constraint manifold, judged by the KKT conditions,
-end the search: the sum of squares with penalties cannot tell points apart that are nearer than its rounding.
+a round is decided as in dense problems. Newton steps on the KKT conditions end the search: the sum of squares with
+penalties cannot tell points apart that are nearer than its rounding.
 """
 
 from __future__ import annotations
@@ -33,14 +33,23 @@ from mbm.sparse.deferred import DeferredMatrix
 from mbm.sparse.equations import Blocked, blocked
 from mbm.sparse.place import inside
 from mbm.sparse.structure import Structure, Values
-from mbm.sparse.system import BlockJacobian, Plan, blocks_of, factorised, plan
+from mbm.sparse.system import BlockJacobian, Factorised, Plan, blocks_of, factorised, plan
 from mbm.values import dataclass
 
 TOUCHED = 2000
 """Coordinates in constraints up to which a point that meets them is looked for, or what contradicts."""
 
-REFINEMENTS = 100
-"""Gauss-Newton steps at the end at most: they converge linearly, by the share that curvature has in them."""
+REFINEMENTS = 20
+"""Newton steps at the end at most."""
+
+PRODUCTS = 50
+"""Products with the Hessian in one of them at most."""
+
+FORCING = 1e-6
+"""Share of the decrease that is left to the next of them."""
+
+NUDGE = 1e-4
+"""Standard deviations over which gradients are compared: far above their rounding, far below what bends them."""
 
 REDUNDANT = 1e-12
 """Relative eigenvalue of ``C A⁻¹ Cᵀ`` below which a constraint follows from others."""
@@ -202,8 +211,8 @@ def _ended(own: Blocked, made: Plan, found: Minimum, place: Linearised, multipli
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Step:
-    """The Gauss-Newton ``step`` (n,) on constraints that hold, their ``multipliers`` (k,) at its end, and how far the
-    KKT conditions are from being met: the ``promise`` of the step along the manifold, and the violation in units.
+    """The ``step`` (n,) on constraints that hold, their ``multipliers`` (k,), and how far the KKT conditions are from
+    being met: the ``promise`` of a Gauss-Newton step along the manifold, and the violation in units.
     """
 
     step: Floats
@@ -218,7 +227,7 @@ class _Step:
 
 
 def _refined(own: Blocked, made: Plan, found: Minimum, settings: Settings) -> Minimum:
-    """The minimum after Gauss-Newton steps that keep its active constraints and bounds; ``found`` if they lead off."""
+    """The minimum after Newton steps that keep its active constraints and bounds; ``found`` if they lead off."""
     equations = own.equations
     best, step = found, _step(own, made, found)
     for _ in range(REFINEMENTS):
@@ -254,42 +263,105 @@ def _state(found: Minimum) -> ConstraintState:
     return found.constraints
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Manifold:
+    """The constraints that hold at a point, to first order: ``slopes`` C (k, columns), zero in columns that are still.
+
+    ``factors`` are those of A = JᵀJ and rows for the constraints, which change nothing along the manifold; ``across``
+    is A⁻¹Cᵀ (columns, k), ``inverse`` the pseudo-inverse of C A⁻¹ Cᵀ.
+    """
+
+    factors: Factorised
+    still: Mask
+    slopes: Floats
+    across: Floats
+    inverse: Floats
+
+    def along(self, force: Floats) -> Floats:
+        """The tangent vector Z (ZᵀJᵀJZ)⁻¹ Zᵀ times a gradient (columns,)."""
+        found = self.factors.solve(np.where(self.still, 0.0, force)[:, None])[:, 0]
+        return found - self.across @ (self.inverse @ (self.slopes @ found))
+
+
+def _manifold(made: Plan, values: Values, still: Mask, slopes: Floats) -> _Manifold | None:
+    """None where the equations cannot be factorised."""
+    weighted = made.structure.weighted(values, np.where(still, 0.0, 1.0))
+    squares = made.squares(weighted)
+    factors = factorised(made, made.accumulate(weighted), np.where(still, 1.0, LEAST * squares))
+    if factors is None:
+        return None
+    C = np.where(still, 0.0, slopes)
+    across = factors.solve(C.T)
+    inverse = np.asarray(np.linalg.pinv(C @ across, rcond=REDUNDANT, hermitian=True), dtype=np.float64)
+    return _Manifold(factors=factors, still=still, slopes=C, across=across, inverse=inverse)
+
+
 def _step(own: Blocked, made: Plan, found: Minimum) -> _Step | None:
     """The step from a point; None where there is none.
 
-    With A = JᵀJ and rows for the constraints C p = −c, which change nothing along the manifold:
-    ``A p + Cᵀ λ = −g`` (Nocedal and Wright 2006, eq. 16.13).
+    Newton's method on the KKT conditions (Nocedal and Wright 2006, eq. 18.9): across the manifold to it, along it by
+    conjugate gradients with what Gauss-Newton would do as the preconditioner, and the products of the Hessian of the
+    Lagrangian from differences of its gradient.
     """
     layout, state = made.structure, _state(found)
     values = blocks_of(found).values
     still = layout.dead
     still[layout.free[found.at_bound != 0]] = True
-    weighted = layout.weighted(values, np.where(still, 0.0, 1.0))
-    squares = made.squares(weighted)
-    factors = factorised(made, made.accumulate(weighted), np.where(still, 1.0, LEAST * squares))
-    if factors is None:
+    held = np.flatnonzero(state.forcing)
+    manifold = _manifold(made, values, still, layout.padded(state.slopes[held].T).T)
+    if manifold is None:
         return None
-    residuals = own.residuals(found.point)
-    gradient = np.where(still, 0.0, made.gradient(values, residuals))
-    held = state.forcing
-    C = np.where(still, 0.0, layout.padded(state.slopes[held].T).T)
-    solved = factors.solve(np.column_stack([gradient, C.T]))
-    down, across = solved[:, 0], solved[:, 1:]
-    inverse = np.linalg.pinv(C @ across, rcond=REDUNDANT, hermitian=True)
-    multipliers = np.zeros(len(held))
-    multipliers[held] = inverse @ (state.values[held] - C @ down)
-    along = down - across @ (inverse @ (C @ down))
-    step = -along - across @ (inverse @ state.values[held])
-    lengths = np.sqrt(np.square(C / np.sqrt(np.where(squares > 0.0, squares, 1.0))).sum(axis=1))
-    missed = np.abs(state.values[held]) / np.where(lengths > 0.0, lengths, 1.0)
+    gradient = made.gradient(values, own.residuals(found.point))
+    multipliers = np.zeros(len(state.values))
+    multipliers[held] = -manifold.inverse @ (manifold.slopes @ manifold.factors.solve(gradient[:, None])[:, 0])
+    lengths = np.sqrt(np.where(still, 0.0, made.squares(values)))
+
+    def pull(point: Floats) -> Floats:
+        """The gradient of the Lagrangian (columns,)."""
+        slopes = own.block_jacobian(point, made.arithmetic)
+        penalties = own.penalties(point, multipliers, made.arithmetic)
+        residuals = own.residuals(point)
+        residuals[len(residuals) - len(multipliers) :] = 1.0
+        return made.gradient([*slopes[: len(slopes) - len(penalties)], *penalties], residuals)
+
+    here = pull(found.point)
+
+    def bent(direction: Floats) -> Floats:
+        """The Hessian of the Lagrangian times a direction (columns,)."""
+        size = NUDGE / float((np.abs(direction) * lengths).max())
+        return (pull(own.retract(found.point, size * direction[layout.free])) - here) / size
+
+    along, promise = _newton(manifold, here, bent)
+    step = along - manifold.across @ (manifold.inverse @ state.values[held])
+    scaled = manifold.slopes / np.where(lengths > 0.0, lengths, 1.0)
+    unit = np.sqrt(np.square(scaled).sum(axis=1))
+    missed = np.abs(state.values[held]) / np.where(unit > 0.0, unit, 1.0)
     if not bool(np.isfinite(step).all()):
         return None
     return _Step(
-        step=step[layout.free],
-        multipliers=multipliers,
-        promise=max(float(gradient @ along), 0.0),
-        missed=float(missed.max(initial=0.0)),
+        step=step[layout.free], multipliers=multipliers, promise=promise, missed=float(missed.max(initial=0.0))
     )
+
+
+def _newton(manifold: _Manifold, gradient: Floats, bent: Callable[[Floats], Floats]) -> tuple[Floats, float]:
+    """The step along the manifold, and the decrease that Gauss-Newton's would promise (Steihaug 1983)."""
+    force = -gradient
+    downhill = manifold.along(force)
+    promise = left = float(force @ downhill)
+    step, direction = np.zeros(len(force)), downhill
+    for _ in range(PRODUCTS):
+        if not left > FORCING * promise:
+            break
+        image = bent(direction)
+        curvature = float(direction @ image)
+        if not curvature > 0.0:
+            return (step, promise) if step.any() else (downhill, promise)
+        share = left / curvature
+        step, force = step + share * direction, force - share * image
+        downhill = manifold.along(force)
+        left, before = float(force @ downhill), left
+        direction = downhill + left / before * direction
+    return step, max(promise, 0.0)
 
 
 def _contradicting(own: Blocked, made: Plan, found: Minimum, conflict: Conflict) -> Minimum:
