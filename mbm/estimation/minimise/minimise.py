@@ -32,7 +32,8 @@ LINEAR = "linear"
 """The name of a method that nobody asks for by name."""
 
 SPARSE = {
-    Method.AUTO: "dogleg-sparse",  # fewer iterations than Marquardt's on every pose graph tried, as many on bundles
+    # The dogleg: fewer iterations than Marquardt's on every pose graph tried, as many on bundles.
+    **dict.fromkeys((Method.AUTO, Method.DIRECT_SEARCH), "dogleg-sparse"),
     **{Method(rule): f"{rule}-sparse" for rule in RULES},
 }
 """The methods that the sparse solver has, and what it calls them."""
@@ -117,7 +118,8 @@ def _bound(equations: Equations, settings: Settings) -> ConstrainedEquations | N
 def _from(equations: Equations, bound: ConstrainedEquations | None, start: Floats, settings: Settings) -> Minimum:
     """Where the solver gets from the start; ``bound`` are the equations if they have constraints."""
     if settings.method is not Method.CLOSED_FORM and bound is not None:
-        if isinstance(equations, Assembled) and _sparse(equations, settings):
+        sparse = _sparse(equations, settings) or (settings.method is Method.IPOPT and sparse_suits(equations))
+        if sparse and isinstance(equations, Assembled) and equations.constraints:
             from mbm.estimation.minimise.constrained.sparse import sparse_constrained_minimum
 
             return sparse_constrained_minimum(equations, start, settings)

@@ -133,7 +133,7 @@ def _blocks(equations: Equations) -> BlockEquations | None:
 
 def _begun(equations: BlockEquations, start: Floats, settings: Settings, made: Plan | None) -> State:
     found = plan(equations.structure(), equations.backend, settings.workers) if made is None else made
-    rule = Method.DOGLEG if settings.method is Method.AUTO else settings.method
+    rule = Method.DOGLEG if settings.method in (Method.AUTO, Method.DIRECT_SEARCH) else settings.method
     point = inside(equations, start)
     residuals = equations.residuals(point)
     row, reason, place = first_bad(residuals), Reason.NOT_FINITE_AT_START, None

@@ -25,6 +25,7 @@ from mbm.estimation.minimise.constrained.types import Linearised
 from mbm.estimation.minimise.sparse import LEAST, sparse_minimum
 from mbm.estimation.settings import Settings
 from mbm.kernels.types import Backend
+from mbm.problem.types import Method
 from mbm.solver import constraints as rules
 from mbm.solver.decisions import EXACT, FIRST_WEIGHT, HEAVIER, LOOSE, MET
 from mbm.solver.step_control import relative_offset
@@ -124,6 +125,12 @@ def sparse_constrained_minimum(equations: Assembled, start: Floats, settings: Se
     Where the search ends with violations, a point that meets the constraints is looked for among the coordinates that
     they have, and the search goes on from there; without one, what contradicts is named.
     """
+    if settings.method is Method.IPOPT:
+        # Loads CasADi.
+        from mbm.estimation.minimise.constrained.ipopt import interior_point
+
+        start = interior_point(equations, start, settings.max_iterations)
+        settings = replace(settings, method=Method.AUTO)
     own = blocked(equations)
     made = plan(own.structure(), own.backend, settings.workers)
     found = _searched(own, made, start, settings)
