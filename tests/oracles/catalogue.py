@@ -343,14 +343,14 @@ KINDS: dict[str, Kind] = {
         scatters=True, draw=growth, residuals=curve, equal=lambda x: np.array([x[0] ** 2 + x[1] ** 2 - 0.5]),
     ),
     "inequalities": Kind(
-        unknowns=ABOUT, clauses=CURVED + " (constraints (<= (* {a} {b}) 0.24{over}) (<= {a} 0.62{over}))", start=(0.5, 0.5),
-        scatters=True, draw=growth, residuals=curve, below=lambda x: np.array([x[0] * x[1] - 0.24, x[0] - 0.62]),
+        unknowns=ABOUT, clauses=CURVED + " (constraints (<= (* {a} {b}) 0.24{over}) (<= {a} 0.62{over}))",
+        start=(0.5, 0.5), scatters=True, draw=growth, residuals=curve, below=lambda x: np.array([x[0] * x[1] - 0.24, x[0] - 0.62]),
     ),
     "an equation and bounds": Kind(
         unknowns={"a": ":init 2 :in (0 2.4)", "k": ":init 0.8 :in (0.6 1)", "c": ":init 0"}, start=(2, 0.8, 0),
         clauses="(observe d (= y (+ {c} (* {a} (exp (* -1 {k} x))))) :sigma 0.02)"
-        " (constraints (= (+ {a} {c}) 2.2{over}) (<= (* {c} {c}) 0.1{over}))", residuals=exponential, draw=decay, scatters=True,
-        lower=(0, 0.6, -np.inf), upper=(2.4, 1, np.inf), equal=lambda x: np.array([x[0] + x[2] - 2.2]),
+        " (constraints (= (+ {a} {c}) 2.2{over}) (<= (* {c} {c}) 0.1{over}))", residuals=exponential, draw=decay,
+        scatters=True, lower=(0, 0.6, -np.inf), upper=(2.4, 1, np.inf), equal=lambda x: np.array([x[0] + x[2] - 2.2]),
         below=lambda x: np.array([x[2] ** 2 - 0.1]),
     ),
     "rotation": Kind(

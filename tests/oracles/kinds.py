@@ -42,8 +42,9 @@ class Kind:
     """Random problems that differ in their data only.
 
     ``unknowns`` are names with what the language says of each, ``clauses`` the rest of the problem, with the unknowns
-    in braces, and ``{over}`` behind the sides of constraints; ``draw`` makes the tables of a data set. ``residuals`` (m,) are whitened with the stated noise, priors
-    included, of points x (n,) and tables; ``start`` is the stated one. ``equal``, ``below`` as in `Statement`.
+    in braces, and ``{over}`` behind the sides of constraints; ``draw`` makes the tables of a data set. ``residuals``
+    (m,) are whitened with the stated noise, priors included, of points x (n,) and tables; ``start`` is the stated one.
+    ``equal``, ``below`` as in `Statement`.
     ``groups`` are the tables whose noise is unknown, each with a factor of its own, among so many ``noises``.
     ``scatters`` says that the problem may be a member of a large one: its noise is stated, and no rule looks at all its
     rows together. ``many``: there may be several minima. ``moved`` (points and steps) and ``apart`` (steps between

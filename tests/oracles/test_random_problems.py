@@ -15,7 +15,10 @@ from tests.oracles.paths import PATHS, alone, applies, generated_c, generated_py
 FEW = {"dogleg": 3, "gauss-newton": 3, "exact": 3, "ipopt": 3}
 """Data sets that these ways are asked in a usual run: each solve of theirs takes as long as ten of the others."""
 
-HEAVY = ("line", "lines of some rows", "bearings", "priors", "bounds", "bounds of a curve", "rotation")
+HEAVY = (
+    *("line", "lines of some rows", "bearings", "priors", "bounds", "bounds of a curve", "rotation"),
+    *("an equation", "an equation and bounds", "inequalities"),
+)
 """Kinds whose large problems, of more than 300 unknowns, take a second or more."""
 
 
