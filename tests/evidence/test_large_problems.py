@@ -77,3 +77,17 @@ def test_ladybug():
     assert (found["pt"].sigma > 0).all()
     assert found.first.dof == 2 * 83718 - (16 * 9 + 22106 * 3 - 7)
     assert found.covariance.matrix is None  # left out for its size
+
+
+@pytest.mark.slow
+def test_a_known_distance_settles_the_scale_of_ladybug():
+    """A constraint on what the data leave free costs nothing."""
+    distance = "(constraints (= (distance (pt 3) (pt 77)) 1.5))"
+    text = BUNDLE.format(file=measured("bundle", "problem-16-22106-pre.txt.bz2"))
+    found = mbm.loads(text.rstrip()[:-1] + f" {distance})").solve()
+    assert found.first.method == "penalty-sparse"
+    assert found.first.cost / 2 == pytest.approx(18033.90, abs=0.01)
+    assert [(g.motion, g.dimensions) for g in found.observability.gauge] == [("translation", 3), ("rotation", 3)]
+    assert found.first.dof == 2 * 83718 - (16 * 9 + 22106 * 3 - 7)
+    ends = found["pt"].value[[list(found["pt"].keys).index(k) for k in (3.0, 77.0)]]
+    assert np.linalg.norm(ends[0] - ends[1]) == pytest.approx(1.5, abs=1e-9)

@@ -344,7 +344,8 @@ KINDS: dict[str, Kind] = {
     ),
     "inequalities": Kind(
         unknowns=ABOUT, clauses=CURVED + " (constraints (<= (* {a} {b}) 0.24{over}) (<= {a} 0.62{over}))",
-        start=(0.5, 0.5), scatters=True, draw=growth, residuals=curve, below=lambda x: np.array([x[0] * x[1] - 0.24, x[0] - 0.62]),
+        start=(0.5, 0.5), scatters=True, draw=growth, residuals=curve,
+        below=lambda x: np.array([x[0] * x[1] - 0.24, x[0] - 0.62]),
     ),
     "an equation and bounds": Kind(
         unknowns={"a": ":init 2 :in (0 2.4)", "k": ":init 0.8 :in (0.6 1)", "c": ":init 0"}, start=(2, 0.8, 0),

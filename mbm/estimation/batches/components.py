@@ -22,6 +22,7 @@ from mbm.estimation.starts.closed_forms.situation import Situation
 from mbm.estimation.uncertainty.variance import Helmert
 from mbm.problem.types import BlockRole, Problem
 from mbm.solver.decisions import NOISE_ROUNDS
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.estimation.batches.forms import Formed
@@ -57,7 +58,8 @@ def components_solver(
 
     def solve(which: Which, points: Floats) -> Ends:
         places = np.asarray(which)
-        rounds = Rounds(stack, native, settings, unknown, np.ones((len(places), len(problem.blocks))), places, points)
+        begin = Beginnings(places=places, points=points, factors=np.ones((len(places), len(problem.blocks))))
+        rounds = Rounds(stack, native, settings, unknown, begin)
         if challenger is not None:
             rounds.lost |= challenger.best(places)[1] < rounds.ends.cost
         return rounds.done()
@@ -78,34 +80,38 @@ def _recognised(first: Assembled, settings: Settings) -> bool:
     return next(plans(situation, settings.closed_forms), None) is not None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Beginnings:
+    """Where K solves of a stack, at ``places`` (K,), begin: ``points`` (K, N), ``factors`` (K, blocks) of the noise.
+
+    ``kept`` is what consensus left in (None: everything).
+    """
+
+    places: Indices
+    points: Floats
+    factors: Floats
+    kept: Kept | None = None
+
+
 class Rounds:
     """Minimisations of K solves, again for each round; those that are not plain are ``lost``.
 
-    The ``factors`` (K, blocks) of the ``unknown`` blocks are 1 at first; those of other blocks stay. ``kept`` is what
-    consensus left in (None: everything).
+    The factors of the ``unknown`` blocks are 1 at first; those of other blocks stay.
     """
 
     def __init__(
-        self,
-        stack: Stack,
-        native: NativeSystem,
-        settings: Settings,
-        unknown: Indices,
-        factors: Floats,
-        places: Indices,
-        points: Floats,
-        kept: Kept | None = None,
+        self, stack: Stack, native: NativeSystem, settings: Settings, unknown: Indices, begin: Beginnings
     ) -> None:
         self._stack = stack
         self._native = native
         self._settings = settings
         self._unknown = unknown
-        self._places = places
-        self._factors = factors.copy()
-        self._noise = Helmert(len(places), len(unknown))
-        self._kept = kept
-        self._rows = [stack.lines(number, places)[0] for number in range(len(stack.equations.groups))]
-        self.ends = self._minima(np.arange(len(places)), points)
+        self._places = begin.places
+        self._factors = begin.factors.copy()
+        self._noise = Helmert(len(begin.places), len(unknown))
+        self._kept = begin.kept
+        self._rows = [stack.lines(number, begin.places)[0] for number in range(len(stack.equations.groups))]
+        self.ends = self._minima(np.arange(len(begin.places)), begin.points)
         self.lost = ~_converged(self.ends)
 
     @np.errstate(all="ignore")

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.batches.components import Rounds, several_noises, told_by_residuals
+from mbm.estimation.batches.components import Beginnings, Rounds, several_noises, told_by_residuals
 from mbm.estimation.batches.descent import native_sets, plain_ends, weighted
 from mbm.estimation.batches.stack import Portion, Stack, places_of
 from mbm.estimation.batches.types import Ends, Kept, Solver, Which
@@ -88,7 +88,8 @@ def consensus_solver(
         kept, good = _kept(ruled, which, found, owner, group, estimated=bool(len(unknown)))
         if several:
             factors = np.ones((len(which), len(problem.blocks)))
-            rounds = Rounds(stack, ruled.native, settings, unknown, factors, np.asarray(which), found.points, kept)
+            begin = Beginnings(places=np.asarray(which), points=found.points, factors=factors, kept=kept)
+            rounds = Rounds(stack, ruled.native, settings, unknown, begin)
             rounds.lost |= ~good
             return rounds.done()
         every, mine = np.arange(len(which)), weighted(stack, ruled.native, which, kept)
@@ -131,7 +132,8 @@ def loss_solver(problem: Problem, stack: Stack, first: Assembled, points: Floats
             ends = plain_ends(lossy.solve(found.points, places))
             return replace(ends, reason=np.where(agreed, ends.reason, -1))
         factors, told = _factors(ruled, which, found, (solve_of, group), scaled, len(problem.blocks))
-        rounds = Rounds(stack, lossy, settings, unknown, factors, places, found.points)
+        begin = Beginnings(places=places, points=found.points, factors=factors)
+        rounds = Rounds(stack, lossy, settings, unknown, begin)
         rounds.lost |= ~(agreed & told)
         return rounds.done()
 
