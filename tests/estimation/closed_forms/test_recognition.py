@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import mbm
+from mbm.api.files import explain
 from tests.estimation.closed_forms.numerics_cases import Floats, cloud, rotation
 
 EXACT = 1e-8
@@ -191,3 +192,13 @@ def test_other_equations_are_said_to_have_no_closed_form(method: str) -> None:
     with pytest.raises(mbm.MbmError) as caught:
         solved(text, method, x=np.arange(5.0), y=np.sin(np.arange(5.0)))
     assert [d.code.name for d in caught.value.diagnostics] == ["no-closed-form"]
+
+
+def test_slopes_whose_squares_are_beyond_numbers_are_no_motion(tmp_path):
+    """The kind of equation is looked for in a power of 1000: it was an internal fault of the eigenvalues."""
+    path = tmp_path / "p.mbm"
+    path.write_text("""(problem p (data d (table (id y) (1 2.5) (2 3.75) (3 4.5) (1 6.5) (2 8.25)))
+      (unknowns (a :init 1) (b :init 2) (u1 :init 1) (u2 (vector 3) :init [1 2 3]))
+      (observe d (if (and (< a a) (not (< a a))) (= 1 (norm (+ (+ u2 [a a a]) [a a a])))
+                     (= y (^ (abs (asinh id)) (+ (+ a a) (+ a 1e3))))) :sigma 1))""")
+    assert "Marquardt" in explain(path)

@@ -97,6 +97,8 @@ def _points(rows: Rows, frame: Frame, inverse: bool, generator: np.random.Genera
         operator = _cross_operator(a)
         normal += np.einsum("nkpi,nkpj->nij", operator, operator)
         right += np.einsum("nkpi,nkp->ni", operator, w)
+    if not bool(np.isfinite(normal).all() and np.isfinite(right).all()):  # slopes whose squares are beyond numbers
+        return None
     values = np.linalg.eigvalsh(normal)
     if bool((values[:, 0] <= 1e-10 * values[:, -1]).any()):
         return None
