@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from mbm.estimation.batches.types import Columns
 from mbm.estimation.search.solution import Solution
 from mbm.report.types import SolveReport
 from mbm.values import dataclass
+
+if TYPE_CHECKING:
+    from mbm.estimation.batches.types import Columns
 
 NO_FREEDOM = "there are no degrees of freedom"
 
