@@ -79,6 +79,17 @@ def not_simulated(span: Span, name: str, columns: Iterable[str], place: Place | 
     )
 
 
+def noise_lost(name: str, wrong: Diagnostic) -> Diagnostic:
+    """The noise of the observation ``name`` is stated by simulated columns, which would be ``wrong``."""
+    return Diagnostic(
+        code=NOT_SIMULATED,
+        message=f"the noise of `{name}` is stated by simulated columns: {wrong.message} in the simulated data",
+        place=wrong.place,
+        labels=wrong.labels,
+        hint="give the noise a column that is not measured, or simulate less noise",
+    )
+
+
 def not_drawn(span: Span, name: str) -> Diagnostic:
     """The prior ``name`` says nothing at the values that are to be drawn from it."""
     return Diagnostic(

@@ -69,7 +69,7 @@ def _old_values(problem: Problem) -> Iterator[Use]:
     aliases: Mapping[tuple[str, str], str] = {(p.name, j.alias): j.table for p in problem.plans for j in p.joins}
     for block in problem.blocks:
         for case in block.cases:
-            for leaf in leaves(tuple(c for e in case.equations for c in e.components)):
+            for leaf in leaves(tuple(c for e in case.equations for c in (*e.components, *e.noise))):
                 if not isinstance(leaf, Column):
                     continue
                 if leaf.row is not RowChoice.EACH:

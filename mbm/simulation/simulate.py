@@ -25,6 +25,7 @@ from mbm.simulation.places import Rows
 from mbm.simulation.priors import drawn_from_priors
 from mbm.simulation.roles import refuse_other_uses
 from mbm.simulation.rows import solved_rows, spread_of
+from mbm.simulation.stated import refuse_lost_noise
 from mbm.simulation.types import Cells, FactorsFinder, Simulating, Simulation, Truth, ValuesFinder
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass
@@ -116,6 +117,7 @@ class _Run:
                 table = _with_column(table, column, positions, numbers[:, j])
             tables[table.name] = table
         cells.extend(self._errors(tables, masks))
+        refuse_lost_noise(problem, tables, masks, {(each.table, each.column) for each in cells})
         truth = Truth(
             key=self.selection.key,
             layout=places,
@@ -148,7 +150,10 @@ class _Run:
         scale = _scale(root(equation, rows, {}), natural)
         predicted, solved = solved_rows(components, start, zero, scale, metric)
         self._check(solved, measured, rows)
-        spread = factor * root(equation, rows, {n: predicted[:, j] for j, n in enumerate(measured.columns)})
+        try:
+            spread = factor * root(equation, rows, {n: predicted[:, j] for j, n in enumerate(measured.columns)})
+        except MbmError as error:
+            raise MbmError(*(faults.noise_lost(block.name, each) for each in error.diagnostics)) from None
         number = self._rows(rows.table, rows.positions) - 1
         normal, gross, hit = self._drawn(measured, rows.table.provenance.rows, size)
         drawn = np.einsum("rij,rj->ri", spread, (normal + gross)[number])
@@ -201,8 +206,12 @@ class _Run:
             place = rows.table.place(int(rows.positions[np.argmin(solved)]))
         raise MbmError(faults.not_simulated(equation.span, block.name, measured.columns, place))
 
-    def _errors(self, tables: Mapping[str, Table], masks: Mapping[int, Mask | None]) -> list[Cells]:
-        """The errors of uncertain columns, on top of their true values: one for each row of the column's own table."""
+    def _errors(self, tables: dict[str, Table], masks: Mapping[int, Mask | None]) -> list[Cells]:
+        """The errors of uncertain columns, on top of their true values: one for each row of the column's own table.
+
+        They are entered into ``tables`` as well.
+        """
+        true = dict(tables)
         found: list[Cells] = []
         done: set[tuple[str, str]] = set()
         for number, block in enumerate(self.found.problem.blocks):
@@ -213,11 +222,12 @@ class _Run:
                     continue
                 done.add((error.table, error.column))
                 used, sigma = self._own_rows(number, error, error.sigma, masks)
-                own = tables[error.table]
+                own = true[error.table]
                 rng = stream(self.asked.seeds[0], "errors", error.table, error.column)
                 normal = rng.standard_normal(own.provenance.rows)
                 numbers = own.numbers(error.column)[used] + sigma * normal[own.rows[used] - 1]
                 found.append(Cells(table=error.table, column=error.column, rows=own.rows[used], numbers=numbers))
+                tables[error.table] = _with_column(tables[error.table], error.column, used, numbers)
         return found
 
     def _own_rows(

@@ -143,10 +143,14 @@ def iterate(
     problem: Problem,
     work: Work,
 ) -> None:
-    """Trial steps until one is accepted, or none can be; the cost never grows by more than its rounding."""
+    """Trial steps until one is accepted, or none can be; the cost never grows by more than its rounding.
+
+    Where an equation has no finite value, the radius shrinks faster each time: there may be none all around.
+    """
     here = work.here
     start = work.radius
     radius = start
+    shrink = 0.25
     work.finite = 1
     work.iterations += 1
     for _ in range(TRIAL_POINTS):
@@ -157,7 +161,8 @@ def iterate(
         shorter = work.step_length if work.step_length < radius else radius
         work.finite = 1 if isfinite(work.cost_tried) else 0
         if work.finite == 0:
-            radius = 0.25 * shorter
+            radius = shrink * shorter
+            shrink = 0.5 * shrink
             continue
         actual = here.cost - work.cost_tried
         share = -1.0
@@ -172,7 +177,8 @@ def iterate(
         if acceptable == 1:
             if factor_there(problem, work) == 0:
                 work.finite = 0
-                radius = 0.25 * shorter
+                radius = shrink * shorter
+                shrink = 0.5 * shrink
                 continue
             work.radius = radius
             arrive_there(problem, share, work)

@@ -143,7 +143,26 @@ def test_only_the_start_is_finite():
         return np.array([2.0, 1.0]) * (1.0 if x[0] == 1 else np.nan)
 
     problem = Functions(function=function, gradient=lambda _: np.array([[1.0], [1.0]]), start=(1,))
-    assert minimise(problem, np.array([1.0]), Settings()).reason is Reason.NO_FINITE_STEP
+    found = minimise(problem, np.array([1.0]), Settings())
+    assert found.reason is Reason.NO_FINITE_STEP
+    # A quarter each time would take 27 trials from 1 to its last digit, 2^-53; each may be a search for corrections.
+    assert found.evaluations < 15
+
+
+@pytest.mark.parametrize("gap", [1e-1, 1e-4, 1e-8])
+def test_a_start_beside_the_end_of_what_is_defined(gap):
+    """The square root's minimum of one residual: steps that lead below zero shrink, and then grow again."""
+
+    def function(x):
+        with np.errstate(invalid="ignore"):
+            return np.array([np.sqrt(x[0]) - 3.0, 0.5 * (x[0] - 9.0)])
+
+    def gradient(x):
+        return np.array([[0.5 / np.sqrt(x[0])], [0.5]])
+
+    found = minimise(Functions(function=function, gradient=gradient, start=(gap,)), np.array([gap]), Settings())
+    assert found.reason.converged
+    assert found.point[0] == pytest.approx(9.0, rel=1e-9)
 
 
 def test_limit_of_iterations():

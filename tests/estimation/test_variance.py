@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import chi2
 
+import mbm
 from mbm.equations.types import NoiseState
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.settings import Settings
@@ -149,3 +150,17 @@ def test_rounds_end_where_nothing_is_told_of_the_noise(at_minimum):
     assert not found.settled
     assert [noise.factor for noise in found.noises] == [2.0]
     assert len(asked) == 2
+
+
+@pytest.mark.parametrize("solves", ["", "(for-each run)"])
+def test_where_no_minimum_is_reached_noise_is_not_estimated(solves):
+    """Constraints that no values meet end the rounds at once: what is left over there says nothing of noise."""
+    problem = mbm.loads(f"""(problem p
+      (data d (table (run y) (1 1.0) (1 1.2) (1 0.7) (1 1.1)))
+      (unknowns (a :init 1) (b :init 2))
+      (observe known d (= y b) :sigma 0.1)
+      (observe d (= y a) :sigma unknown)
+      (constraints (= a 3) (= (+ a b) 1) (= b 5)) {solves})""")
+    (found,) = problem.compile().solve().document()["solves"]
+    assert found["status"] == "infeasible"
+    assert found["noise"]["d"] == 1.0  # what it was before the first round

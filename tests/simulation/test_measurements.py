@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -213,6 +214,30 @@ def test_true_values_are_drawn_from_the_priors() -> None:
 def test_what_cannot_be_simulated_says_why(problem: mbm.Problem, code: str) -> None:
     with pytest.raises(mbm.MbmError, match=code):
         problem.simulate(data=table(y=np.ones(ROWS)), seed=1)
+
+
+@pytest.mark.parametrize(
+    ("equation", "noise", "said"),
+    [
+        ("(= y a)", ":sigma 1 :errors ((x y) (y x))", "a sigma of `.` is -"),
+        ("(= y (* a x))", ":sigma y", "a sigma is -"),
+        ("(= [x y] [a b])", ":covariance [[x 0] [0 y]]", "covariance matrix is not positive definite"),
+    ],
+)
+def test_noise_that_is_stated_by_simulated_columns_must_be_noise_afterwards(
+    equation: str, noise: str, said: str
+) -> None:
+    stated = np.linspace(0.5, 2.0, ROWS)
+    with pytest.raises(mbm.MbmError, match="not-simulated") as caught:
+        line(equation, noise).simulate(data=table(x=stated, y=stated), seed=1)
+    assert re.search(said, caught.value.diagnostics[0].message)
+
+
+def test_a_covariance_that_the_data_do_not_have_is_named_with_its_row() -> None:
+    with pytest.raises(mbm.MbmError, match="bad-noise") as caught:
+        line("(= [x y] [a b])", ":covariance [[z 0] [0 1]]").simulate(data=table(z=1.0 - X), seed=1)
+    assert "not positive definite" in caught.value.diagnostics[0].message
+    assert caught.value.diagnostics[0].labels
 
 
 def test_a_prior_without_a_value_there_says_so() -> None:

@@ -81,7 +81,7 @@ def measured(problem: Problem, tables: Mapping[str, Table], rows: Mapping[int, U
                 if known not in sigmas:
                     sigmas[known] = row_values(error.sigma, tables)[:, 0]
                 sigma = sigmas[known][positions]
-                _check(error, error.sigma, sigma, table, positions)
+                refuse_bad_sigma(error, error.sigma, sigma, table, positions)
             use = _Use(
                 group=number,
                 place=place,
@@ -93,7 +93,15 @@ def measured(problem: Problem, tables: Mapping[str, Table], rows: Mapping[int, U
     return _numbered(uses, rows, tables)
 
 
-def _check(error: UncertainColumn, stated: RowValues, sigma: Floats, table: Table, positions: Indices) -> None:
+def refuse_bad_sigma(
+    error: UncertainColumn, stated: RowValues, sigma: Floats, table: Table, positions: Indices
+) -> None:
+    """Refuse what is no standard deviation: ``sigma`` (rows,) of the rows at ``positions``, as ``stated``.
+
+    Raises:
+        MbmError: `bad-noise`.
+
+    """
     wrong = np.flatnonzero(~(sigma >= 0) | ~np.isfinite(sigma))
     if wrong.size:
         what = f"a sigma of `{error.name}` is {sigma[wrong[0]]:g}"

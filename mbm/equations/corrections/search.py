@@ -150,20 +150,23 @@ def swept(conditions: Conditions, search: Search) -> Search:
         slopes=local.slopes,
         curvature=local.curvature,
     )
-    taken = _acceptable(search, there) | search.done | search.lost
-    settled = search.newton & (search.length == 1.0)
+    stopped = search.done | search.lost
+    better = _acceptable(search, there) & ~stopped
+    failed = ~(better | stopped)
+    if not bool(better.any()):
+        return _again(search, failed)
+    settled = better & search.newton & (search.length == 1.0)
     settled &= np.maximum(_size(search.move), _size(search.shift)) <= LAST * (1.0 + _size(search.corrections))
-    if bool(taken.all()):
-        return _aimed(replace(there, done=search.done | (settled & ~search.lost)))
-    return _again(search, _aimed(replace(there, done=search.done | (settled & taken & ~search.lost))), taken)
+    aimed = _aimed(replace(there, done=search.done | settled))
+    return aimed if not bool(failed.any()) else aimed.with_rows(failed, _again(search, failed))
 
 
-def _again(search: Search, aimed: Search, taken: Mask) -> Search:
-    """Components whose trial failed: from Newton's direction to Gauss-Helmert's, from that to half of it."""
-    other = replace(search, length=np.where(search.newton, 1.0, 0.5 * search.length))
-    other = _straight(other, search.newton & ~taken)
-    other = replace(other, lost=other.lost | (other.length < SHORTEST))
-    return _halted(other.with_rows(taken, aimed))
+def _again(search: Search, failed: Mask) -> Search:
+    """Components whose trial ``failed``: from Newton's direction to Gauss-Helmert's, from that to half of it."""
+    length = np.where(failed, np.where(search.newton, 1.0, 0.5 * search.length), search.length)
+    turned = failed & search.newton
+    other = replace(search, length=length, lost=search.lost | (failed & (length < SHORTEST)))
+    return _halted(_straight(other, turned) if bool(turned.any()) else other)
 
 
 def _acceptable(search: Search, there: Search) -> Mask:

@@ -24,6 +24,10 @@ REWEIGHTED_SEARCHES = 5
 each, and the first of them that is at no minimum then is the last."""
 
 
+UNDER_WAY = (Reason.FLAT, Reason.MAX_ITERATIONS)
+"""Ends that are no minimum, from where the next round may come to one. At others, residuals tell nothing of noise."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reached:
     """The minimum with the final weights, and the equations with them; ``factors`` (all residuals,), None: all 1.
@@ -70,7 +74,7 @@ class _Weighing:
         self._place = problem.span
         self.iterations = found.iterations
         self.evaluations = found.evaluations
-        self._first: Minimum | None = found.minimum
+        self._last: tuple[Floats | None, Minimum] = robust.factors, found.minimum
         self.unknown = [
             i
             for i, block in enumerate(problem.blocks)
@@ -106,7 +110,8 @@ class _Weighing:
 
     def _reweighted(self, factors: Floats) -> tuple[Floats, Floats] | None:
         minimum = self._minimise(self._row_factors(factors))
-        if minimum.reason is Reason.MAX_ITERATIONS and self._left() <= 0:
+        late = minimum.reason is Reason.MAX_ITERATIONS and self._left() <= 0
+        if late or not (minimum.reason.converged or minimum.reason in UNDER_WAY):
             return None
         observed = self._observed(minimum)
         return self._robust.scattering(minimum.residuals), redundancy_numbers(
@@ -126,9 +131,9 @@ class _Weighing:
         return without_stationary(self.equations.with_factors(factors), minimum, float(spread))
 
     def _minimum(self, factors: Floats | None) -> Minimum:
-        if self._first is not None and _same(factors, self._robust.factors):
-            first, self._first = self._first, None
-            return first
+        before, minimum = self._last
+        if _same(factors, before):
+            return minimum
         limit = self.settings.max_iterations
         if self.iterations:
             limit = min(limit, max(self._left(), 1))
@@ -138,6 +143,7 @@ class _Weighing:
         self.evaluations += minimum.evaluations
         if np.isfinite(minimum.cost):
             self._point = minimum.point
+        self._last = factors, minimum
         return minimum
 
 
