@@ -1,6 +1,7 @@
-"""A sample of mutants of some rooms, each run with the tests that call it: those that no test notices are listed.
+"""A sample of mutants of the rooms that compute or print numbers, each run with the tests that call it.
 
-``python -m tests.mutation.sample --rooms report,data --count 50 --seed 1``. Works on a copy of the tree.
+``python -m tests.mutation.sample --count 1000 --seed 1 --calls calls.json --part 1/2`` lists those unnoticed.
+Works on a copy of the tree. Which test calls what is learnt from one run of the default tests (half an hour), and kept.
 """
 
 from __future__ import annotations
@@ -21,32 +22,15 @@ from tests.mutation.calls import VARIABLE
 from tests.mutation.mutants import Mutant, functions_of, mutants_of
 
 ROOT = Path(__file__).parents[2]
-TRUST = (
-    *("minimise", "nonlinearity", "observability", "covariance", "derived", "variance", "gauge", "basins", "twins"),
-    *("plausibility", "freedom", "challenge", "statistics", "agreement", "stationary", "rivals"),
+ROOMS = (
+    *("data", "emit", "equations", "estimation", "expression", "kernels", "language", "machine", "problem", "report"),
+    *("simulation", "solver", "sparse", "symbolic", "text"),
 )
-ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "text": (("mbm/text",), ("tests/text", "tests/bad")),
-    "files": (("mbm/files",), ("tests/files", "tests/data", "tests/cli")),
-    "expression": (("mbm/expression",), ("tests/expression", "tests/language", "tests/problem")),
-    "language": (("mbm/language",), ("tests/language", "tests/bad")),
-    "problem": (("mbm/problem",), ("tests/problem", "tests/bad")),
-    "data": (("mbm/data",), ("tests/data", "tests/problem", "tests/simulation", "tests/api")),
-    "report": (
-        ("mbm/report",),
-        (
-            *("tests/report", "tests/api", "tests/simulation", "tests/noise", "tests/bad", "tests/cli"),
-            *("tests/robust", "tests/estimation/many", "tests/problem", "tests/evidence"),
-        ),
-    ),
-    "trust": (
-        tuple(f"mbm/estimation/{name}.py" for name in TRUST),
-        ("tests/estimation", "tests/noise", "tests/evidence"),
-    ),
-    "cli": (("mbm/cli",), ("tests/cli",)),
-    "emit": (("mbm/emit",), ("tests/emit",)),
-}
-"""Rooms: their sources, and the tests that are meant to hold them."""
+"""Folders of mbm whose sources are changed."""
+COMPILED = ("mbm/solver/", "mbm/sparse/blocks/", "mbm/emit/routines/")
+"""Texts that become machine code or C, so that hardly anybody is seen to call them …"""
+NUMERICAL = ("tests/solver/", "tests/machine/", "tests/oracles/", "tests/estimation/", "tests/sparse/", "tests/emit/")
+"""… and the tests that hold them."""
 NOT_MUTATED = ("faults.py", "vocabulary.py")
 MOST_TESTS, MOST_SECONDS = 400, 60.0
 """Tests that a mutant is run with, the quickest first, and how long these may take together."""
@@ -84,25 +68,36 @@ def copied(folder: Path) -> Tree:
     return Tree(folder=folder)
 
 
-def calls_of(tree: Tree, tests: tuple[str, ...], path: Path) -> dict[str, dict[str, float]]:
-    """Function (``file:line``) → the tests that call it, with their seconds; from the file, if there is one."""
+@dataclass(frozen=True, kw_only=True)
+class Called:
+    """Function (``file:line``) → the tests that call it, with their seconds; the ``numerical`` tests with theirs."""
+
+    by_place: dict[str, dict[str, float]]
+    numerical: dict[str, float]
+
+
+def calls_of(tree: Tree, path: Path) -> Called:
+    """Which of the default tests calls what; from the file, if there is one."""
     if not path.exists():
-        status = tree.pytest(["-p", "tests.mutation.calls", *tests], {VARIABLE: str(path.resolve())}, None)
+        status = tree.pytest(["-p", "tests.mutation.calls", "tests"], {VARIABLE: str(path.resolve())}, None)
         if status != 0:
             message = "the tests fail without any mutation"
             raise RuntimeError(message)
     found: dict[str, dict[str, float]] = {}
+    numerical = {}
     for test, entry in json.loads(path.read_text(encoding="utf-8")).items():
         for place in entry["calls"]:
             found.setdefault(place, {})[test] = entry["seconds"]
-    return found
+        if test.startswith(NUMERICAL):
+            numerical[test] = entry["seconds"]
+    return Called(by_place=found, numerical=numerical)
 
 
-def tests_for(mutant: Mutant, text: str, calls: dict[str, dict[str, float]]) -> tuple[list[str], float]:
+def tests_for(mutant: Mutant, text: str, called: Called) -> tuple[list[str], float]:
     """The quickest tests that call the function of a mutant, and their seconds; for a constant, those of its file."""
     first, last = next((lines for lines in functions_of(text) if lines[0] == mutant.function), (None, None))
-    tests: dict[str, float] = {}
-    for place, callers in calls.items():
+    tests: dict[str, float] = dict(called.numerical) if mutant.file.startswith(COMPILED) else {}
+    for place, callers in called.by_place.items():
         file, line = place.rsplit(":", 1)
         # Inner functions, comprehensions and decorators begin at lines of their own.
         if file == mutant.file and (first is None or last is None or first - 5 <= int(line) <= last):
@@ -116,10 +111,9 @@ def tests_for(mutant: Mutant, text: str, calls: dict[str, dict[str, float]]) -> 
     return chosen, seconds
 
 
-def sampled(sources: tuple[str, ...], count: int, seed: int) -> list[Mutant]:
-    """So many mutants of the files, in the order of their places."""
-    paths = [ROOT / source for source in sources]
-    files = [f for p in paths for f in (sorted(p.rglob("*.py")) if p.is_dir() else [p]) if f.exists()]
+def sampled(count: int, seed: int) -> list[Mutant]:
+    """So many mutants of all rooms, in the order of their places."""
+    files = [file for room in ROOMS for file in sorted((ROOT / "mbm" / room).rglob("*.py"))]
     every = [
         mutant
         for file in files
@@ -144,26 +138,26 @@ def survives(tree: Tree, mutant: Mutant, tests: list[str], seconds: float) -> bo
 def main() -> int:
     """Lists the survivors; the exit status is 0."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rooms", default=",".join(ROOMS), help=f"of {', '.join(ROOMS)}")
-    parser.add_argument("--count", type=int, default=20, help="mutants of each room")
+    parser.add_argument("--count", type=int, default=100, help="mutants of all rooms together")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--calls", type=Path, help="a folder that keeps which tests call what, of unchanged sources")
+    parser.add_argument("--part", default="1/1", help="which part of the sample, of how many")
+    parser.add_argument(
+        "--calls", type=Path, default=Path("calls.json"), help="which tests call what, of these sources"
+    )
     given = parser.parse_args()
+    part, parts = map(int, given.part.split("/"))
     with tempfile.TemporaryDirectory(prefix="mbm-mutants-") as folder:
         tree = copied(Path(folder))
+        called = calls_of(tree, given.calls)
         total = killed = 0
-        for room in given.rooms.split(","):
-            sources, tests = ROOMS[room]
-            kept = tree.folder if given.calls is None else given.calls
-            calls = calls_of(tree, tests, kept / f"calls-{room}.json")
-            for mutant in sampled(sources, given.count, given.seed):
-                begin = time.perf_counter()
-                text = (ROOT / mutant.file).read_text(encoding="utf-8")
-                chosen, seconds = tests_for(mutant, text, calls)
-                alive = not chosen or survives(tree, mutant, chosen, seconds)
-                total, killed = total + 1, killed + (not alive)
-                words = ("alive" if chosen else "not tested") if alive else "killed"
-                print(f"{words:10} {mutant} ({len(chosen)} tests, {time.perf_counter() - begin:.0f} s)", flush=True)
+        for mutant in sampled(given.count, given.seed)[part - 1 :: parts]:
+            begin = time.perf_counter()
+            text = (ROOT / mutant.file).read_text(encoding="utf-8")
+            chosen, seconds = tests_for(mutant, text, called)
+            alive = not chosen or survives(tree, mutant, chosen, seconds)
+            total, killed = total + 1, killed + (not alive)
+            words = ("alive" if chosen else "not tested") if alive else "killed"
+            print(f"{words:10} {mutant} ({len(chosen)} tests, {time.perf_counter() - begin:.0f} s)", flush=True)
         print(f"{killed} of {total} mutants were noticed")
     return 0
 
