@@ -1,7 +1,8 @@
-"""A sample of mutants of the rooms that compute or print numbers, each run with the tests that call it.
+"""A sample of mutants of mbm, each run with the tests that call it: those that no test notices are listed.
 
-``python -m tests.mutation.sample --count 1000 --seed 1 --calls calls.json --part 1/2`` lists those unnoticed.
-Works on a copy of the tree. Which test calls what is learnt from one run of the default tests (half an hour), and kept.
+``python -m tests.mutation.sample --count 1000 --seed 1 --of 4 --parts 1-2`` tries the first half of a thousand. Works
+on a copy of the tree. Which test calls what is learnt from one run of the default tests (half an hour) and kept below
+`build`, as long as neither sources nor tests change.
 """
 
 from __future__ import annotations
@@ -20,13 +21,10 @@ from pathlib import Path
 
 from tests.mutation.calls import VARIABLE
 from tests.mutation.mutants import Mutant, functions_of, mutants_of
+from tests.trials.campaign import numbers
+from tests.trials.seeds import digest_of
 
 ROOT = Path(__file__).parents[2]
-ROOMS = (
-    *("data", "emit", "equations", "estimation", "expression", "kernels", "language", "machine", "problem", "report"),
-    *("simulation", "solver", "sparse", "symbolic", "text"),
-)
-"""Folders of mbm whose sources are changed."""
 COMPILED = ("mbm/solver/", "mbm/sparse/blocks/", "mbm/emit/routines/")
 """Texts that become machine code or C, so that hardly anybody is seen to call them …"""
 NUMERICAL = ("tests/solver/", "tests/machine/", "tests/oracles/", "tests/estimation/", "tests/sparse/", "tests/emit/")
@@ -76,13 +74,19 @@ class Called:
     numerical: dict[str, float]
 
 
-def calls_of(tree: Tree, path: Path) -> Called:
-    """Which of the default tests calls what; from the file, if there is one."""
+def calls_of(tree: Tree) -> Called:
+    """Which of the default tests calls what; from the file of these sources and tests, if there is one."""
+    path = ROOT / "build" / f"calls-{digest_of('mbm', 'grammar', 'tests')}.json"
     if not path.exists():
-        status = tree.pytest(["-p", "tests.mutation.calls", "tests"], {VARIABLE: str(path.resolve())}, None)
+        heard = tree.folder / path.name
+        status = tree.pytest(["-p", "tests.mutation.calls", "tests"], {VARIABLE: str(heard)}, None)
         if status != 0:
             message = "the tests fail without any mutation"
             raise RuntimeError(message)
+        path.parent.mkdir(exist_ok=True)
+        part = path.with_suffix(f".{os.getpid()}")  # another run may look for it at the same time
+        shutil.copy(heard, part)
+        part.replace(path)
     found: dict[str, dict[str, float]] = {}
     numerical = {}
     for test, entry in json.loads(path.read_text(encoding="utf-8")).items():
@@ -112,11 +116,10 @@ def tests_for(mutant: Mutant, text: str, called: Called) -> tuple[list[str], flo
 
 
 def sampled(count: int, seed: int) -> list[Mutant]:
-    """So many mutants of all rooms, in the order of their places."""
-    files = [file for room in ROOMS for file in sorted((ROOT / "mbm" / room).rglob("*.py"))]
+    """So many mutants, in the order of their places."""
     every = [
         mutant
-        for file in files
+        for file in sorted((ROOT / "mbm").rglob("*.py"))
         if file.name not in NOT_MUTATED and "faults" not in file.parts
         for mutant in mutants_of(file.relative_to(ROOT).as_posix(), file.read_text(encoding="utf-8"))
     ]
@@ -138,19 +141,19 @@ def survives(tree: Tree, mutant: Mutant, tests: list[str], seconds: float) -> bo
 def main() -> int:
     """Lists the survivors; the exit status is 0."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=100, help="mutants of all rooms together")
+    parser.add_argument("--count", type=int, default=100, help="mutants of all parts together")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--part", default="1/1", help="which part of the sample, of how many")
-    parser.add_argument(
-        "--calls", type=Path, default=Path("calls.json"), help="which tests call what, of these sources"
-    )
+    parser.add_argument("--of", type=int, default=1, help="number of parts")
+    parser.add_argument("--parts", help="those to be tried, as 1-3,7 (all)")
     given = parser.parse_args()
-    part, parts = map(int, given.part.split("/"))
+    parts = numbers(given.parts or f"1-{given.of}")
     with tempfile.TemporaryDirectory(prefix="mbm-mutants-") as folder:
         tree = copied(Path(folder))
-        called = calls_of(tree, given.calls)
+        called = calls_of(tree)
         total = killed = 0
-        for mutant in sampled(given.count, given.seed)[part - 1 :: parts]:
+        for place, mutant in enumerate(sampled(given.count, given.seed)):
+            if place % given.of + 1 not in parts:
+                continue
             begin = time.perf_counter()
             text = (ROOT / mutant.file).read_text(encoding="utf-8")
             chosen, seconds = tests_for(mutant, text, called)

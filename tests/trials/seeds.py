@@ -12,11 +12,16 @@ VARIABLE = "MBM_FUZZ_SEED"
 """Environment variable that states the seed instead."""
 
 
-@cache
 def digest_of_sources() -> str:
     """The digest of everything that mbm is made of, names and contents."""
+    return digest_of("mbm", "grammar")
+
+
+@cache
+def digest_of(*folders: str) -> str:
+    """The digest of the texts in some folders, names and contents."""
     digest = sha256()
-    files = [path for folder in ("mbm", "grammar") for path in (ROOT / folder).rglob("*")]
+    files = [path for folder in folders for path in (ROOT / folder).rglob("*")]
     for path in sorted(files):
         if path.suffix in {".py", ".mbm", ".lark"}:
             content = path.read_bytes()
