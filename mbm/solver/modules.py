@@ -7,11 +7,12 @@ from mbm.machine.tree import Module
 from mbm.solver.batch import finish_solve, go_on, set_end, solve_many, start_solve
 from mbm.solver.chi_square import chi_square_tails
 from mbm.solver.consensus import consensus_in_portions, consensus_many
+from mbm.solver.spheres import places_of_many
 
 
 def solver_module(lanes: int) -> Module:
     """The solver for kernels that take ``lanes`` rows at a time."""
-    roots = (start_solve, go_on, set_end, finish_solve, solve_many, chi_square_tails)
+    roots = (start_solve, go_on, set_end, finish_solve, solve_many, chi_square_tails, places_of_many)
     return module_of("solver", roots, constants={"LANES": lanes})
 
 

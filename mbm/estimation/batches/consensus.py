@@ -23,8 +23,8 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.estimation.consensus.native import ConsensusEnds
     from mbm.estimation.consensus.rules import Rules
-    from mbm.estimation.minimise.native.code import AnyCode
     from mbm.estimation.minimise.native.system import NativeSystem
+    from mbm.estimation.native.code import AnyCode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -144,7 +144,7 @@ def _ruled(asked: Asked, stack: Stack, first: Assembled, points: Floats) -> _Rul
     from mbm.estimation.consensus.consensus import SAMPLE
     from mbm.estimation.consensus.forms import known_form
     from mbm.estimation.consensus.rules import NO_FORM, rules_of
-    from mbm.estimation.minimise.native.system import native_code
+    from mbm.estimation.native.code import native_code
 
     settings, groups, acting = asked.settings, stack.equations.groups, asked.acting(stack.equations)
     if int(stack.residuals.max(initial=0)) > SAMPLE or not any(acting):

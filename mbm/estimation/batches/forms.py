@@ -20,7 +20,7 @@ from mbm.estimation.consensus.forms import KnownForm, known_form
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.closed_forms.completion import PLAUSIBLE, plans
 from mbm.estimation.starts.closed_forms.minimal import minimal_solver
-from mbm.estimation.starts.closed_forms.multilateration import Spheres, weights_of_squares
+from mbm.estimation.starts.closed_forms.multilateration import Spheres
 from mbm.estimation.starts.closed_forms.pose_from_points import Sights
 from mbm.estimation.starts.closed_forms.situation import Situation
 from mbm.estimation.starts.closed_forms.thinning import ENOUGH
@@ -206,15 +206,13 @@ def _of_all(plan: Plan, told: Floats, precision: Floats) -> Plan:
     data: Any = plan.data
     if isinstance(data, Spheres):
         d = data.stations.shape[1]
-        known, weight = np.isfinite(told).all(axis=1), np.full(len(told), np.nan)
-        weight[known] = weights_of_squares(precision[known], told[known, d], data.offset)
         data = replace(
             data,
             stations=told[:, :d],
             length=told[:, d],
             extra=told[:, d + 1],
             slope=told[:, d + 2],
-            weight=weight,
+            precision=precision,
         )
     elif isinstance(data, Sights):
         data = replace(data, moved=replace(data.moved, points=told[:, :3]), bearings=told[:, 3:])

@@ -19,8 +19,8 @@ from mbm.estimation.consensus.rules import NO_FORM, rules_of
 from mbm.estimation.consensus.rules import Rules as ConsensusRules
 from mbm.estimation.consensus.types import Asked, observed
 from mbm.estimation.consensus.units import consistency
-from mbm.estimation.minimise.native.code import AnyCode
-from mbm.estimation.minimise.native.system import NativeSystem, native_code, system_of
+from mbm.estimation.minimise.native.system import NativeSystem, system_of
+from mbm.estimation.native.code import AnyCode, native_code
 from mbm.estimation.search.starting import with_idle_ones
 from mbm.estimation.settings import Settings
 from mbm.problem.types import BlockRole, ConsensusKind, Problem

@@ -13,9 +13,9 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.batches.stream_ends import NO_CODE, Rules, StreamEnds
-from mbm.estimation.minimise.native.code import Routine, SolverCode
 from mbm.estimation.minimise.native.system import NativeEnds, NativeSystem, system_of
 from mbm.estimation.minimise.sparsity import sparse_suits
+from mbm.estimation.native.code import Routine, SolverCode
 from mbm.estimation.search.challenge import kind_of, usual_cost
 from mbm.estimation.settings import Settings
 from mbm.machine.records import put

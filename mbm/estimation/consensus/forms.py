@@ -183,9 +183,7 @@ def _told(solver: MinimalSolver) -> Floats:
     """What the form says of each of its rows (rows, width)."""
     data = solver.plan.data
     if isinstance(data, Spheres):
-        told = np.column_stack([data.stations, data.length, data.extra, data.slope])
-        told[data.weight == 0.0] = np.nan
-        return told
+        return np.where((data.precision > 0.0)[:, None], data.told, np.nan)
     return np.hstack([data.moved.points, data.bearings])
 
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.consensus.rules import Rules
-from mbm.estimation.minimise.native.code import AnyCode
 from mbm.estimation.minimise.native.packing import blocks_of
 from mbm.estimation.minimise.native.system import AT_A_TIME, NativeSystem, never
+from mbm.estimation.native.code import AnyCode
 from mbm.machine.kinds import LANES
 from mbm.machine.records import inside as inside_of
 from mbm.machine.records import put, view

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from mbm.estimation.starts.closed_forms.numerics.spheres import positions, positions_and_offset
 
 EXACT = 1e-9

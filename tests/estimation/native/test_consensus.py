@@ -15,7 +15,8 @@ from mbm.estimation.consensus.native import Begun, consensus_many
 from mbm.estimation.consensus.rules import rules_of
 from mbm.estimation.consensus.types import Asked, observed
 from mbm.estimation.minimise.native.packing import Rows
-from mbm.estimation.minimise.native.system import native_code, system_of
+from mbm.estimation.minimise.native.system import system_of
+from mbm.estimation.native.code import native_code
 from mbm.estimation.settings import settings_of
 from mbm.estimation.solve.estimate import assemble
 from mbm.solver.decisions import STATED

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import mbm.estimation.minimise.native.system as native
-from mbm.estimation.minimise.native.code import OPTIMISED, UNOPTIMISED, WORTH, SolverCode, _text
 from mbm.estimation.minimise.native.packing import blocks_of
 from mbm.estimation.minimise.native.system import MANY_ROWS, MANY_ROWS_OFTEN, system_of
+from mbm.estimation.native.code import OPTIMISED, UNOPTIMISED, WORTH, SolverCode, _text
 from mbm.kernels.native import engine
 from mbm.solver import description as of
 

@@ -13,11 +13,11 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
 from mbm.equations.types import Floats, Indices
 from mbm.equations.whitening import Whitener
-from mbm.estimation.minimise.native.callbacks import CallbackKernels
-from mbm.estimation.minimise.native.code import AnyCode
 from mbm.estimation.minimise.native.function import Remembered
 from mbm.estimation.minimise.native.packing import Iteration, rows_of, system_arrays
 from mbm.estimation.minimise.native.system import ROWS_IN_PYTHON, NativeSystem
+from mbm.estimation.native.callbacks import CallbackKernels
+from mbm.estimation.native.code import AnyCode
 from mbm.kernels.types import Kernel
 from mbm.symbolic.types import ConstantInput, Slot
 from mbm.values import dataclass

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from mbm.equations.binding import Group
-from mbm.estimation.minimise.native.code import NativeCode
+from mbm.estimation.native.code import NativeCode
 from mbm.kernels.native.kernels import LONG
 
 if TYPE_CHECKING:

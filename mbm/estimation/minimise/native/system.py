@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.binding import EvaluationCache, Group
+from mbm.equations.binding import Group
 from mbm.equations.types import Equations, Floats, Indices
-from mbm.estimation.minimise.native.code import AnyCode, Described, NativeCode
 from mbm.estimation.minimise.native.packing import (
     ROWS_AT_A_TIME,
     Iteration,
@@ -23,6 +22,7 @@ from mbm.estimation.minimise.native.packing import (
     triangle_kind,
 )
 from mbm.estimation.minimise.native.summing import sum_addresses, summable
+from mbm.estimation.native.code import AnyCode, Described, NativeCode, native_code
 from mbm.estimation.settings import Settings
 from mbm.machine.records import address, inside, put, slot, view
 from mbm.problem.types import ConstraintMethod, Method
@@ -33,7 +33,7 @@ from mbm.solver.workspace import Answer, Work, work_integers, work_reals
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.estimation.minimise.native.callbacks import CallbackKernels
+    from mbm.estimation.native.callbacks import CallbackKernels
     from mbm.kernels.native.kernels import NativeKernels
 
 MOST_COORDINATES = 80
@@ -382,11 +382,3 @@ def _kernels(code: NativeCode, groups: Sequence[Group], *, compiled: bool) -> Na
     if compiled:
         return code.kernels(numbers, kernels, max(g.rows for g in groups))
     return code.callbacks(numbers, kernels, [g.cache.stream(g.number, g.kernel) for g in groups])
-
-
-def native_code(cache: EvaluationCache) -> NativeCode:
-    """What native solves of a problem share."""
-    found = cache.native.get("code")
-    if not isinstance(found, NativeCode):
-        found = cache.native["code"] = NativeCode(cache.backend)
-    return found

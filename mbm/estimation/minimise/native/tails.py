@@ -6,8 +6,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Indices
-from mbm.estimation.minimise.native.code import AnyCode
-from mbm.estimation.minimise.native.system import native_code
+from mbm.estimation.native.code import AnyCode, native_code
 
 PRODUCTS = 100.0
 """Products for one tail, about."""

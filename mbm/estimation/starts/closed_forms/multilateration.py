@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.starts.closed_forms.numerics.spheres import positions, positions_and_offset
+from mbm.estimation.native.code import native_code
 from mbm.estimation.starts.closed_forms.rows import Rows
 from mbm.estimation.starts.closed_forms.situation import AGREEMENT, Candidate, Situation
 from mbm.estimation.starts.closed_forms.types import Plan
+from mbm.machine.records import put
+from mbm.solver.spheres import MOST_PLACES, SCRATCH, Ranges
 from mbm.values import dataclass
 
 DROWNING = 1e8
@@ -25,8 +27,9 @@ class Spheres:
     """Rows that say ``√(|p − station|² + extra) = length + slope · offset``, arrays over n rows.
 
     ``point`` are the columns of p among the candidate's numbers, ``offset`` that of the offset, None without one. The
-    offset's sign is open where the rows hold its square only (``even``); it is taken positive. Of rows whose length
-    drowns the stations' coordinates nothing is known: their ``weight`` is 0.
+    offset's sign is open where the rows hold its square only (``even``); it is taken positive. ``precision`` is one
+    over the variance of a row; of rows whose length drowns the stations' coordinates nothing is known, and it is 0.
+    Squares that are measured have a length of 0, so that all that is known is affine in them.
     """
 
     point: tuple[int, ...]
@@ -35,8 +38,13 @@ class Spheres:
     extra: Floats
     length: Floats
     slope: Floats
-    weight: Floats
+    precision: Floats
     even: bool = False
+
+    @property
+    def told(self) -> Floats:
+        """Station, length, extra and slope of each row (n, d + 3), as `mbm.solver.spheres.Ranges` has them."""
+        return np.column_stack([self.stations, self.length, self.extra, self.slope])
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,18 +75,22 @@ class Multilateration:
         return Plan(form=self, candidate=candidate, rows=rows, minimal=minimal, data=found)
 
     def solve(self, plan: Plan, subsets: Indices) -> Floats:
-        """Up to three positions: by differences alone, and both sides of a plane that holds all stations."""
+        """Up to three positions: by differences alone, and both sides of a plane that holds nearly all stations."""
         found: Spheres = plan.data
-        stations, length, extra = found.stations[subsets], found.length[subsets], found.extra[subsets]
-        weight = found.weight[subsets]
-        if found.offset is None:
-            point = positions(stations, length**2 - extra, weight)
-            result = np.full((*point.shape[:2], len(found.point)), np.nan)
-        else:
-            point, offset = positions_and_offset(stations, length, found.slope[subsets], extra, weight)
-            result = np.full((*point.shape[:2], len(found.point) + 1), np.nan)
-            result[..., found.offset] = np.abs(offset) if found.even else offset
-        result[..., list(found.point)] = point
+        d, offset = len(found.point), found.offset is not None
+        told, precision = np.ascontiguousarray(found.told[subsets]), found.precision[subsets]
+        sets, rows = subsets.shape
+        code = native_code(plan.rows.pieces[0].group.cache).solver
+        code.expect(float(sets * rows * (d + 2) ** 2))
+        ranges, scratch, counts = code.blank(Ranges), np.empty(SCRATCH), np.zeros(sets, dtype=np.int64)
+        put(ranges, Ranges, d=d, offset=int(offset), even=int(found.even), rows=rows)
+        put(ranges, Ranges, spheres=told, weights=precision, scratch=scratch)
+        places = np.empty((sets, MOST_PLACES, d + offset))
+        code.routine("places_of_many", object, int, object, object)(ranges, sets, places, counts)
+        result = np.full(places.shape, np.nan)
+        there = np.arange(MOST_PLACES) < counts[:, None]
+        columns = [*found.point, *([] if found.offset is None else [found.offset])]
+        result[np.ix_(range(sets), range(MOST_PLACES), columns)] = np.where(there[..., None], places, np.nan)
         return result
 
 
@@ -138,15 +150,14 @@ def _squares(rows: Rows, point: tuple[int, ...], offset: int | None, probes: Flo
         if bool((np.abs(squares) > AGREEMENT * size**2).any()):
             return None
         slope = np.sqrt(changes[:, 0])
-    length = np.sqrt(np.maximum(squares, 0.0))
     return Spheres(
         point=point,
         offset=offset,
         stations=stations,
-        extra=np.minimum(squares, 0.0) * -1.0,
-        length=length if offset is None else np.zeros(len(rows)),
+        extra=-squares if offset is None else np.zeros(len(rows)),
+        length=np.zeros(len(rows)),
         slope=slope,
-        weight=rows.weight * k**2,
+        precision=rows.weight * k**2,
         even=offset is not None,
     )
 
@@ -194,12 +205,12 @@ def _distances(rows: Rows, point: tuple[int, ...], offset: int | None, probes: F
         extra=extra,
         length=length,
         slope=slope,
-        weight=weights_of_squares(rows.weight * square, length, offset),
+        precision=rows.weight * square,
     )
 
 
 def _among(found: Spheres, heard: Mask) -> Spheres:
-    """The same for all rows (n,), those that are not ``heard`` with a weight of 0, at a place among the others."""
+    """The same for all rows (n,), those that are not ``heard`` with a precision of 0, at a place among the others."""
     places = np.where(heard, np.cumsum(heard) - 1, 0)
     return replace(
         found,
@@ -207,16 +218,8 @@ def _among(found: Spheres, heard: Mask) -> Spheres:
         extra=np.where(heard, found.extra[places], 0.0),
         length=np.where(heard, found.length[places], 0.0),
         slope=found.slope[places],
-        weight=np.where(heard, found.weight[places], 0.0),
+        precision=np.where(heard, found.precision[places], 0.0),
     )
-
-
-def weights_of_squares(precision: Floats, length: Floats, offset: int | None) -> Floats:
-    """Those of squared distances: their error is 2 D times that of the distance."""
-    if offset is not None:
-        return precision
-    typical = np.sqrt(np.square(length).mean())
-    return np.asarray(precision / np.maximum(np.square(length), 1e-6 * typical**2 + 1e-300))
 
 
 def _one_constant(slopes: Floats) -> bool:

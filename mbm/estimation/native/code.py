@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from mbm.equations.binding import EvaluationCache
 from mbm.kernels.native.sources import source_digest
 from mbm.kernels.types import Backend, Kernel, KernelSet, MachineCode, Stream
 from mbm.machine.kinds import LANES
@@ -18,8 +19,8 @@ from mbm.machine.records import address, blank
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.estimation.minimise.native.callbacks import CallbackKernels
-    from mbm.estimation.minimise.native.interpreted import InterpretedCode
+    from mbm.estimation.native.callbacks import CallbackKernels
+    from mbm.estimation.native.interpreted import InterpretedCode
     from mbm.kernels.native.engine import Library
     from mbm.kernels.native.kernels import NativeKernels
     from mbm.kernels.native.normal import NormalKernels
@@ -187,7 +188,7 @@ class NativeCode:
 
             if hindrance(self.store) is not None:
                 # Loaded where there is nothing else.
-                from mbm.estimation.minimise.native.interpreted import InterpretedCode
+                from mbm.estimation.native.interpreted import InterpretedCode
 
                 return InterpretedCode(name)
         return SolverCode(self.store, name, text)
@@ -198,7 +199,7 @@ class NativeCode:
         """Some kernels, the k-th under the number k, that the ``streams`` of a backend evaluate."""
         key = tuple(numbers)
         if key not in self._callbacks:
-            from mbm.estimation.minimise.native.callbacks import CallbackKernels
+            from mbm.estimation.native.callbacks import CallbackKernels
 
             widths = [(len(k.variables) + len(k.parameters), k.outputs, len(k.jacobian_rows)) for k in kernels]
             self._callbacks[key] = CallbackKernels(streams, widths)
@@ -212,3 +213,11 @@ class NativeCode:
 
             self._kernels[key] = native_kernels(KernelSet(name="system", kernels=tuple(kernels)), self.store, rows)
         return self._kernels[key]
+
+
+def native_code(cache: EvaluationCache) -> NativeCode:
+    """What native solves of a problem share."""
+    found = cache.native.get("code")
+    if not isinstance(found, NativeCode):
+        found = cache.native["code"] = NativeCode(cache.backend)
+    return found
