@@ -66,7 +66,7 @@ def _agreement(asked: Asked, plain: Assembled, *, begins: bool) -> Agreement:
         form=NO_FORM if known is None else known.form,
         dimension=MANY_CONNECTED if families else None,
     )
-    places, maps = _maps(plain, acting, known)
+    places, maps = ((), ()) if known is None else known.tables(plain, acting)
     kept = settings.robust is not None
     anywhere = begins or (kept and consensus.kind is not ConsensusKind.GNC)
     return Agreement(
@@ -115,21 +115,6 @@ def _form(problem: Problem, equations: Assembled, settings: Settings) -> KnownFo
         why = "its subsets have a closed form, and what that takes from the data follows no simple rule"
         raise MbmError(faults.not_emitted(problem.span, "this consensus", why))
     return known
-
-
-def _maps(
-    equations: Assembled, acting: tuple[bool, ...], known: KnownForm | None
-) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """Where the map of each type of unit begins, -1: it has none; and the maps row by row."""
-    places: list[int] = []
-    numbers: list[float] = []
-    for number, (group, mine) in enumerate(zip(equations.groups, acting, strict=True)):
-        for equation in range(len(group.whiteners) if mine else 0):
-            maps = () if known is None or known.maps is None else known.maps
-            own = next((m for m in maps if (m.group, m.whitener) == (number, equation)), None)
-            places.append(-1 if own is None else len(numbers))
-            numbers += () if own is None else own.matrix.ravel().tolist()
-    return tuple(places), tuple(numbers)
 
 
 def _startless(equations: Assembled, known: KnownForm) -> frozenset[int]:

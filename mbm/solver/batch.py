@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf, isfinite
+
 from mbm.machine.kinds import LANES
 from mbm.machine.records import Reference, record, view
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Integers
@@ -10,9 +12,10 @@ from mbm.solver.beginning import begin, constraint_count, solve_directly
 from mbm.solver.constraint_values import tell_equations
 from mbm.solver.constraints import begin_rounds, next_round, set_held
 from mbm.solver.covariance import set_covariance, undetermined
-from mbm.solver.decisions import PUSHED
+from mbm.solver.decisions import PUSHED, takes_over, usual_cost, worth_following
 from mbm.solver.description import (
     BOUNDS_AT,
+    COMPARED,
     CONDITION,
     COST,
     DATA_BLOCK,
@@ -20,15 +23,19 @@ from mbm.solver.description import (
     DEFICIENT,
     EVALUATIONS,
     FREEDOM,
+    FROM_FORM,
+    FROM_START,
     MAX_ITERATIONS,
     NO_LOSS,
     NOT_FINITE_AT_START,
     OFFSET,
+    ONE_STEP,
     PLAIN_COST,
     REASON,
     RESULTS,
     ROUNDS,
     RUNNING,
+    SMALL_OFFSET,
     STATES,
     STEPS,
     TOLERANCE,
@@ -39,6 +46,7 @@ from mbm.solver.description import (
 )
 from mbm.solver.equations import load_rows, residuals_at_point
 from mbm.solver.linear_algebra import add_multiple, copied, dot, filled
+from mbm.solver.range_form import RangeForm, best_of_ranges
 from mbm.solver.sequential import begin_steps, sequential_step
 from mbm.solver.sweeps import sweep
 from mbm.solver.trust_region import iterate
@@ -63,6 +71,8 @@ class Solves:
     starts: ConstantReals
     answers: Answer
     """Of the whole batch."""
+    form: RangeForm
+    """What starts are compared with, if anything."""
 
 
 def start_solve(
@@ -223,6 +233,61 @@ def finish_solve(problem: Problem, work: Work) -> None:
     states[DEFICIENT] = 0 if results[CONDITION] < 1e300 else 1
 
 
+def ended_well(stop: Integer) -> Integer:
+    """1 where an iteration has ended in a minimum."""
+    return 1 if stop >= SMALL_OFFSET and stop <= ONE_STEP else 0
+
+
+def solve_from(
+    problem: Problem, data: DataSet, loaded: Integer, start: ConstantReals, form: RangeForm, work: Work
+) -> None:
+    """A solve from its start to its answer; where ranges lead to a better minimum, to that.
+
+    ``loaded`` as in `start_solve`. The iterations of both count.
+    """
+    start_solve(problem, data, loaded, start, work)
+    go_on(problem, problem.iterations + 1, work)
+    compared = 0
+    if form.ranges.d > 0 and work.stop != NOT_FINITE_AT_START:
+        compared = FROM_START
+        if leads_lower(problem, start, form, work) == 1:
+            compared = FROM_FORM
+    finish_solve(problem, work)
+    work.answer.states[COMPARED] = compared
+
+
+def leads_lower(problem: Problem, start: ConstantReals, form: RangeForm, work: Work) -> Integer:
+    """1 where the best place of the ranges leads to a better minimum than that at hand: the work is there then."""
+    data = work.rows.data
+    here = work.here
+    cost = here.cost
+    rounding = here.rounding
+    stop = work.stop
+    well = ended_well(stop)
+    iterations = work.iterations
+    evaluations = work.evaluations
+    copied(problem.numbers, here.point, form.other)
+    most = inf
+    if form.stated == 1:
+        most = usual_cost(float(data.count - problem.n))
+    least = best_of_ranges(problem, start, form, work)
+    if not isfinite(least) or (well == 1 and worth_following(cost, least, most, rounding) == 0):
+        return 0
+    start_solve(problem, data, 1, form.point, work)
+    go_on(problem, problem.iterations + 1, work)
+    iterations += work.iterations
+    evaluations += work.evaluations
+    lower = takes_over(cost, work.here.cost, rounding)
+    if well == 0 and work.here.cost <= cost:
+        lower = 1
+    if lower == 0:
+        start_solve(problem, data, 1, form.other, work)
+        work.stop = stop
+    work.iterations = iterations
+    work.evaluations = evaluations
+    return lower
+
+
 def solve_many(solves: Solves) -> None:
     """Solves of a batch, each from beginning to end, with the scratch of one thread."""
     problem = solves.problem
@@ -235,8 +300,6 @@ def solve_many(solves: Solves) -> None:
     for k in range(solves.first, solves.last):
         own = view(DataSet, solves.data[solves.which[k] * stride :])
         loaded = 1 if work.loaded == solves.which[k] else 0
-        start_solve(problem, own, loaded, solves.starts[k * problem.numbers :], work)
-        work.loaded = solves.which[k]
         answer.numbers = every.numbers[k * problem.numbers :]
         answer.results = every.results[k * RESULTS :]
         answer.states = every.states[k * STATES :]
@@ -244,5 +307,5 @@ def solve_many(solves: Solves) -> None:
         answer.triangle = every.triangle[k * (n + 1) * (n + 1) :]
         answer.covariance = every.covariance[k * n * n :]
         answer.multipliers = every.multipliers[k * problem.most_multipliers :]
-        go_on(problem, problem.iterations + 1, work)
-        finish_solve(problem, work)
+        solve_from(problem, own, loaded, solves.starts[k * problem.numbers :], solves.form, work)
+        work.loaded = solves.which[k]

@@ -1,30 +1,14 @@
-"""What the closed form that fits subsets knows of the rows at hand: `mbm.estimation.consensus.forms`, printed.
-
-It was learnt when the solver was made, as an affine map of the parameters of a row: ``maps`` has for each type of unit
-``(parameters + 1) · width`` numbers from its offset in ``map_places`` on, the constant ones last; -1: nothing is known.
-"""
+"""What the closed form that fits subsets knows of the rows at hand, as `mbm.solver.known_rows` has it."""
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import sqrt
 
-from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.machine.words import ConstantIntegers, ConstantReals, Real, Reals
 from mbm.solver.consensus_records import SIGHTS, Rules
 from mbm.solver.description import Problem
+from mbm.solver.known_rows import known_unit
 from mbm.solver.workspace import Rows
-
-
-def known_unit(
-    width: Integer, count: Integer, given: ConstantReals, at: Integer, maps: ConstantReals, target: Reals
-) -> None:
-    """What is known of a unit (width,) of a row with the parameters ``given`` (count,)."""
-    for w in range(width):
-        total = inf - inf
-        if at >= 0:
-            total = maps[at + count * width + w]
-            for p in range(count):
-                total += given[p] * maps[at + p * width + w]
-        target[w] = total
 
 
 def known_units(

@@ -169,7 +169,8 @@ def _challenged(ends: Ends, *, other: bool) -> Mask:
     """
     if ends.kept is not None or ends.factors is not None or other:
         return np.zeros(len(ends.cost), dtype=bool)
-    return np.ones(len(ends.cost), dtype=bool) if ends.given is None else ends.given
+    given = np.ones(len(ends.cost), dtype=bool) if ends.given is None else ends.given
+    return given if ends.compared is None else given & ~ends.compared
 
 
 def _spread(

@@ -15,14 +15,16 @@ from mbm.estimation.batches.types import REASONS, Ends, Kept, Solver, Which
 from mbm.estimation.settings import Settings
 
 if TYPE_CHECKING:
+    from mbm.estimation.minimise.native.range_maps import RangeMaps
     from mbm.estimation.minimise.native.system import NativeEnds, NativeSystem
 
 
-def solver_of(stack: Stack, settings: Settings) -> Solver | None:
-    """What solves the data sets of a stack; None where native code does not handle them."""
-    native = native_sets(stack, settings)
-    if native is None:
+def solver_of(stack: Stack, settings: Settings, ranges: RangeMaps | None = None) -> Solver | None:
+    """What solves the data sets of a stack, compared with ``ranges``; None where native code does not handle them."""
+    found = native_sets(stack, settings)
+    if found is None:
         return None
+    native = replace(found, ranges=ranges)
     limits = int(stack.limits.max(initial=0))
 
     def solve(which: Which, points: Floats) -> Ends:
@@ -107,6 +109,7 @@ def plain_ends(found: NativeEnds) -> Ends:
         iterations=found.states[:, of.STEPS],
         evaluations=found.states[:, of.EVALUATIONS],
         held=(found.sides != 0).any(axis=1),
+        compared=found.states[:, of.COMPARED] != 0,
     )
 
 

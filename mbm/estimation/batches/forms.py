@@ -17,6 +17,7 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.stack import Portion, Stack
 from mbm.estimation.batches.types import Which
 from mbm.estimation.consensus.forms import KnownForm, known_form
+from mbm.estimation.minimise.native.range_maps import RangeMaps
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.closed_forms.completion import plans
 from mbm.estimation.starts.closed_forms.minimal import minimal_solver
@@ -158,6 +159,22 @@ class Recognised:
             base=self.first.numbers,
         )
 
+    def ranges(self, *, stated: bool) -> RangeMaps | None:
+        """What the solver compares starts with, where the form is that of ranges; ``stated``: the noise is."""
+        data = self.plan.data
+        if not isinstance(data, Spheres):
+            return None
+        places, maps = self.form.tables(self.first, (True,) * len(self.first.groups))
+        return RangeMaps(
+            dimension=len(data.point),
+            offset=data.offset is not None,
+            even=data.even,
+            places=np.array(self.form.form.about[3:], dtype=np.int64),
+            map_places=np.array(places, dtype=np.int64),
+            maps=np.array(maps),
+            stated=stated,
+        )
+
 
 def recognised(first: Assembled, settings: Settings) -> Recognised | None:
     """The closed form that gives all numbers of the equations of one solve; None if it is not known from the rows."""
@@ -176,19 +193,18 @@ def recognised(first: Assembled, settings: Settings) -> Recognised | None:
     return Recognised(first=first, form=known, plan=solver.plan)
 
 
-def formed(stack: Stack, first: Assembled, settings: Settings) -> Formed | None:
-    """The closed form that gives all numbers of each solve; None where there is none that is known from the rows.
+def recognised_in(stack: Stack, first: Assembled, settings: Settings) -> Recognised | None:
+    """The closed form that gives all numbers of each solve of a stack; None if it is not known from the rows.
 
     ``first`` are the equations of one solve, in which the form is recognised.
     """
+    families = any(entry.keys is not None for entry in stack.equations.layout.entries)
+    return None if families or int(stack.rows.max(initial=0)) > ENOUGH else recognised(first, settings)
+
+
+def formed(stack: Stack, found: Recognised, settings: Settings) -> Formed | None:
+    """The closed form for all solves of a stack in which it was recognised; None where rows have to be probed."""
     equations = stack.equations
-    if any(entry.keys is not None for entry in equations.layout.entries):
-        return None
-    if int(stack.rows.max(initial=0)) > ENOUGH:
-        return None
-    found = recognised(first, settings)
-    if found is None:
-        return None
     told = found.form.of_rows(equations, (True,) * len(equations.groups), settings.closed_forms, exact=True)
     return None if told is None else found.of_all(_Stacked(stack=stack), told, precisions(equations))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import field, replace
 from typing import TYPE_CHECKING
@@ -47,7 +47,8 @@ class _Room:
 class Stream:
     """Data sets of one shape, solved from one start. Local to one thread: its arrays are used again for each call.
 
-    Where the closed form of ``rivals`` costs less than what the start leads to, its minimum is the answer.
+    Where a closed form costs less than what the start leads to, its minimum is the answer: the solver compares with
+    that of ranges, as ``system`` has it, other ones are the ``rivals``.
     """
 
     def __init__(self, system: NativeSystem, start: Floats, rules: Rules, rivals: Rivals | None = None) -> None:
@@ -82,8 +83,10 @@ class Stream:
 
         def part(first: int, last: int) -> None:
             solves, scratch = room.solves.copy(), room.system.scratch()
+            held = room.system.compare(solves)
             put(solves, Solves, work=scratch[0], first=first, last=last)
             function(solves.ctypes.data)
+            del held
 
         if workers <= 1:
             part(0, count)
@@ -116,10 +119,9 @@ class Stream:
         held = self._sides.tobytes() != self._nowhere
         if not rules.sound(cost, states[of.REASON], states[of.DEFICIENT], held, freedom):
             return None
-        fits = cost < rules.most
-        if self._rivals is None and not fits:
+        if self._rivals is None and not cost < rules.most:
             return None
-        if self._rivals is not None and not (fits and self._rivals.sure(self._numbers, cost, self._covariance)):
+        if self._rivals is not None:
             ends = self._compared(self._single, 1, 1)
             return (ends.numbers[0], ends.covariance[0], ends.cost.item()) if ends.clean.item() else None
         covariance = self._covariance.copy()
@@ -146,9 +148,9 @@ class Stream:
         mine = replace(system, rows=replace(rows, parameters=parameters.reshape(-1), data=data))
         ends, scratch = system.blank(count), mine.scratch()
         which, starts = np.arange(count), np.tile(self._start, (count, 1))
-        solves = mine.solves(which, starts, ends, scratch[0])
+        solves, *compared = mine.solves(which, starts, ends, scratch[0])
         put(solves, Solves, first=0, last=1)
-        held = (mine.system, data, which, starts, *scratch)
+        held = (mine.system, data, which, starts, *scratch, *compared)
         return _Room(parameters=parameters, system=mine, ends=ends, solves=solves, held=held)
 
 
@@ -158,12 +160,11 @@ def threads(workers: int | None, count: int) -> int:
 
 
 def stream_of(
-    problem: Problem, equations: Assembled, settings: Settings, estimates: Floats, changing: Sequence[Indices | slice]
+    problem: Problem, equations: Assembled, settings: Settings, estimates: Floats
 ) -> Stream | RobustStream | str:
     """The equations of one data set as a stream; why there is none, where solves need what only the general path has.
 
     Solves begin at the stated start, or at the ``estimates`` (N,) for this data set where none is stated.
-    ``changing`` are the places of the parameters that data sets change.
     """
     corrected = any(block.errors for block in problem.blocks)
     unsuited = {
@@ -199,11 +200,16 @@ def stream_of(
         angles=_angles(equations),
         places=places,
     )
+    start = layout.start if given else estimates
+    if alone:
+        return Stream(system, start, rules)
     # Loaded by streams that start anywhere only.
-    from mbm.estimation.batches.rival_starts import rivals_of
+    from mbm.estimation.batches.rival_starts import form_of_stream, rivals_of
 
-    rivals = None if alone else rivals_of(equations, settings, changing)
-    return Stream(system, layout.start if given else estimates, rules, rivals)
+    form = form_of_stream(equations, settings)
+    ranges = None if form is None else form.ranges(stated=not problem.estimates_noise)
+    rivals = None if form is None or ranges is not None else rivals_of(form, settings)
+    return Stream(replace(system, ranges=ranges), start, rules, rivals)
 
 
 def _angles(equations: Assembled) -> tuple[int, ...]:

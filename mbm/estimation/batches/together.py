@@ -24,17 +24,31 @@ from mbm.estimation.batches.solve import Together
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.suits import asks_for_one_search, suits
 from mbm.estimation.batches.types import Begun, Descent, Ends, Solver
+from mbm.estimation.search.challenge import kind_of
 from mbm.estimation.settings import Settings
 from mbm.kernels.types import KernelSet
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 from mbm.text.types import MbmError
+from mbm.values import dataclass
 
 if TYPE_CHECKING:
-    from mbm.estimation.batches.forms import Formed
+    from mbm.estimation.batches.forms import Formed, Recognised
+    from mbm.estimation.minimise.native.range_maps import RangeMaps
 
 FEW_SOLVES = 8
 """Solves up to which binding them together does not pay."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Closed:
+    """The closed form of all solves, and that of ranges, with which the solver compares starts; each if there is one.
+
+    Called by one thread.
+    """
+
+    form: Callable[[], Formed | None]
+    ranges: Callable[[], RangeMaps | None]
 
 
 def together(
@@ -100,13 +114,26 @@ def _made(
         return None  # members that nothing is said of keep what they were in the window before
 
     @kept
+    def known() -> Recognised | None:
+        from mbm.estimation.batches.forms import recognised_in
+
+        return recognised_in(bound.exactly(), part.first.uncorrected(), settings)
+
+    @kept
     def form() -> Formed | None:
         from mbm.estimation.batches.forms import formed
 
-        return formed(bound.exactly(), part.first.uncorrected(), settings)
+        found = known()
+        return None if found is None else formed(bound.exactly(), found, settings)
+
+    def ranges() -> RangeMaps | None:
+        plain = not (bound.equations.linear or bound.equations.constraints or bound.equations.lossy)
+        found = known() if plain and kind_of(part.first) not in cache.without_closed_form else None
+        return None if found is None else found.ranges(stated=not problem.estimates_noise)
 
     before = None if window is None else _before(part.sets, window.min_rows)
-    descent = _descent(problem, bound, part.first, part.points, before, form, settings)
+    closed = _Closed(form=form, ranges=ranges)
+    descent = _descent(problem, bound, part.first, part.points, before, closed, settings)
     if descent is None:
         return None
     return Together(
@@ -129,7 +156,7 @@ def _descent(
     first: Assembled,
     points: Floats,
     before: Indices | None,
-    form: Callable[[], Formed | None],
+    closed: _Closed,
     settings: Settings,
 ) -> Descent | None:
     """What solves from ``points`` (T, N) where these are stated; None where native code does not.
@@ -139,7 +166,7 @@ def _descent(
     if bound.equations.constraints and not _simple(problem, bound, settings):
         return None
     stated = settings.robust is not None or not _missing(bound, points).any()
-    begun = points if stated else _begun(bound, points, form)
+    begun = points if stated else _begun(bound, points, closed.form)
     if begun is None:
         return None
     solver: Solver | None
@@ -154,9 +181,9 @@ def _descent(
     elif _begins_at_agreement(problem, bound):
         solver = loss_solver(problem, bound, first, begun, settings)
     elif several_noises(problem):
-        solver = components_solver(problem, bound, first, form, settings)
+        solver = components_solver(problem, bound, first, closed.form, settings)
     else:
-        solver = solver_of(bound, settings)
+        solver = solver_of(bound, settings, closed.ranges() if stated or before is not None else None)
     if solver is None:
         return None
     solve = solver

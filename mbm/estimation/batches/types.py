@@ -38,7 +38,8 @@ class Ends:
     ``points`` (K, N); ``cost`` (K,) ``Σ r²``, ``Σ ρ`` with losses; ``reason`` (K,) numbers of ``REASONS``, -1 where
     another method is to take over; ``held`` (K,): some coordinate is at a bound; ``offset`` as `Minimum` has it.
     ``kept``: what consensus left in (None: everything). ``given`` (K,): the descent began at a stated start, which a
-    closed form may challenge (None: all did). ``factors`` (K, blocks) are those of unknown noises that are several
+    closed form may challenge (None: all did). ``compared`` (K,): it was compared with one on the way (None: none was).
+    ``factors`` (K, blocks) are those of unknown noises that are several
     (None: there is one at most). ``multipliers`` (K, k) are those of the constraints of each solve, as `Minimum` has
     them, the first ones (None: there are no constraints).
     """
@@ -53,6 +54,7 @@ class Ends:
     multipliers: Floats | None = None
     kept: Kept | None = None
     given: Mask | None = None
+    compared: Mask | None = None
     factors: Floats | None = None
 
     def part(self, which: range) -> Ends:

@@ -101,6 +101,17 @@ class KnownForm:
             first += size
         return np.concatenate(found, axis=1).reshape(-1, self.form.width)
 
+    def tables(self, equations: Assembled, ruled: tuple[bool, ...]) -> tuple[tuple[int, ...], tuple[float, ...]]:
+        """The maps as `mbm.solver.known_rows` has them, of the types of units in ruled groups: places, numbers."""
+        places: list[int] = []
+        numbers: list[float] = []
+        for number, (group, mine) in enumerate(zip(equations.groups, ruled, strict=True)):
+            for equation in range(len(group.whiteners) if mine else 0):
+                own = next((m for m in self.maps or () if (m.group, m.whitener) == (number, equation)), None)
+                places.append(-1 if own is None else len(numbers))
+                numbers += () if own is None else own.matrix.ravel().tolist()
+        return tuple(places), tuple(numbers)
+
     def _of_group(self, equations: Assembled, number: int, parameters: Floats) -> Floats:
         """What it knows of the units (units, width) of rows of a group that have the parameters (rows, p)."""
         units = np.full((len(parameters), len(equations.groups[number].whiteners), self.form.width), np.nan)

@@ -21,6 +21,7 @@ from mbm.estimation.minimise.native.packing import (
     system_arrays,
     triangle_kind,
 )
+from mbm.estimation.minimise.native.range_maps import RangeMaps
 from mbm.estimation.minimise.native.summing import sum_addresses, summable
 from mbm.estimation.native.code import AnyCode, Described, NativeCode, native_code
 from mbm.estimation.settings import Settings
@@ -110,6 +111,8 @@ class NativeSystem:
     scratch_sizes: tuple[int, int] | None = None
     """Reals and integers that a thread needs; None: they are still to be worked out."""
     failed: Callable[[], None] = field(default=nothing, repr=False)
+    ranges: RangeMaps | None = field(default=None, repr=False)
+    """What starts are compared with; None: nothing."""
     _given: tuple[int, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -161,12 +164,13 @@ class NativeSystem:
                 return
             step = int(max(at_a_time / ITERATIONS_OF_MANY, 1))
             routine = self.code.routine("solve_many", object)
-            solves = self.solves(chosen, starts, ends, work[0])
+            solves, *held = self.solves(chosen, starts, ends, work[0])
             for k in range(first, last, step):
                 if stopped():
                     return
                 put(solves, Solves, first=k, last=min(k + step, last))
                 routine(solves)
+            del held
 
         if workers <= 1 or count < 2:
             part(0, count)
@@ -222,12 +226,21 @@ class NativeSystem:
             put(inside(work, Work, "rows"), workspace.Rows, parameters=parameters)
         return work, reals, integers
 
-    def solves(self, which: Indices, starts: Floats, ends: NativeEnds, work: Any) -> Any:
-        """A batch as `Solves`, with the scratch of one thread."""
+    def solves(self, which: Indices, starts: Floats, ends: NativeEnds, work: Any) -> tuple[Any, ...]:
+        """A batch as `Solves`, with the scratch of one thread, and the arrays that it refers to beside those given."""
         found = self.code.blank(Solves)
         put(found, Solves, problem=self.system, work=work, data=self.rows.data, which=which, starts=starts)
         put(inside(found, Solves, "answers"), Answer, **ends.arrays())
-        return found
+        return found, *self.compare(found)
+
+    def compare(self, solves: Any) -> tuple[NDArray[Any], ...]:
+        """Let `Solves` have scratch of its own for what starts are compared with; the arrays that it refers to."""
+        if self.ranges is None:
+            return ()
+        rows = self.rows.data[:, of.DATA_HEAD + of.DataBlock.rows :: of.DATA_BLOCK].max(axis=0)
+        units = [view(of.Problem, self.system).blocks[b].unit_count for b in range(len(rows))]
+        form = inside(solves, Solves, "form")
+        return self.ranges.hand(form, int(self.system[of.Problem.numbers]), int(np.dot(rows, units)))
 
     def one(
         self, start: Floats, *, which: int = 0, stopped: Callable[[], bool] | None = None, end: str = "finish_solve"

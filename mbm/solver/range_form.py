@@ -1,0 +1,94 @@
+"""The closed form of ranges for the data sets of a problem: the place that fits the rows at hand best."""
+
+from __future__ import annotations
+
+from math import inf, isfinite
+
+from mbm.machine.records import record
+from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
+from mbm.solver.description import BOUNDS_AT, Problem
+from mbm.solver.equations import residuals_at_point
+from mbm.solver.known_rows import known_unit
+from mbm.solver.linear_algebra import copied, dot
+from mbm.solver.manifolds import coordinates_of
+from mbm.solver.spheres import Ranges, places_of_ranges
+from mbm.solver.workspace import Rows, Work
+
+
+@record
+class RangeForm:
+    """What is known of the rows of all data sets of a problem, if ranges give all numbers that are estimated."""
+
+    ranges: Ranges
+    """Those of the data set at hand; ``d`` is 0 where there is no such form."""
+    stated: Integer
+    """1: the noise is stated, so that the cost tells a bad fit."""
+    places: ConstantIntegers
+    """Where the coordinates of p, then b, stand among the numbers (m,)."""
+    map_places: ConstantIntegers
+    maps: ConstantReals
+    """Of each type of unit of all blocks of residuals, as `known_rows` has them."""
+    found: Reals
+    """Places that fit, (`spheres.MOST_PLACES`, m)."""
+    point: Reals
+    """The best of them, and all other numbers (numbers,) …"""
+    other: Reals
+    """… and room for one more point (numbers,)."""
+
+
+def load_ranges(problem: Problem, rows: Rows, form: RangeForm) -> None:
+    """The rows of the data set at hand as ranges, with their weights as they are now."""
+    ranges = form.ranges
+    wide = ranges.d + 3
+    ranges.rows = 0
+    kind = 0
+    for b in range(problem.residual_blocks):
+        block = problem.blocks[b]
+        part = rows.data.blocks[b]
+        for u in range(block.unit_count):
+            at = form.map_places[kind + u]
+            if at >= 0:
+                for row in range(part.rows):
+                    weight = rows.whitening[part.weights + row * block.weights + block.units[u].weights]
+                    given = rows.parameters[part.parameters + row * block.parameters :]
+                    target = ranges.spheres[ranges.rows * wide :]
+                    known_unit(wide, block.parameters, given, at, form.maps, target)
+                    ranges.weights[ranges.rows] = weight * weight
+                    ranges.rows += 1
+        kind += block.unit_count
+
+
+def inside_bounds(problem: Problem, constants: ConstantReals, point: ConstantReals, x: Reals) -> Integer:
+    """1 where a point meets the bounds; ``x`` (n,) is scratch."""
+    n = problem.n
+    coordinates_of(problem, point, x)
+    for j in range(n):
+        if x[j] < constants[BOUNDS_AT + j] or x[j] > constants[BOUNDS_AT + n + j]:
+            return 0
+        if problem.positive[j] != 0 and not x[j] > 0.0:
+            return 0
+    return 1
+
+
+def best_of_ranges(problem: Problem, start: ConstantReals, form: RangeForm, work: Work) -> Real:
+    """The cost of the best place that the ranges give, inf without one, and the `point` there.
+
+    Numbers that are not estimated are those of the ``start``. The rows are those that are loaded.
+    """
+    m = form.ranges.d + form.ranges.offset
+    load_ranges(problem, work.rows, form)
+    count = places_of_ranges(form.ranges, form.found)
+    least = inf
+    best = 0
+    copied(problem.numbers, start, form.point)
+    for k in range(count + 1):
+        chosen = k if k < count else best
+        for i in range(m):
+            form.point[form.places[i]] = form.found[chosen * m + i]
+        if k < count and inside_bounds(problem, work.rows.constants, form.point, work.x) == 1:
+            size = residuals_at_point(problem, work.rows, form.point, 1, 0, work.rows.residuals)
+            cost = dot(size, work.rows.residuals, work.rows.residuals)
+            if isfinite(cost) and cost < least:
+                least = cost
+                best = k
+    return least
