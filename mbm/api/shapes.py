@@ -170,7 +170,7 @@ class Shapes:
     def _shape(self, tables: Tables, equations: Assembled, chosen: tuple[Varied, ...]) -> Shape:
         problem = self._general.compilation.elaborated.problem
         settings = settings_of(problem.request, forms=self._general.origin.registry.closed_forms)
-        made = stream_of(problem, equations, settings, self._start)
+        made = stream_of(problem, equations, settings, self._start, [each.cells for each in chosen])
         stream = None if isinstance(made, str) else made
         entries = () if stream is None else tuple(((each.rows,), each.entry(stream.single)) for each in chosen)
         return Shape(

@@ -11,14 +11,29 @@ from math import inf
 from mbm.machine.words import ConstantReals, Integer, Reals
 
 
-def known_unit(
-    width: Integer, count: Integer, given: ConstantReals, at: Integer, maps: ConstantReals, target: Reals
+def know_rows(
+    width: Integer,
+    count: Integer,
+    rows: Integer,
+    given: ConstantReals,
+    at: Integer,
+    maps: ConstantReals,
+    step: Integer,
+    target: Reals,
 ) -> None:
-    """What is known of a unit (width,) of a row with the parameters ``given`` (count,)."""
+    """What is known of a unit (width,) in each row, from the parameters ``given`` (rows, count).
+
+    ``step`` is the distance from row to row in ``target``. Most coefficients are 0, so that rows are looped over last.
+    """
     for w in range(width):
-        total = inf - inf
+        constant = inf - inf
         if at >= 0:
-            total = maps[at + count * width + w]
+            constant = maps[at + count * width + w]
+        for row in range(rows):
+            target[row * step + w] = constant
+        if at >= 0:
             for p in range(count):
-                total += given[p] * maps[at + p * width + w]
-        target[w] = total
+                factor = maps[at + p * width + w]
+                if factor != 0.0:
+                    for row in range(rows):
+                        target[row * step + w] += factor * given[row * count + p]

@@ -8,7 +8,7 @@ from mbm.machine.records import record
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
 from mbm.solver.description import BOUNDS_AT, Problem
 from mbm.solver.equations import residuals_at_point
-from mbm.solver.known_rows import known_unit
+from mbm.solver.known_rows import know_rows
 from mbm.solver.linear_algebra import copied, dot
 from mbm.solver.manifolds import coordinates_of
 from mbm.solver.spheres import Ranges, places_of_ranges
@@ -48,13 +48,13 @@ def load_ranges(problem: Problem, rows: Rows, form: RangeForm) -> None:
         for u in range(block.unit_count):
             at = form.map_places[kind + u]
             if at >= 0:
+                target = ranges.spheres[ranges.rows * wide :]
+                given = rows.parameters[part.parameters :]
+                know_rows(wide, block.parameters, part.rows, given, at, form.maps, wide, target)
                 for row in range(part.rows):
-                    weight = rows.whitening[part.weights + row * block.weights + block.units[u].weights]
-                    given = rows.parameters[part.parameters + row * block.parameters :]
-                    target = ranges.spheres[ranges.rows * wide :]
-                    known_unit(wide, block.parameters, given, at, form.maps, target)
-                    ranges.weights[ranges.rows] = weight * weight
-                    ranges.rows += 1
+                    first = part.weights + row * block.weights
+                    ranges.weights[ranges.rows + row] = rows.whitening[first + block.units[u].weights]
+                ranges.rows += part.rows
         kind += block.unit_count
 
 

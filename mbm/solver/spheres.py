@@ -48,13 +48,14 @@ class Ranges:
     spheres: Reals
     """Of each row s (d,), l, e and β: (rows, d + 3); NaN where nothing is known."""
     weights: Reals
-    """One over the variance of each row, 0: it takes no part; `places_of_ranges` makes it that of the squared range."""
+    """One over the standard deviation of each row, 0: it takes no part; `places_of_ranges` makes it that of the squared
+    range, but for a common factor."""
     scratch: Reals
     """`SCRATCH` numbers."""
 
 
 def weigh_squares(ranges: Ranges) -> None:
-    """Weights of squared ranges, but for a common factor: their errors are 2 l times those of the ranges.
+    """Weights of squared ranges: their errors are 2 l times those of the ranges.
 
     Squares that are measured have lengths of 0, and their own errors.
     """
@@ -71,11 +72,10 @@ def weigh_squares(ranges: Ranges) -> None:
             total += ranges.spheres[i * wide + ranges.d] * ranges.spheres[i * wide + ranges.d]
             count += 1
     if ranges.offset == 0 and total > 0.0:
-        least = LEAST_LENGTH * LEAST_LENGTH * total / float(count)
+        least = LEAST_LENGTH * sqrt(total / float(count))
         for i in range(ranges.rows):
-            length = ranges.spheres[i * wide + ranges.d]
             if ranges.weights[i] > 0.0:
-                ranges.weights[i] /= max(length * length, least)
+                ranges.weights[i] /= max(fabs(ranges.spheres[i * wide + ranges.d]), least)
 
 
 def centre_of(ranges: Ranges, centre: Reals) -> Real:
@@ -85,8 +85,10 @@ def centre_of(ranges: Ranges, centre: Reals) -> Real:
     filled(d + 1, 0.0, centre)
     for i in range(ranges.rows):
         if ranges.weights[i] > 0.0:
-            add_multiple(d + 1, ranges.weights[i], ranges.spheres[i * (d + 3) :], centre)
-            total += ranges.weights[i]
+            weight = ranges.weights[i] * ranges.weights[i]
+            for j in range(d + 1):
+                centre[j] += weight * ranges.spheres[i * (d + 3) + j]
+            total += weight
     for j in range(d + 1):
         centre[j] = centre[j] / total if total > 0.0 else 0.0
     return total
@@ -114,7 +116,7 @@ def set_differences(ranges: Ranges, centre: ConstantReals, mean: Real, chunk: Re
     there = 0
     for i in range(ranges.rows):
         if ranges.weights[i] > 0.0:
-            root = sqrt(ranges.weights[i])
+            root = ranges.weights[i]
             for j in range(m):
                 chunk[j * AT_A_TIME + there] = root * (ranges.spheres[i * (d + 3) + j] - centre[j])
             chunk[m * AT_A_TIME + there] = 0.5 * root * (excess_of(ranges, i, centre) - mean)
@@ -174,7 +176,8 @@ def places_of_ranges(ranges: Ranges, found: Reals) -> Integer:
     mean = 0.0
     for i in range(ranges.rows):
         if ranges.weights[i] > 0.0:
-            mean += ranges.weights[i] / total * excess_of(ranges, i, centre)
+            mean += ranges.weights[i] * ranges.weights[i] * excess_of(ranges, i, centre)
+    mean /= total
     set_differences(ranges, centre, mean, ranges.scratch[CHUNK_AT:], triangle)
     singular_values(m, triangle, lines, axes, singular)
     if not singular[0] > 0.0 or not singular[m - 2] > FLAT * singular[0]:

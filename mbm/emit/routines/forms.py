@@ -7,7 +7,7 @@ from math import sqrt
 from mbm.machine.words import ConstantIntegers, ConstantReals, Real, Reals
 from mbm.solver.consensus_records import SIGHTS, Rules
 from mbm.solver.description import Problem
-from mbm.solver.known_rows import known_unit
+from mbm.solver.known_rows import know_rows
 from mbm.solver.workspace import Rows
 
 
@@ -29,13 +29,15 @@ def known_units(
         count = block.parameters
         part = rows.data.blocks[b]
         if first >= 0:
-            for row in range(part.rows):
-                for u in range(block.unit_count):
-                    own = forms[units * width :]
-                    given = rows.parameters[part.parameters + row * count :]
-                    known_unit(width, count, given, map_places[first + u], maps, own)
-                    if rules.form == SIGHTS:
-                        length = sqrt(own[3] * own[3] + own[4] * own[4] + own[5] * own[5])
+            given = rows.parameters[part.parameters :]
+            step = block.unit_count * width
+            for u in range(block.unit_count):
+                own = forms[units * width + u * width :]
+                know_rows(width, count, part.rows, given, map_places[first + u], maps, step, own)
+                if rules.form == SIGHTS:
+                    for row in range(part.rows):
+                        line = own[row * step :]
+                        length = sqrt(line[3] * line[3] + line[4] * line[4] + line[5] * line[5])
                         for i in range(3, 6):
-                            own[i] *= sign / length
-                    units += 1
+                            line[i] *= sign / length
+            units += part.rows * block.unit_count

@@ -73,7 +73,6 @@ def form_of_stream(equations: Assembled, settings: Settings) -> Recognised | Non
     return None if form is None or form.form.form.curved else form
 
 
-def rivals_of(form: Recognised, settings: Settings) -> Rivals | None:
-    """The same as what data sets are compared with."""
-    costs = system_of(form.first, replace(settings, max_iterations=0), direct=False, often=True)
-    return None if costs is None else Rivals(form=form, costs=costs)
+def without_a_step(form: Recognised, settings: Settings) -> NativeSystem | None:
+    """The system of a data set, which tells what points cost."""
+    return system_of(form.first, replace(settings, max_iterations=0), direct=False, often=True)

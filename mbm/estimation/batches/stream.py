@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import field, replace
 from typing import TYPE_CHECKING
@@ -13,6 +13,7 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.batches.stream_ends import NO_CODE, Rules, StreamEnds
+from mbm.estimation.minimise.native.range_maps import RangeMaps
 from mbm.estimation.minimise.native.system import NativeEnds, NativeSystem, system_of
 from mbm.estimation.minimise.sparsity import sparse_suits
 from mbm.estimation.native.code import Routine, SolverCode
@@ -28,6 +29,7 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.estimation.batches.rival_starts import Rivals
     from mbm.estimation.batches.robust_stream import RobustStream
+    from mbm.estimation.batches.stations import Stations
 
 SHARE = 100
 """Solves of a thread at least: to start one takes as long as some twenty."""
@@ -44,14 +46,31 @@ class _Room:
     held: tuple[np.ndarray, ...] = field(repr=False)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Beside:
+    """Ranges that the solver compares starts with, unless the ``stations`` tell that nothing fits better."""
+
+    ranges: RangeMaps
+    stations: Stations
+
+    def asked(self, found: StreamEnds) -> Indices:
+        """The data sets (K,) to be solved again beside the ranges."""
+        asked = found.clean.copy()
+        if asked.any():
+            asked &= ~self.stations.sure(found.numbers, found.cost, found.covariance)
+        return np.flatnonzero(asked | found.strained)
+
+
 class Stream:
     """Data sets of one shape, solved from one start. Local to one thread: its arrays are used again for each call.
 
-    Where a closed form costs less than what the start leads to, its minimum is the answer: the solver compares with
-    that of ranges, as ``system`` has it, other ones are the ``rivals``.
+    Where a closed form costs less than what the start leads to, its minimum is the answer: of ``rivals``, or of ranges
+    that the ``system`` compares starts with.
     """
 
-    def __init__(self, system: NativeSystem, start: Floats, rules: Rules, rivals: Rivals | None = None) -> None:
+    def __init__(
+        self, system: NativeSystem, start: Floats, rules: Rules, rivals: Rivals | Beside | None = None
+    ) -> None:
         self._system = system
         self._start = start
         self._rules = rules
@@ -102,6 +121,13 @@ class Stream:
         found = self._rules.judged(room.ends, count)
         if self._rivals is None:
             return found
+        if isinstance(self._rivals, Beside):
+            which = self._rivals.asked(found)
+            if len(which):
+                system = replace(room.system, ranges=self._rivals.ranges)
+                ends = system.solve(np.tile(self._start, (len(which), 1)), which, workers=workers)
+                found.put(which, self._rules.judged(ends, len(which)))
+            return found
         which, points = self._rivals.lower(found, room.parameters[:count], room.system)
         if not len(which):
             return found
@@ -119,15 +145,21 @@ class Stream:
         held = self._sides.tobytes() != self._nowhere
         if not rules.sound(cost, states[of.REASON], states[of.DEFICIENT], held, freedom):
             return None
-        if self._rivals is None and not cost < rules.most:
+        fits = cost < rules.most
+        if self._rivals is None and not fits:
             return None
-        if self._rivals is not None:
+        if self._rivals is not None and not (fits and self._alone(cost)):
             ends = self._compared(self._single, 1, 1)
             return (ends.numbers[0], ends.covariance[0], ends.cost.item()) if ends.clean.item() else None
         covariance = self._covariance.copy()
         if rules.estimated:
             covariance *= cost / max(freedom, 1)
         return rules.shown_one(self._numbers), covariance, cost
+
+    def _alone(self, cost: float) -> bool:
+        """Whether nothing costs less than the minimum of `single`, as its stations tell."""
+        rivals = self._rivals
+        return isinstance(rivals, Beside) and rivals.stations.sure_one(self._numbers, cost, self._covariance)
 
     def _code(self, count: int) -> Callable[[int], int]:
         """The solver for so many data sets; it stays when there is none that is faster."""
@@ -160,11 +192,12 @@ def threads(workers: int | None, count: int) -> int:
 
 
 def stream_of(
-    problem: Problem, equations: Assembled, settings: Settings, estimates: Floats
+    problem: Problem, equations: Assembled, settings: Settings, estimates: Floats, changing: Sequence[Indices | slice]
 ) -> Stream | RobustStream | str:
     """The equations of one data set as a stream; why there is none, where solves need what only the general path has.
 
     Solves begin at the stated start, or at the ``estimates`` (N,) for this data set where none is stated.
+    ``changing`` are the places of the parameters that data sets change.
     """
     corrected = any(block.errors for block in problem.blocks)
     unsuited = {
@@ -204,12 +237,20 @@ def stream_of(
     if alone:
         return Stream(system, start, rules)
     # Loaded by streams that start anywhere only.
-    from mbm.estimation.batches.rival_starts import form_of_stream, rivals_of
+    from mbm.estimation.batches.rival_starts import Rivals, form_of_stream, without_a_step
+    from mbm.estimation.batches.stations import stations_of
 
     form = form_of_stream(equations, settings)
-    ranges = None if form is None else form.ranges(stated=not problem.estimates_noise)
-    rivals = None if form is None or ranges is not None else rivals_of(form, settings)
-    return Stream(replace(system, ranges=ranges), start, rules, rivals)
+    costs = None if form is None else without_a_step(form, settings)
+    if form is None or costs is None:
+        return Stream(system, start, rules)
+    ranges = form.ranges(stated=not problem.estimates_noise)
+    if ranges is None:
+        return Stream(system, start, rules, Rivals(form=form, costs=costs))
+    stations = stations_of(form, costs, changing)
+    if stations is None:
+        return Stream(replace(system, ranges=ranges), start, rules)
+    return Stream(system, start, rules, Beside(ranges=ranges, stations=stations))
 
 
 def _angles(equations: Assembled) -> tuple[int, ...]:

@@ -41,14 +41,18 @@ class StreamEnds:
         """
         costs = zip(self.cost[which].tolist(), others.cost.tolist(), rounding.tolist(), strict=True)
         lower = np.array([takes_over(*each) for each in costs], dtype=bool)
+        self.put(which, others, lower)
+        return self
+
+    def put(self, which: Indices, others: StreamEnds, taken: Mask | slice = slice(None)) -> None:
+        """Put the ``others`` of the solves ``which`` (K,) in their places, those ``taken`` (K,)."""
         for mine, other in (
             (self.numbers, others.numbers),
             (self.covariance, others.covariance),
             (self.cost, others.cost),
             (self.clean, others.clean),
         ):
-            mine[which[lower]] = other[lower]
-        return self
+            mine[which[taken]] = other[taken]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

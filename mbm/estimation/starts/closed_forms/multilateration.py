@@ -78,13 +78,13 @@ class Multilateration:
         """Up to three positions: by differences alone, and both sides of a plane that holds nearly all stations."""
         found: Spheres = plan.data
         d, offset = len(found.point), found.offset is not None
-        told, precision = np.ascontiguousarray(found.told[subsets]), found.precision[subsets]
+        told, weights = np.ascontiguousarray(found.told[subsets]), np.sqrt(found.precision[subsets])
         sets, rows = subsets.shape
         code = native_code(plan.rows.pieces[0].group.cache).solver
         code.expect(float(sets * rows * (d + 2) ** 2))
         ranges, scratch, counts = code.blank(Ranges), np.empty(SCRATCH), np.zeros(sets, dtype=np.int64)
         put(ranges, Ranges, d=d, offset=int(offset), even=int(found.even), rows=rows)
-        put(ranges, Ranges, spheres=told, weights=precision, scratch=scratch)
+        put(ranges, Ranges, spheres=told, weights=weights, scratch=scratch)
         places = np.empty((sets, MOST_PLACES, d + offset))
         code.routine("places_of_many", object, int, object, object)(ranges, sets, places, counts)
         result = np.full(places.shape, np.nan)

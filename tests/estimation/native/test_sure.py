@@ -1,0 +1,67 @@
+"""Where mbm says that no place fits distances better, SciPy finds none from many starts."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from mbm.estimation.batches.stations import FLAT, Stations
+
+STARTS = (0.0, 0.5, 3.0, 3.0, 3.0, 3.0, 6.0, 6.0)
+"""How far from the truth searches begin: some end on the wrong side."""
+
+DETERMINED = 1e7
+"""Condition of a Jacobian beyond which a minimum has no covariance to speak of."""
+
+
+def test_nothing_costs_less_where_that_is_said():
+    generator = np.random.default_rng(5)
+    said = 0
+    for trial in range(50):
+        known = _stations(generator, flat=trial % 3 == 0)
+        d = known.stations.shape[1]
+        sigma = 1 / np.sqrt(known.whole**2 / len(known.stations))
+        true = 2 * generator.normal(size=d)
+        noise = generator.normal(size=len(known.stations)) * sigma * generator.choice([0.1, 1.0, 2.0])
+        length = np.linalg.norm(known.stations - true, axis=1) + noise
+        ends = [_end(known.stations, length, sigma, true + away * generator.normal(size=d)) for away in STARTS]
+        least = min(2 * end.cost for end in ends)
+        for end in ends:
+            if np.linalg.cond(end.jac) > DETERMINED:
+                continue
+            if known.sure_one(end.x, 2 * end.cost, np.linalg.inv(end.jac.T @ end.jac)):
+                said += 1
+                # SciPy ends within the square root of rounding of a minimum, whose cost is then right to rounding.
+                assert least >= 2 * end.cost * (1 - 1e-7) - 1e-9, trial
+    assert said > 30  # of some 400: the bound is of use
+
+
+def _end(stations, length, sigma, start):
+    def residuals(p):
+        return (np.linalg.norm(stations - p, axis=1) - length) / sigma
+
+    return least_squares(residuals, start, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+
+
+def _stations(generator, *, flat):
+    """Stations in the plane or in space, drawn out in some directions, with one standard deviation for all."""
+    d = int(generator.integers(2, 4))
+    count = int(generator.integers(d + 1, 9))
+    stations = generator.normal(size=(count, d)) * generator.choice([1, 1, 0.3, 0.05], size=d) + generator.normal(
+        size=d
+    )
+    if flat:
+        stations[:, -1] = 1.3
+    weights = np.full(count, 1 / generator.choice([0.003, 0.02, 0.1, 0.3, 1.0]) ** 2)
+    centre = np.average(stations, axis=0, weights=weights)
+    _, spread, axes = np.linalg.svd((stations - centre) * np.sqrt(weights)[:, None], full_matrices=False)
+    return Stations(
+        stations=stations,
+        squares=np.square(stations).sum(axis=1),
+        whole=float(np.sqrt(weights.sum())),
+        places=np.arange(d),
+        centre=centre,
+        normal=axes[-1],
+        spread=tuple(spread[::-1].tolist()),
+        flat=bool(np.abs((stations - centre) @ axes[-1]).max() <= FLAT * np.abs(stations - centre).max()),
+    )
