@@ -271,8 +271,8 @@ def emitted(
     kernels = derive(model)
     cache = EvaluationCache(registry.suited(registry.backend("auto"), kernels))
     known = answered(found, kernels, cache, registry.closed_forms, solving=made.solves)
-    refuse_startless(found, made, known.agreement)
     drafted = blueprint(found, model, kernels, known, loss_scale, __version__)
+    refuse_startless(found, made, drafted.startless)
     refuse_cells(found, made, drafted.given)
     return files_of(drafted, made)
 

@@ -96,9 +96,30 @@ class Agreement:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RangeMaps:
+    """Ranges that give all numbers which are estimated, and what of the data tells them, as `mbm.solver.range_form` has
+    it.
+
+    ``startless`` are the unknowns (positions) for which they give a start where the caller states none.
+    """
+
+    dimension: int
+    offset: bool
+    even: bool
+    places: tuple[int, ...]
+    map_places: tuple[int, ...]
+    maps: tuple[float, ...]
+    fixed: tuple[int, ...]
+    values: tuple[float, ...]
+    stated: bool
+    startless: frozenset[int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Answers:
     """What mbm itself makes of the data of compile time, and what it prepares for other data."""
 
     references: tuple[Reference, ...]
     whole: Whole
     agreement: Agreement | None
+    ranges: RangeMaps | None

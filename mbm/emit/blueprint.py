@@ -137,6 +137,7 @@ class _Drafting:
             given=tuple(self._given(t, plan.name) for t, plan in zip(tables, problem.plans, strict=True)),
             whole=self.answers.whole,
             agreement=self.answers.agreement,
+            ranges=self.answers.ranges,
         )
 
     def _table(

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from mbm.emit import faults
-from mbm.emit.answers import Agreement
 from mbm.emit.foreign import Foreign
 from mbm.emit.types import GivenTable, Target
 from mbm.expression.nodes import Column, Expression, leaves
@@ -42,14 +41,13 @@ def refuse(found: Elaborated, target: Target) -> None:
         raise MbmError(*faults_found)
 
 
-def refuse_startless(found: Elaborated, target: Target, agreement: Agreement | None) -> None:
-    """Raise which unknowns lack a start in data sets other than the first, where no consensus gives them one.
+def refuse_startless(found: Elaborated, target: Target, known: frozenset[int]) -> None:
+    """Raise which unknowns lack a start in data sets other than the first; those ``known`` begin where the data say.
 
     Raises:
         MbmError: with all of them.
 
     """
-    known = frozenset() if agreement is None else agreement.startless
     open_ones = [
         u
         for i, u in enumerate(found.problem.unknowns)

@@ -27,7 +27,7 @@ _FUNCTIONS = """add_slopes all_rows append_rows find_rows finish_solve fused_row
 load_rows penalise_slopes penalise_values root_slopes root_values separate_rows set_covariance singular_values
 start_solve weights_of_covariance whiten_values"""
 _FRAME = """agreement chosen column consensus columns columns_used constants coordinates covariance data data_numbers
-data_set firsts fixed index index_used kappa known lower members multipliers offsets parameters
+data_set firsts fixed form index index_used kappa known lower members multipliers offsets parameters
 parameters_used point results rules scratch sides sigma spare start startless states system
 triangle units upper used weights weights_used wide work"""
 _RESULT = """ambiguous coordinates cost covariance evaluations free freedom inliers inside iterations numbers point

@@ -10,7 +10,7 @@ from dataclasses import field
 from enum import StrEnum
 from typing import TypeAlias
 
-from mbm.emit.answers import Agreement, Floats, Reference, Whole
+from mbm.emit.answers import Agreement, Floats, RangeMaps, Reference, Whole
 from mbm.emit.foreign import Foreign
 from mbm.kernels.types import Kernel
 from mbm.machine.program import Program
@@ -321,6 +321,13 @@ class Blueprint:
     given: tuple[GivenTable, ...]
     whole: Whole
     agreement: Agreement | None
+    ranges: RangeMaps | None
+
+    @property
+    def startless(self) -> frozenset[int]:
+        """The unknowns (positions) that begin where the data say, unless the caller states a start."""
+        own = self.ranges if self.agreement is None else self.agreement
+        return frozenset() if own is None else own.startless
 
     def table(self, name: Foreign) -> TableShape:
         """A table by name."""

@@ -43,6 +43,10 @@ def described(blueprint: Blueprint) -> Iterator[str]:
         yield ""
     if blueprint.agreement is not None:
         yield from _agreement(blueprint.agreement)
+    if blueprint.ranges is not None:
+        yield "The start is compared with the places that the ranges give in closed form: where one of these leads to a"
+        yield "lower minimum, that is the answer."
+        yield ""
     if any(reference.elsewhere is not None for reference in blueprint.references):
         yield "The problem states no start for everything, or none that leads to the answer of `mbm solve`: the test"
         yield "begins some standard deviations away from the answer (`start` in `reference.csv`). With other data, say"
@@ -66,11 +70,15 @@ def _unknown(blueprint: Blueprint, unknown: UnknownShape) -> str:
         text += f", one for each {over} of {code(family.table)}"
     if unknown.unit:
         text += f", shown in {prose(unknown.unit)}"
-    if blueprint.agreement is not None and blueprint.unknowns.index(unknown) in blueprint.agreement.startless:
-        text += "; begins where the data say, by consensus, unless the caller says"
+    if blueprint.unknowns.index(unknown) in blueprint.startless:
+        text += f"; begins where the data say{_by(blueprint)}, unless the caller says"
     elif unknown.start is None and unknown.start_range is None and unknown.lower is None:
         text += "; the problem states no start: begins at the answer for the data of `data/`, unless the caller says"
     return text + (f" ({prose(unknown.doc)})" if unknown.doc else "")
+
+
+def _by(blueprint: Blueprint) -> str:
+    return ", by the ranges" if blueprint.agreement is None else ", by consensus"
 
 
 def _agreement(agreement: Agreement) -> Iterator[str]:

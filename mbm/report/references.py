@@ -7,7 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from mbm.emit.answers import FAILED, Agreement, Answers, DerivedRows, Reference, Whole
+from mbm.emit.answers import FAILED, Agreement, Answers, DerivedRows, RangeMaps, Reference, Whole
 from mbm.emit.foreign import Foreign
 from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
@@ -30,6 +30,7 @@ from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.types import Loss
 from mbm.report.agreements import BY_MEDIAN, agreement_of, beginning_of
+from mbm.report.range_forms import ranges_of
 from mbm.text.types import MbmError
 
 MOST_REFERENCES = 200
@@ -64,24 +65,28 @@ def answers(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, forms
 
     """
     with np.errstate(all="ignore"):  # values that are none are told as such, by status or NaN
-        agreement = _agreement(found, kernels, cache, forms) if solving else None
-        known = tuple(_references(found, kernels, cache, forms, agreement, solving))
-        return Answers(references=known, whole=_whole(found, kernels, cache, known), agreement=agreement)
+        agreement, ranges = _beside(found, kernels, cache, forms) if solving else (None, None)
+        known = tuple(_references(found, kernels, cache, forms, agreement or ranges, solving))
+        whole = _whole(found, kernels, cache, known)
+        return Answers(references=known, whole=whole, agreement=agreement, ranges=ranges)
 
 
-def _agreement(found: Elaborated, kernels: KernelSet, cache: EvaluationCache, forms: Forms) -> Agreement | None:
-    """The consensus of the problem, by the equations of the first solve that can be set up."""
+def _beside(
+    found: Elaborated, kernels: KernelSet, cache: EvaluationCache, forms: Forms
+) -> tuple[Agreement | None, RangeMaps | None]:
+    """The consensus of the problem, or what its starts are compared with, by the first solve that can be set up."""
     settings = settings_of(found.problem.request, None, forms)
     first = next(_systems(found, kernels, cache), None)
     if first is None:
-        return None
+        return None, None
     asked = agreement_of(found, first, settings)
-    if asked is not None:
-        return asked
+    ranges = ranges_of(found, first, settings) if asked is None else None
+    if asked is not None or ranges is not None:
+        return asked, ranges
     begun = beginning_of(found, first, settings)
     if begun is None or not all(_leads(found, each, settings) for each in _systems(found, kernels, cache)):
-        return None
-    return begun
+        return None, None
+    return begun, None
 
 
 def _systems(found: Elaborated, kernels: KernelSet, cache: EvaluationCache) -> Iterator[Assembled]:
@@ -188,7 +193,7 @@ def _references(
     kernels: KernelSet,
     cache: EvaluationCache,
     forms: Forms,
-    agreement: Agreement | None,
+    own: Agreement | RangeMaps | None,
     solving: bool,
 ) -> Iterator[Reference]:
     problem = found.problem
@@ -215,7 +220,7 @@ def _references(
                 raise
             yield _failed()
             continue
-        yield _reference(solution, solve if solving else None, agreement)
+        yield _reference(solution, solve if solving else None, own)
 
 
 def _failed() -> Reference:
@@ -233,15 +238,18 @@ def _failed() -> Reference:
     )
 
 
-def _reference(solution: Solution, again: Again | None, agreement: Agreement | None) -> Reference:
-    """The answer, and where the test begins: the answer is the one from there. ``again`` None: no test begins."""
+def _reference(solution: Solution, again: Again | None, own: Agreement | RangeMaps | None) -> Reference:
+    """The answer, and where the test begins: the answer is the one from there. ``again`` None: no test begins.
+
+    ``own`` is what the generated solver does about its start.
+    """
     layout = solution.layout
     unknown = np.isnan(layout.start) | layout.guessed
-    started = not bool(_without(unknown, layout, agreement).any())
-    begun = started and (solution.origin == GIVEN or agreement is not None)
+    started = not bool(_without(unknown, layout, own).any())
+    begun = started and (solution.origin == GIVEN or own is not None)
     first, elsewhere = solution, None
     if again is not None and not begun and _status(solution) == "converged":
-        elsewhere, solution = _elsewhere(solution, again, agreement)
+        elsewhere, solution = _elsewhere(solution, again, own)
     return Reference(
         status=_status(solution),
         numbers=solution.numbers,
@@ -274,15 +282,15 @@ def _spread(solution: Solution) -> Floats:
     return spread
 
 
-def _without(unknown: Mask, layout: Layout, agreement: Agreement | None) -> Mask:
-    """Which numbers (N,) have no start: those ``unknown``, but for what consensus begins by itself."""
+def _without(unknown: Mask, layout: Layout, own: Agreement | RangeMaps | None) -> Mask:
+    """Which numbers (N,) have no start: those ``unknown``, but for what begins where the data say."""
     found = unknown.copy()
-    for number in () if agreement is None else agreement.startless:
+    for number in () if own is None else own.startless:
         found[layout.entries[number].range] = False
     return found
 
 
-def _elsewhere(solution: Solution, again: Again, agreement: Agreement | None) -> tuple[Floats | None, Solution]:
+def _elsewhere(solution: Solution, again: Again, own: Agreement | RangeMaps | None) -> tuple[Floats | None, Solution]:
     """A point (N,) some standard deviations from the answer, and what mbm answers from there; None: none leads back."""
     for halving in range(HALVINGS):
         point = _moved(solution, AWAY * 0.5**halving)
@@ -291,7 +299,7 @@ def _elsewhere(solution: Solution, again: Again, agreement: Agreement | None) ->
         except MbmError:
             continue
         near = abs(other.fit.cost - solution.fit.cost) <= 1e-6 * max(solution.fit.cost, 1.0)
-        by_itself = other.origin == GIVEN or agreement is not None
+        by_itself = other.origin == GIVEN or own is not None
         if near and by_itself and _status(other) == "converged":
             return point, other
     return None, solution

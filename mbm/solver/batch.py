@@ -238,6 +238,13 @@ def ended_well(stop: Integer) -> Integer:
     return 1 if stop >= SMALL_OFFSET and stop <= ONE_STEP else 0
 
 
+def solve_alone(problem: Problem, data: DataSet, start: ConstantReals, work: Work) -> None:
+    """A solve from its start to its answer."""
+    start_solve(problem, data, 0, start, work)
+    go_on(problem, problem.iterations + 1, work)
+    finish_solve(problem, work)
+
+
 def solve_from(
     problem: Problem, data: DataSet, loaded: Integer, start: ConstantReals, form: RangeForm, work: Work
 ) -> None:

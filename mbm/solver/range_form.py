@@ -28,6 +28,11 @@ class RangeForm:
     map_places: ConstantIntegers
     maps: ConstantReals
     """Of each type of unit of all blocks of residuals, as `known_rows` has them."""
+    fixed_count: Integer
+    fixed: ConstantIntegers
+    """Places of numbers that are not estimated …"""
+    values: ConstantReals
+    """… and what they have to be for the maps to hold."""
     found: Reals
     """Places that fit, (`spheres.MOST_PLACES`, m)."""
     point: Reals
@@ -70,25 +75,40 @@ def inside_bounds(problem: Problem, constants: ConstantReals, point: ConstantRea
     return 1
 
 
-def best_of_ranges(problem: Problem, start: ConstantReals, form: RangeForm, work: Work) -> Real:
-    """The cost of the best place that the ranges give, inf without one, and the `point` there.
+def find_places(problem: Problem, start: ConstantReals, form: RangeForm, work: Work) -> Integer:
+    """The places that the rows give, which are loaded, into `found`; how many. None where fixed numbers are others."""
+    for k in range(form.fixed_count):
+        if start[form.fixed[k]] != form.values[k]:
+            return 0
+    load_ranges(problem, work.rows, form)
+    return places_of_ranges(form.ranges, form.found)
 
-    Numbers that are not estimated are those of the ``start``. The rows are those that are loaded.
+
+def cost_of_place(problem: Problem, k: Integer, start: ConstantReals, form: RangeForm, work: Work) -> Real:
+    """The cost at the k-th place, inf where bounds exclude it or there is none, and the `point` there.
+
+    Numbers that are not estimated are those of the ``start`` (numbers,).
     """
     m = form.ranges.d + form.ranges.offset
-    load_ranges(problem, work.rows, form)
-    count = places_of_ranges(form.ranges, form.found)
+    copied(problem.numbers, start, form.point)
+    for i in range(m):
+        form.point[form.places[i]] = form.found[k * m + i]
+    if inside_bounds(problem, work.rows.constants, form.point, work.x) == 0:
+        return inf
+    size = residuals_at_point(problem, work.rows, form.point, 1, 0, work.rows.residuals)
+    cost = dot(size, work.rows.residuals, work.rows.residuals)
+    return cost if isfinite(cost) else inf
+
+
+def best_of_ranges(problem: Problem, start: ConstantReals, form: RangeForm, work: Work) -> Real:
+    """The cost at the best place that the ranges give, inf without one, and the `point` there."""
     least = inf
     best = 0
-    copied(problem.numbers, start, form.point)
-    for k in range(count + 1):
-        chosen = k if k < count else best
-        for i in range(m):
-            form.point[form.places[i]] = form.found[chosen * m + i]
-        if k < count and inside_bounds(problem, work.rows.constants, form.point, work.x) == 1:
-            size = residuals_at_point(problem, work.rows, form.point, 1, 0, work.rows.residuals)
-            cost = dot(size, work.rows.residuals, work.rows.residuals)
-            if isfinite(cost) and cost < least:
-                least = cost
-                best = k
+    for k in range(find_places(problem, start, form, work)):
+        cost = cost_of_place(problem, k, start, form, work)
+        if cost < least:
+            least = cost
+            best = k
+    if least < inf:
+        cost_of_place(problem, best, start, form, work)
     return least

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from mbm.emit.c.agreement import agreement_fields, agreement_room
 from mbm.emit.c.cells import Cells
 from mbm.emit.c.derived import capacity, estimates
+from mbm.emit.c.ranges import range_fields, range_room
 from mbm.emit.c.sizes import outputs_capacity, spare_size
 from mbm.emit.c.text import remark
 from mbm.emit.foreign import Foreign, told
@@ -90,6 +91,8 @@ def _struct(blueprint: Blueprint) -> Iterator[str]:
         yield f"    long derived_{derived.identifier}_count;"
     if blueprint.agreement is not None:
         yield from agreement_fields()
+    if blueprint.ranges is not None:
+        yield from range_fields()
     yield f"    double kappa[{max(kinds_of_units(blueprint), 1)}];    /* of each kind of unit: what limits leave */"
     yield "    double results[8];"
     yield "    long states[8];"
@@ -152,6 +155,8 @@ def _layout(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield f"    header.most_outputs = {outputs_capacity(blueprint, static)};"
     if blueprint.agreement is not None:
         yield from agreement_room(blueprint, blueprint.agreement, len(static.prefix))
+    if blueprint.ranges is not None:
+        yield from range_room(blueprint, blueprint.ranges)
     yield "    f->work.reals = reals_of(a, work_reals(&header));"
     yield f"    f->spare = reals_of(a, {spare_size(blueprint, static)});"
     for derived in blueprint.derived:

@@ -8,6 +8,7 @@ from mbm.emit.c.agreement import agreement_answer, agreement_beginning, agreemen
 from mbm.emit.c.cells import Cells
 from mbm.emit.c.derived import estimates
 from mbm.emit.c.header import STATUSES
+from mbm.emit.c.ranges import range_beginning, range_solve
 from mbm.emit.c.sizes import lossy
 from mbm.emit.routines.noises import SCATTER, SQUARES
 from mbm.emit.system import StaticSystem, kinds_of_units
@@ -126,6 +127,8 @@ def _prepare(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterat
     yield "        f->kappa[b] = 1.0;"
     if blueprint.agreement is not None:
         yield from agreement_beginning(blueprint, blueprint.agreement)
+    if blueprint.ranges is not None:
+        yield from range_beginning(blueprint, blueprint.ranges)
     yield "    return 0;"
     yield "}"
     yield ""
@@ -217,7 +220,7 @@ def _public(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield "    workspace->integers_size = a.integers_used;"
     yield "}"
     yield ""
-    yield from _solve(blueprint, static)
+    yield from _solve(blueprint, static, cells)
     yield from _begin(name, cells)
     yield from _functions(name)
     yield f"const char *{name}_status_text(int status)"
@@ -232,26 +235,34 @@ def _public(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield "}"
 
 
-def _solve(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
+def _solve(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator[str]:
     name = blueprint.identifier
     yield f"int {name}_solve(const {name}_data *data, {name}_result *result, {name}_workspace *workspace)"
     yield "{"
     yield "    struct frame frame, *f = &frame;"
-    yield f"    double factors[{max(len(static.noises), 1)}];"
-    yield "    long c, n;"
+    factors = bool(static.noises) or blueprint.agreement is not None
+    yield from (f"    double factors[{max(len(static.noises), 1)}];",) if factors else ()
+    yield from ("    long c;",) if factors or static.scaled else ()
+    yield from ("    long n;",) if static.scaled else ()
     yield from ("    double scatter;",) if static.scaled else ()
     yield ""
     yield "    result->status = prepare(f, data, workspace);"
     yield "    if (result->status != 0)"
     yield "        return result->status;"
-    yield "    n = f->system->n;"
-    yield f"    for (c = 0; c < {max(len(static.noises), 1)}; c++)"
-    yield "        factors[c] = 1.0;"
+    yield from ("    n = f->system->n;",) if static.scaled else ()
+    if factors:
+        yield f"    for (c = 0; c < {max(len(static.noises), 1)}; c++)"
+        yield "        factors[c] = 1.0;"
     if blueprint.agreement is not None:
         yield "    result->status = agree_on(f, factors);"
         yield "    if (result->status != 0)"
         yield "        return result->status;"
-    yield "    solve_noises(f->system, f->start, &f->work, f->kappa, factors, f->spare);"
+    if blueprint.ranges is None:
+        yield "    solve_alone(f->system, f->data_set, f->start, &f->work);"
+    else:
+        yield from range_solve(blueprint.ranges, cells.status("NO_START"))
+    if static.noises:
+        yield "    settle_noises(f->system, &f->work, f->kappa, factors, f->spare);"
     yield f"    result->cost = f->results[{at.PLAIN_COST}];"
     if len(static.noises) == 1:
         yield "    /* one unknown factor counts as 1 in the cost */"
@@ -280,8 +291,6 @@ def _solve(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
         yield "        f->covariance[c] *= result->freedom > 0 ? scatter / (double)result->freedom : 0.0;"
         yield "    if (result->freedom <= 0)"
         yield "        undetermined(n, f->sides, f->covariance);"
-    else:
-        yield "    (void)n;"
     yield "    answer(f, result);"
     yield "    return result->status;"
     yield "}"

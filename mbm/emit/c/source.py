@@ -10,6 +10,7 @@ from mbm.emit.c.dialect import helpers
 from mbm.emit.c.frame import frame_text
 from mbm.emit.c.kernels import function, kernel_functions
 from mbm.emit.c.layout import doubles, longs
+from mbm.emit.c.ranges import range_constants
 from mbm.emit.c.solve import call_kernel, solve_functions
 from mbm.emit.c.tables import programs_used, table_functions
 from mbm.emit.c.text import comment, remark
@@ -65,7 +66,7 @@ def solver_file(blueprint: Blueprint, source: str) -> str:
         "The same algorithm as mbm's own native solver; arrays are described where the solver is called.",
     ]
     text = module_text(emitted_module(called_in_c(source)))
-    checked = [LONG_CHECK] if blueprint.agreement is not None else []
+    checked = [LONG_CHECK] if blueprint.agreement is not None or blueprint.ranges is not None else []
     return "\n".join([comment(doc), "", PRELUDE, *checked, text])
 
 
@@ -87,6 +88,7 @@ def source_file(blueprint: Blueprint, static: StaticSystem) -> str:
         longs("UNKNOWNS", static.unknowns, "Of each unknown: numbers, coordinates, family, positive, pieces."),
         doubles("LOSSES", static.losses, "Parameter and shape of each loss."),
         *(() if blueprint.agreement is None else (agreement_constants(blueprint.agreement),)),
+        *(() if blueprint.ranges is None else (range_constants(blueprint.ranges),)),
         f"static const double TOLERANCE = {number(blueprint.settings.tolerance)};"
         "    /* of the next step, in standard deviations */",
         "",

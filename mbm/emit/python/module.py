@@ -12,6 +12,7 @@ from mbm.emit.python.agreement import AGREE, NOTHING, PLACES, agreement_constant
 from mbm.emit.python.clauses import clause_functions
 from mbm.emit.python.kernels import derived_function, function, kernel_functions, rows_function
 from mbm.emit.python.program import PROGRAM, SHOWING
+from mbm.emit.python.ranges import BESIDE, PLAIN, range_constants
 from mbm.emit.python.rows import finding, set_up
 from mbm.emit.python.runtime import HEAD, TAIL
 from mbm.emit.python.text import WIDTH, docstring, literal, optional, remark
@@ -53,7 +54,7 @@ def module(blueprint: Blueprint, static: StaticSystem) -> str:
     parts += [rows_function(blueprint, each, words) for each, words in programs_used(blueprint)]
     agreeing = blueprint.agreement is not None
     last = [finding(blueprint), *set_up(blueprint), *clause_functions(blueprint), *_lists(blueprint)]
-    last += [TAIL, AGREE if agreeing else NOTHING, SHOWING, PROGRAM]
+    last += [TAIL, AGREE if agreeing else NOTHING, PLAIN if blueprint.ranges is None else BESIDE, SHOWING, PROGRAM]
     solver = module_text(emitted_module(called_in_python("\n".join(last))))
     parts += [PRELUDE.rstrip(), solver.rstrip(), *last]
     return "\n\n\n".join(p.strip("\n") for p in parts) + "\n"
@@ -152,6 +153,9 @@ def _constants(blueprint: Blueprint, static: StaticSystem) -> Iterator[str]:
     else:
         values += PLACES.items()
         made = agreement_constants(blueprint, blueprint.agreement)
+        yield "\n".join(f'{name} = {value}\n"""{doc}"""' for name, value, doc in made)
+    if blueprint.ranges is not None:
+        made = range_constants(blueprint, blueprint.ranges)
         yield "\n".join(f'{name} = {value}\n"""{doc}"""' for name, value, doc in made)
     yield "\n".join(["# places in the arrays of the solver, and its reasons", *(f"{n} = {v}" for n, v in values)])
 

@@ -276,7 +276,8 @@ def solve(tables: Mapping[str, Mapping[str, Any]], start: Mapping[str, Any] | No
         answer, rows = p.work.answer, p.work.rows
         answer.numbers, answer.results, answer.states, answer.sides = point, results, states, sides
         answer.triangle, answer.covariance, answer.multipliers = triangle, covariance, multipliers
-        solve_noises(p.system, p.start, p.work, p.kappa, factors, p.spare)
+        solve_first(p)
+        settle_noises(p.system, p.work, p.kappa, factors, p.spare)
 
         def spread_of(group: int, what: int) -> float:
             return float(spread_of_group(p.system, rows, point, covariance, p.kappa, group, what, p.spare))

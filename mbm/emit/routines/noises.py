@@ -6,7 +6,7 @@ from math import fabs
 
 from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
 from mbm.machine.words import ConstantReals, Integer, Real, Reals
-from mbm.solver.batch import finish_solve, go_on, start_solve
+from mbm.solver.batch import solve_alone
 from mbm.solver.decisions import NOISE_ROUNDS, SETTLED_FACTORS, noise_ratio
 from mbm.solver.description import NOT_FINITE_AT_START, REASON, Problem
 from mbm.solver.workspace import Rows, Work
@@ -94,37 +94,28 @@ def factors_left(
     return change
 
 
-def solve_noises(
-    problem: Problem, start: ConstantReals, work: Work, kappa: ConstantReals, factors: Reals, spare: Reals
-) -> None:
-    """A solve, again and again with the factors of the noise that its residuals show until these settle.
+def settle_noises(problem: Problem, work: Work, kappa: ConstantReals, factors: Reals, spare: Reals) -> None:
+    """The solve that has ended, again and again with the noise that its residuals show, until that settles.
 
     ``factors`` (groups,) become the factors; ``spare``: (groups,), `FOUND`, what `evaluate_row` and a row of it want.
     """
     rows = work.rows
-    numbers = work.answer.numbers
+    answer = work.answer
     groups = problem.noises
     for g in range(groups):
         factors[g] = 1.0
-    for i in range(problem.numbers):
-        numbers[i] = start[i]
     rounds = 0
     change = 1.0
-    going = 1
-    while going == 1:
-        start_solve(problem, rows.data, 0, numbers, work)
-        go_on(problem, problem.iterations + 1, work)
-        finish_solve(problem, work)
-        going = 0
-        if groups > 0 and work.answer.states[REASON] != NOT_FINITE_AT_START:
-            if change > SETTLED_FACTORS and rounds < NOISE_ROUNDS:
-                going = 1  # also where the factors settle now: the last solve is one with the last of them
-            rounds += 1
-            change = factors_left(problem, rows, numbers, work.answer.covariance, kappa, spare)
-            if going == 1:
-                for g in range(groups):
-                    factors[g] = factors[g] * spare[g]
-                    rescale(problem, rows, g, spare)
+    while groups > 0 and answer.states[REASON] != NOT_FINITE_AT_START:
+        settled = change <= SETTLED_FACTORS or rounds >= NOISE_ROUNDS
+        rounds += 1
+        change = factors_left(problem, rows, answer.numbers, answer.covariance, kappa, spare)
+        if settled:
+            break
+        for g in range(groups):
+            factors[g] = factors[g] * spare[g]
+            rescale(problem, rows, g, spare)
+        solve_alone(problem, rows.data, answer.numbers, work)  # also where they settle now: the last has the last ones
 
 
 def spread_of_group(

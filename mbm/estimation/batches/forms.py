@@ -165,6 +165,9 @@ class Recognised:
         if not isinstance(data, Spheres):
             return None
         places, maps = self.form.tables(self.first, (True,) * len(self.first.groups))
+        layout = self.first.layout
+        entries = [e for e in layout.entries if bool(layout.fixed[e.coordinates].any())]
+        fixed = np.array([number for e in entries for number in range(e.offset, e.offset + e.count)], dtype=np.int64)
         return RangeMaps(
             dimension=len(data.point),
             offset=data.offset is not None,
@@ -172,6 +175,8 @@ class Recognised:
             places=np.array(self.form.form.about[3:], dtype=np.int64),
             map_places=np.array(places, dtype=np.int64),
             maps=np.array(maps),
+            fixed=fixed,
+            values=self.first.numbers[fixed],
             stated=stated,
         )
 

@@ -20,7 +20,7 @@ class RangeMaps:
 
     ``dimension`` is 2 or 3, ``offset`` and ``even`` as `Ranges` has them; ``places`` (m,) are those of the numbers.
     ``map_places`` has for each unit of each group of residuals where its map begins in ``maps``, -1: nothing is known.
-    ``stated``: the noise is stated.
+    They hold where the numbers ``fixed`` have the ``values``. ``stated``: the noise is stated.
     """
 
     dimension: int
@@ -29,6 +29,8 @@ class RangeMaps:
     places: Indices
     map_places: Indices
     maps: Floats
+    fixed: Indices
+    values: Floats
     stated: bool
 
     def hand(self, form: Any, numbers: int, rows: int) -> tuple[NDArray[Any], ...]:
@@ -53,6 +55,9 @@ class RangeMaps:
             places=self.places,
             map_places=self.map_places,
             maps=self.maps,
+            fixed_count=len(self.fixed),
+            fixed=self.fixed,
+            values=self.values,
             found=found,
             point=points[0],
             other=points[1],

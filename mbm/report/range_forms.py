@@ -1,0 +1,45 @@
+"""What a generated solver compares its start with, and begins at where none is stated: the closed form of ranges."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbm.emit.answers import RangeMaps
+from mbm.equations.assembly import Assembled
+from mbm.estimation.batches.forms import recognised
+from mbm.estimation.settings import Settings
+from mbm.estimation.starts.closed_forms.thinning import ENOUGH
+from mbm.problem.elaborated import Elaborated
+from mbm.problem.types import Method
+
+
+def ranges_of(found: Elaborated, equations: Assembled, settings: Settings) -> RangeMaps | None:
+    """The form of a problem with such ``equations``, where these are ranges that give all that is estimated, or None.
+
+    Challenges are those of a single solve (`mbm.estimation.search.challenge`): plain least squares, no consensus.
+    """
+    problem = found.problem
+    families = any(unknown.family is not None for unknown in problem.unknowns)
+    asked = settings.robust is not None or settings.method in (Method.CLOSED_FORM, Method.DIRECT_SEARCH)
+    if asked or families or any(block.errors for block in problem.blocks):
+        return None
+    if equations.linear or equations.lossy or equations.constraints or equations.count > ENOUGH:
+        return None
+    form = recognised(equations, settings)
+    maps = None if form is None else form.ranges(stated=not problem.estimates_noise)
+    if maps is None:
+        return None
+    layout = equations.layout
+    missing = (np.isnan(layout.start) | layout.guessed) & equations.moving()
+    return RangeMaps(
+        dimension=maps.dimension,
+        offset=maps.offset,
+        even=maps.even,
+        places=tuple(maps.places.tolist()),
+        map_places=tuple(maps.map_places.tolist()),
+        maps=tuple(maps.maps.tolist()),
+        fixed=tuple(maps.fixed.tolist()),
+        values=tuple(maps.values.tolist()),
+        stated=maps.stated,
+        startless=frozenset(i for i, entry in enumerate(layout.entries) if bool(missing[entry.range].any())),
+    )
