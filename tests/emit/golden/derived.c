@@ -575,16 +575,11 @@ void derived_workspace_size(const derived_data *data, derived_workspace *workspa
 int derived_solve(const derived_data *data, derived_result *result, derived_workspace *workspace)
 {
     struct frame frame, *f = &frame;
-    double factors[1];
-    long c, n;
 
     result->status = prepare(f, data, workspace);
     if (result->status != 0)
         return result->status;
-    n = f->system->n;
-    for (c = 0; c < 1; c++)
-        factors[c] = 1.0;
-    solve_noises(f->system, f->start, &f->work, f->kappa, factors, f->spare);
+    solve_alone(f->system, f->data_set, f->start, &f->work);
     result->cost = f->results[2];
     result->status = status_of(f);
     result->iterations = f->states[1];
@@ -592,7 +587,6 @@ int derived_solve(const derived_data *data, derived_result *result, derived_work
     result->robust_cost = f->results[0];
     result->freedom = f->states[3];
     result->sigma0 = result->freedom > 0 ? sqrt(result->cost / (double)result->freedom) : 0.0;
-    (void)n;
     answer(f, result);
     return result->status;
 }
