@@ -41,6 +41,20 @@ class _Solved:
     residuals: Floats
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CorrectedRows:
+    """Rows of a group, each with corrections of its own, at one point.
+
+    ``group`` holds the ``rows`` (R,) of it with their measured values corrected, ``residuals`` (R, k) are whitened; so
+    is a Jacobian (R, k, width) that is divided by the equations' own noise, once ``root`` is applied.
+    """
+
+    group: Group
+    rows: Indices
+    root: Root
+    residuals: Floats
+
+
 class _Memory:
     """The last point and what was found there: residuals and Jacobian are asked for one after the other.
 
@@ -93,6 +107,26 @@ class Elimination:
     def roughly(self) -> Elimination:
         """The same with corrections to first order."""
         return replace(self, rough=True, _whole=None, _memory=_Memory())
+
+    @property
+    def separate(self) -> bool:
+        """Whether no two rows share a measured value: each system holds rows of one group."""
+        return all(len(system.parts) == 1 and system.parts[0].alone for system in self.systems)
+
+    def system_of(self, group: Group) -> int | None:
+        """The number of the system of a group whose rows are ``separate``; None where no row of it counts."""
+        firsts = [system.parts[0].group.first for system in self.systems]
+        return firsts.index(group.first) if group.first in firsts else None
+
+    def corrected_rows(self, number: int, numbers: Floats) -> CorrectedRows:
+        """The rows of system ``number``, which are ``separate``, where all unknowns are ``numbers`` (N,)."""
+        part, solved = self.systems[number].parts[0], self._solved(numbers)[number]
+        return CorrectedRows(
+            group=part.at(solved.feet.corrections),
+            rows=part.lines,
+            root=solved.root,
+            residuals=solved.residuals,
+        )
 
     def forget(self) -> None:
         """Begin anew: the next corrections are found without those of the point before."""
