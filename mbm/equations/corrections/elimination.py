@@ -10,7 +10,7 @@ Gauss and Helmert's model (Koch 1999, 3.7; Lenzmann and Lenzmann 2004 on where t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 
 import numpy as np
@@ -99,6 +99,15 @@ class Elimination:
             kept[number] = lines.reshape(group.rows, group.kernel.outputs)
         systems = Builder(self.problem, self.groups, self.measured, self.cache, kept).systems()
         return replace(self, systems=systems, _scatters=(), _whole=self._whole or self, _memory=_Memory()).over(columns)
+
+    def some(self, groups: tuple[Group, ...], rows: Sequence[Indices]) -> Elimination:
+        """The same for ``groups``, which hold those ``rows`` of each of its groups."""
+        ids = {number: found[rows[number]] for number, found in self.measured.ids.items()}
+        chosen = replace(self.measured, ids=ids)
+        systems = Builder(self.problem, groups, chosen, self.cache, None).systems()
+        return replace(
+            self, groups=groups, measured=chosen, systems=systems, _scatters=(), _whole=None, _memory=_Memory()
+        )
 
     def everything(self, columns: Indices) -> Elimination:
         """The same with no residual left out."""
