@@ -15,10 +15,10 @@ def excerpt(equations: Assembled, columns: Indices, units: Indices) -> Assembled
     """The equations with the ``units`` (k,) alone, numbered as in `Assembled.units`, over the coordinates ``columns``.
 
     All groups stay, some of them without rows, so that kernels keep their numbers; residuals stand in the order of the
-    units. Constraints are left out. Corrections cannot be taken out.
+    units. Constraints are left out. Measured values that only other rows use are not corrected.
     """
     chosen = np.unique(units)
-    groups, lines, kept = [], [], []
+    groups, lines, kept, taken = [], [], [], []
     first = first_unit = 0
     for group in equations.groups:
         per_row = len(group.whiteners)
@@ -28,6 +28,7 @@ def excerpt(equations: Assembled, columns: Indices, units: Indices) -> Assembled
         kept.append(np.isin(group.units[rows], inside).ravel())
         lines.append((group.first + rows[:, None] * group.kernel.outputs + np.arange(group.kernel.outputs)).ravel())
         groups.append(own)
+        taken.append(rows)
         first += own.count
         first_unit += own.rows * per_row
     wanted = np.concatenate(kept) if kept else np.empty(0, dtype=bool)
@@ -38,9 +39,14 @@ def excerpt(equations: Assembled, columns: Indices, units: Indices) -> Assembled
         constraints=(),
         equality=np.zeros(0, dtype=bool),
         factors=factors,
-        rows=None if wanted.all() else np.flatnonzero(wanted),
-    )
-    return found.freed(columns, equations.numbers)
+        rows=None,
+        implicit=None if equations.implicit is None else equations.implicit.some(tuple(groups), taken),
+    ).freed(columns, equations.numbers)
+    if wanted.all():
+        return found
+    picked = np.zeros(first_unit, dtype=bool)
+    picked[found.every_unit[wanted]] = True
+    return found.kept(picked)
 
 
 def _with_rows(group: Group, rows: Indices) -> Group:

@@ -27,7 +27,9 @@ class GroupPlace:
 
     It is of output ``lines[k]``, and is multiplied by that one's weight: ``weights`` (rows, outputs), zero for
     residuals that are left out. Outputs that are whitened by ``matrices`` (their places, and (rows, k, k)) have the
-    weight 1. ``kept`` (rows, width) is 0 for columns of fixed coordinates; None where none are.
+    weight 1. ``kept`` (rows, width) is 0 for columns of fixed coordinates; None where none are. Where corrections of
+    measured values are eliminated, ``system`` has those rows of the group that count, and weights and matrices are of
+    these rows alone; else it is None.
     """
 
     group: Group
@@ -38,6 +40,7 @@ class GroupPlace:
     weights: Floats
     matrices: tuple[tuple[slice, Floats], ...]
     kept: Floats | None
+    system: int | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -111,23 +114,53 @@ class Blocked(Forwarding):
         ]
 
     def _piece(self, place: GroupPlace, x: Floats, arithmetic: Arithmetic, *, plain: bool) -> Floats:
-        group, outputs = place.group, place.group.kernel.outputs
-        places = (place.chosen, place.target, place.lines)
-        result = np.zeros((group.rows, outputs, place.piece.width))
-        values = np.empty((group.rows, outputs))
-        arithmetic.put_jacobian(group, x, place.weights, places, values, result)
+        group, factors = place.group, self.equations.factors
+        effective = self._effective(place, x, arithmetic)
+        values, result = _slopes(place, group, x, arithmetic) if effective is None else effective
         if place.kept is not None:
             result *= place.kept[:, None, :]
-        for own, matrices in place.matrices:
-            result[:, own] = np.matmul(matrices, result[:, own])
         if group.losses and not plain:
-            residuals = group.whitened(values)
-            if self.equations.factors is not None:
-                residuals = residuals / self.equations.factors[place.piece.residuals].reshape(group.rows, outputs)
+            residuals = group.whitened(values) if effective is None else values
+            if factors is not None:
+                residuals = residuals / factors[place.piece.residuals].reshape(residuals.shape)
             for whitener, loss in zip(group.whiteners, group.losses, strict=True):
                 own = slice(whitener.first, whitener.last)
                 result[:, own] = rooted_jacobian(loss, residuals[:, own], result[:, own])
         return result
+
+    def _effective(self, place: GroupPlace, x: Floats, arithmetic: Arithmetic) -> tuple[Floats, Floats] | None:
+        """Whitened residuals of a group whose corrections are eliminated, without noise factors, and its Jacobian.
+
+        None: it has no corrections.
+        """
+        if place.system is None or self.equations.implicit is None:
+            return None
+        found = self.equations.implicit.corrected_rows(place.system, x)
+        slopes = found.root.apply(_slopes(place, found.group, x, arithmetic)[1])
+        if self.equations.factors is not None:
+            factors = self.equations.factors[place.piece.residuals].reshape(place.piece.rows, -1)
+            slopes /= factors[found.rows, :, None]
+        return _among(place.piece.rows, found.rows, found.residuals), _among(place.piece.rows, found.rows, slopes)
+
+
+def _slopes(place: GroupPlace, group: Group, x: Floats, arithmetic: Arithmetic) -> tuple[Floats, Floats]:
+    """The values of the rows of ``group``, and their Jacobian times the weights of ``place``."""
+    outputs = group.kernel.outputs
+    result = np.zeros((group.rows, outputs, place.piece.width))
+    values = np.empty((group.rows, outputs))
+    arithmetic.put_jacobian(group, x, place.weights, (place.chosen, place.target, place.lines), values, result)
+    for own, matrices in place.matrices:
+        result[:, own] = np.matmul(matrices, result[:, own])
+    return values, result
+
+
+def _among(count: int, rows: Indices, part: Floats) -> Floats:
+    """What some of ``count`` rows have, zero in the others."""
+    if len(rows) == count:
+        return part
+    result = np.zeros((count, *part.shape[1:]))
+    result[rows] = part
+    return result
 
 
 def blocked(equations: Assembled) -> Blocked:
@@ -168,13 +201,18 @@ def _places(
 ) -> Iterator[GroupPlace]:
     """The pieces of groups whose values begin at ``first``; those that touch nothing that is free have none."""
     for group in groups:
-        if group.rows:
-            found = _place(equations, group, first, number, free)
-            if found is not None:
-                yield found
+        corrected = equations.implicit is not None and group.kernel.corrections is not None
+        system = equations.implicit.system_of(group) if equations.implicit is not None and corrected else None
+        if not group.rows or (corrected and system is None):
+            continue
+        found = _place(equations, group, first, number, free, system)
+        if found is not None:
+            yield found
 
 
-def _place(equations: Assembled, group: Group, begin: int, number: dict[str, int], free: Mask) -> GroupPlace | None:
+def _place(
+    equations: Assembled, group: Group, begin: int, number: dict[str, int], free: Mask, system: int | None
+) -> GroupPlace | None:
     """The piece of a group: its tangents by member of a family; None where it touches nothing that is free."""
     local: dict[tuple[object, ...], int] = {}
     starts: list[int] = []
@@ -213,7 +251,7 @@ def _place(equations: Assembled, group: Group, begin: int, number: dict[str, int
     )
     mask = np.concatenate(kept, axis=1)
     lines = group.kernel.jacobian_rows[chosen]
-    weights, matrices = _weights(equations, group, piece)
+    weights, matrices = _weights(equations, group, piece, system)
     return GroupPlace(
         group=group,
         piece=piece,
@@ -223,17 +261,22 @@ def _place(equations: Assembled, group: Group, begin: int, number: dict[str, int
         weights=weights,
         matrices=matrices,
         kept=None if mask.all() else mask.astype(np.float64),
+        system=system,
     )
 
 
-def _weights(equations: Assembled, group: Group, piece: Piece) -> tuple[Floats, tuple[tuple[slice, Floats], ...]]:
+def _weights(
+    equations: Assembled, group: Group, piece: Piece, system: int | None
+) -> tuple[Floats, tuple[tuple[slice, Floats], ...]]:
     """What multiplies each output (rows, outputs), and the matrices that whiten some outputs together."""
+    if system is not None and equations.implicit is not None:
+        group = equations.implicit.systems[system].parts[0].group
     weights = np.ones((group.rows, group.kernel.outputs))
     if piece.first >= equations.whole:  # constraints
         return weights, ()
-    if equations.factors is not None:
+    if system is None and equations.factors is not None:
         weights /= equations.factors[piece.residuals].reshape(weights.shape)
-    if equations.rows is not None:
+    if system is None and equations.rows is not None:
         counted = np.zeros(equations.whole)
         counted[equations.rows] = 1.0
         weights *= counted[piece.residuals].reshape(weights.shape)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices, Minimum
 from mbm.sparse.arithmetic import Arithmetic, arithmetic
+from mbm.sparse.deferred import DeferredMatrix
 from mbm.sparse.elimination import Elimination, eliminable, elimination
 from mbm.sparse.frontal import FrontFactor, FrontSolver, front_solver, minimum_degree
 from mbm.sparse.fronts import fronts
@@ -92,6 +94,16 @@ def blocks_of(minimum: Minimum) -> BlockJacobian:
         message = "the problem is not sparse"
         raise TypeError(message)
     return minimum.blocks
+
+
+def without_slopes(minimum: Minimum) -> Minimum:
+    """The minimum of a sparse problem with the Jacobian zero everywhere: a point where there is none."""
+    blocks = blocks_of(minimum)
+    layout = blocks.plan.structure
+    values = layout.zeros()
+    shape = (len(minimum.residuals), len(layout.free))
+    jacobian: Any = DeferredMatrix(shape, lambda: layout.estimated(values))
+    return replace(minimum, jacobian=jacobian, blocks=replace(blocks, values=values))
 
 
 def plan(found: Structure, backend: Backend | None = None, workers: int | None = None) -> Plan:

@@ -362,15 +362,17 @@ KINDS: dict[str, Kind] = {
     "errors in both": Kind(
         unknowns={"a": ":init 2", "b": ":init 0.7"}, start=(2, 0.7), draw=uncertain, residuals=on_the_curve,
         clauses="(observe d (= y (* {a} (exp (* {b} x)))) :errors ((x 0.1) (y s)))", true=lambda t: t["d"]["x"],
+        scatters=True,
     ),
     "errors beside noise": Kind(
         unknowns={"a": ":init 2", "b": ":init 0.7"}, start=(2, 0.7), draw=uncertain, residuals=on_the_curve,
         clauses="(observe d (= y (* {a} (exp (* {b} x)))) :errors ((x 0.1)) :sigma s)", true=lambda t: t["d"]["x"],
+        scatters=True,
     ),
     "a rim": Kind(
         unknowns={"c": "(vector 2) :init [0 0]", "r": "positive :init 1"}, start=(0, 0, 1), draw=round_points,
         clauses="(observe d (= (hypot (- x ({c} 1)) (- y ({c} 2))) {r}) :errors ((x 0.02) (y 0.03)))",
-        residuals=on_the_rim, true=round_angles,
+        residuals=on_the_rim, true=round_angles, scatters=True,
     ),
     "errors that rows share": Kind(
         unknowns={"p": "(vector 2) :init [0.5 0.5]"}, start=(0.5, 0.5), draw=shared_stations,
@@ -380,7 +382,7 @@ KINDS: dict[str, Kind] = {
     ),
     "consensus": Kind(
         unknowns=NEAR, clauses=PLACE % "", solve=":robust lmeds", draw=some_wrong, residuals=right_ones,
-        start=(0.5, 0.5), given=("d.x", "d.y", "d.r"), told=by_values,
+        start=(0.5, 0.5), given=("d.x", "d.y", "d.r"), told=by_values, scatters=True,
     ),
     "something free": Kind(
         unknowns={"a": ":init 0", "b": ":init 0", "c": ":init 0"}, start=(0, 0), draw=line,

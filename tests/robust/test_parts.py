@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import mbm
+from mbm.estimation.consensus.parts import parts_of
 
 MEMBERS = """
 (problem members
@@ -41,3 +42,14 @@ def test_shared_noise_is_told_by_the_parts_that_have_some(robust):
     spread = np.sqrt(residuals @ residuals / 16)  # 20 good rows, four means
     # 0.4: of 16 degrees of freedom the spread is told to a sixth, a robust one to less
     assert found["h"].sigma[0] == pytest.approx(spread / np.sqrt(5), rel=0.4)
+
+
+def test_a_measured_value_that_rows_share_connects_their_unknowns():
+    """Lines of three bundles; the first two share the stations, whose places have errors, the third has its own."""
+    text = """(problem p (data m external :key j) (data t external :with (m j)) (unknowns (a :per t.k :init 1))
+      (observe t (= y (* (a k) m.x)) :errors ((m.x 0.1)) :sigma 0.1))"""
+    table = {"j": [0.0, 1, 1, 2, 3, 4], "k": [0.0, 0, 1, 1, 2, 2], "y": [1.0, 2, 3, 4, 5, 6]}
+    data = {"m": {"j": np.arange(5.0), "x": np.arange(1.0, 6.0)}, "t": {c: np.array(v) for c, v in table.items()}}
+    parts = parts_of(mbm.loads(text).compile(data=data)._assembled()[0])
+    assert [part.columns.tolist() for part in parts] == [[0, 1], [2]]
+    assert [part.rows.tolist() for part in parts] == [[0, 1, 2, 3], [4, 5]]

@@ -10,7 +10,7 @@ Gauss and Helmert's model (Koch 1999, 3.7; Lenzmann and Lenzmann 2004 on where t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 
 import numpy as np
@@ -37,6 +37,20 @@ class _Solved:
     """A system at one point: the feet, the root of the covariance there, the whitened residuals (R, k)."""
 
     feet: Feet
+    root: Root
+    residuals: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CorrectedRows:
+    """Rows of a group, each with corrections of its own, at one point.
+
+    ``group`` holds the ``rows`` (R,) of it with their measured values corrected, ``residuals`` (R, k) are whitened; so
+    is a Jacobian (R, k, width) that is divided by the equations' own noise, once ``root`` is applied.
+    """
+
+    group: Group
+    rows: Indices
     root: Root
     residuals: Floats
 
@@ -86,6 +100,15 @@ class Elimination:
         systems = Builder(self.problem, self.groups, self.measured, self.cache, kept).systems()
         return replace(self, systems=systems, _scatters=(), _whole=self._whole or self, _memory=_Memory()).over(columns)
 
+    def some(self, groups: tuple[Group, ...], rows: Sequence[Indices]) -> Elimination:
+        """The same for ``groups``, which hold those ``rows`` of each of its groups."""
+        ids = {number: found[rows[number]] for number, found in self.measured.ids.items()}
+        chosen = replace(self.measured, ids=ids)
+        systems = Builder(self.problem, groups, chosen, self.cache, None).systems()
+        return replace(
+            self, groups=groups, measured=chosen, systems=systems, _scatters=(), _whole=None, _memory=_Memory()
+        )
+
     def everything(self, columns: Indices) -> Elimination:
         """The same with no residual left out."""
         return self if self._whole is None else self._whole.over(columns)
@@ -93,6 +116,26 @@ class Elimination:
     def roughly(self) -> Elimination:
         """The same with corrections to first order."""
         return replace(self, rough=True, _whole=None, _memory=_Memory())
+
+    @property
+    def separate(self) -> bool:
+        """Whether no two rows share a measured value: each system holds rows of one group."""
+        return all(len(system.parts) == 1 and system.parts[0].alone for system in self.systems)
+
+    def system_of(self, group: Group) -> int | None:
+        """The number of the system of a group whose rows are ``separate``; None where no row of it counts."""
+        firsts = [system.parts[0].group.first for system in self.systems]
+        return firsts.index(group.first) if group.first in firsts else None
+
+    def corrected_rows(self, number: int, numbers: Floats) -> CorrectedRows:
+        """The rows of system ``number``, which are ``separate``, where all unknowns are ``numbers`` (N,)."""
+        part, solved = self.systems[number].parts[0], self._solved(numbers)[number]
+        return CorrectedRows(
+            group=part.at(solved.feet.corrections),
+            rows=part.lines,
+            root=solved.root,
+            residuals=solved.residuals,
+        )
 
     def forget(self) -> None:
         """Begin anew: the next corrections are found without those of the point before."""

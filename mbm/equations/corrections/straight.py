@@ -88,7 +88,7 @@ def _sigmas(groups: tuple[Group, ...], systems: tuple[System, ...]) -> dict[int,
         if number is None or part.group.rows != groups[number].rows:
             return None
         found[number] = part.sigma
-    wanted = {n for n, group in enumerate(groups) if group.kernel.corrections is not None}
+    wanted = {n for n, group in enumerate(groups) if group.kernel.corrections is not None and group.rows}
     return found if set(found) == wanted else None
 
 

@@ -38,6 +38,11 @@ class Part:
     places: Indices
     alone: bool
 
+    @property
+    def lines(self) -> Indices:
+        """Which rows of the whole group these are (rows,)."""
+        return (self.residuals[:, 0] - self.group.first) // self.group.kernel.outputs
+
     def corrected(self, corrections: Floats) -> Floats:
         """The measured values (rows, c) with corrections (R, q), which are in standard deviations."""
         if self.alone:

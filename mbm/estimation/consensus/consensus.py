@@ -142,7 +142,7 @@ def _all_agree(units: Units, point: Floats) -> Agreed:
 def _agreed(asked: Asked, equations: Assembled, units: Units, starts: tuple[Beginning, ...]) -> Agreed:
     """The units that agree: in one piece, part by part, or, with very many connected unknowns, by way of losses."""
     points = np.stack([start.point for start in starts])
-    if equations.implicit is None and equations.dimension > 1:
+    if equations.dimension > 1:
         parts = parts_of(equations)
         if max(len(part.columns) for part in parts) > MANY_CONNECTED:
             return agree_by_losses(asked, equations, units, points[0])

@@ -31,12 +31,15 @@ class Part:
 
 
 def parts_of(equations: Assembled) -> tuple[Part, ...]:
-    """The parts, in the order of their first coordinate; residuals that touch nothing are in none."""
+    """The parts, in the order of their first coordinate; residuals that touch nothing are in none.
+
+    Measured values with errors connect the rows that share them, as unknowns do.
+    """
     place = np.full(len(equations.layout.number), -1, dtype=np.int64)
     place[equations.free] = np.arange(equations.dimension)
     touched = [place[group.touched] for group in (*equations.groups, *equations.constraints)]
     joined = any(_touches_all(columns, equations.dimension) for columns in touched)
-    label = np.zeros(equations.dimension, dtype=np.int64) if joined else connections(touched, equations.dimension)
+    label = np.zeros(equations.dimension, dtype=np.int64) if joined else _labels(equations, touched)
     of_row = np.full(equations.whole, -1, dtype=np.int64)
     for group, columns in zip(equations.groups, touched, strict=False):
         lowest = _lowest(label, columns)
@@ -47,6 +50,19 @@ def parts_of(equations: Assembled) -> tuple[Part, ...]:
         Part(columns=equations.free[label == each], rows=np.flatnonzero(of_row == each))
         for each in np.unique(label).tolist()
     )
+
+
+def _labels(equations: Assembled, touched: Sequence[Indices]) -> Indices:
+    """The first coordinate that each (n,) is connected with, where groups have ``touched`` them row by row."""
+    count, implicit = equations.dimension, equations.implicit
+    if implicit is None or implicit.separate:
+        return connections(touched, count)
+    with_values, measured = list(touched), implicit.measured
+    for number, ids in measured.ids.items():
+        values = np.where(measured.sigma[ids] > 0.0, count + ids, -1)
+        columns = np.broadcast_to(touched[number], (len(ids), touched[number].shape[1]))
+        with_values[number] = np.hstack([columns, values])
+    return connections(with_values, count + len(measured.sigma))[:count]
 
 
 def connections(touched: Sequence[Indices], count: int) -> Indices:

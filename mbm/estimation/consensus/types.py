@@ -92,9 +92,10 @@ class Prepared:
             return replace(minimum, reason=Reason.INTERRUPTED)
         return minimum if self.agreed else replace(minimum, reason=Reason.NO_AGREEMENT)
 
-    def informing(self, jacobian: Floats) -> Floats | None:
-        """The Jacobian (m, n) that holds the information there is: κ of that of the kept rows; None: as it is."""
-        return None if self.truncation is None else np.sqrt(self.equations.picked(self.truncation))[:, None] * jacobian
+    @property
+    def informing(self) -> Floats | None:
+        """What makes of the Jacobian one that holds the information there is: √κ of each row (m,); None: nothing."""
+        return None if self.truncation is None else np.sqrt(self.equations.picked(self.truncation))
 
     def scattering(self, residuals: Floats) -> Floats:
         """Residuals (m,) that scatter as the noise does, without the loss of the tails."""

@@ -128,7 +128,7 @@ def sparse_minimum(equations: Equations, start: Floats, settings: Settings, made
 def _blocks(equations: Equations) -> BlockEquations | None:
     if isinstance(equations, BlockEquations):
         return equations
-    return blocked(equations) if isinstance(equations, Assembled) and not equations.profiled else None
+    return blocked(equations) if isinstance(equations, Assembled) else None
 
 
 def _begun(equations: BlockEquations, start: Floats, settings: Settings, made: Plan | None) -> State:

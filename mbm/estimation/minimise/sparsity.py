@@ -14,10 +14,12 @@ MOST_SLOPES = 50_000_000
 
 
 def sparse_suits(equations: Equations) -> bool:
-    """Whether there are many unknowns of which each equation touches few, few constraints, no errors in columns."""
+    """Whether there are many unknowns of which each equation touches few, few constraints, no shared errors."""
     if not isinstance(equations, Assembled) or equations.dimension <= MOST_DENSE:
         return False
-    if equations.implicit is not None or len(equations.equality) * equations.dimension > MOST_SLOPES:
+    if len(equations.equality) * equations.dimension > MOST_SLOPES:
+        return False
+    if equations.implicit is not None and not equations.implicit.separate:
         return False
     groups = (*equations.groups, *equations.constraints)
     return all(group.columns.shape[1] <= SPARSE * equations.dimension for group in groups if group.rows)

@@ -76,9 +76,11 @@ def _reason(equations: Assembled, method: Method) -> str:
     if equations.equality.size:
         equal = int(equations.equality.sum())
         return f"there are constraints: {equal} equations and {len(equations.equality) - equal} inequalities"
+    sparse = sparse_suits(equations)
     if equations.implicit is not None:
-        return "measured columns have errors, whose corrections are eliminated"
-    if sparse_suits(equations):
+        eliminated = "measured columns have errors, whose corrections are eliminated"
+        return f"{eliminated}; {solved_how(equations)}" if sparse else eliminated
+    if sparse:
         return solved_how(equations)
     if equations.lossy:
         return "the loss makes the equations count for less the less they fit"

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.equations.assembly import Assembled
+from mbm.equations.metric import first_bad
 from mbm.equations.types import Minimum, Reason
 from mbm.estimation.minimise.native.minimum import without_value
 
@@ -20,11 +21,20 @@ def confirmed(equations: Assembled, minimum: Minimum) -> Minimum:
     if equations.implicit is None or minimum.bad_row is not None:
         return minimum
     equations.implicit.forget()
-    if np.isfinite(equations.residuals(minimum.point)).all():
+    residuals = equations.residuals(minimum.point)
+    if np.isfinite(residuals).all():
         return minimum
+    if minimum.blocks is None:
+        lost = without_value(equations, minimum.point)
+    else:
+        # Loaded by sparse problems only, so that the others start at once.
+        from mbm.sparse.system import without_slopes
+
+        lost = replace(without_slopes(minimum), residuals=residuals, cost=np.nan, bad_row=first_bad(residuals))
     return replace(
-        without_value(equations, minimum.point),
+        lost,
         reason=Reason.NO_FINITE_STEP,
         iterations=minimum.iterations,
         evaluations=minimum.evaluations + 1,
+        offset=np.inf,
     )

@@ -173,7 +173,7 @@ def _observed(
     equations: Assembled, weighted: Assembled, minimum: Minimum, robust: Prepared, settings: Settings
 ) -> Observability:
     """The rank decision with the motions that are free, and the common ones among them named."""
-    observed = observed_at(minimum, weighted.coordinates(minimum.point), robust.informing(minimum.jacobian))
+    observed = observed_at(minimum, weighted.coordinates(minimum.point), robust.informing)
     observed = with_gauge(observed, equations.layout, equations.free, minimum.point, settings.gauge)
     return with_motions(weighted, minimum, observed)
 

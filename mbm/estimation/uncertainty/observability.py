@@ -85,20 +85,20 @@ def observability(jacobian: Floats, point: Floats, fixed: Mask, surface: Surface
     )
 
 
-def observed_at(minimum: Minimum, point: Floats, jacobian: Floats | None = None) -> Observability:
+def observed_at(minimum: Minimum, point: Floats, weights: Floats | None = None) -> Observability:
     """The rank decision at a minimum with the coordinates ``point`` (n,), on the surface of its constraints.
 
-    ``jacobian`` (m, n) stands in for the minimum's own.
+    ``weights`` (m,) multiply the rows of its Jacobian (None: all 1).
     """
     if minimum.blocks is not None:
         # Loaded by sparse problems only, so that the others start at once.
         from mbm.estimation.uncertainty.sparse import sparse_observability
 
-        return sparse_observability(minimum, point)
+        return sparse_observability(minimum, point, weights)
     surface, held = None, minimum.constraints
     if held is not None and bool(held.forcing.any()):
         surface = Surface(slopes=held.slopes[held.forcing], equality=held.equality[held.forcing])
-    own = minimum.jacobian if jacobian is None else jacobian
+    own = minimum.jacobian if weights is None else weights[:, None] * minimum.jacobian
     return observability(own, point, minimum.at_bound != 0, surface)
 
 

@@ -20,7 +20,7 @@ from mbm.estimation.uncertainty.freedom import free_combination, touched_by
 from mbm.solver.decisions import SHARE
 from mbm.sparse.inverse import Constrained, constrained_inverse, inverse_of
 from mbm.sparse.rank import Decision, decided
-from mbm.sparse.system import blocks_of
+from mbm.sparse.system import BlockJacobian, blocks_of
 
 NAMED = 20
 """Free directions of single members that are put into words; the others are counted."""
@@ -33,13 +33,34 @@ PART = 4_000_000
 
 
 @np.errstate(all="ignore")
-def sparse_observability(minimum: Minimum, point: Floats) -> Observability:
-    """The rank decision at a minimum of a sparse problem, with the coordinates ``point`` (n,)."""
+def sparse_observability(minimum: Minimum, point: Floats, weights: Floats | None = None) -> Observability:
+    """The rank decision at a minimum of a sparse problem, with the coordinates ``point`` (n,).
+
+    ``weights`` (m,) multiply the rows of its Jacobian (None: all 1).
+    """
     blocks = blocks_of(minimum)
     fixed = minimum.at_bound != 0
-    held = np.zeros(blocks.plan.structure.columns, dtype=bool)
-    held[blocks.plan.structure.free] = fixed
-    return described(decided(blocks.plan, blocks.values, held), point, fixed, minimum.constraints)
+    values = blocks.values if weights is None else weighted_rows(blocks, weights)
+    return described(decided(blocks.plan, values, held_columns(blocks, fixed)), point, fixed, minimum.constraints)
+
+
+def held_columns(blocks: BlockJacobian, fixed: Mask) -> Mask:
+    """The padded columns (columns,) of the coordinates that are ``fixed`` (n,)."""
+    layout = blocks.plan.structure
+    held = np.zeros(layout.columns, dtype=bool)
+    held[layout.free] = fixed
+    return held
+
+
+def weighted_rows(blocks: BlockJacobian, weights: Floats) -> list[Floats]:
+    """The Jacobian with the rows of the residuals that count multiplied by ``weights`` (m,); constraints stay."""
+    layout = blocks.plan.structure
+    whole = np.ones(layout.count)
+    whole[slice(len(weights)) if layout.rows is None else layout.rows] = weights
+    return [
+        values * whole[piece.residuals].reshape(values.shape[:2])[:, :, None]
+        for piece, values in zip(layout.pieces, blocks.values, strict=True)
+    ]
 
 
 def constrained(found: Decision, limits: ConstraintState | None) -> Constrained:

@@ -16,11 +16,18 @@ from mbm.equations.losses import LossFunction
 from mbm.equations.types import Covariance, Floats, Indices, Mask, Minimum, Observability
 from mbm.estimation.uncertainty.freedom import free_combination, free_combinations
 from mbm.estimation.uncertainty.pools import Sums, Units, summed
-from mbm.estimation.uncertainty.sparse import NAMED, constrained, described, sparse_covariance
+from mbm.estimation.uncertainty.sparse import (
+    NAMED,
+    constrained,
+    described,
+    held_columns,
+    sparse_covariance,
+    weighted_rows,
+)
 from mbm.sparse.equations import blocked
 from mbm.sparse.inverse import inverse_of
 from mbm.sparse.rank import decided
-from mbm.sparse.system import BlockJacobian, blocks_of
+from mbm.sparse.system import blocks_of
 
 
 @np.errstate(all="ignore")
@@ -36,20 +43,18 @@ def sparse_sandwich(
     own = blocked(equations)
     plain, own_pieces = own.plain_block_jacobian(minimum.point, blocks.plan.arithmetic), len(own.places)
     blocks = replace(blocks, values=[*plain[:own_pieces], *blocks.values[own_pieces:]])
-    layout = blocks.plan.structure
-    every = np.arange(len(residuals)) if layout.rows is None else layout.rows
-    held = _held(blocks, observed.fixed)
+    held = held_columns(blocks, observed.fixed)
     losses = [_of_loss(parts, residuals, stated) for parts in _by_loss(equations)]
     factors = np.ones(len(residuals))
     for places, weight, sums in losses:
         factors[places] = weight * _curvature(sums)
-    weighted = _weighted(blocks, np.sqrt(factors), every)
+    weighted = weighted_rows(blocks, np.sqrt(factors))
     limits, point = minimum.constraints, equations.coordinates(minimum.point)
     leverages = constrained(decided(blocks.plan, weighted, held), limits).inverse.leverages(weighted, observed.fixed)
     for places, weight, sums in losses:
         spread = float(sums.corrected(leverages[places].sum(keepdims=True))[0])
         factors[places] = weight * _curvature(sums) ** 2 / max(spread, 1e-300)
-    final = decided(blocks.plan, _weighted(blocks, np.sqrt(factors), every), held)
+    final = decided(blocks.plan, weighted_rows(blocks, np.sqrt(factors)), held)
     settled = _settled(observed, described(final, point, observed.fixed, limits), point)
     return sparse_covariance(settled, 1.0), settled
 
@@ -89,21 +94,3 @@ def _settled(observed: Observability, now: Observability, point: Floats) -> Obse
         estimable=observed.estimable & now.estimable,
         flat=flat,
     )
-
-
-def _held(blocks: BlockJacobian, fixed: Mask) -> Mask:
-    layout = blocks.plan.structure
-    held = np.zeros(layout.columns, dtype=bool)
-    held[layout.free] = fixed
-    return held
-
-
-def _weighted(blocks: BlockJacobian, factors: Floats, every: Indices) -> list[Floats]:
-    """The Jacobian with its rows multiplied; ``every`` (m,) places the factors among all rows, constraints too."""
-    layout = blocks.plan.structure
-    whole = np.ones(layout.count)
-    whole[every] = factors
-    return [
-        values * whole[piece.residuals].reshape(values.shape[:2])[:, :, None]
-        for piece, values in zip(layout.pieces, blocks.values, strict=True)
-    ]

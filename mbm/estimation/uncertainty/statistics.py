@@ -114,10 +114,10 @@ def _alternative(
     untold = [i for i, n in noise.items() if n.state is NoiseState.NO_REDUNDANCY]
     if not untold or minimum.blocks is not None:
         return None
-    jacobian = minimum.jacobian.copy()
+    weights = np.ones(equations.count)
     for number in untold:
-        jacobian[equations.block_rows(number)] /= 2.0
-    observed = observed_at(minimum, equations.coordinates(minimum.point), jacobian)
+        weights[equations.block_rows(number)] = 0.5
+    observed = observed_at(minimum, equations.coordinates(minimum.point), weights)
     return observed, covariance(observed)
 
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 import mbm
 from mbm.equations.types import Minimum, Reason
+from mbm.estimation.minimise import sparsity
+from mbm.estimation.minimise.sparse import sparse_minimum
+from mbm.estimation.settings import Settings
 from mbm.estimation.solve.confirmed import confirmed
 from mbm.estimation.solve.estimate import assemble
 
@@ -49,6 +54,19 @@ def test_a_minimum_without_corrections_is_none():
     assert found.reason is Reason.NO_FINITE_STEP
     assert not found.reason.converged
     assert (found.bad_row, found.iterations) == (0, 4)
+
+
+def test_of_blocks_nothing_is_left_either(monkeypatch):
+    monkeypatch.setattr(sparsity, "MOST_DENSE", 0)
+    monkeypatch.setattr(sparsity, "SPARSE", 1.0)
+    rootless = equations()
+    minimum = sparse_minimum(rootless, np.array([-1.0]), Settings())
+    assert confirmed(rootless, minimum) is minimum
+    found = confirmed(rootless, replace(minimum, point=np.array([2.0])))
+    assert found.reason is Reason.NO_FINITE_STEP
+    assert (found.bad_row, found.iterations) == (0, minimum.iterations)
+    assert found.jacobian.shape == (3, 1)
+    assert abs(found.jacobian).sum() == 0.0
 
 
 def test_corrections_do_not_depend_on_what_was_asked_before():
