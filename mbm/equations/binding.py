@@ -183,6 +183,11 @@ class Group:
 
     def values_at(self, points: Floats) -> Floats:
         """The same at points (P, N) in one call of the kernel: (P, rows, outputs)."""
+        values = self.cache.stream(self.number, self.kernel).values(self.inputs_at(points))
+        return values.reshape(len(points), self.rows, self.kernel.outputs)
+
+    def inputs_at(self, points: Floats) -> Floats:
+        """What the kernel is called with for that (P·rows, variables + parameters), all rows of a point together."""
         count, variables = len(points), self.index.shape[1]
         inputs = np.empty((count, self.rows, variables + self.parameters.shape[1]))
         inputs[:, :, :variables] = points[:, self.places]
@@ -190,8 +195,7 @@ class Group:
         for each in self.sampled:
             for part, point in zip(inputs, points, strict=True):
                 each.fill(part[:, variables:], point.__getitem__, np.arange(self.rows))
-        values = self.cache.stream(self.number, self.kernel).values(inputs.reshape(count * self.rows, inputs.shape[2]))
-        return values.reshape(count, self.rows, self.kernel.outputs)
+        return inputs.reshape(count * self.rows, inputs.shape[2])
 
     def whitened(self, values: Floats) -> Floats:
         """Outputs divided by their noise, shape (…, rows, outputs)."""
