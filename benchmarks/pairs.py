@@ -34,6 +34,8 @@ CONFIDENCE = 0.95
 LIVES = 3
 LEAST_SECONDS = 0.05
 """Processor seconds of a measurement, by as many calls as that takes."""
+MANY, ENOUGH = ("ranges", "lmeds"), 30
+"""Rows of many solves, and their calls after which all that the solver and consensus make of themselves is made."""
 WORKER = """
 import sys
 version, root, row = sys.argv[1:]
@@ -112,6 +114,15 @@ def measured(row: str, versions: tuple[Path, Path], pairs: int) -> tuple[list[fl
     return found
 
 
+def warmed(versions: tuple[Path, Path]) -> None:
+    """Let each version keep the solver's fast code, which is made after many solves only: it serves from the start."""
+    for version in versions:
+        for row in MANY:
+            worker = Worker(version, row)
+            worker.seconds(ENOUGH)
+            worker.end()
+
+
 def interval(values: Sequence[float]) -> tuple[float, float]:
     """Limits of the median by the sign test: order statistics, with at least `CONFIDENCE` for 6 values and more."""
     count, tail, rank = len(values), 0.0, 0
@@ -148,6 +159,7 @@ def main() -> int:
     lines, slower = [], False
     with tempfile.TemporaryDirectory() as folder:
         versions = checkout(words.version, Path(folder)), checkout(words.than, Path(folder))
+        warmed(versions)
         for row in words.only or ROWS:
             before, now = measured(row, versions, words.pairs)
             ratios = [b / a for a, b in zip(before, now, strict=True)]
