@@ -19,7 +19,7 @@ def confirmed(equations: Assembled, minimum: Minimum) -> Minimum:
     """
     if equations.implicit is None or minimum.bad_row is not None:
         return minimum
-    equations.implicit.forget()
+    equations.implicit.forget(minimum.point)
     if np.isfinite(equations.residuals(minimum.point)).all():
         return minimum
     return replace(
