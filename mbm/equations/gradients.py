@@ -5,11 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.equations.assembly import Assembled, loss_lines
-from mbm.equations.binding import Group
+from mbm.equations.binding import INPUTS_AT_A_TIME, Group
 from mbm.equations.types import Floats, Indices
-
-AT_A_TIME = 2_000_000
-"""Numbers that the inputs and derivatives of a kernel take at a time."""
 
 
 def gradients_at(equations: Assembled, points: Floats) -> Floats:
@@ -23,7 +20,7 @@ def gradients_at(equations: Assembled, points: Floats) -> Floats:
     for group in equations.groups:
         kernel = group.kernel
         width = len(kernel.variables) + len(kernel.parameters) + len(kernel.jacobian_rows)
-        step = max(AT_A_TIME // max(group.rows * width, 1), 1)
+        step = max(INPUTS_AT_A_TIME // max(group.rows * width, 1), 1)
         own = weights[:, group.first : group.first + group.count].reshape(len(points), group.rows, kernel.outputs)
         for first in range(0, len(points), step):
             some = slice(first, first + step)
