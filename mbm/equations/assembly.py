@@ -215,15 +215,18 @@ class Assembled:
             for k in np.flatnonzero(~np.isfinite(found).all(axis=1)):
                 found[k] = self.residuals(points[k])
             return found
+        plain = self.plain_residuals_at(points)
+        return np.stack([rooted_residuals(self, each) for each in plain]) if self.lossy else plain
+
+    def plain_residuals_at(self, points: Floats) -> Floats:
+        """The same without losses and corrections of measured columns."""
         result = np.empty((len(points), self.whole))
         for group in self.groups:
             values = group.whitened(group.values_at(points))
             result[:, group.first : group.first + group.count] = values.reshape(len(points), group.count)
         if self.factors is not None:
             result /= self.factors
-        if self.rows is not None:
-            result = result[:, self.rows]
-        return np.stack([rooted_residuals(self, plain) for plain in result]) if self.lossy else result
+        return result if self.rows is None else result[:, self.rows]
 
     def jacobian(self, x: Floats) -> Floats:
         """Derivative of ``residuals`` by a step (m, n)."""

@@ -56,6 +56,13 @@ class Whitener:
             return np.asarray(part * self.weights)
         return np.asarray(np.einsum("rij,...rj->...ri", self.weights, part), dtype=np.float64)
 
+    def transposed(self, values: Floats) -> Floats:
+        """Its transpose applied to whitened values (…, rows, outputs): (…, rows, k)."""
+        part = values[..., self.first : self.last]
+        if self.weights.ndim == 2:
+            return np.asarray(part * self.weights)
+        return np.asarray(np.einsum("rij,...ri->...rj", self.weights, part), dtype=np.float64)
+
 
 def whitener(
     equation: Equation,

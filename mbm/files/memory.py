@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from functools import cache
 
 from mbm.files import faults
 from mbm.text.types import MbmError, Place
@@ -67,6 +68,7 @@ def text_memory(content: bytes, values: int) -> int:
     return (COPIES if content.isascii() else WIDE_COPIES) * len(content) + PER_VALUE * values
 
 
+@cache
 def _installed() -> int:
     """The memory of this machine in bytes; where the system does not tell, as much as the usual bound wants."""
     try:

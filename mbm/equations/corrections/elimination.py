@@ -58,12 +58,14 @@ class CorrectedRows:
 class _Memory:
     """The last point and what was found there: residuals and Jacobian are asked for one after the other.
 
-    ``straight`` are groups, and those that were made of them.
+    ``carried``: it was begun from what was found at the point before. ``straight`` are groups, and those that were made
+    of them.
     """
 
     def __init__(self) -> None:
         self.point: Floats | None = None
         self.solved: tuple[_Solved, ...] = ()
+        self.carried = False
         self.straight: tuple[tuple[Group, ...], tuple[Group, ...] | None] | None = None
 
 
@@ -137,9 +139,11 @@ class Elimination:
             residuals=solved.residuals,
         )
 
-    def forget(self) -> None:
-        """Begin anew: the next corrections are found without those of the point before."""
-        self._memory.point, self._memory.solved = None, ()
+    def forget(self, numbers: Floats) -> None:
+        """Let the corrections at ``numbers`` (N,) be found without those of another point; they stay if they were."""
+        memory = self._memory
+        if memory.carried or not _same(memory.point, numbers):
+            memory.point, memory.solved = None, ()
 
     def add_residuals(self, numbers: Floats, target: Floats) -> None:
         """Enter the whitened residuals into those of all equations; NaN where no corrections meet the equations."""
@@ -200,12 +204,17 @@ class Elimination:
 
     def _solved(self, numbers: Floats) -> tuple[_Solved, ...]:
         memory = self._memory
-        if memory.point is None or not np.array_equal(memory.point, numbers):
+        if not _same(memory.point, numbers):
+            memory.carried = bool(memory.solved)
             near = memory.solved or (None,) * len(self.systems)
             found = zip(self.systems, near, strict=True)
             memory.solved = tuple(_solve(s, numbers, last, rough=self.rough) for s, last in found)
             memory.point = numbers.copy()
         return memory.solved
+
+
+def _same(point: Floats | None, numbers: Floats) -> bool:
+    return point is not None and np.array_equal(point, numbers)
 
 
 @np.errstate(all="ignore")

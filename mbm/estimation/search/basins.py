@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from mbm.equations.assembly import Assembled
+from mbm.equations.gradients import gradients_at
 from mbm.equations.metric import minimum_norms, turning
 from mbm.equations.types import Floats, Indices, Minimum
 from mbm.estimation.minimise.native.starts import StartEnds
@@ -131,9 +132,9 @@ def ways_down(equations: Assembled, minimum: Minimum) -> tuple[Floats, ...]:
     steps = np.zeros((2 * free.size, minimum.jacobian.shape[1]))
     line = np.arange(free.size)
     steps[line, free], steps[free.size + line, free] = lengths, -lengths
-    points = np.array([equations.retract(minimum.point, s) for s in steps])
+    points = equations.retract(np.broadcast_to(minimum.point, (len(steps), len(minimum.point))), steps)
     with np.errstate(all="ignore"):
-        gradient = np.stack([equations.residuals(point) @ equations.jacobian(point)[:, free] for point in points])
+        gradient = gradients_at(equations, points)[:, free]
     slopes = (gradient[: free.size] - gradient[free.size :]) / (2.0 * lengths[:, None])
     hessian = slopes * np.multiply.outer(units, units) / (spread * spread)
     if not np.isfinite(hessian).all():

@@ -20,7 +20,7 @@ def confirmed(equations: Assembled, minimum: Minimum) -> Minimum:
     """
     if equations.implicit is None or minimum.bad_row is not None:
         return minimum
-    equations.implicit.forget()
+    equations.implicit.forget(minimum.point)
     residuals = equations.residuals(minimum.point)
     if np.isfinite(residuals).all():
         return minimum

@@ -17,6 +17,8 @@ def free_combinations(null_space: Floats, scale: Floats, point: Floats) -> tuple
     ``null_space`` (n, k) in scaled coordinates. Each direction has a coordinate of its own that no other moves, and
     what falls apart into groups comes out in groups.
     """
+    if not null_space.shape[1]:
+        return ()
     pivots = _pivots(null_space)
     rows = np.linalg.solve(null_space[pivots].T, null_space.T)
     rows[:, pivots] = np.eye(len(pivots))

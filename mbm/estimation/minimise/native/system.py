@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -108,17 +109,12 @@ class NativeSystem:
     rows: Rows
     code: AnyCode
     held: object = field(repr=False)
-    scratch_sizes: tuple[int, int] | None = None
-    """Reals and integers that a thread needs; None: they are still to be worked out."""
     failed: Callable[[], None] = field(default=nothing, repr=False)
     ranges: RangeMaps | None = field(default=None, repr=False)
     """What starts are compared with; None: nothing."""
     _given: tuple[int, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if self.scratch_sizes is None:
-            problem = view(of.Problem, self.system)
-            object.__setattr__(self, "scratch_sizes", (int(work_reals(problem)), int(work_integers(problem))))
         # Where they begin; asking for that takes longer than a small solve.
         object.__setattr__(self, "_given", tuple(address(array) for array in self._arrays))
 
@@ -217,7 +213,7 @@ class NativeSystem:
 
     def scratch(self, parameters: Floats | None = None) -> tuple[Any, ...]:
         """What one thread needs beside, as `Work`, and the arrays that it refers to; with other ``parameters``."""
-        count, whole = self.scratch_sizes or (0, 0)
+        count, whole = scratch_sizes(self.system[: of.HEADER].tobytes())
         reals, integers = np.empty(count), np.empty(whole, dtype=np.int64)
         work = self.code.blank(Work)
         put(work, Work, reals=reals, integers=integers)
@@ -278,6 +274,15 @@ class NativeSystem:
         while not done and not stopped():
             done = go_on(self.system, most, work)
         self.code.routine(end, object, object)(self.system, work)
+
+
+@lru_cache(maxsize=256)
+def scratch_sizes(header: bytes) -> tuple[int, int]:
+    """Reals and integers that a thread needs, by the header of a description; adding them up takes longer than a small
+    solve.
+    """
+    problem = view(of.Problem, np.frombuffer(header, dtype=np.int64))
+    return int(work_reals(problem)), int(work_integers(problem))
 
 
 def handled(equations: object) -> bool:

@@ -40,6 +40,9 @@ def completions(situation: Situation, forms: Iterable[ClosedForm]) -> tuple[Comp
     finished: list[Completion] = []
     while open_ones:
         each, before, tried = open_ones.pop(0)
+        if not bool(np.isnan(each.numbers).any()):
+            finished.append(each)
+            continue
         here = before.with_numbers(each.numbers)
         steps, recognised = _steps(here, every, tried)
         room = MOST_BRANCHES - len(open_ones) - len(finished)
@@ -92,8 +95,6 @@ def _steps(situation: Situation, forms: tuple[ClosedForm, ...], tried: Tried) ->
     links with those before are taken in the same step: what they give does not depend on the order. One that takes
     several unknowns together, or has several solutions, waits for the next step, and all that is linked with it.
     """
-    if not bool(np.isnan(situation.numbers).any()):
-        return [], False
     recognised = False
     numbers, used = situation.numbers, list[str]()
     closed: set[int] = set()
