@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from math import inf
+from typing import Any
 
 import numpy as np
 
-from mbm.equations.types import Equations, Floats, Mask
-from mbm.solver.decisions import HUGE, TINY
+from mbm.equations.types import Equations, Floats, Indices, Mask, Minimum
+from mbm.solver.decisions import HUGE, TINY, rounding_of_norm
 
 
 def metric(jacobian: Floats, slopes: Floats) -> Floats:
@@ -33,6 +34,30 @@ def magnitudes(equations: Equations, coordinates: Floats) -> Floats:
     size = np.abs(coordinates)
     curved = turning(equations)
     return size if curved is None else np.where(curved, 1.0, size)
+
+
+def rounding_at(equations: Equations, minimum: Minimum) -> float:
+    """The rounding error of ``‖r‖`` at a minimum."""
+    terms = minimum_norms(minimum) * magnitudes(equations, equations.coordinates(minimum.point))
+    return rounding_of_norm(float(terms @ terms), minimum.cost)
+
+
+def roundings(norms: Floats, points: Floats, places: Indices, cost: Floats) -> Floats:
+    """The same (K,) of many ends: ``norms`` (K, n) of the columns, ``points`` (K, N), ``cost`` (K,).
+
+    ``places`` (n,) are those of the coordinates among the numbers, -1 for rotations and directions.
+    """
+    size = np.where(places >= 0, np.abs(points[:, places]), 1.0)
+    terms = np.square(norms * size).sum(axis=1)
+    return np.array([rounding_of_norm(*each) for each in zip(terms.tolist(), cost.tolist(), strict=True)])
+
+
+def minimum_norms(minimum: Minimum) -> Floats:
+    """Norms of the columns of the Jacobian (n,), dense or sparse."""
+    if minimum.blocks is not None:
+        squares: Any = minimum.jacobian
+        return np.sqrt(np.asarray((squares * squares).sum(axis=0), dtype=np.float64).ravel())
+    return column_norms(minimum.jacobian)
 
 
 def turning(equations: Equations) -> Mask | None:

@@ -5,7 +5,7 @@ Nothing is imported: whoever needs one number does not load the compiled solver,
 
 from __future__ import annotations
 
-from math import sqrt
+from math import isfinite, sqrt
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -277,6 +277,19 @@ JOINT_STEPS = 100
 ARRIVED = 1e-24
 """A step that promises no more than this, in squared deviations, changes nothing."""
 
+# --- other minima ---------------------------------------------------------------------------------------------------
+LOWER = 1e-6
+"""Share of the cost by which another minimum must be lower to take the place of the one that was found first."""
+
+ROUNDED_FIT = 16.0
+"""Rounding errors of ``‖r‖`` below which a fit is exact: of two exact ones, rounding alone says which costs less."""
+
+USUAL = 5.0
+"""Standard deviations of χ² within which a fit gives no cause for doubt."""
+
+PLAUSIBLE = 1e3
+"""Cost of a solution of a closed form beside that of its best one, above which it is not followed."""
+
 # --- minimal samples ------------------------------------------------------------------------------------------------
 MIRRORED = 1e-7
 """Extent of stations across their plane beside that along it, below which mirrored places fit them equally well."""
@@ -311,3 +324,37 @@ def noise_ratio(squares: Real, redundancy: Real) -> Real:
     if redundancy > LEAST_REDUNDANCY and squares > 0.0:
         return sqrt(squares / redundancy)
     return 1.0
+
+
+def usual_cost(freedom: Real) -> Real:
+    """The cost that a fit with stated noise and so many degrees of freedom stays below, if nothing is wrong."""
+    usual = max(freedom, 1.0)
+    return usual + USUAL * sqrt(2.0 * usual)
+
+
+def plausible(cost: Real, best: Real) -> Integer:
+    """Whether a solution of a closed form may be meant beside its best one."""
+    return cost <= PLAUSIBLE * best + PLAUSIBLE
+
+
+def rounding_of_norm(terms: Real, cost: Real) -> Real:
+    """The rounding error of ``‖r‖``: ``terms`` is ``Σ (‖J_j‖ x_j)²``, with 1 for coordinates of rotations."""
+    return ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(cost))
+
+
+def takes_over(cost: Real, other: Real, rounding: Real) -> Integer:
+    """Whether a minimum that costs ``other`` takes the place of one that was found first, of which ``rounding`` is the
+    rounding error of ``‖r‖``.
+    """
+    exact = ROUNDED_FIT * rounding
+    return isfinite(other) and not cost <= exact * exact and not other >= (1.0 - LOWER) * cost
+
+
+def worth_following(cost: Real, form: Real, most: Real, rounding: Real) -> Integer:
+    """Whether a closed form, which costs ``form``, is followed to its minimum, beside a minimum that was found.
+
+    It costs more than the minimum that it lies near, but less than others. Where the minimum that was found costs more
+    than the ``most`` that noise lets expect (infinite: noise says nothing), it may cost anything: errors add up along a
+    chain of poses, whose start may cost more than a wrong minimum.
+    """
+    return isfinite(form) and (not cost < most or takes_over(cost, form, rounding))

@@ -10,7 +10,7 @@ import numpy as np
 from mbm.equations.metric import magnitudes
 from mbm.equations.types import Equations, Floats, Mask
 from mbm.kernels.types import Backend
-from mbm.solver.decisions import EPSILON, POSITIVE_KEPT, ROUNDING_ERRORS, ROUNDING_OF_BOUNDS
+from mbm.solver.decisions import POSITIVE_KEPT, ROUNDING_OF_BOUNDS, rounding_of_norm
 from mbm.sparse.arithmetic import Arithmetic
 from mbm.sparse.normal import Normal
 from mbm.sparse.structure import Structure, Values
@@ -72,8 +72,7 @@ def place_at(equations: BlockEquations, found: Plan, point: Floats, residuals: F
         gradient = np.where(held, 0.0, gradient)
     terms = np.sqrt(squares[layout.free]) * magnitudes(equations, coordinates)
     cost = float(residuals @ residuals)
-    size = sqrt(float(terms @ terms))
-    noise = ROUNDING_ERRORS * EPSILON * (size + sqrt(cost))
+    noise = rounding_of_norm(float(terms @ terms), cost)
     return Place(
         point=point,
         residuals=residuals,

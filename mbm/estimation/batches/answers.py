@@ -16,10 +16,10 @@ from mbm.estimation.batches.losses import counted, informed, outlying, rooted_sl
 from mbm.estimation.batches.stack import Portion, Stack, stated
 from mbm.estimation.batches.types import REASONS, Columns, Descent, Ends, Limits, Rows
 from mbm.estimation.minimise.native.tails import chi_square_tails, solver_code
-from mbm.estimation.search.challenge import usual_cost
 from mbm.estimation.trust.plausibility import IMPROBABLE
 from mbm.expression.nodes import Column, leaves
 from mbm.problem.types import Block, BlockRole, Problem
+from mbm.solver.decisions import usual_cost
 
 if TYPE_CHECKING:
     from mbm.estimation.batches.surface import Held, Tangents
@@ -90,7 +90,7 @@ def answers(problem: Problem, stack: Stack, which: range, descent: Descent) -> C
         priors=_priors(problem, stack, portion, ends.points),
         clean=clean,
         solved=solved,
-        expected=(ends.cost < usual_cost(freedom)) & known,
+        expected=(ends.cost < _usual_costs(freedom)) & known,
         challenged=_challenged(ends, other=lossy or surface is not None),
         limits=_limits(problem, stack, which, portion, ends, surface),
         seconds=np.full(len(which), (perf_counter() - began) / len(which)),
@@ -150,6 +150,12 @@ def _used(problem: Problem, portion: Portion, counting: Mask) -> Indices:
         mine = counting[solve[:, None], slots].any(axis=1)
         used[:, owner] += np.bincount(solve, weights=mine, minlength=portion.count).astype(np.int64)
     return used
+
+
+def _usual_costs(freedom: Indices) -> Floats:
+    """What fits with so many degrees of freedom (K,) usually cost: a few numbers, as a rule."""
+    distinct, place = np.unique(freedom, return_inverse=True)
+    return np.array([usual_cost(float(each)) for each in distinct])[place]
 
 
 def _converged(ends: Ends) -> Mask:

@@ -18,13 +18,14 @@ from mbm.estimation.batches.stack import Portion, Stack
 from mbm.estimation.batches.types import Which
 from mbm.estimation.consensus.forms import KnownForm, known_form
 from mbm.estimation.settings import Settings
-from mbm.estimation.starts.closed_forms.completion import PLAUSIBLE, plans
+from mbm.estimation.starts.closed_forms.completion import plans
 from mbm.estimation.starts.closed_forms.minimal import minimal_solver
 from mbm.estimation.starts.closed_forms.multilateration import Spheres, weights_of_squares
 from mbm.estimation.starts.closed_forms.pose_from_points import Sights
 from mbm.estimation.starts.closed_forms.situation import Situation
 from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 from mbm.estimation.starts.closed_forms.types import Plan
+from mbm.solver.decisions import plausible
 from mbm.values import dataclass
 
 
@@ -100,8 +101,8 @@ class Formed:
         points, costs = self.fits(which)
         found, lowest = _best(points, costs)
         with np.errstate(invalid="ignore"):
-            plausible = (costs <= PLAUSIBLE * lowest[:, None] + PLAUSIBLE) & np.isfinite(costs)
-        return np.where((plausible.sum(axis=1) == 1)[:, None], found, np.nan)
+            meant = np.vectorize(plausible, otypes=[bool])(costs, lowest[:, None]) & np.isfinite(costs)
+        return np.where((meant.sum(axis=1) == 1)[:, None], found, np.nan)
 
     def best(self, which: Which) -> tuple[Floats, Floats]:
         """The point (K, N) of the best solution for each of some solves, and its cost (K,): infinite without one."""

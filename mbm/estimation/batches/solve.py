@@ -16,6 +16,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import EvaluationCache
+from mbm.equations.metric import roundings
 from mbm.equations.selection import Selection
 from mbm.equations.types import Floats, Indices, Mask, Minimum, Noise
 from mbm.estimation.batches.answers import answers
@@ -26,7 +27,7 @@ from mbm.estimation.batches.sets import Sets
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import REASONS, Block, Columns, Corrections, Descent
 from mbm.estimation.consensus.types import Prepared
-from mbm.estimation.search.challenge import LOWER, Challenge
+from mbm.estimation.search.challenge import Challenge
 from mbm.estimation.search.search import Found
 from mbm.estimation.search.solution import Failure, Skipped, Solution
 from mbm.estimation.search.starting import GIVEN
@@ -36,6 +37,7 @@ from mbm.estimation.solve.weighing import Reached
 from mbm.estimation.uncertainty.variance import common_factor
 from mbm.kernels.types import KernelSet
 from mbm.problem.types import Problem
+from mbm.solver.decisions import takes_over, worth_following
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -43,6 +45,10 @@ if TYPE_CHECKING:
 
 FEW_CHALLENGED = 8
 """Up to so many solves are compared with the closed form one by one; recognising it in all takes longer."""
+
+FOLLOWED = np.vectorize(worth_following, otypes=[bool])
+TAKEN_OVER = np.vectorize(takes_over, otypes=[bool])
+"""What decides whether another minimum is the answer, for many solves."""
 
 Apart = Callable[[Selection, Solution | None], Solution | Failure | Skipped]
 """Solves one data set by itself, from the beginning, or from where the window before it ended."""
@@ -226,16 +232,18 @@ class Together:
 
         By its answer, or by what that leads to where a fit is worse than stated noise lets expect.
         """
-        numbers, expected, cost = first + asked, columns.expected[asked], columns.cost[asked]
+        numbers, cost = first + asked, columns.cost[asked]
         points, least = form.best(numbers)
-        found = least < cost
-        if self.problem.estimates_noise:
-            return found
-        strained = ~found & ~expected & np.isfinite(least)
+        most = np.where(columns.expected[asked] | self.problem.estimates_noise, np.inf, 0.0)
+        rounding = roundings(
+            columns.scale[asked], columns.points[asked], self.equations.layout.number[self.equations.free], cost
+        )
+        found: Mask = FOLLOWED(cost, least, most, rounding)
+        strained = found & ~FOLLOWED(cost, least, np.inf, rounding)
         solver = solver_of(self.stack, self.settings) if strained.any() else None
         if solver is not None:
             ends = solver(numbers[strained], points[strained])
-            lower = ends.cost < (1 - LOWER) * cost[strained]
+            lower = TAKEN_OVER(cost[strained], ends.cost, rounding[strained])
             vain = asked[strained][~lower]
             found[strained] = lower
             columns.iterations[vain] += ends.iterations[~lower]

@@ -16,12 +16,13 @@ from mbm.estimation.batches.stream_ends import NO_CODE, Rules, StreamEnds
 from mbm.estimation.minimise.native.code import Routine, SolverCode
 from mbm.estimation.minimise.native.system import NativeEnds, NativeSystem, system_of
 from mbm.estimation.minimise.sparsity import sparse_suits
-from mbm.estimation.search.challenge import kind_of, usual_cost
+from mbm.estimation.search.challenge import kind_of
 from mbm.estimation.settings import Settings
 from mbm.machine.records import put
 from mbm.problem.types import Problem, UnknownKind
 from mbm.solver import description as of
 from mbm.solver.batch import Solves
+from mbm.solver.decisions import usual_cost
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -101,7 +102,8 @@ class Stream:
         which, points = self._rivals.lower(found, room.parameters[:count], room.system)
         if not len(which):
             return found
-        return found.beaten(which, self._rules.judged(room.system.solve(points, which, workers=workers), len(which)))
+        others = self._rules.judged(room.system.solve(points, which, workers=workers), len(which))
+        return found.beaten(which, others, self._rules.roundings(room.ends, which))
 
     def solved_one(self) -> tuple[Floats, Floats, float] | None:
         """Numbers, covariance and cost of the data set whose parameters are `single`; None where it is not clean."""
@@ -175,11 +177,12 @@ def stream_of(
         if holds:
             return why
     layout = equations.layout
+    places = layout.number[equations.free]
     given = not bool((np.isnan(layout.start) | layout.guessed).any())
     if settings.robust is not None:
         from mbm.estimation.batches.robust_stream import robust_stream_of
 
-        rules = Rules(most=np.inf, estimated=False, angles=_angles(equations))
+        rules = Rules(most=np.inf, estimated=False, angles=_angles(equations), places=places)
         return robust_stream_of(problem, equations, settings, rules, given=given)
     system = system_of(equations, settings, often=True)
     if system is None or not isinstance(system.code, SolverCode):
@@ -191,9 +194,10 @@ def stream_of(
     if not alone and problem.estimates_noise:
         return "a fit of unknown noise does not show that a better one is elsewhere: state a start, or the noise"
     rules = Rules(
-        most=np.inf if alone else float(usual_cost(equations.count - equations.dimension)),
+        most=np.inf if alone else usual_cost(equations.count - equations.dimension),
         estimated=problem.estimates_noise,
         angles=_angles(equations),
+        places=places,
     )
     # Loaded by streams that start anywhere only.
     from mbm.estimation.batches.rival_starts import rivals_of

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from mbm.equations.metric import roundings
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.minimise.native.system import NativeEnds
-from mbm.estimation.search.challenge import LOWER
 from mbm.solver import description as of
+from mbm.solver.decisions import takes_over
 from mbm.values import dataclass
 
 TURN = 2.0 * pi
@@ -33,9 +34,13 @@ class StreamEnds:
     clean: Mask
     strained: Mask
 
-    def beaten(self, which: Indices, others: StreamEnds) -> StreamEnds:
-        """These, with the ``others`` of the solves ``which`` (K,) in their places where these cost less."""
-        lower = ~(others.cost >= (1 - LOWER) * self.cost[which])
+    def beaten(self, which: Indices, others: StreamEnds, rounding: Floats) -> StreamEnds:
+        """These, with the ``others`` of the solves ``which`` (K,) in their places where these take over.
+
+        ``rounding`` (K,) is the rounding error of ``‖r‖`` of those that were there before.
+        """
+        costs = zip(self.cost[which].tolist(), others.cost.tolist(), rounding.tolist(), strict=True)
+        lower = np.array([takes_over(*each) for each in costs], dtype=bool)
         for mine, other in (
             (self.numbers, others.numbers),
             (self.covariance, others.covariance),
@@ -51,12 +56,14 @@ class Rules:
     """What an end is judged and finished by.
 
     ``most`` is the largest cost that stated noise lets expect (infinite: nothing is expected), ``estimated`` whether
-    one factor of the noise follows from the residuals, ``angles`` the numbers that are angles.
+    one factor of the noise follows from the residuals, ``angles`` the numbers that are angles. ``places`` (n,) are
+    those of the coordinates among the numbers, -1 for rotations and directions.
     """
 
     most: float
     estimated: bool
     angles: tuple[int, ...]
+    places: Indices
 
     def clean(self, cost: Any, reason: Any, deficient: Any, held: Any, freedom: Any) -> Any:
         """Whether nothing speaks against an end: numbers of one solve, or arrays of all."""
@@ -80,6 +87,12 @@ class Rules:
         numbers = self.shown(ends.numbers[:count])
         fits = cost < self.most
         return StreamEnds(numbers=numbers, covariance=covariance, cost=cost, clean=sound & fits, strained=sound & ~fits)
+
+    def roundings(self, ends: NativeEnds, which: Indices) -> Floats:
+        """The rounding error of ``‖r‖`` of some ends (K,)."""
+        columns = ends.triangles[which][:, :-1, :-1]
+        norms = np.sqrt(np.square(columns).sum(axis=1))
+        return roundings(norms, ends.numbers[which], self.places, ends.results[which, of.COST])
 
     def shown(self, numbers: Floats) -> Floats:
         """A copy of numbers (T, N) with angles in (-π, π]."""

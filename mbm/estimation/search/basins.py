@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from mbm.equations.assembly import Assembled
-from mbm.equations.metric import turning
+from mbm.equations.metric import minimum_norms, turning
 from mbm.equations.types import Floats, Indices, Minimum
 from mbm.estimation.minimise.native.starts import StartEnds
 from mbm.estimation.search.agreement import Agreement
@@ -149,7 +148,7 @@ def ways_down(equations: Assembled, minimum: Minimum) -> tuple[Floats, ...]:
 
 def _units(equations: Assembled, minimum: Minimum, spread: float) -> Floats:
     """How far each coordinate (n,) moves to change the residuals by about their size; at most a tenth of its box."""
-    length = _lengths(minimum)
+    length = minimum_norms(minimum)
     width = equations.upper - equations.lower
     size = np.maximum(1.0, np.abs(equations.coordinates(minimum.point)))
     most = LARGEST_MOVE * np.where(np.isfinite(width), width, size)
@@ -161,7 +160,7 @@ def _same(equations: Assembled, one: Minimum, other: Minimum) -> bool:
     if not equal_costs(one.cost, other.cost):
         return False
     apart = separation(equations, one.point, other.point[None])[0]
-    length = _lengths(one)
+    length = minimum_norms(one)
     spread = np.sqrt(max(1.0, one.cost))
     size = np.abs(equations.coordinates(one.point))
     within = apart * length <= FINE * spread + EQUAL * size * length
@@ -170,14 +169,6 @@ def _same(equations: Assembled, one: Minimum, other: Minimum) -> bool:
     if one.residuals.shape != other.residuals.shape or not _flat(equations, one):
         return False
     return bool((np.abs(one.residuals - other.residuals) <= FINE * spread).all())
-
-
-def _lengths(minimum: Minimum) -> Floats:
-    """Norms of the columns of the Jacobian (n,), dense or sparse."""
-    if minimum.blocks is not None:
-        squares: Any = minimum.jacobian
-        return np.sqrt(np.asarray((squares * squares).sum(axis=0), dtype=np.float64).ravel())
-    return np.asarray(np.linalg.norm(minimum.jacobian, axis=0))
 
 
 def _flat(equations: Assembled, minimum: Minimum) -> bool:

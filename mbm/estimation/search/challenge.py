@@ -11,7 +11,8 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import EvaluationCache, Kind
-from mbm.equations.types import Floats, Indices, Minimum
+from mbm.equations.metric import rounding_at
+from mbm.equations.types import Floats, Minimum
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.minimise.sparsity import sparse_suits
 from mbm.estimation.search.multistart import GIVEN as GIVEN_START
@@ -21,26 +22,14 @@ from mbm.estimation.search.starting import GIVEN, Beginning
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.random_starts import costs
 from mbm.problem.types import Method, Problem
+from mbm.solver.decisions import takes_over, usual_cost, worth_following
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.estimation.starts.closed_forms.completion import Completion
 
-LOWER = 1e-6
-"""Share of the cost by which another minimum must be lower to take the place of the one that a given start leads to."""
-
-
 FROM_A_SAMPLE = 1e-2
 """Share of the cost by which an answer from a sample of the rows may lie above the minimum near it."""
-
-USUAL = 5.0
-"""Standard deviations of χ² within which a fit gives no cause for doubt."""
-
-
-def usual_cost(freedom: Indices | int) -> Floats:
-    """The cost that a fit with stated noise and so many degrees of freedom (…) stays below, if nothing is wrong."""
-    usual = np.maximum(freedom, 1)
-    return np.asarray(usual + USUAL * np.sqrt(2.0 * usual))
 
 
 def kind_of(equations: Assembled) -> Kind:
@@ -82,7 +71,7 @@ class Challenge:
         if form is None or form.several or not form.cost < costs(self._equations, starts[0].point[None])[0]:
             return None
         self._led = led = minimise(self._equations, form.numbers, self._settings, self._problem.span)
-        if not led.reason.converged or self._strained(led):
+        if not led.reason.converged or not led.cost < self._most:
             return None
         return Found(
             minimum=led,
@@ -96,34 +85,32 @@ class Challenge:
     def answered(self, found: Found) -> Found:
         """``found``, or what a closed form leads to where that is a better fit.
 
-        A closed form's answer costs more than the minimum that it lies near: it is followed if it costs less than what
-        was found (hardly more, where it is that of a sample of very many rows), or nothing was found, or what was found
-        costs more than the stated noise lets expect (errors add up along a chain of poses: its start may cost more than
-        a wrong minimum).
+        What a closed form makes of a sample of very many rows is followed if it costs hardly more than what was found.
         """
         if not self._open or found.origin not in (GIVEN, GIVEN_START, RANDOM):
             return found
-        solved = found.minimum.reason.converged and bool(np.isfinite(found.minimum.cost))
-        strained = not self._problem.estimates_noise and self._strained(found.minimum)
-        if solved and self._kind in self._cache.without_closed_form and not strained:
+        minimum = found.minimum
+        solved = minimum.reason.converged and bool(np.isfinite(minimum.cost))
+        if solved and self._kind in self._cache.without_closed_form and minimum.cost < self._most:
             return found
         form = self._form
         if form is None:
             if solved and not self._recognised:
                 self._cache.without_closed_form.add(self._kind)
             return found
-        promising = form.cost < found.minimum.cost * form.allowance or strained or self._led is not None
-        if not np.isfinite(form.cost) or (found.minimum.reason.converged and not promising):
+        rounding = rounding_at(self._equations, minimum)
+        promising = worth_following(minimum.cost, form.cost / form.allowance, self._most, rounding)
+        if not np.isfinite(form.cost) or (minimum.reason.converged and not promising and self._led is None):
             return found
         other = self._led
         if other is None:
             other = minimise(self._equations, form.numbers, self._settings, self._problem.span)
-        lower = other.cost < (1 - LOWER) * found.minimum.cost
-        rescued = not found.minimum.reason.converged and other.cost <= found.minimum.cost
+        rescued = not minimum.reason.converged and other.cost <= minimum.cost
         worked = replace(
             found, iterations=found.iterations + other.iterations, evaluations=found.evaluations + other.evaluations
         )
-        return _beaten(worked, other, form.origin) if lower or rescued else worked
+        beaten = rescued or takes_over(minimum.cost, other.cost, rounding)
+        return _beaten(worked, other, form.origin) if beaten else worked
 
     @cached_property
     def _reached(self) -> tuple[bool, tuple[Completion, ...]]:
@@ -160,9 +147,11 @@ class Challenge:
             allowance=1.0 + FROM_A_SAMPLE if thins else 1.0,
         )
 
-    def _strained(self, minimum: Minimum) -> bool:
-        """Whether the cost is larger than stated noise lets expect."""
-        return not minimum.cost < usual_cost(self._equations.count - self._equations.dimension)
+    @property
+    def _most(self) -> float:
+        """What the cost stays below where stated noise explains it; infinite where no noise is stated."""
+        freedom = self._equations.count - self._equations.dimension
+        return np.inf if self._problem.estimates_noise else usual_cost(float(freedom))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -7,7 +7,7 @@ import numpy as np
 from mbm.equations.metric import column_norms, magnitudes, scale_of
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.minimise.constrained.types import ConstrainedEquations, Linearised
-from mbm.solver.decisions import EPSILON, MET, ROUNDING_ERRORS
+from mbm.solver.decisions import EPSILON, MET, ROUNDING_ERRORS, rounding_of_norm
 
 
 @np.errstate(all="ignore")
@@ -26,7 +26,7 @@ def first_order(
     scale = scale_of(norms, slopes)
     size = magnitudes(equations, equations.coordinates(x))
     terms = norms * size
-    noise = ROUNDING_ERRORS * EPSILON * float(np.sqrt(terms @ terms) + np.sqrt(residuals @ residuals))
+    noise = rounding_of_norm(float(terms @ terms), float(residuals @ residuals))
     lengths = np.sqrt(np.square(slopes / scale).sum(axis=1))
     return Linearised(
         point=x,

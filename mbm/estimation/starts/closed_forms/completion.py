@@ -11,14 +11,11 @@ from mbm.equations.types import Floats, Indices
 from mbm.estimation.starts.closed_forms.numerics.finite import finite
 from mbm.estimation.starts.closed_forms.situation import Candidate, Situation, Support
 from mbm.estimation.starts.closed_forms.types import ClosedForm, Plan
+from mbm.solver.decisions import plausible
 from mbm.values import dataclass
 
 MOST_BRANCHES = 16
 """Combinations of solutions that are followed where closed forms have several."""
-
-PLAUSIBLE = 1e3
-"""Cost of another solution beside that of the best, above which it is not followed."""
-
 
 SAME_COSTS = 1e-6
 """Difference of costs, relative and absolute, below which solutions stay in the order in which they were given."""
@@ -225,7 +222,7 @@ def _ranked(plan: Plan, found: Floats) -> Floats:
     costs = np.where(usable, costs, np.inf)
     best = np.where(inside, costs, np.inf).min(axis=1, keepdims=True)
     any_inside = np.isfinite(best)
-    dropped = ~usable | (any_inside & ~inside) | (costs > PLAUSIBLE * np.where(any_inside, best, np.inf) + PLAUSIBLE)
+    dropped = ~usable | (any_inside & ~inside) | ~np.vectorize(plausible, otypes=[bool])(costs, best)
     with np.errstate(invalid="ignore"):
         alike = np.where(costs <= best * (1 + SAME_COSTS) + SAME_COSTS, best, costs)
     order = np.argsort(np.where(dropped, np.inf, alike), axis=1, kind="stable")
