@@ -119,9 +119,16 @@ class Assembled:
 
     def moving(self) -> Mask:
         """Which numbers (N,) the estimated coordinates move."""
+        return self._moved_by(self.free)
+
+    def sought(self) -> Mask:
+        """Which of these some equation mentions: closed forms and starts are looked for them alone."""
+        return self._moved_by(self.free[self.used[self.free]])
+
+    def _moved_by(self, coordinates: Indices) -> Mask:
         layout = self.layout
         free = np.zeros(len(layout.number), dtype=bool)
-        free[self.free] = True
+        free[coordinates] = True
         found = np.zeros(len(layout.start), dtype=bool)
         found[layout.number[free & (layout.number >= 0)]] = True
         for curved in layout.curved:

@@ -27,6 +27,7 @@ from mbm.estimation.batches.sets import Sets
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import REASONS, Block, Columns, Corrections, Descent
 from mbm.estimation.consensus.types import Prepared
+from mbm.estimation.search.carrying import ORIGIN as LAST_WINDOW
 from mbm.estimation.search.challenge import Challenge
 from mbm.estimation.search.search import Found
 from mbm.estimation.search.solution import Failure, Skipped, Solution
@@ -295,7 +296,7 @@ class Together:
             minimum=_minimum(equations, columns, place),
             alternatives=(),
             tally=None,
-            origin=GIVEN,
+            origin=GIVEN if self.before is None else LAST_WINDOW,
             iterations=int(columns.iterations[place]),
             evaluations=int(columns.evaluations[place]),
         )

@@ -1,4 +1,4 @@
-"""A start that was given against the closed forms: where one of these leads lower, its minimum is the answer."""
+"""A start against the closed forms for all unknowns: where one of these leads lower, its minimum is the answer."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from mbm.equations.metric import rounding_at
 from mbm.equations.types import Floats, Minimum
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.minimise.sparsity import sparse_suits
+from mbm.estimation.search.carrying import ORIGIN as LAST_WINDOW
 from mbm.estimation.search.multistart import GIVEN as GIVEN_START
 from mbm.estimation.search.multistart import RANDOM
 from mbm.estimation.search.search import Alternative, Found, Tally
-from mbm.estimation.search.starting import GIVEN, Beginning
+from mbm.estimation.search.starting import GIVEN, Beginning, blank_numbers
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.random_starts import costs
 from mbm.problem.types import Method, Problem
@@ -38,8 +39,22 @@ def kind_of(equations: Assembled) -> Kind:
     return names, tuple(group.rows for group in equations.groups)
 
 
+def uncompared(equations: Assembled, settings: Settings, origin: str) -> bool:
+    """Whether closed forms for all unknowns may lead elsewhere than a start of that ``origin``.
+
+    Where no number is stated, they were looked at when the start was made.
+    """
+    plain = not equations.lossy and not equations.constraints and settings.robust is None
+    if settings.method is Method.CLOSED_FORM or not plain or equations.linear:
+        return False
+    if settings.method is Method.DIRECT_SEARCH or origin in (GIVEN_START, RANDOM, LAST_WINDOW):
+        return True
+    layout = equations.layout
+    return bool((equations.sought() & ~np.isnan(layout.start) & ~layout.guessed).any())
+
+
 class Challenge:
-    """What closed forms for all unknowns have to say against a start that was given.
+    """What closed forms for all unknowns that equations mention have to say against a start.
 
     That no closed form is made for such equations is remembered in ``cache``, for the data sets to come. It is learnt
     from data that were solved only, and not relied on where a fit is worse than stated noise lets expect: what closed
@@ -52,9 +67,6 @@ class Challenge:
         self._problem = problem
         self._cache = cache
         self._kind = kind_of(equations)
-        iterative = settings.method not in (Method.CLOSED_FORM, Method.DIRECT_SEARCH)
-        plain = not equations.lossy and not equations.constraints and settings.robust is None
-        self._open = iterative and plain and not equations.linear
         self._led: Minimum | None = None
 
     def anticipated(self, starts: Sequence[Beginning]) -> Found | None:
@@ -63,9 +75,9 @@ class Challenge:
         Of large sparse equations, if the closed form is the only one and costs less than the start, and what it leads
         to fits as well as stated noise lets expect.
         """
-        if not self._open or self._problem.estimates_noise or not sparse_suits(self._equations):
+        if self._problem.estimates_noise or not sparse_suits(self._equations):
             return None
-        if len(starts) != 1 or starts[0].origin != GIVEN:
+        if len(starts) != 1 or starts[0].origin != GIVEN or not uncompared(self._equations, self._settings, GIVEN):
             return None
         form = self._form
         if form is None or form.several or not form.cost < costs(self._equations, starts[0].point[None])[0]:
@@ -87,7 +99,7 @@ class Challenge:
 
         What a closed form makes of a sample of very many rows is followed if it costs hardly more than what was found.
         """
-        if not self._open or found.origin not in (GIVEN, GIVEN_START, RANDOM):
+        if not uncompared(self._equations, self._settings, found.origin):
             return found
         minimum = found.minimum
         solved = minimum.reason.converged and bool(np.isfinite(minimum.cost))
@@ -120,7 +132,7 @@ class Challenge:
         from mbm.estimation.starts.closed_forms.situation import Situation
         from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 
-        numbers = np.where(self._equations.moving(), np.nan, self._equations.numbers)
+        numbers = blank_numbers(self._equations)
         situation = Situation(
             layout=self._equations.layout, groups=self._equations.groups, numbers=numbers, most=ENOUGH
         )
