@@ -152,6 +152,18 @@ def test_a_height_that_is_known_stays_and_the_place_is_compared(path, unknowns, 
 
 
 @pytest.mark.parametrize("path", PATHS)
+def test_what_is_known_beforehand_takes_part_in_what_a_fit_costs(path):
+    """A prior of rows without parameters; of the place it says next to nothing, but adds to the cost."""
+    columns = beside_a_line()
+    costs, values = answered(path, columns, "(x :init 4 :sigma 1e3) (y :init -2 :sigma 1e3)", "[x y]")
+    wanted, places = least(columns)
+    known = np.square((values - [4, -2]) / 1e3).sum(axis=1)
+    # what the prior moves the place by, in deviations of about 0.1 from the ranges, is 1e-6 of them
+    np.testing.assert_allclose(costs, wanted + known, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(values, places, atol=1e-5)
+
+
+@pytest.mark.parametrize("path", PATHS)
 def test_a_start_on_a_station_steps_aside(path):
     """There the distance has no derivative."""
     columns = beside_a_line()
