@@ -31,7 +31,7 @@ from mbm.estimation.search.carrying import ORIGIN as LAST_WINDOW
 from mbm.estimation.search.challenge import Challenge
 from mbm.estimation.search.search import Found
 from mbm.estimation.search.solution import Failure, Skipped, Solution
-from mbm.estimation.search.starting import GIVEN
+from mbm.estimation.search.starting import GIVEN, partly_foreknown
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.estimate import Run, answered, assemble
 from mbm.estimation.solve.weighing import Reached
@@ -223,7 +223,7 @@ class Together:
         asked = np.flatnonzero(challenged)
         if len(asked) <= FEW_CHALLENGED or self.stack.errors is not None:
             return ~challenged
-        form = self.form()
+        form = None if partly_foreknown(self.equations) else self.form()
         if form is not None:
             challenged[asked] = self._beaten(form, which.start, asked, columns)
         return ~challenged

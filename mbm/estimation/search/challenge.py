@@ -132,11 +132,12 @@ class Challenge:
         from mbm.estimation.starts.closed_forms.situation import Situation
         from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 
-        numbers = blank_numbers(self._equations)
-        situation = Situation(
-            layout=self._equations.layout, groups=self._equations.groups, numbers=numbers, most=ENOUGH
-        )
-        return situation.thins, tuple(completions(situation, self._settings.closed_forms))
+        situations = [
+            Situation(layout=self._equations.layout, groups=self._equations.groups, numbers=numbers, most=ENOUGH)
+            for numbers in blank_numbers(self._equations)
+        ]
+        reached = [completions(situation, self._settings.closed_forms) for situation in situations]
+        return situations[0].thins, tuple(each for found in reached for each in found)
 
     @property
     def _recognised(self) -> bool:

@@ -105,9 +105,22 @@ def with_idle_ones(equations: Assembled, starts: Floats) -> Floats:
     return numbers
 
 
-def blank_numbers(equations: Assembled) -> Floats:
-    """What closed forms for all unknowns begin with: the starts (N,), NaN where a number is sought."""
-    return np.where(equations.sought(), np.nan, _with_idle_ones(equations))
+def blank_numbers(equations: Assembled) -> tuple[Floats, ...]:
+    """What closed forms for all unknowns begin with: the starts (N,), NaN where a number is sought.
+
+    Closed forms know nothing of priors. Where these speak of some numbers only (a height), there is one more, in which
+    those keep their starts.
+    """
+    numbers = _with_idle_ones(equations)
+    every = np.where(equations.sought(), np.nan, numbers)
+    return (every, np.where(equations.foreknown(), numbers, every)) if partly_foreknown(equations) else (every,)
+
+
+def partly_foreknown(equations: Assembled) -> bool:
+    """Whether priors speak of some of the numbers that are sought, but not of all."""
+    sought = equations.sought()
+    known = equations.foreknown()[sought]
+    return bool(known.any() and not known.all())
 
 
 def _closed_form_alone(equations: Assembled, settings: Settings) -> tuple[Beginning, ...]:

@@ -66,7 +66,7 @@ def _start(equations: Assembled, settings: Settings) -> str:
     if not uncompared(equations, settings, origin):
         return origin
     situation = Situation(
-        layout=equations.layout, groups=equations.groups, numbers=blank_numbers(equations), most=ENOUGH
+        layout=equations.layout, groups=equations.groups, numbers=blank_numbers(equations)[0], most=ENOUGH
     )
     used = completions(situation, settings.closed_forms)[0].used
     return f"{origin}; closed forms are compared with what they lead to: {'; '.join(used)}" if used else origin

@@ -65,17 +65,22 @@ def answered(path, columns, unknowns=ASTRAY, point="p", more="", sigma=0.05):
     return np.array([s.cost for s in solves]), np.array(values)
 
 
-def least(columns, sigma=0.05, height=None):
-    """The lowest cost of each data set (count,), and where it is (count, 2)."""
+def least(columns, sigma=0.05, height=None, known=None):
+    """The lowest cost of each data set (count,), and where it is (count, 2).
+
+    The ``height`` is ``known`` with a standard deviation, or (None) without error.
+    """
     found = []
     for i in range(len(columns["r"])):
         stations = np.stack([values[i] for name, values in columns.items() if name != "r"], axis=1)
 
         def residuals(p, stations=stations, r=columns["r"][i]):
-            place = p if height is None else [*p, height]
-            return (np.linalg.norm(stations - place, axis=1) - r) / sigma
+            place = p if height is None or known is not None else [*p, height]
+            found = (np.linalg.norm(stations - place, axis=1) - r) / sigma
+            return found if known is None else [*found, (p[2] - height) / known]
 
-        ends = [least_squares(residuals, start, xtol=1e-14, ftol=1e-14, gtol=1e-14) for start in FAN]
+        starts = FAN if known is None else [(*start, height) for start in FAN]
+        ends = [least_squares(residuals, start, xtol=1e-14, ftol=1e-14, gtol=1e-14) for start in starts]
         found.append(min(ends, key=lambda end: end.cost))
     return np.array([2 * end.cost for end in found]), np.array([end.x for end in found])
 
@@ -136,19 +141,21 @@ def test_what_no_equation_mentions_does_not_spoil_the_comparison(path, unknowns,
 
 @pytest.mark.parametrize("path", SOLVED)
 @pytest.mark.parametrize(
-    ("unknowns", "point"),
+    ("unknowns", "point", "known"),
     [
-        ("(q (vector 2) :init [4 -2])", "[(q 1) (q 2) 1.5]"),
-        ("(x :init 4) (y :init -2) (z :init 1.5 :fixed true)", "[x y z]"),
-        ("(q (vector 3) :init [4 -2 1.5] :fixed [false false true])", "q"),
+        ("(q (vector 2) :init [4 -2])", "[(q 1) (q 2) 1.5]", None),
+        ("(x :init 4) (y :init -2) (z :init 1.5 :fixed true)", "[x y z]", None),
+        ("(q (vector 3) :init [4 -2 1.5] :fixed [false false true])", "q", None),
+        ("(x :init 4) (y :init -2) (z :init 1.5 :sigma 0.02)", "[x y z]", 0.02),
     ],
 )
-def test_a_height_that_is_known_stays_and_the_place_is_compared(path, unknowns, point):
+def test_a_height_that_is_known_stays_and_the_place_is_compared(path, unknowns, point, known):
     columns = {**beside_a_line(), "sz": np.full((COUNT, 5), 3.0)}
     columns["sz"] += np.random.default_rng(3).uniform(-0.5, 0.5, columns["sz"].shape)
     columns["r"] = np.hypot(columns["r"], columns["sz"] - 1.5)
-    wanted, _ = least({name: columns[name] for name in ("sx", "sy", "sz", "r")}, height=1.5)
-    agree(answered(path, {name: columns[name] for name in ("sx", "sy", "sz", "r")}, unknowns, point)[0], wanted)
+    columns = {name: columns[name] for name in ("sx", "sy", "sz", "r")}
+    wanted, _ = least(columns, height=1.5, known=known)
+    agree(answered(path, columns, unknowns, point)[0], wanted)
 
 
 @pytest.mark.parametrize("path", PATHS)
