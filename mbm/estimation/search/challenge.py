@@ -11,7 +11,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import EvaluationCache, Kind
-from mbm.equations.metric import rounding_at
+from mbm.equations.metric import rounding_at, steps_between
 from mbm.equations.types import Floats, Minimum
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.minimise.sparsity import sparse_suits
@@ -47,7 +47,7 @@ def uncompared(equations: Assembled, settings: Settings, origin: str) -> bool:
     plain = not equations.lossy and not equations.constraints and settings.robust is None
     if settings.method is Method.CLOSED_FORM or not plain or equations.linear:
         return False
-    if settings.method is Method.DIRECT_SEARCH or origin in (GIVEN_START, RANDOM, LAST_WINDOW):
+    if settings.method is Method.DIRECT_SEARCH or origin in (GIVEN, GIVEN_START, RANDOM, LAST_WINDOW):
         return True
     layout = equations.layout
     return bool((equations.sought() & ~np.isnan(layout.start) & ~layout.guessed).any())
@@ -111,7 +111,8 @@ class Challenge:
                 self._cache.without_closed_form.add(self._kind)
             return found
         rounding = rounding_at(self._equations, minimum)
-        promising = worth_following(minimum.cost, form.cost / form.allowance, self._most, rounding)
+        away = self._away(minimum, form.numbers)
+        promising = worth_following(minimum.cost, form.cost / form.allowance, away, self._most, rounding)
         if not np.isfinite(form.cost) or (minimum.reason.converged and not promising and self._led is None):
             return found
         other = self._led
@@ -159,6 +160,18 @@ class Challenge:
             several=len(complete) > 1,
             allowance=1.0 + FROM_A_SAMPLE if thins else 1.0,
         )
+
+    def _away(self, minimum: Minimum, point: Floats) -> float:
+        """How far a point is from a minimum, by the curvature there.
+
+        Not known where numbers do not vary by addition, nor asked for in large sparse equations, where a search in vain
+        takes long.
+        """
+        equations = self._equations
+        if equations.layout.curved or sparse_suits(equations):
+            return np.nan
+        step = steps_between(equations.layout, equations.free, minimum.point, point)
+        return float(np.square(minimum.jacobian @ step).sum())
 
     @property
     def _most(self) -> float:
