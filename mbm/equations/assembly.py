@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbm.equations.binding import Group, affine
+from mbm.equations.binding import Group, affine, mentioned
 from mbm.equations.layout import Layout
 from mbm.equations.losses import rooted, rooted_jacobian
 from mbm.equations.manifolds import chart_slopes
 from mbm.equations.scatter import Scatter
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.kernels.types import Backend, MachineCode
+from mbm.problem.types import BlockRole
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -119,9 +120,21 @@ class Assembled:
 
     def moving(self) -> Mask:
         """Which numbers (N,) the estimated coordinates move."""
+        return self._moved_by(self.free)
+
+    def sought(self) -> Mask:
+        """Which of these some equation mentions: closed forms and starts are looked for them alone."""
+        return self._moved_by(self.free[self.used[self.free]])
+
+    def foreknown(self) -> Mask:
+        """Which of these priors speak of."""
+        told = mentioned(tuple(g for g in self.groups if g.role is BlockRole.PRIOR), len(self.layout.number))
+        return self._moved_by(self.free[told[self.free]])
+
+    def _moved_by(self, coordinates: Indices) -> Mask:
         layout = self.layout
         free = np.zeros(len(layout.number), dtype=bool)
-        free[self.free] = True
+        free[coordinates] = True
         found = np.zeros(len(layout.start), dtype=bool)
         found[layout.number[free & (layout.number >= 0)]] = True
         for curved in layout.curved:

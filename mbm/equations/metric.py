@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mbm.equations.layout import Layout
 from mbm.equations.types import Equations, Floats, Indices, Mask, Minimum
 from mbm.solver.decisions import HUGE, TINY, rounding_of_norm
 
@@ -50,6 +51,14 @@ def roundings(norms: Floats, points: Floats, places: Indices, cost: Floats) -> F
     size = np.where(places >= 0, np.abs(points[:, places]), 1.0)
     terms = np.square(norms * size).sum(axis=1)
     return np.array([rounding_of_norm(*each) for each in zip(terms.tolist(), cost.tolist(), strict=True)])
+
+
+def steps_between(layout: Layout, free: Indices, points: Floats, others: Floats) -> Floats:
+    """The steps (…, n) of free coordinates from points (…, N) to others, where all numbers vary by addition."""
+    numbers = layout.number[free]
+    steps = others[..., numbers] - points[..., numbers]
+    turned = np.remainder(steps + np.pi, 2 * np.pi) - np.pi
+    return np.where(layout.angle[free], turned, steps)
 
 
 def minimum_norms(minimum: Minimum) -> Floats:

@@ -6,7 +6,7 @@ from math import inf, isfinite
 
 from mbm.machine.kinds import LANES
 from mbm.machine.records import Reference, record, view
-from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Integers
+from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Integers, Real
 from mbm.solver.active_bounds import release_inactive
 from mbm.solver.beginning import begin, constraint_count, solve_directly
 from mbm.solver.constraint_values import tell_equations
@@ -46,6 +46,7 @@ from mbm.solver.description import (
 )
 from mbm.solver.equations import load_rows, residuals_at_point
 from mbm.solver.linear_algebra import add_multiple, copied, dot, filled
+from mbm.solver.manifolds import coordinates_of
 from mbm.solver.range_form import RangeForm, best_of_ranges
 from mbm.solver.sequential import begin_steps, sequential_step
 from mbm.solver.sweeps import sweep
@@ -263,6 +264,19 @@ def solve_from(
     work.answer.states[COMPARED] = compared
 
 
+def squared_step_to(problem: Problem, place: Linearisation, point: ConstantReals, work: Work) -> Real:
+    """``‖J (x − x_here)‖²`` of a point x that differs from a place in numbers that vary by addition."""
+    n = problem.n
+    total = 0.0
+    coordinates_of(problem, point, work.shift)
+    for i in range(n):
+        along = 0.0
+        for j in range(i, n):
+            along += place.triangle[i * (n + 1) + j] * (work.shift[j] - place.x[j])
+        total += along * along
+    return total
+
+
 def leads_lower(problem: Problem, start: ConstantReals, form: RangeForm, work: Work) -> Integer:
     """1 where the best place of the ranges leads to a better minimum than that at hand: the work is there then."""
     data = work.rows.data
@@ -278,7 +292,10 @@ def leads_lower(problem: Problem, start: ConstantReals, form: RangeForm, work: W
     if form.stated == 1:
         most = usual_cost(float(data.count - problem.n))
     least = best_of_ranges(problem, start, form, work)
-    if not isfinite(least) or (well == 1 and worth_following(cost, least, most, rounding) == 0):
+    if not isfinite(least):
+        return 0
+    away = squared_step_to(problem, here, form.point, work)
+    if well == 1 and worth_following(cost, least, away, most, rounding) == 0:
         return 0
     start_solve(problem, data, 1, form.point, work)
     go_on(problem, problem.iterations + 1, work)

@@ -5,7 +5,7 @@ Nothing is imported: whoever needs one number does not load the compiled solver,
 
 from __future__ import annotations
 
-from math import isfinite, sqrt
+from math import fabs, isfinite, sqrt
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -284,6 +284,9 @@ LOWER = 1e-6
 ROUNDED_FIT = 16.0
 """Rounding errors of ``‖r‖`` below which a fit is exact: of two exact ones, rounding alone says which costs less."""
 
+SAME_VALLEY = 0.5
+"""Share by which curvature changes what a point costs that lies in the valley of a minimum."""
+
 USUAL = 5.0
 """Standard deviations of χ² within which a fit gives no cause for doubt."""
 
@@ -350,11 +353,26 @@ def takes_over(cost: Real, other: Real, rounding: Real) -> Integer:
     return isfinite(other) and not cost <= exact * exact and not other >= (1.0 - LOWER) * cost
 
 
-def worth_following(cost: Real, form: Real, most: Real, rounding: Real) -> Integer:
+def leads_elsewhere(cost: Real, form: Real, away: Real) -> Integer:
+    """Whether a point that costs ``form`` lies in another valley than a minimum at which it may be meant as well.
+
+    ``away`` is ``‖J (x − x_min)‖²`` with the Jacobian at the minimum (NaN: not known): in its valley a point costs so
+    much more than the minimum, but for curvature.
+    """
+    return plausible(form, cost) and fabs(form - cost - away) > SAME_VALLEY * away
+
+
+def worth_following(cost: Real, form: Real, away: Real, most: Real, rounding: Real) -> Integer:
     """Whether a closed form, which costs ``form``, is followed to its minimum, beside a minimum that was found.
 
-    It costs more than the minimum that it lies near, but less than others. Where the minimum that was found costs more
-    than the ``most`` that noise lets expect (infinite: noise says nothing), it may cost anything: errors add up along a
-    chain of poses, whose start may cost more than a wrong minimum.
+    It costs more than the minimum that it lies near: it is followed where it costs less than what was found, or lies
+    in another valley (``away`` as above). Where what was found costs more than the ``most`` that noise lets expect
+    (infinite: noise says nothing), it may cost anything: errors add up along a chain of poses, whose start may cost
+    more than a wrong minimum.
     """
-    return isfinite(form) and (not cost < most or takes_over(cost, form, rounding))
+    if not isfinite(form):
+        return False
+    if not cost < most:
+        return True
+    exact = ROUNDED_FIT * rounding
+    return not cost <= exact * exact and (takes_over(cost, form, rounding) or leads_elsewhere(cost, form, away))

@@ -46,6 +46,13 @@ def ranges(generator, noise=0.05, wrong=0, rows=11):
     return one(x=x, y=y, r=r)
 
 
+def beside_a_line(generator, noise=0.05):
+    """Distances to a place on one side of stations that nearly stand in a line."""
+    x, y = np.linspace(0, 10, 6), generator.uniform(-0.4, 0.4, 6)
+    place = generator.uniform([2, 1.5], [8, 4])
+    return one(x=x, y=y, r=np.hypot(x - place[0], y - place[1]) + noise * generator.normal(size=6))
+
+
 def distances(x, tables):
     d = tables["d"]
     return (np.sqrt((x[0] - d["x"]) ** 2 + (x[1] - d["y"]) ** 2) - d["r"]) / 0.05
@@ -290,6 +297,11 @@ KINDS: dict[str, Kind] = {
     ),
     "ranges": Kind(
         unknowns=NEAR, clauses=PLACE % "", draw=ranges, residuals=distances, start=(0.5, 0.5), scatters=True,
+        given=("d.x", "d.y", "d.r"),
+    ),
+    "a start that leads astray": Kind(
+        unknowns={"p": "(vector 2) :init [4 -2]"}, clauses=PLACE % "", draw=beside_a_line, residuals=distances,
+        start=(4, -2), elsewhere=tuple((x, y) for x in (2, 5, 8) for y in (-3, 3)), scatters=True,
         given=("d.x", "d.y", "d.r"),
     ),
     "matrices": Kind(

@@ -47,9 +47,10 @@ class Kind:
     ``equal``, ``below`` as in `Statement`.
     ``groups`` are the tables whose noise is unknown, each with a factor of its own, among so many ``noises``.
     ``scatters`` says that the problem may be a member of a large one: its noise is stated, and no rule looks at all its
-    rows together. ``many``: there may be several minima. ``moved`` (points and steps) and ``apart`` (steps between
-    points) are for what is no vector; ``true`` are measured values (k,) to start with, whose true values are further
-    arguments of ``residuals``. ``options`` are those of data clauses; what has a key is the same in all data sets.
+    rows together. ``many``: there may be several minima; ``elsewhere`` are points that lead to others. ``moved``
+    (points and steps) and ``apart`` (steps between points) are for what is no vector; ``true`` are measured values
+    (k,) to start with, whose true values are further arguments of ``residuals``. ``options`` are those of data clauses;
+    what has a key is the same in all data sets.
     ``given`` are the columns that change values only, neither noise nor members; None: data sets differ in more.
     ``told`` makes of an answer what is compared: where the data leave something free, what they do determine.
     ``solve`` are options of the solve clause that are part of the problem.
@@ -69,6 +70,7 @@ class Kind:
     noises: int = 1
     scatters: bool = False
     many: bool = False
+    elsewhere: tuple[tuple[float, ...], ...] = ()
     moved: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     apart: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.subtract
     true: Callable[[Tables], np.ndarray] | None = None

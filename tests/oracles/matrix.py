@@ -49,6 +49,7 @@ FEATURES: Mapping[str, Feature] = {
     "derived quantity": Feature(kind="a derived quantity"),
     "family": Feature(kind="a family"),
     "priors": Feature(kind="priors"),
+    "a start that leads astray": Feature(kind="a start that leads astray"),
 }
 
 METHODS = ("auto", "lm", "gauss-newton", "dogleg", "direct-search", "ipopt")

@@ -100,8 +100,9 @@ def _solved(kind: Kind, tables: Tables, factors: np.ndarray, near) -> tuple[np.n
 
 
 def _starts(kind: Kind, statement: Statement) -> Iterator[np.ndarray]:
-    """The stated start; for losses that let go of outliers, whose minima are many, a grid about it."""
+    """The stated start, and others; for losses that let go of outliers, whose minima are many, a grid about it."""
     yield statement.start
+    yield from (np.array(point, dtype=float) for point in kind.elsewhere)
     if kind.many:
         for step in np.ndindex(*(3,) * len(statement.start)):
             yield statement.start + 1.5 * (np.array(step) - 1.0)

@@ -33,21 +33,26 @@ def test_another_minimum_takes_over_where_it_costs_less_than_tolerances_and_roun
 
 
 @pytest.mark.parametrize(
-    ("cost", "form", "most", "wanted"),
+    ("cost", "form", "away", "most", "wanted"),
     [
-        (1.0, 0.9, 5.0, 1),
-        (1.0, 1.1, 5.0, 0),
-        (6.0, 9.0, 5.0, 1),  # noise does not explain what was found
-        (6.0, 9.0, np.inf, 0),
-        (6.0, np.inf, 5.0, 0),
-        (np.nan, 9.0, 5.0, 1),
-        (1e-32, 0.0, 5.0, 0),
+        (1.0, 0.9, 0.1, 5.0, 1),
+        (1.0, 1.1, 0.1, 5.0, 0),  # in the valley of the minimum
+        (1.0, 1.13, 0.1, 5.0, 0),
+        (1.0, 1.1, 8.0, 5.0, 1),  # far beyond it, and as good
+        (1.0, 2e4, 8.0, 5.0, 0),
+        (1.0, 1.1, np.nan, 5.0, 0),
+        (6.0, 9.0, 3.0, 5.0, 1),  # noise does not explain what was found
+        (6.0, 9.0, 3.0, np.inf, 0),
+        (6.0, np.inf, np.inf, 5.0, 0),
+        (np.nan, 9.0, np.nan, 5.0, 1),
+        (1e-32, 0.0, 1.0, 5.0, 0),
+        (1e-32, 2.0, 1.0, 5.0, 0),  # nothing is better than an exact fit
     ],
 )
-def test_a_closed_form_is_followed_where_it_costs_less_or_noise_does_not_explain_the_cost(
-    solver, cost, form, most, wanted
+def test_a_closed_form_is_followed_where_it_costs_less_or_lies_elsewhere_or_noise_does_not_explain_the_cost(
+    solver, cost, form, away, most, wanted
 ):
-    assert solver("worth_following", cost, form, most, ROUNDING) == wanted
+    assert solver("worth_following", cost, form, away, most, ROUNDING) == wanted
 
 
 @pytest.mark.parametrize("freedom", [1, 2, 5, 20, 200])

@@ -82,7 +82,7 @@ class Chain:
             todo = todo[todo >= 0]
         found.reason[todo] = -1
         found.reason[behind[found.reason[self.before[behind]] < 0]] = -1
-        return replace(found, given=~carried), began
+        return replace(found, given=carried), began
 
     def _carried(self, todo: Indices, found: Ends, own_costs: Floats) -> tuple[Mask, Mask, Floats]:
         """Which windows (K,) begin where the one before ended, which have no start at all, and those ends (K, N)."""

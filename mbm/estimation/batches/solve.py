@@ -16,7 +16,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import EvaluationCache
-from mbm.equations.metric import roundings
+from mbm.equations.metric import roundings, steps_between
 from mbm.equations.selection import Selection
 from mbm.equations.types import Floats, Indices, Mask, Minimum, Noise
 from mbm.estimation.batches.answers import answers
@@ -27,10 +27,11 @@ from mbm.estimation.batches.sets import Sets
 from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import REASONS, Block, Columns, Corrections, Descent
 from mbm.estimation.consensus.types import Prepared
+from mbm.estimation.search.carrying import ORIGIN as LAST_WINDOW
 from mbm.estimation.search.challenge import Challenge
 from mbm.estimation.search.search import Found
 from mbm.estimation.search.solution import Failure, Skipped, Solution
-from mbm.estimation.search.starting import GIVEN
+from mbm.estimation.search.starting import GIVEN, partly_foreknown
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.estimate import Run, answered, assemble
 from mbm.estimation.solve.weighing import Reached
@@ -222,32 +223,33 @@ class Together:
         asked = np.flatnonzero(challenged)
         if len(asked) <= FEW_CHALLENGED or self.stack.errors is not None:
             return ~challenged
-        form = self.form()
+        form = None if partly_foreknown(self.equations) else self.form()
         if form is not None:
             challenged[asked] = self._beaten(form, which.start, asked, columns)
         return ~challenged
 
     def _beaten(self, form: Formed, first: int, asked: Indices, columns: Columns) -> Mask:
-        """Which of the solves ``asked`` in a block, whose first is number ``first``, a closed form beats.
-
-        By its answer, or by what that leads to where a fit is worse than stated noise lets expect.
+        """Which of the solves ``asked`` in a block, whose first is number ``first``, a closed form beats: by what it
+        leads to, or where nothing here says that, by its promise.
         """
-        numbers, cost = first + asked, columns.cost[asked]
+        layout, free = self.equations.layout, self.equations.free
+        numbers, cost, ends = first + asked, columns.cost[asked], columns.points[asked]
         points, least = form.best(numbers)
         most = np.where(columns.expected[asked] | self.problem.estimates_noise, np.inf, 0.0)
-        rounding = roundings(
-            columns.scale[asked], columns.points[asked], self.equations.layout.number[self.equations.free], cost
-        )
-        found: Mask = FOLLOWED(cost, least, most, rounding)
-        strained = found & ~FOLLOWED(cost, least, np.inf, rounding)
-        solver = solver_of(self.stack, self.settings) if strained.any() else None
+        rounding = roundings(columns.scale[asked], ends, layout.number[free], cost)
+        away = np.full(len(asked), np.nan)
+        if not layout.curved:
+            steps = steps_between(layout, free, ends, points)
+            away = np.square(np.linalg.solve(columns.root[asked], steps[:, :, None])).sum(axis=(1, 2))
+        found: Mask = FOLLOWED(cost, least, away, most, rounding)
+        solver = solver_of(self.stack, self.settings) if found.any() else None
         if solver is not None:
-            ends = solver(numbers[strained], points[strained])
-            lower = TAKEN_OVER(cost[strained], ends.cost, rounding[strained])
-            vain = asked[strained][~lower]
-            found[strained] = lower
-            columns.iterations[vain] += ends.iterations[~lower]
-            columns.evaluations[vain] += ends.evaluations[~lower]
+            others = solver(numbers[found], points[found])
+            lower = TAKEN_OVER(cost[found], others.cost, rounding[found])
+            vain = asked[found][~lower]
+            columns.iterations[vain] += others.iterations[~lower]
+            columns.evaluations[vain] += others.evaluations[~lower]
+            found[found] = lower
         return found
 
     def _without_form(self, numbers: Indices, expected: Mask) -> Mask:
@@ -295,7 +297,7 @@ class Together:
             minimum=_minimum(equations, columns, place),
             alternatives=(),
             tally=None,
-            origin=GIVEN,
+            origin=GIVEN if self.before is None else LAST_WINDOW,
             iterations=int(columns.iterations[place]),
             evaluations=int(columns.evaluations[place]),
         )

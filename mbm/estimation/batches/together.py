@@ -212,9 +212,7 @@ def _descent(
             return replace(found, reason=np.where(lost[which.start : which.stop], -1, found.reason))
 
         return again
-    if not stated:
-        ends = replace(ends, given=np.zeros(bound.solves, dtype=bool))
-    return ends.part
+    return replace(ends, given=None).part if stated else ends.part
 
 
 def _simple(problem: Problem, bound: Stack, settings: Settings) -> bool:

@@ -96,7 +96,8 @@ class KnownForm:
         found, first = [], 0
         for number, group in enumerate(equations.groups):
             size = group.parameters.size
-            rows = parameters[:, first : first + size].reshape(-1, group.parameters.shape[1])
+            own = (len(parameters) * group.rows, group.parameters.shape[1])
+            rows = parameters[:, first : first + size].reshape(own)
             found.append(self._of_group(equations, number, rows).reshape(len(parameters), -1, self.form.width))
             first += size
         return np.concatenate(found, axis=1).reshape(-1, self.form.width)

@@ -1,4 +1,4 @@
-"""A start that was given against the closed forms: where one of these leads lower, its minimum is the answer."""
+"""A start against the closed forms for all unknowns: where one of these leads lower, its minimum is the answer."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import EvaluationCache, Kind
-from mbm.equations.metric import rounding_at
+from mbm.equations.metric import rounding_at, steps_between
 from mbm.equations.types import Floats, Minimum
 from mbm.estimation.minimise.minimise import minimise
 from mbm.estimation.minimise.sparsity import sparse_suits
+from mbm.estimation.search.carrying import ORIGIN as LAST_WINDOW
 from mbm.estimation.search.multistart import GIVEN as GIVEN_START
 from mbm.estimation.search.multistart import RANDOM
 from mbm.estimation.search.search import Alternative, Found, Tally
-from mbm.estimation.search.starting import GIVEN, Beginning
+from mbm.estimation.search.starting import GIVEN, Beginning, blank_numbers
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.random_starts import costs
 from mbm.problem.types import Method, Problem
@@ -38,8 +39,22 @@ def kind_of(equations: Assembled) -> Kind:
     return names, tuple(group.rows for group in equations.groups)
 
 
+def uncompared(equations: Assembled, settings: Settings, origin: str) -> bool:
+    """Whether closed forms for all unknowns may lead elsewhere than a start of that ``origin``.
+
+    Where no number is stated, they were looked at when the start was made.
+    """
+    plain = not equations.lossy and not equations.constraints and settings.robust is None
+    if settings.method is Method.CLOSED_FORM or not plain or equations.linear:
+        return False
+    if settings.method is Method.DIRECT_SEARCH or origin in (GIVEN, GIVEN_START, RANDOM, LAST_WINDOW):
+        return True
+    layout = equations.layout
+    return bool((equations.sought() & ~np.isnan(layout.start) & ~layout.guessed).any())
+
+
 class Challenge:
-    """What closed forms for all unknowns have to say against a start that was given.
+    """What closed forms for all unknowns that equations mention have to say against a start.
 
     That no closed form is made for such equations is remembered in ``cache``, for the data sets to come. It is learnt
     from data that were solved only, and not relied on where a fit is worse than stated noise lets expect: what closed
@@ -52,9 +67,6 @@ class Challenge:
         self._problem = problem
         self._cache = cache
         self._kind = kind_of(equations)
-        iterative = settings.method not in (Method.CLOSED_FORM, Method.DIRECT_SEARCH)
-        plain = not equations.lossy and not equations.constraints and settings.robust is None
-        self._open = iterative and plain and not equations.linear
         self._led: Minimum | None = None
 
     def anticipated(self, starts: Sequence[Beginning]) -> Found | None:
@@ -63,9 +75,9 @@ class Challenge:
         Of large sparse equations, if the closed form is the only one and costs less than the start, and what it leads
         to fits as well as stated noise lets expect.
         """
-        if not self._open or self._problem.estimates_noise or not sparse_suits(self._equations):
+        if self._problem.estimates_noise or not sparse_suits(self._equations):
             return None
-        if len(starts) != 1 or starts[0].origin != GIVEN:
+        if len(starts) != 1 or starts[0].origin != GIVEN or not uncompared(self._equations, self._settings, GIVEN):
             return None
         form = self._form
         if form is None or form.several or not form.cost < costs(self._equations, starts[0].point[None])[0]:
@@ -87,7 +99,7 @@ class Challenge:
 
         What a closed form makes of a sample of very many rows is followed if it costs hardly more than what was found.
         """
-        if not self._open or found.origin not in (GIVEN, GIVEN_START, RANDOM):
+        if not uncompared(self._equations, self._settings, found.origin):
             return found
         minimum = found.minimum
         solved = minimum.reason.converged and bool(np.isfinite(minimum.cost))
@@ -99,7 +111,8 @@ class Challenge:
                 self._cache.without_closed_form.add(self._kind)
             return found
         rounding = rounding_at(self._equations, minimum)
-        promising = worth_following(minimum.cost, form.cost / form.allowance, self._most, rounding)
+        away = self._away(minimum, form.numbers)
+        promising = worth_following(minimum.cost, form.cost / form.allowance, away, self._most, rounding)
         if not np.isfinite(form.cost) or (minimum.reason.converged and not promising and self._led is None):
             return found
         other = self._led
@@ -120,11 +133,12 @@ class Challenge:
         from mbm.estimation.starts.closed_forms.situation import Situation
         from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 
-        numbers = np.where(self._equations.moving(), np.nan, self._equations.numbers)
-        situation = Situation(
-            layout=self._equations.layout, groups=self._equations.groups, numbers=numbers, most=ENOUGH
-        )
-        return situation.thins, tuple(completions(situation, self._settings.closed_forms))
+        situations = [
+            Situation(layout=self._equations.layout, groups=self._equations.groups, numbers=numbers, most=ENOUGH)
+            for numbers in blank_numbers(self._equations)
+        ]
+        reached = [completions(situation, self._settings.closed_forms) for situation in situations]
+        return situations[0].thins, tuple(each for found in reached for each in found)
 
     @property
     def _recognised(self) -> bool:
@@ -146,6 +160,18 @@ class Challenge:
             several=len(complete) > 1,
             allowance=1.0 + FROM_A_SAMPLE if thins else 1.0,
         )
+
+    def _away(self, minimum: Minimum, point: Floats) -> float:
+        """How far a point is from a minimum, by the curvature there.
+
+        Not known where numbers do not vary by addition, nor asked for in large sparse equations, where a search in vain
+        takes long.
+        """
+        equations = self._equations
+        if equations.layout.curved or sparse_suits(equations):
+            return np.nan
+        step = steps_between(equations.layout, equations.free, minimum.point, point)
+        return float(np.square(minimum.jacobian @ step).sum())
 
     @property
     def _most(self) -> float:

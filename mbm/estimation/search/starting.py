@@ -73,8 +73,7 @@ def beginnings(equations: Assembled, settings: Settings) -> tuple[Beginning, ...
         return (Beginning(point=layout.start, origin=GIVEN),)
     _refuse(layout, layout.missing() & layout.fixed)
     numbers = _with_idle_ones(equations)
-    free = equations.moving()
-    open_ones = wanted & free
+    open_ones = wanted & equations.sought()
     if not bool(open_ones.any()):
         return (Beginning(point=numbers, origin=GIVEN),)
     # Here and below: loaded where starts are missing only, so that other problems start at once.
@@ -95,15 +94,33 @@ def _with_idle_ones(equations: Assembled) -> Floats:
 
 
 def with_idle_ones(equations: Assembled, starts: Floats) -> Floats:
-    """The starts (N,), with something for members that no equation mentions; they stay without an estimate."""
+    """The starts (N,), with something for what no equation mentions; it stays without an estimate."""
     layout = equations.layout
     numbers = starts.copy()
-    idle = np.isnan(numbers) & ~equations.moving()
+    idle = np.isnan(numbers) & ~equations.sought()
     numbers[idle] = 0.0
     for curved in layout.curved:
         whole = idle[curved.numbers].all(axis=1)
         numbers[curved.numbers[whole]] = np.eye(curved.piece.size)[0]
     return numbers
+
+
+def blank_numbers(equations: Assembled) -> tuple[Floats, ...]:
+    """What closed forms for all unknowns begin with: the starts (N,), NaN where a number is sought.
+
+    Closed forms know nothing of priors. Where these speak of some numbers only (a height), there is one more, in which
+    those keep their starts.
+    """
+    numbers = _with_idle_ones(equations)
+    every = np.where(equations.sought(), np.nan, numbers)
+    return (every, np.where(equations.foreknown(), numbers, every)) if partly_foreknown(equations) else (every,)
+
+
+def partly_foreknown(equations: Assembled) -> bool:
+    """Whether priors speak of some of the numbers that are sought, but not of all."""
+    sought = equations.sought()
+    known = equations.foreknown()[sought]
+    return bool(known.any() and not known.all())
 
 
 def _closed_form_alone(equations: Assembled, settings: Settings) -> tuple[Beginning, ...]:
@@ -118,9 +135,9 @@ def _closed_form_alone(equations: Assembled, settings: Settings) -> tuple[Beginn
 
     layout = equations.layout
     forms = sorted(settings.closed_forms, key=lambda form: form.name != settings.routine)
-    moving = equations.moving()
+    sought = equations.sought()
     numbers = _with_idle_ones(equations)
-    for open_ones in (moving, moving & (np.isnan(layout.start) | layout.guessed)):
+    for open_ones in (sought, sought & (np.isnan(layout.start) | layout.guessed)):
         situation = Situation(layout=layout, groups=equations.groups, numbers=np.where(open_ones, np.nan, numbers))
         found = [
             Beginning(point=c.numbers, origin="; ".join(c.used))
@@ -131,7 +148,7 @@ def _closed_form_alone(equations: Assembled, settings: Settings) -> tuple[Beginn
         ]
         if found:
             return _sorted(equations, found)
-    names = [e.unknown for e in layout.entries if bool(moving[e.range].any())]
+    names = [e.unknown for e in layout.entries if bool(sought[e.range].any())]
     raise MbmError(faults.no_closed_form(names[0].span if names else None, settings.routine))
 
 
@@ -141,7 +158,7 @@ def _direct_search(equations: Assembled, settings: Settings, wanted: Mask) -> Be
     Nishida et al.'s direct substitution method, in its own words the method of last resort.
     """
     layout = equations.layout
-    numbers = np.where(wanted & equations.moving(), np.nan, _with_idle_ones(equations))
+    numbers = np.where(wanted & equations.sought(), np.nan, _with_idle_ones(equations))
     ranged = np.isfinite(layout.lower) & np.isfinite(layout.upper)
     ranged |= np.isfinite(layout.start_lower) & np.isfinite(layout.start_upper)
     missing = replace(layout, start=numbers).missing()

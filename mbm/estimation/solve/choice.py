@@ -12,7 +12,8 @@ from mbm.equations.layout import layout
 from mbm.equations.selection import selections
 from mbm.estimation.minimise.minimise import solver_name
 from mbm.estimation.minimise.sparsity import sparse_suits
-from mbm.estimation.search.starting import GIVEN, beginnings
+from mbm.estimation.search.challenge import uncompared
+from mbm.estimation.search.starting import GIVEN, beginnings, blank_numbers
 from mbm.estimation.settings import Settings, settings_of
 from mbm.estimation.starts.closed_forms.completion import completions
 from mbm.estimation.starts.closed_forms.situation import Situation
@@ -62,10 +63,11 @@ def _start(equations: Assembled, settings: Settings) -> str:
     if not equations.dimension:
         return GIVEN
     origin = beginnings(equations, settings)[0].origin
-    if origin != GIVEN or equations.linear:
+    if not uncompared(equations, settings, origin):
         return origin
-    numbers = np.where(equations.moving(), np.nan, equations.layout.start)
-    situation = Situation(layout=equations.layout, groups=equations.groups, numbers=numbers, most=ENOUGH)
+    situation = Situation(
+        layout=equations.layout, groups=equations.groups, numbers=blank_numbers(equations)[0], most=ENOUGH
+    )
     used = completions(situation, settings.closed_forms)[0].used
     return f"{origin}; closed forms are compared with what they lead to: {'; '.join(used)}" if used else origin
 
