@@ -8,13 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from tests.oracles.kinds import Answer, Kind, Tables
-from tests.oracles.numerics import arctan2, wrapped
+from tests.oracles.kinds import Answer, Kind, one
+from tests.oracles.places import (
+    bearings,
+    beside_a_line,
+    distances,
+    ranges,
+    right_ones,
+    seen_from,
+    some_wrong,
+)
 from tests.oracles.turns import quaternion, rotate, turn_between, turned_and_moved
-
-
-def one(**columns: np.ndarray) -> Tables:
-    return {"d": columns}
 
 
 def line(generator, rows=12, noise=0.1):
@@ -34,41 +38,6 @@ def decay(generator, noise=0.02):
 def exponential(x, tables):
     d = tables["d"]
     return (x[0] * np.exp(-x[1] * d["x"]) + x[2] - d["y"]) / 0.02
-
-
-def ranges(generator, noise=0.05, wrong=0, rows=11):
-    """Distances to a random place from stations around it; the first ``wrong`` have gross errors."""
-    turn = generator.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(rows) / rows
-    x, y = (generator.uniform(6, 12, rows) * f(turn) for f in (np.cos, np.sin))
-    place = generator.uniform(-2, 2, 2)
-    r = np.hypot(x - place[0], y - place[1]) + noise * generator.normal(size=rows)
-    r[:wrong] += generator.uniform(6, 15, wrong) * noise * generator.choice([-1, 1], wrong)
-    return one(x=x, y=y, r=r)
-
-
-def beside_a_line(generator, noise=0.05):
-    """Distances to a place on one side of stations that nearly stand in a line."""
-    x, y = np.linspace(0, 10, 6), generator.uniform(-0.4, 0.4, 6)
-    place = generator.uniform([2, 1.5], [8, 4])
-    return one(x=x, y=y, r=np.hypot(x - place[0], y - place[1]) + noise * generator.normal(size=6))
-
-
-def distances(x, tables):
-    d = tables["d"]
-    return (np.sqrt((x[0] - d["x"]) ** 2 + (x[1] - d["y"]) ** 2) - d["r"]) / 0.05
-
-
-def bearings(generator):
-    """Directions to stations around a place, from a heading of about half a turn."""
-    d = ranges(generator)["d"]
-    place, heading = generator.uniform(-1, 1, 2), np.pi + generator.uniform(-0.3, 0.3)
-    t = np.arctan2(d["y"] - place[1], d["x"] - place[0]) - heading + 0.01 * generator.normal(size=11)
-    return one(x=d["x"], y=d["y"], t=wrapped(t))
-
-
-def seen_from(p, tables):
-    d = tables["d"]
-    return wrapped(arctan2(d["y"] - p[2], d["x"] - p[1]) - p[0] - d["t"]) / 0.01
 
 
 def growth(generator):
@@ -140,18 +109,6 @@ def moved(x, tables):
     cosine, sine = np.cos(x[0]), np.sin(x[0])
     u, v = cosine * d["x"] - sine * d["y"] + x[1], sine * d["x"] + cosine * d["y"] + x[2]
     return np.concatenate([u - d["u"], v - d["v"]]) / 0.05
-
-
-def some_wrong(generator, rows=11, wrong=3):
-    """As `ranges`: gross errors in the first rows, in the others at most one and a half standard deviations."""
-    d = dict(ranges(generator, noise=0.0, rows=rows)["d"])
-    d["r"] = d["r"] + 0.05 * generator.uniform(-1.5, 1.5, rows)
-    d["r"][:wrong] += 0.05 * generator.uniform(12, 30, wrong) * generator.choice([-1, 1], wrong)
-    return one(**d)
-
-
-def right_ones(x, tables):
-    return distances(x, tables)[3:]
 
 
 def with_product(answer: Answer) -> Answer:
