@@ -102,10 +102,9 @@ class Stream:
 
         def part(first: int, last: int) -> None:
             solves, scratch = room.solves.copy(), room.system.scratch()
-            held = room.system.compare(solves)
+            _held = room.system.compare(solves)
             put(solves, Solves, work=scratch[0], first=first, last=last)
             function(solves.ctypes.data)
-            del held
 
         if workers <= 1:
             part(0, count)

@@ -129,7 +129,8 @@ def _made(
     def ranges() -> RangeMaps | None:
         plain = not (bound.equations.linear or bound.equations.constraints or bound.equations.lossy)
         found = known() if plain and kind_of(part.first) not in cache.without_closed_form else None
-        return None if found is None else found.ranges(stated=not problem.estimates_noise)
+        ranges = None if found is None else found.ranges(stated=not problem.estimates_noise)
+        return ranges if ranges is not None and ranges.whole else None
 
     before = None if window is None else _before(part.sets, window.min_rows)
     closed = _Closed(form=form, ranges=ranges)

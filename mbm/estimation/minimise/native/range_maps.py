@@ -33,10 +33,15 @@ class RangeMaps:
     values: Floats
     stated: bool
 
+    @property
+    def whole(self) -> bool:
+        """Whether nothing but ranges is measured: what else there is may lead elsewhere."""
+        return bool((self.map_places >= 0).all())
+
     def hand(self, form: Any, numbers: int, rows: int) -> tuple[NDArray[Any], ...]:
         """Let a `RangeForm` have it, with scratch for so many numbers and rows; what is to be kept alive."""
-        m = self.dimension + self.offset
-        spheres, weights = np.empty(max(rows, 1) * (self.dimension + 3)), np.empty(max(rows, 1))
+        m, units = self.dimension + self.offset, rows * len(self.map_places) + 1
+        spheres, weights = np.empty(units * (self.dimension + 3)), np.empty(units)
         scratch, found, points = np.empty(SCRATCH), np.empty(MOST_PLACES * m), np.empty((2, numbers))
         put(
             inside(form, RangeForm, "ranges"),

@@ -160,13 +160,12 @@ class NativeSystem:
                 return
             step = int(max(at_a_time / ITERATIONS_OF_MANY, 1))
             routine = self.code.routine("solve_many", object)
-            solves, *held = self.solves(chosen, starts, ends, work[0])
+            solves, *_held = self.solves(chosen, starts, ends, work[0])
             for k in range(first, last, step):
                 if stopped():
                     return
                 put(solves, Solves, first=k, last=min(k + step, last))
                 routine(solves)
-            del held
 
         if workers <= 1 or count < 2:
             part(0, count)
@@ -234,9 +233,8 @@ class NativeSystem:
         if self.ranges is None:
             return ()
         rows = self.rows.data[:, of.DATA_HEAD + of.DataBlock.rows :: of.DATA_BLOCK].max(axis=0)
-        units = [view(of.Problem, self.system).blocks[b].unit_count for b in range(len(rows))]
-        form = inside(solves, Solves, "form")
-        return self.ranges.hand(form, int(self.system[of.Problem.numbers]), int(np.dot(rows, units)))
+        numbers = int(self.system[of.Problem.numbers])
+        return self.ranges.hand(inside(solves, Solves, "form"), numbers, int(rows.sum()))
 
     def one(
         self, start: Floats, *, which: int = 0, stopped: Callable[[], bool] | None = None, end: str = "finish_solve"
