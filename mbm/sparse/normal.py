@@ -127,14 +127,15 @@ def _pair(found: Structure, key: tuple[int, int], meetings: list[_Meeting]) -> P
     codes = [_codes(m.i, m.j, members) for m in meetings]
     if key[0] == key[1]:
         codes.append(np.arange(left.members) * (right.members + 1))
-    unique = np.unique(np.concatenate(codes))
+    every = np.sort(np.concatenate(codes), kind="stable")
+    unique = every[_firsts(every)]
     contributions = []
     for meeting, code in zip(meetings, codes, strict=False):
         if not code.size:
             continue
         order = np.argsort(code, kind="stable")
         ascending = code[order]
-        firsts = np.flatnonzero(np.concatenate([[True], ascending[1:] != ascending[:-1]]))
+        firsts = _firsts(ascending)
         piece = found.pieces[meeting.piece]
         a, b = piece.starts[meeting.left], piece.starts[meeting.right]
         contributions.append(
@@ -153,6 +154,11 @@ def _pair(found: Structure, key: tuple[int, int], meetings: list[_Meeting]) -> P
     return PairPattern(
         left=key[0], right=key[1], i=i, j=j, members=members, shape=shape, contributions=tuple(contributions)
     )
+
+
+def _firsts(ascending: Indices) -> Indices:
+    """Where each of the distinct numbers of an ascending vector begins."""
+    return np.flatnonzero(np.diff(ascending, prepend=ascending[:1] - 1))
 
 
 def _turned(members: tuple[int, int]) -> bool:

@@ -7,7 +7,6 @@ zero in the Jacobian), so that all work on a family goes through arrays of shape
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field
 from typing import Any, cast
 
 import numpy as np
@@ -73,7 +72,6 @@ class Structure:
     free: Indices
     count: int
     rows: Indices | None = None
-    _indices: tuple[Indices, ...] = field(repr=False, default=())
 
     @property
     def dead(self) -> Mask:
@@ -97,8 +95,9 @@ class Structure:
             pointers[1:][piece.residuals] = piece.width
         np.cumsum(pointers, out=pointers)
         flat = [found.reshape(-1) for found in values]
+        columns = [_columns(self.families, piece) for piece in self.pieces]
         one = len(flat) == 1
-        data, indices = (flat[0], self._indices[0]) if one else (np.concatenate(flat), np.concatenate(self._indices))
+        data, indices = (flat[0], columns[0]) if one else (np.concatenate(flat), np.concatenate(columns))
         return csr_array((data, indices, pointers), shape=(self.count, self.columns))
 
     def estimated(self, values: Values) -> Any:
@@ -116,14 +115,19 @@ class Structure:
 
     def weighted(self, values: Values, factors: Floats) -> list[Floats]:
         """The Jacobian with each column multiplied by its factor (columns,)."""
-        return [v * factors[i].reshape(v.shape) for v, i in zip(values, self._indices, strict=True)]
+        found = [part.copy() for part in values]
+        for part, piece in zip(found, self.pieces, strict=True):
+            for number, members, start in zip(piece.families, piece.members, piece.starts, strict=True):
+                family = self.families[number]
+                own = factors[family.columns].reshape(family.members, family.size)[members]
+                part[:, :, start : start + family.size] *= own[:, None, :]
+        return found
 
 
 def structure(
     families: Sequence[BlockFamily], pieces: Sequence[Piece], free: Indices, count: int, rows: Indices | None = None
 ) -> Structure:
     """The structure of ``count`` residuals; ``free`` (n,) are the padded columns that are estimated."""
-    indices = tuple(_columns(families, piece) for piece in pieces)
     return Structure(
         families=tuple(families),
         pieces=tuple(pieces),
@@ -131,7 +135,6 @@ def structure(
         free=free,
         count=count,
         rows=rows,
-        _indices=indices,
     )
 
 

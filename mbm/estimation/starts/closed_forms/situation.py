@@ -74,7 +74,7 @@ class Candidate:
     @property
     def coupled(self) -> bool:
         """Members share numbers, so that they can only be determined together."""
-        return len(np.unique(self.places)) != self.places.size
+        return bool((np.bincount(self.places.ravel()) > 1).any())
 
     @property
     def flat(self) -> bool:
