@@ -20,11 +20,12 @@ from mbm.equations.pushing import pushed
 from mbm.equations.types import Equations, Floats, Minimum, Reason
 from mbm.estimation.settings import Settings
 from mbm.problem.types import Method
-from mbm.solver.decisions import LEAST_GAIN_RATIO, OFFSET_DECREASE, UNDECIDED
-from mbm.solver.step_control import damping_factor, radius_after, relative_offset
+from mbm.solver.decisions import LEAST_GAIN_RATIO, OFFSET_DECREASE, REACH, SLOW_OFFSET, UNDECIDED
+from mbm.solver.step_control import damping_factor, radius_after, relative_offset, remaining
 from mbm.sparse.deferred import DeferredMatrix
 from mbm.sparse.equations import blocked
 from mbm.sparse.limited import RULES, length_of, limited
+from mbm.sparse.newton import newton_step
 from mbm.sparse.normal import Normal
 from mbm.sparse.place import BlockEquations, Place, inside, moved, normal_at, place_at
 from mbm.sparse.structure import Structure, Values
@@ -59,6 +60,9 @@ QUICK = 0.25
 TRIALS = 60
 """Trial points in one iteration."""
 
+MANY = 15.0
+"""Steps from which on one of Newton's is worth the derivatives at as many points that it takes."""
+
 BOX_ROUNDS = 20
 """Times that a step is solved for again because it would leave the box."""
 
@@ -81,7 +85,7 @@ class State:
     """An immutable value; ``reason`` is None while there is something left to do. ``growth`` is Nielsen's ν.
 
     ``rule`` says how steps are limited: by ``damping``, or to a ``radius``; then ``length`` is that of the last step,
-    and ``limited`` whether it was.
+    and ``limited`` whether it was. ``slow``: Gauss-Newton's steps converge so slowly that Newton's pay.
     """
 
     equations: BlockEquations
@@ -97,6 +101,7 @@ class State:
     radius: float
     length: float
     limited: bool
+    slow: bool
     offset: float
     iterations: int
     evaluations: int
@@ -157,6 +162,7 @@ def _begun(equations: BlockEquations, start: Floats, settings: Settings, made: P
         radius=inf,
         length=inf,
         limited=False,
+        slow=False,
         offset=inf,
         iterations=0,
         evaluations=1,
@@ -166,6 +172,7 @@ def _begun(equations: BlockEquations, start: Floats, settings: Settings, made: P
 
 
 def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
+    last = state
     for _ in range(TRIALS):
         state, found = _next(state, here)
         if found is None:
@@ -179,6 +186,9 @@ def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
         offset = _offset(equations, here, promise if state.known.whole is None else state.known.whole[1])
         if offset <= state.tolerance and (state.damping > LEAST or state.known.normal is None):
             state = replace(state, damping=LEAST, known=Known(normal=state.known.normal))
+            continue
+        if not state.slow and _creeps(last, offset):
+            state = replace(state, slow=True, known=Known(normal=state.known.normal))
             continue
         state = replace(state, offset=offset)
         if offset > CLOSE:  # these factors are of no use elsewhere, and make room for the next Jacobian
@@ -247,7 +257,7 @@ def _next(state: State, here: Place) -> tuple[State, tuple[Floats, float] | None
         return replace(state, known=replace(known, step=None)), known.step
     if known.whole is not None:
         return _within(state, here, known.whole)
-    if known.normal is None and known.factors is not None and state.offset <= CLOSE:
+    if known.normal is None and known.factors is not None and state.offset <= CLOSE and not state.slow:
         step = _along(known.factors, here)
         promise = 0.0 if step is None else _promise(state.plan, here, step)
         if step is not None and promise > 0.0 and _offset(state.equations, here, promise) <= QUICK * state.offset:
@@ -256,7 +266,28 @@ def _next(state: State, here: Place) -> tuple[State, tuple[Floats, float] | None
     step, factors = _solved(state, here, normal)
     found = None if step is None else (step, _promise(state.plan, here, step))
     state = replace(state, known=Known(normal=normal, factors=factors))
+    if found is not None and factors is not None and state.slow:
+        state, found = _newton(state, here, factors, found)
     return (state, found) if found is None or state.rule not in RULES else _within(state, here, found)
+
+
+def _newton(
+    state: State, here: Place, factors: Factorised, found: tuple[Floats, float]
+) -> tuple[State, tuple[Floats, float]]:
+    """Newton's step in place of the one ``found``, with a radius for it; not where it leaves the box."""
+    step, promise = newton_step(state.equations, state.plan, here, factors)
+    low, high = (-inf, inf) if here.gaps is None else here.gaps
+    if not (promise > 0.0 and bool((np.isfinite(step) & (step >= low) & (step <= high)).all())):
+        return state, found
+    length = length_of(step, np.clip(here.squares, *DIAGONAL))
+    return replace(state, radius=max(state.radius, min(length, REACH * state.radius))), (step, promise)
+
+
+def _creeps(last: State, offset: float) -> bool:
+    """Whether steps near the minimum need many more at the rate of the last one, which was whole."""
+    whole = last.damping <= LEAST and not last.limited
+    slow = SLOW_OFFSET * last.offset < offset <= CLOSE
+    return whole and slow and remaining(offset, last.offset, last.tolerance) > MANY
 
 
 def _within(state: State, here: Place, whole: tuple[Floats, float]) -> tuple[State, tuple[Floats, float]]:
@@ -280,12 +311,12 @@ def _along(factors: Factorised, here: Place) -> Floats | None:
 def _solved(state: State, here: Place, normal: Normal) -> tuple[Floats | None, Factorised | None]:
     """The damped step over the padded columns, with the factors; None where the equations cannot be factorised.
 
-    With bounds: what would leave the box is put on its bound, and the rest solved again; there are no factors then.
+    With bounds: what would leave the box is put on its bound, and the rest solved again, without factors that stay.
     """
     layout = state.plan.structure
     gradient, still = here.gradient, layout.dead | here.held
     step = np.zeros(layout.columns)
-    for _ in range(BOX_ROUNDS):
+    for solves in range(BOX_ROUNDS):
         added = state.damping * np.clip(here.squares, *DIAGONAL)
         added[still] = 1.0
         factors = factorised(state.plan, normal, added)
@@ -300,7 +331,7 @@ def _solved(state: State, here: Place, normal: Normal) -> tuple[Floats | None, F
         crossing = ((step < here.gaps[0]) | (step > here.gaps[1])) & ~still
         step = np.clip(step, *here.gaps)
         if not crossing.any():
-            return step, None
+            return step, factors if solves == 0 else None
         still = still | crossing
         normal = state.plan.accumulate(layout.weighted(here.values, np.where(still, 0.0, 1.0)))
         step = np.where(still, step, 0.0)

@@ -32,6 +32,7 @@ from mbm.solver.step_control import relative_offset
 from mbm.sparse.arithmetic import Arithmetic
 from mbm.sparse.deferred import DeferredMatrix
 from mbm.sparse.equations import Blocked, blocked
+from mbm.sparse.newton import conjugate, products
 from mbm.sparse.place import inside
 from mbm.sparse.structure import Structure, Values
 from mbm.sparse.system import BlockJacobian, Factorised, Plan, blocks_of, factorised, plan
@@ -42,15 +43,6 @@ TOUCHED = 2000
 
 REFINEMENTS = 20
 """Newton steps at the end at most."""
-
-PRODUCTS = 50
-"""Products with the Hessian in one of them at most."""
-
-FORCING = 1e-6
-"""Share of the decrease that is left to the next of them."""
-
-NUDGE = 1e-4
-"""Standard deviations over which gradients are compared: far above their rounding, far below what bends them."""
 
 REDUNDANT = 1e-12
 """Relative eigenvalue of ``C A⁻¹ Cᵀ`` below which a constraint follows from others."""
@@ -332,13 +324,7 @@ def _step(own: Blocked, made: Plan, found: Minimum) -> _Step | None:
         return made.gradient([*slopes[: len(slopes) - len(penalties)], *penalties], residuals)
 
     here = pull(found.point)
-
-    def bent(direction: Floats) -> Floats:
-        """The Hessian of the Lagrangian times a direction (columns,)."""
-        size = NUDGE / float((np.abs(direction) * lengths).max())
-        return (pull(own.retract(found.point, size * direction[layout.free])) - here) / size
-
-    along, promise = _newton(manifold, here, bent)
+    along, promise = conjugate(manifold.along, here, products(own, found.point, pull, (here, lengths), layout.free))
     step = along - manifold.across @ (manifold.inverse @ state.values[held])
     scaled = manifold.slopes / np.where(lengths > 0.0, lengths, 1.0)
     unit = np.sqrt(np.square(scaled).sum(axis=1))
@@ -348,27 +334,6 @@ def _step(own: Blocked, made: Plan, found: Minimum) -> _Step | None:
     return _Step(
         step=step[layout.free], multipliers=multipliers, promise=promise, missed=float(missed.max(initial=0.0))
     )
-
-
-def _newton(manifold: _Manifold, gradient: Floats, bent: Callable[[Floats], Floats]) -> tuple[Floats, float]:
-    """The step along the manifold, and the decrease that Gauss-Newton's would promise (Steihaug 1983)."""
-    force = -gradient
-    downhill = manifold.along(force)
-    promise = left = float(force @ downhill)
-    step, direction = np.zeros(len(force)), downhill
-    for _ in range(PRODUCTS):
-        if not left > FORCING * promise:
-            break
-        image = bent(direction)
-        curvature = float(direction @ image)
-        if not curvature > 0.0:
-            return (step, promise) if step.any() else (downhill, promise)
-        share = left / curvature
-        step, force = step + share * direction, force - share * image
-        downhill = manifold.along(force)
-        left, before = float(force @ downhill), left
-        direction = downhill + left / before * direction
-    return step, max(promise, 0.0)
 
 
 def _contradicting(own: Blocked, made: Plan, found: Minimum, conflict: Conflict) -> Minimum:
