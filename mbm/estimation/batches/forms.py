@@ -81,21 +81,25 @@ class Formed:
 
     def fits(self, which: Which) -> tuple[Floats, Floats]:
         """Points (K, S, N) for some solves, and what they cost (K, S): infinite where a solution is none."""
-        found = self._solved(which)
-        costs = np.full(found.shape[:2], np.inf)
+        found, usable = self._within(self._solved(which))
+        costs = np.full(usable.shape, np.inf)
         for rank in range(found.shape[1]):
-            there = np.isfinite(found[:, rank]).all(axis=1)
+            there = usable[:, rank]
             if there.any():
                 mine = which if there.all() else np.asarray(which)[there]
                 costs[there, rank] = self.systems.costs(mine, found[there, rank])
+        return found, np.where(np.isfinite(costs), costs, np.inf)
+
+    def _within(self, found: Floats) -> tuple[Floats, Mask]:
+        """Points (K, S, N) moved to the bounds that they lie beyond, and which of them are solutions."""
         layout, places = self.systems.equations.layout, self.systems.equations.free
         numbers = layout.number[places]
         plain = numbers >= 0
-        coordinates = found[..., numbers[plain]]
         lower, upper, positive = layout.lower[places], layout.upper[places], layout.positive[places]
-        inside = ((coordinates >= lower[plain]) & (coordinates <= upper[plain])).all(axis=2)
-        inside &= (~positive[plain] | (coordinates > 0)).all(axis=2)
-        return found, np.where(inside & np.isfinite(costs), costs, np.inf)
+        moved = np.clip(found[..., numbers[plain]], lower[plain], upper[plain])
+        found[..., numbers[plain]] = moved
+        usable = np.isfinite(found).all(axis=2) & (~positive[plain] | (moved > 0)).all(axis=2)
+        return found, np.asarray(usable)
 
     def starts(self, which: Which) -> Floats:
         """The start (K, N) of each of some solves; NaN where there is none, or several."""

@@ -7,7 +7,7 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from mbm.equations.types import Floats, Indices
+from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.starts.closed_forms.numerics.finite import finite
 from mbm.estimation.starts.closed_forms.situation import Candidate, Situation, Support
 from mbm.estimation.starts.closed_forms.types import ClosedForm, Plan
@@ -177,7 +177,7 @@ def linked_parts(situation: Situation) -> dict[str, int]:
 def solutions(plan: Plan) -> Floats:
     """The solutions of each member (K, S, s) from all its rows, best first; NaN where there are none.
 
-    Solutions outside of hard bounds come after those within; of the others, those that fit much worse are left out.
+    Those beyond hard bounds are moved to these; those that fit much worse than the best are left out.
     """
     members = plan.candidate.members
     rows_of = _by_member(plan.rows.member, members)
@@ -200,32 +200,37 @@ def _by_member(member: Indices, count: int) -> list[Indices]:
 
 
 def _ranked(plan: Plan, found: Floats) -> Floats:
-    layout = plan.candidate.situation.layout
     members, width, _ = found.shape
+    found, usable = _within_bounds(plan.candidate, found)
     costs = np.full((members, width), np.inf)
     for rank in range(width):
         with np.errstate(all="ignore"):
             values = plan.rows.values(found[plan.rows.member, rank])
         squares = np.square(values).sum(axis=1) * plan.rows.weight
         costs[:, rank] = np.bincount(plan.rows.member, weights=squares, minlength=members)
-    usable = finite(found, 2) & np.isfinite(costs)
-    inside = np.ones((members, width), dtype=bool)
-    if plan.candidate.flat:
-        lower, upper = layout.lower[plan.candidate.coordinates], layout.upper[plan.candidate.coordinates]
-        turning = (plan.candidate.angles & np.isfinite(lower) & np.isfinite(upper))[:, None]
-        with np.errstate(invalid="ignore"):
-            middle = ((lower + upper) / 2)[:, None]
-            turned = middle + np.remainder(found - middle + np.pi, 2 * np.pi) - np.pi
-        found = np.where(turning, turned, found)
-        inside &= ((found >= lower[:, None]) & (found <= upper[:, None])).all(axis=2)
-        positive = layout.positive[plan.candidate.coordinates][:, None]
-        usable &= (~positive | (found > 0)).all(axis=2)
+    usable &= np.isfinite(costs)
     costs = np.where(usable, costs, np.inf)
-    best = np.where(inside, costs, np.inf).min(axis=1, keepdims=True)
-    any_inside = np.isfinite(best)
-    dropped = ~usable | (any_inside & ~inside) | ~np.vectorize(plausible, otypes=[bool])(costs, best)
+    best = costs.min(axis=1, keepdims=True)
+    dropped = ~usable | ~np.vectorize(plausible, otypes=[bool])(costs, best)
     with np.errstate(invalid="ignore"):
         alike = np.where(costs <= best * (1 + SAME_COSTS) + SAME_COSTS, best, costs)
     order = np.argsort(np.where(dropped, np.inf, alike), axis=1, kind="stable")
     found = np.where(dropped[..., None], np.nan, found)
     return np.take_along_axis(found, order[..., None], axis=1)
+
+
+def _within_bounds(candidate: Candidate, found: Floats) -> tuple[Floats, Mask]:
+    """Solutions (K, S, s) moved to the bounds that they lie beyond, and which of them are some (K, S)."""
+    usable = finite(found, 2)
+    if not candidate.flat:
+        return found, usable
+    layout = candidate.situation.layout
+    lower = layout.lower[candidate.coordinates][:, None]
+    upper = layout.upper[candidate.coordinates][:, None]
+    turning = candidate.angles & np.isfinite(lower) & np.isfinite(upper)
+    with np.errstate(invalid="ignore"):
+        middle = (lower + upper) / 2
+        turned = middle + np.remainder(found - middle + np.pi, 2 * np.pi) - np.pi
+        found = np.clip(np.where(turning, turned, found), lower, upper)
+        usable &= (~layout.positive[candidate.coordinates][:, None] | (found > 0)).all(axis=2)
+    return found, usable
