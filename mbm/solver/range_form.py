@@ -6,12 +6,13 @@ from math import inf, isfinite
 
 from mbm.machine.records import record
 from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Reals
-from mbm.solver.description import BOUNDS_AT, Problem
+from mbm.solver.description import Problem
 from mbm.solver.equations import residuals_at_point
 from mbm.solver.known_rows import know_rows
 from mbm.solver.linear_algebra import copied, dot
-from mbm.solver.manifolds import coordinates_of
+from mbm.solver.manifolds import coordinates_of, place_coordinates
 from mbm.solver.spheres import Ranges, places_of_ranges
+from mbm.solver.steps import project
 from mbm.solver.workspace import Rows, Work
 
 
@@ -63,15 +64,16 @@ def load_ranges(problem: Problem, rows: Rows, form: RangeForm) -> None:
         kind += block.unit_count
 
 
-def inside_bounds(problem: Problem, constants: ConstantReals, point: ConstantReals, x: Reals) -> Integer:
-    """1 where a point meets the bounds; ``x`` (n,) is scratch."""
-    n = problem.n
+def put_inside(problem: Problem, constants: ConstantReals, point: Reals, x: Reals) -> Integer:
+    """Move a point to the bounds that it lies beyond; 0 where a number that stays positive is not. ``x`` (n,) is
+    scratch.
+    """
     coordinates_of(problem, point, x)
-    for j in range(n):
-        if x[j] < constants[BOUNDS_AT + j] or x[j] > constants[BOUNDS_AT + n + j]:
-            return 0
+    for j in range(problem.n):
         if problem.positive[j] != 0 and not x[j] > 0.0:
             return 0
+    project(problem, constants, x)
+    place_coordinates(problem, x, point)
     return 1
 
 
@@ -85,7 +87,7 @@ def find_places(problem: Problem, start: ConstantReals, form: RangeForm, work: W
 
 
 def cost_of_place(problem: Problem, k: Integer, start: ConstantReals, form: RangeForm, work: Work) -> Real:
-    """The cost at the k-th place, inf where bounds exclude it or there is none, and the `point` there.
+    """The cost at the k-th place, inf where it is none, and the `point` there, moved to the bounds.
 
     Numbers that are not estimated are those of the ``start`` (numbers,).
     """
@@ -93,7 +95,7 @@ def cost_of_place(problem: Problem, k: Integer, start: ConstantReals, form: Rang
     copied(problem.numbers, start, form.point)
     for i in range(m):
         form.point[form.places[i]] = form.found[k * m + i]
-    if inside_bounds(problem, work.rows.constants, form.point, work.x) == 0:
+    if problem.boxed == 1 and put_inside(problem, work.rows.constants, form.point, work.x) == 0:
         return inf
     size = residuals_at_point(problem, work.rows, form.point, 1, 0, work.rows.residuals)
     cost = dot(size, work.rows.residuals, work.rows.residuals)

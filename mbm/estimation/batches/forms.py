@@ -192,7 +192,7 @@ def recognised(first: Assembled, settings: Settings) -> Recognised | None:
     solver = None if known is None or known.maps is None else minimal_solver(first, first.numbers, forms)
     if known is None or solver is None:
         return None
-    numbers = np.where(first.moving(), np.nan, first.numbers)
+    numbers = np.where(first.sought(), np.nan, first.numbers)
     foremost = next(plans(Situation(layout=first.layout, groups=first.groups, numbers=numbers), forms), None)
     if foremost is None or foremost.description != solver.plan.description:
         return None  # others come first, and leave numbers to it

@@ -45,7 +45,7 @@ def minimal_solver(equations: Assembled, base: Floats, forms: Iterable[ClosedFor
 
     ``base`` (N,) holds the numbers that are not estimated.
     """
-    numbers = np.where(equations.moving(), np.nan, base)
+    numbers = np.where(equations.sought(), np.nan, base)
     situation = Situation(layout=equations.layout, groups=equations.groups, numbers=numbers)
     wanted = int(np.isnan(numbers).sum())
     for plan in plans(situation, forms):
