@@ -106,6 +106,7 @@ class RangeMaps:
     dimension: int
     offset: bool
     even: bool
+    rooted: bool
     places: tuple[int, ...]
     map_places: tuple[int, ...]
     maps: tuple[float, ...]

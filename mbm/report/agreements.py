@@ -111,7 +111,7 @@ def _form(problem: Problem, equations: Assembled, settings: Settings) -> KnownFo
     """
     known = known_form(equations, settings.closed_forms)
     moving = any(unknown.family is not None for unknown in problem.unknowns)
-    if known is not None and (known.maps is None or moving):
+    if known is not None and (known.maps is None or known.rooted or moving):
         why = "its subsets have a closed form, and what that takes from the data follows no simple rule"
         raise MbmError(faults.not_emitted(problem.span, "this consensus", why))
     return known

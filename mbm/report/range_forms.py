@@ -35,6 +35,7 @@ def ranges_of(found: Elaborated, equations: Assembled, settings: Settings) -> Ra
         dimension=maps.dimension,
         offset=maps.offset,
         even=maps.even,
+        rooted=maps.rooted,
         places=tuple(maps.places.tolist()),
         map_places=tuple(maps.map_places.tolist()),
         maps=tuple(maps.maps.tolist()),

@@ -22,6 +22,8 @@ class RangeForm:
 
     ranges: Ranges
     """Those of the data set at hand; ``d`` is 0 where there is no such form."""
+    rooted: Integer
+    """1: the maps give the root of e: a known height above the stations."""
     stated: Integer
     """1: the noise is stated, so that the cost tells a bad fit."""
     places: ConstantIntegers
@@ -58,6 +60,8 @@ def load_ranges(problem: Problem, rows: Rows, form: RangeForm) -> None:
                 given = rows.parameters[part.parameters :]
                 know_rows(wide, block.parameters, part.rows, given, at, form.maps, wide, target)
                 for row in range(part.rows):
+                    if form.rooted == 1:
+                        target[row * wide + ranges.d + 1] *= target[row * wide + ranges.d + 1]
                     first = part.weights + row * block.weights
                     ranges.weights[ranges.rows + row] = rows.whitening[first + block.units[u].weights]
                 ranges.rows += part.rows

@@ -53,6 +53,7 @@ def range_beginning(blueprint: Blueprint, ranges: RangeMaps) -> Iterator[str]:
     yield f"    f->form.ranges.d = {ranges.dimension};"
     yield f"    f->form.ranges.offset = {int(ranges.offset)};"
     yield f"    f->form.ranges.even = {int(ranges.even)};"
+    yield f"    f->form.rooted = {int(ranges.rooted)};"
     yield f"    f->form.stated = {int(ranges.stated)};"
     yield "    f->form.places = RANGE_PLACES;"
     yield "    f->form.map_places = RANGE_MAP_PLACES;"

@@ -23,9 +23,8 @@ BESIDE = '''def solve_first(p: Prepared) -> None:
     ranges.spheres, ranges.weights, ranges.scratch = (
         reals((ranges.d + 3) * units), reals(units), reals(RANGE_SCRATCH)
     )
-    form.stated, form.places, form.map_places, form.maps = (
-        RANGE_STATED, RANGE_PLACES, RANGE_MAP_PLACES, RANGE_MAPS
-    )
+    form.rooted, form.stated = RANGE_ROOTED, RANGE_STATED
+    form.places, form.map_places, form.maps = RANGE_PLACES, RANGE_MAP_PLACES, RANGE_MAPS
     form.fixed_count, form.fixed, form.values = len(RANGE_FIXED), RANGE_FIXED, RANGE_VALUES
     numbers = p.offsets[len(NAMES)]
     form.found, form.point, form.other = reals(RANGE_FOUND), reals(numbers), reals(numbers)
@@ -42,6 +41,7 @@ def range_constants(blueprint: Blueprint, ranges: RangeMaps) -> Iterator[tuple[s
     startless = [literal(u.name) for i, u in enumerate(blueprint.unknowns) if i in ranges.startless]
     kind = f"({ranges.dimension}, {int(ranges.offset)}, {int(ranges.even)})"
     yield "RANGE_KIND", kind, "Dimensions, whether an offset is unknown, whether its sign is open."
+    yield "RANGE_ROOTED", str(int(ranges.rooted)), "Whether the maps give the root of what is added."
     yield "RANGE_STATED", str(int(ranges.stated)), "Whether the noise is stated."
     doc = "Where what the ranges give stands among the numbers."
     yield "RANGE_PLACES", f"np.array({list(ranges.places)!r}, dtype=np.int64)", doc

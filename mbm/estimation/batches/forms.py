@@ -176,6 +176,7 @@ class Recognised:
             dimension=len(data.point),
             offset=data.offset is not None,
             even=data.even,
+            rooted=self.form.rooted,
             places=np.array(self.form.form.about[3:], dtype=np.int64),
             map_places=np.array(places, dtype=np.int64),
             maps=np.array(maps),

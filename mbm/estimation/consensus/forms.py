@@ -8,7 +8,7 @@ from there.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -67,13 +67,15 @@ class KnownForm:
     """A closed form for the problem; ``maps`` is None where each data set has to be probed by itself.
 
     If the ``form`` is curved, they give lines of sight that are near those of the rows. ``axis`` and ``sign`` are those
-    of the component of lines of sight that has length 1 in the maps.
+    of the component of lines of sight that has length 1 in the maps. ``rooted``: the maps of ranges give the root of
+    what is added to the squared distance, a known height above the stations.
     """
 
     form: Form
     maps: tuple[_Map, ...] | None
     axis: int
     sign: float
+    rooted: bool = False
 
     def of_rows(
         self, equations: Assembled, ruled: tuple[bool, ...], forms: Iterable[ClosedForm], *, exact: bool = False
@@ -122,6 +124,8 @@ class KnownForm:
                 told = np.einsum("rp,pw->rw", parameters, each.matrix[:-1])
                 units[:, each.whitener] = told + each.matrix[-1]
         found = units.reshape(-1, self.form.width)
+        if self.rooted:
+            found[:, -2] *= found[:, -2]
         if self.form.kind == c.SIGHTS:
             found[:, 3:] *= self.sign / np.linalg.norm(found[:, 3:], axis=1)[:, None]
         return found
@@ -141,11 +145,14 @@ def known_form(equations: Assembled, forms: Iterable[ClosedForm]) -> KnownForm |
         sign = float(np.sign(told[0, 3 + axis]))
         if bool((np.sign(told[:, 3 + axis]) != sign).any()):
             return KnownForm(form=form, maps=None, axis=axis, sign=sign)
-    maps = _maps(equations, solver, given, axis if form.kind == c.SIGHTS else None)
+    maps = _maps(equations, solver, given, _as_told if form.kind == c.SPHERES else _along(axis))
+    rooted = maps is None and form.kind == c.SPHERES
+    if rooted:
+        maps = _maps(equations, solver, given, _rooted)
     if maps is None:
         return KnownForm(form=form, maps=None, axis=axis, sign=sign)
     curved = any(not each.exact for each in maps)
-    found = KnownForm(form=replace(form, curved=curved), maps=maps, axis=axis, sign=sign)
+    found = KnownForm(form=replace(form, curved=curved), maps=maps, axis=axis, sign=sign, rooted=rooted)
     ruled = tuple(True for _ in equations.groups)
     expected = _expanded(equations, ruled, solver, told, form.width)
     mine = found.of_rows(equations, ruled, given)
@@ -213,10 +220,34 @@ def _expanded(equations: Assembled, ruled: tuple[bool, ...], solver: MinimalSolv
     return found
 
 
+def _as_told(told: Floats) -> Floats:
+    """What ranges tell (rows, width), as it is."""
+    return told
+
+
+def _rooted(told: Floats) -> Floats:
+    """The same with the root of what is added to squared distances."""
+    with np.errstate(invalid="ignore"):
+        return np.column_stack([told[:, :-2], np.sqrt(told[:, -2]), told[:, -1]])
+
+
+def _along(axis: int) -> Callable[[Floats], Floats]:
+    """What makes lines of sight of such in which one component has length 1."""
+
+    def scaled(told: Floats) -> Floats:
+        size = np.abs(told[:, 3 + axis]) * np.sign(told[:, 3 + axis])
+        return np.hstack([told[:, :3], told[:, 3:] / size[:, None]])
+
+    return scaled
+
+
 def _maps(
-    equations: Assembled, solver: MinimalSolver, forms: tuple[ClosedForm, ...], axis: int | None
+    equations: Assembled,
+    solver: MinimalSolver,
+    forms: tuple[ClosedForm, ...],
+    written: Callable[[Floats], Floats],
 ) -> tuple[_Map, ...] | None:
-    """The affine dependence of what is told on the data, learnt from random data; None where there is none."""
+    """The affine dependence of what is told, as it is ``written``, on the data, learnt from random data; else None."""
     generator = np.random.default_rng(0)
     pieces = solver.plan.rows.pieces
     seen: list[list[tuple[Floats, Floats]]] = [[] for _ in pieces]
@@ -225,9 +256,7 @@ def _maps(
         other = minimal_solver(probed, probed.numbers, forms)
         if other is None or len(other.plan.rows) != len(solver.plan.rows) or _form(other) != _form(solver):
             return None
-        told = _told(other)
-        if axis is not None:
-            told[:, 3:] /= np.abs(told[:, 3 + axis])[:, None] * np.sign(told[:, 3 + axis])[:, None]
+        told = written(_told(other))
         first = 0
         for number, piece in enumerate(other.plan.rows.pieces):
             mine = told[first : first + len(piece.lines)]
@@ -238,7 +267,7 @@ def _maps(
         matrix, exact = _affine(np.vstack([p for p, _ in parts]), np.vstack([t for _, t in parts]))
         group = next(k for k, g in enumerate(equations.groups) if g.rows and g.first == piece.group.first)
         whitener = [w.first for w in piece.group.whiteners].index(piece.first)
-        if matrix is None or not (exact if axis is None else exact[:3]).all():
+        if matrix is None or not (exact[:3] if isinstance(solver.plan.data, Sights) else exact).all():
             return None
         found.append(_Map(group=group, whitener=whitener, matrix=matrix, exact=bool(exact.all())))
     return tuple(found)

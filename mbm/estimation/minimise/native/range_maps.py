@@ -18,7 +18,8 @@ from mbm.values import dataclass
 class RangeMaps:
     """Ranges that give all numbers which are estimated, and what of the data tells them.
 
-    ``dimension`` is 2 or 3, ``offset`` and ``even`` as `Ranges` has them; ``places`` (m,) are those of the numbers.
+    ``dimension`` is 2 or 3, ``offset`` and ``even`` as `Ranges` has them, ``rooted`` as `RangeForm`; ``places`` (m,)
+    are those of the numbers.
     ``map_places`` has for each unit of each group of residuals where its map begins in ``maps``, -1: nothing is known.
     They hold where the numbers ``fixed`` have the ``values``. ``stated``: the noise is stated.
     """
@@ -26,6 +27,7 @@ class RangeMaps:
     dimension: int
     offset: bool
     even: bool
+    rooted: bool
     places: Indices
     map_places: Indices
     maps: Floats
@@ -56,6 +58,7 @@ class RangeMaps:
         put(
             form,
             RangeForm,
+            rooted=int(self.rooted),
             stated=int(self.stated),
             places=self.places,
             map_places=self.map_places,
