@@ -145,7 +145,7 @@ def skeleton() -> Call:
 
 
 def calibration() -> Call:
-    """A camera and 12 boards, 87 unknowns, with all that `compiled.solve` says."""
+    """The calibration of a camera, 39 unknowns and 350 rows, with all that `compiled.solve` says."""
     compiled = mbm.load(ROOT / "problems" / "calibration" / "calibration.mbm").compile()
     return lambda: compiled.solve(workers=1)
 

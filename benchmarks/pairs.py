@@ -32,7 +32,7 @@ WIDE = 0.1
 """Width of an interval from which instructions are to be counted instead."""
 CONFIDENCE = 0.95
 LIVES = 3
-LEAST_SECONDS = 0.05
+LEAST_SECONDS = 0.1
 """Processor seconds of a measurement, by as many calls as that takes."""
 MANY, ENOUGH = ("ranges", "lmeds"), 30
 """Rows of many solves, and their calls after which all that the solver and consensus make of themselves is made."""

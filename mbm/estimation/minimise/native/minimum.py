@@ -104,7 +104,10 @@ def _by_kernels(equations: Equations, settings: Settings) -> NativeSystem | None
     if not isinstance(equations, Assembled):
         return None
     straight = equations if equations.implicit is None else equations.straightened()
-    return None if straight is None else system_of(replace(straight, constraints=()), settings, strict=False)
+    if straight is None:
+        return None
+    free = replace(straight, constraints=()) if straight.constraints else straight
+    return system_of(free, settings, strict=False)
 
 
 def minimum_at(
