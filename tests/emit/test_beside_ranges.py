@@ -35,6 +35,8 @@ class Kind:
     residuals: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
     measured: Callable[[np.ndarray], np.ndarray] = lambda r: r
     lower: tuple[float, ...] | None = None
+    known: float | None = None
+    """The last coordinate, if it is no unknown."""
     noise: str = str(SIGMA)
 
     @property
@@ -80,6 +82,13 @@ KINDS: Mapping[str, Kind] = {
         lambda p, r, at: distances(p, at) + p[-1] - r,
         measured=lambda r: r + 0.7,
     ),
+    "a known height": Kind(
+        "ceiling",
+        "(u :init 4) (v :init -9)",
+        "(= r (distance [u v 0.5] [x y z]))",
+        lambda p, r, at: np.linalg.norm(at - [*p, 0.5], axis=1) - r,
+        known=0.5,
+    ),
     "a bound": Kind(
         "triangle",
         "(u :init 4 :in (-10 20)) (v :init 0.1 :in (0 20))",
@@ -94,7 +103,7 @@ def drawn(kind: Kind) -> tuple[np.ndarray, np.ndarray]:
     """Measured values (COUNT, n) and what they should have been measured at (COUNT, d)."""
     generator, at = np.random.default_rng(7), AT[kind.stations]
     truth = generator.uniform(0, 8, size=(COUNT, kind.size))
-    truth[:, -1] = generator.uniform(1.0, 2.5, COUNT)
+    truth[:, -1] = generator.uniform(1.0, 2.5, COUNT) if kind.known is None else kind.known
     r = np.linalg.norm(at - truth[:, None], axis=2)
     scale = SIGMA * (2 * r if kind.equation.startswith("(= (+") else 1.0)
     return kind.measured(r) + scale * generator.normal(size=r.shape) * 0.5, truth
@@ -117,7 +126,7 @@ def text_of(kind: Kind, values: np.ndarray) -> str:
 def lowest(kind: Kind, line: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """The lowest minimum that SciPy finds."""
     at = AT[kind.stations]
-    size = kind.size + ("(o " in kind.unknowns)
+    size = kind.size + ("(o " in kind.unknowns) - (kind.known is not None)
     below, above = np.ones(kind.size), np.zeros(kind.size)
     below[-1], above[-1] = -1.0, 6.0
     fan = [truth, 2 * at.mean(axis=0) - truth, truth * below, truth + above]

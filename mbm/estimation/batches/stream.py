@@ -18,6 +18,7 @@ from mbm.estimation.minimise.native.system import NativeEnds, NativeSystem, syst
 from mbm.estimation.minimise.sparsity import sparse_suits
 from mbm.estimation.native.code import Routine, SolverCode
 from mbm.estimation.search.challenge import kind_of
+from mbm.estimation.search.starting import partly_foreknown
 from mbm.estimation.settings import Settings
 from mbm.machine.records import put
 from mbm.problem.types import Problem, UnknownKind
@@ -243,6 +244,8 @@ def stream_of(
     costs = None if form is None else without_a_step(form, settings)
     if form is None or costs is None:
         return Stream(system, start, rules)
+    if partly_foreknown(equations):
+        return "priors that speak of some unknowns only give one more place to compare a start with"
     ranges = form.ranges(stated=not problem.estimates_noise)
     if ranges is None:
         return Stream(system, start, rules, Rivals(form=form, costs=costs))
