@@ -112,6 +112,7 @@ class RangeMaps:
     maps: tuple[float, ...]
     fixed: tuple[int, ...]
     values: tuple[float, ...]
+    held: bool
     stated: bool
     startless: frozenset[int]
 

@@ -66,7 +66,7 @@ def _agreement(asked: Asked, plain: Assembled, *, begins: bool) -> Agreement:
         form=NO_FORM if known is None else known.form,
         dimension=MANY_CONNECTED if families else None,
     )
-    places, maps = ((), ()) if known is None else known.tables(plain, acting)
+    places, maps = ((), ()) if known is None else known.tables(plain, acting, open_ones=False)
     kept = settings.robust is not None
     anywhere = begins or (kept and consensus.kind is not ConsensusKind.GNC)
     return Agreement(

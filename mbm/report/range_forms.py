@@ -16,7 +16,7 @@ from mbm.problem.types import Method
 def ranges_of(found: Elaborated, equations: Assembled, settings: Settings) -> RangeMaps | None:
     """The form of a problem with such ``equations``, where these are ranges that give all that is estimated, or None.
 
-    Challenges are those of a single solve (`mbm.estimation.search.challenge`): plain least squares, no consensus.
+    For plain least squares, as single solves compare (`mbm.estimation.search.challenge`).
     """
     problem = found.problem
     families = any(unknown.family is not None for unknown in problem.unknowns)
@@ -41,6 +41,7 @@ def ranges_of(found: Elaborated, equations: Assembled, settings: Settings) -> Ra
         maps=tuple(maps.maps.tolist()),
         fixed=tuple(maps.fixed.tolist()),
         values=tuple(maps.values.tolist()),
+        held=maps.held,
         stated=maps.stated,
         startless=frozenset(i for i, entry in enumerate(layout.entries) if bool(missing[entry.range].any())),
     )

@@ -23,8 +23,6 @@ from mbm.solver.description import (
     DEFICIENT,
     EVALUATIONS,
     FREEDOM,
-    FROM_FORM,
-    FROM_START,
     MAX_ITERATIONS,
     NO_LOSS,
     NOT_FINITE_AT_START,
@@ -255,13 +253,10 @@ def solve_from(
     """
     start_solve(problem, data, loaded, start, work)
     go_on(problem, problem.iterations + 1, work)
-    compared = 0
-    if form.ranges.d > 0 and work.stop != NOT_FINITE_AT_START:
-        compared = FROM_START
-        if leads_lower(problem, start, form, work) == 1:
-            compared = FROM_FORM
+    if form.ranges.d > 0:
+        settle_lower(problem, start, form, work)
     finish_solve(problem, work)
-    work.answer.states[COMPARED] = compared
+    work.answer.states[COMPARED] = 1 if form.ranges.d > 0 else 0
 
 
 def squared_step_to(problem: Problem, place: Linearisation, point: ConstantReals, work: Work) -> Real:
@@ -277,8 +272,8 @@ def squared_step_to(problem: Problem, place: Linearisation, point: ConstantReals
     return total
 
 
-def leads_lower(problem: Problem, start: ConstantReals, form: RangeForm, work: Work) -> Integer:
-    """1 where the best place of the ranges leads to a better minimum than that at hand: the work is there then."""
+def settle_lower(problem: Problem, start: ConstantReals, form: RangeForm, work: Work) -> None:
+    """Let the work be where the best place of the ranges leads, if that is a better minimum than the one at hand."""
     data = work.rows.data
     here = work.here
     cost = here.cost
@@ -293,23 +288,21 @@ def leads_lower(problem: Problem, start: ConstantReals, form: RangeForm, work: W
         most = usual_cost(float(data.count - problem.n))
     least = best_of_ranges(problem, start, form, work)
     if not isfinite(least):
-        return 0
-    away = squared_step_to(problem, here, form.point, work)
-    if well == 1 and worth_following(cost, least, away, most, rounding) == 0:
-        return 0
+        return
+    if well == 1:
+        away = squared_step_to(problem, here, form.point, work)
+        if worth_following(cost, least, away, most, rounding) == 0:
+            return
     start_solve(problem, data, 1, form.point, work)
     go_on(problem, problem.iterations + 1, work)
     iterations += work.iterations
     evaluations += work.evaluations
     lower = takes_over(cost, work.here.cost, rounding)
-    if well == 0 and work.here.cost <= cost:
-        lower = 1
-    if lower == 0:
+    if lower == 0 and (well == 1 or not work.here.cost <= cost):
         start_solve(problem, data, 1, form.other, work)
         work.stop = stop
     work.iterations = iterations
     work.evaluations = evaluations
-    return lower
 
 
 def solve_many(solves: Solves) -> None:

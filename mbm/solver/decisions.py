@@ -284,8 +284,8 @@ LOWER = 1e-6
 ROUNDED_FIT = 16.0
 """Rounding errors of ``‖r‖`` below which a fit is exact: of two exact ones, rounding alone says which costs less."""
 
-SAME_VALLEY = 0.5
-"""Share by which curvature changes what a point costs that lies in the valley of a minimum."""
+SAME_BASIN = 0.5
+"""Share by which curvature changes what a point costs that lies in the basin of a minimum."""
 
 USUAL = 5.0
 """Standard deviations of χ² within which a fit gives no cause for doubt."""
@@ -354,19 +354,19 @@ def takes_over(cost: Real, other: Real, rounding: Real) -> Integer:
 
 
 def leads_elsewhere(cost: Real, form: Real, away: Real) -> Integer:
-    """Whether a point that costs ``form`` lies in another valley than a minimum at which it may be meant as well.
+    """Whether a point that costs ``form`` lies in another basin than a minimum at which it may be meant as well.
 
-    ``away`` is ``‖J (x − x_min)‖²`` with the Jacobian at the minimum (NaN: not known): in its valley a point costs so
+    ``away`` is ``‖J (x − x_min)‖²`` with the Jacobian at the minimum (NaN: not known): in its basin a point costs so
     much more than the minimum, but for curvature.
     """
-    return plausible(form, cost) and fabs(form - cost - away) > SAME_VALLEY * away
+    return plausible(form, cost) and fabs(form - cost - away) > SAME_BASIN * away
 
 
 def worth_following(cost: Real, form: Real, away: Real, most: Real, rounding: Real) -> Integer:
     """Whether a closed form, which costs ``form``, is followed to its minimum, beside a minimum that was found.
 
     It costs more than the minimum that it lies near: it is followed where it costs less than what was found, or lies
-    in another valley (``away`` as above). Where what was found costs more than the ``most`` that noise lets expect
+    in another basin (``away`` as above). Where what was found costs more than the ``most`` that noise lets expect
     (infinite: noise says nothing), it may cost anything: errors add up along a chain of poses, whose start may cost
     more than a wrong minimum.
     """

@@ -278,12 +278,8 @@ DEFICIENT = 4
 ROUNDS = 5
 """Rounds of the penalties or of the variance components."""
 COMPARED = 6
-"""0: the start was not compared with a closed form; else it was, and led to the answer (`FROM_START`), or the form did
-(`FROM_FORM`)."""
+"""1: the start was compared with a closed form."""
 STATES = 8
-
-FROM_START = 1
-FROM_FORM = 2
 
 # --- rules of steps ----------------------------------------------------------------------------------------------
 MARQUARDT = 0

@@ -9,7 +9,7 @@ from mbm.machine.words import ConstantIntegers, ConstantReals, Integer, Real, Re
 from mbm.solver.description import Problem
 from mbm.solver.equations import residuals_at_point
 from mbm.solver.known_rows import know_rows
-from mbm.solver.linear_algebra import copied, dot
+from mbm.solver.linear_algebra import add_multiple, copied, dot
 from mbm.solver.manifolds import coordinates_of, place_coordinates
 from mbm.solver.spheres import Ranges, places_of_ranges
 from mbm.solver.steps import project
@@ -33,9 +33,10 @@ class RangeForm:
     """Of each type of unit of all blocks of residuals, as `known_rows` has them."""
     fixed_count: Integer
     fixed: ConstantIntegers
-    """Places of numbers that are not estimated …"""
+    """Numbers that are not estimated: the maps take them as further parameters."""
     values: ConstantReals
-    """… and what they have to be for the maps to hold."""
+    held: Integer
+    """1: the maps hold where they are the ``values`` only."""
     found: Reals
     """Places that fit, (`spheres.MOST_PLACES`, m)."""
     point: Reals
@@ -44,8 +45,8 @@ class RangeForm:
     """… and room for one more point (numbers,)."""
 
 
-def load_ranges(problem: Problem, rows: Rows, form: RangeForm) -> None:
-    """The rows of the data set at hand as ranges, with their weights as they are now."""
+def load_ranges(problem: Problem, rows: Rows, start: ConstantReals, form: RangeForm) -> None:
+    """The rows of the data set at hand as ranges, with their weights as they are now, fixed numbers as in the start."""
     ranges = form.ranges
     wide = ranges.d + 3
     ranges.rows = 0
@@ -58,7 +59,12 @@ def load_ranges(problem: Problem, rows: Rows, form: RangeForm) -> None:
             if at >= 0:
                 target = ranges.spheres[ranges.rows * wide :]
                 given = rows.parameters[part.parameters :]
-                know_rows(wide, block.parameters, part.rows, given, at, form.maps, wide, target)
+                slopes = form.maps[at + block.parameters * wide :]
+                constants = ranges.scratch
+                copied(wide, slopes[form.fixed_count * wide :], constants)
+                for k in range(form.fixed_count):
+                    add_multiple(wide, start[form.fixed[k]], slopes[k * wide :], constants)
+                know_rows(wide, block.parameters, part.rows, given, form.maps[at:], constants, wide, target)
                 for row in range(part.rows):
                     if form.rooted == 1:
                         target[row * wide + ranges.d + 1] *= target[row * wide + ranges.d + 1]
@@ -82,11 +88,11 @@ def put_inside(problem: Problem, constants: ConstantReals, point: Reals, x: Real
 
 
 def find_places(problem: Problem, start: ConstantReals, form: RangeForm, work: Work) -> Integer:
-    """The places that the rows give, which are loaded, into `found`; how many. None where fixed numbers are others."""
+    """The places that the rows give, which are loaded, into `found`; how many. None where the maps do not hold."""
     for k in range(form.fixed_count):
-        if start[form.fixed[k]] != form.values[k]:
+        if form.held == 1 and start[form.fixed[k]] != form.values[k]:
             return 0
-    load_ranges(problem, work.rows, form)
+    load_ranges(problem, work.rows, start, form)
     return places_of_ranges(form.ranges, form.found)
 
 

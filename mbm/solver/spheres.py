@@ -66,7 +66,7 @@ def weigh_squares(ranges: Ranges) -> None:
         size = ranges.weights[i]
         for j in range(wide):
             size += fabs(ranges.spheres[i * wide + j])
-        if not (ranges.weights[i] > 0.0 and isfinite(size)):
+        if not (ranges.weights[i] > 0.0 and isfinite(size * size)):
             ranges.weights[i] = 0.0
         else:
             total += ranges.spheres[i * wide + ranges.d] * ranges.spheres[i * wide + ranges.d]

@@ -36,7 +36,7 @@ def test_another_minimum_takes_over_where_it_costs_less_than_tolerances_and_roun
     ("cost", "form", "away", "most", "wanted"),
     [
         (1.0, 0.9, 0.1, 5.0, 1),
-        (1.0, 1.1, 0.1, 5.0, 0),  # in the valley of the minimum
+        (1.0, 1.1, 0.1, 5.0, 0),  # in the basin of the minimum
         (1.0, 1.13, 0.1, 5.0, 0),
         (1.0, 1.1, 8.0, 5.0, 1),  # far beyond it, and as good
         (1.0, 2e4, 8.0, 5.0, 0),

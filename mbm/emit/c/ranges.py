@@ -18,7 +18,7 @@ def range_constants(ranges: RangeMaps) -> str:
     text += [longs("RANGE_MAP_PLACES", ranges.map_places, "Of each kind of unit: where its map begins, -1: no range.")]
     text += [doubles("RANGE_MAPS", ranges.maps, "From the data of a row to station, length, addition and slope.")]
     text += [longs("RANGE_FIXED", ranges.fixed or (0,), "Numbers that are not estimated …")]
-    text += [doubles("RANGE_VALUES", ranges.values or (0.0,), "… and what they have to be for the maps to hold.")]
+    text += [doubles("RANGE_VALUES", ranges.values or (0.0,), "… and what they were.")]
     return "\n".join(text)
 
 
@@ -58,6 +58,7 @@ def range_beginning(blueprint: Blueprint, ranges: RangeMaps) -> Iterator[str]:
     yield "    f->form.places = RANGE_PLACES;"
     yield "    f->form.map_places = RANGE_MAP_PLACES;"
     yield "    f->form.maps = RANGE_MAPS;"
+    yield f"    f->form.held = {int(ranges.held)};"
     yield f"    f->form.fixed_count = {len(ranges.fixed)};"
     yield "    f->form.fixed = RANGE_FIXED;"
     yield "    f->form.values = RANGE_VALUES;"

@@ -23,7 +23,7 @@ BESIDE = '''def solve_first(p: Prepared) -> None:
     ranges.spheres, ranges.weights, ranges.scratch = (
         reals((ranges.d + 3) * units), reals(units), reals(RANGE_SCRATCH)
     )
-    form.rooted, form.stated = RANGE_ROOTED, RANGE_STATED
+    form.rooted, form.held, form.stated = RANGE_ROOTED, RANGE_HELD, RANGE_STATED
     form.places, form.map_places, form.maps = RANGE_PLACES, RANGE_MAP_PLACES, RANGE_MAPS
     form.fixed_count, form.fixed, form.values = len(RANGE_FIXED), RANGE_FIXED, RANGE_VALUES
     numbers = p.offsets[len(NAMES)]
@@ -50,7 +50,8 @@ def range_constants(blueprint: Blueprint, ranges: RangeMaps) -> Iterator[tuple[s
     doc = "From the data of a row to station, length, addition and slope."
     yield "RANGE_MAPS", f"np.array({list(ranges.maps)!r})", doc
     yield "RANGE_FIXED", f"np.array({list(ranges.fixed)!r}, dtype=np.int64)", "Numbers that are not estimated …"
-    doc = "… and what they have to be for the maps to hold."
+    yield "RANGE_HELD", str(int(ranges.held)), "Whether the maps hold only for numbers as they were."
+    doc = "… and what they were."
     yield "RANGE_VALUES", f"np.array({list(ranges.values)!r}, dtype=float)", doc
     yield "RANGE_SCRATCH", str(SCRATCH), "Numbers of scratch."
     yield "RANGE_FOUND", str(MOST_PLACES * len(ranges.places)), "Numbers of the places that fit."

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from math import sqrt
+from math import inf, sqrt
 
 from mbm.machine.words import ConstantIntegers, ConstantReals, Real, Reals
 from mbm.solver.consensus_records import SIGHTS, Rules
 from mbm.solver.description import Problem
 from mbm.solver.known_rows import know_rows
+from mbm.solver.linear_algebra import filled
 from mbm.solver.workspace import Rows
 
 
@@ -33,7 +34,12 @@ def known_units(
             step = block.unit_count * width
             for u in range(block.unit_count):
                 own = forms[units * width + u * width :]
-                know_rows(width, count, part.rows, given, map_places[first + u], maps, step, own)
+                at = map_places[first + u]
+                if at < 0:
+                    for row in range(part.rows):
+                        filled(width, inf - inf, own[row * step :])
+                else:
+                    know_rows(width, count, part.rows, given, maps[at:], maps[at + count * width :], step, own)
                 if rules.form == SIGHTS:
                     for row in range(part.rows):
                         line = own[row * step :]

@@ -168,10 +168,7 @@ class Recognised:
         data = self.plan.data
         if not isinstance(data, Spheres):
             return None
-        places, maps = self.form.tables(self.first, (True,) * len(self.first.groups))
-        layout = self.first.layout
-        entries = [e for e in layout.entries if bool(layout.fixed[e.coordinates].any())]
-        fixed = np.array([number for e in entries for number in range(e.offset, e.offset + e.count)], dtype=np.int64)
+        places, maps = self.form.tables(self.first, (True,) * len(self.first.groups), open_ones=True)
         return RangeMaps(
             dimension=len(data.point),
             offset=data.offset is not None,
@@ -180,8 +177,9 @@ class Recognised:
             places=np.array(self.form.form.about[3:], dtype=np.int64),
             map_places=np.array(places, dtype=np.int64),
             maps=np.array(maps),
-            fixed=fixed,
-            values=self.first.numbers[fixed],
+            fixed=self.form.fixed,
+            values=self.first.numbers[self.form.fixed],
+            held=self.form.held,
             stated=stated,
         )
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
-from mbm.equations.types import Floats, Mask
+from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.consensus.rules import NO_FORM, Form
 from mbm.estimation.starts.closed_forms.frames import Frame, RotationVectorFrame, SeparateFrame, WholeFrame
 from mbm.estimation.starts.closed_forms.minimal import MinimalSolver, minimal_solver
@@ -28,6 +28,9 @@ from mbm.values import dataclass
 
 DRAWS = 6
 """Sets of random data at most that the dependence is learnt from."""
+
+MOST_FIXED = 12
+"""Fixed numbers up to which these are taken as data: each costs a set of random data."""
 
 SPREAD = 0.3
 """Random data lie about the given ones by so much of their extent."""
@@ -51,7 +54,7 @@ NEARLY = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Map:
-    """What is known of the units of one equation: ``[data, 1] @ matrix``, (parameters + 1, width).
+    """What is known of the units of one equation: ``[data, fixed, 1] @ matrix``, (parameters + F + 1, width).
 
     ``exact``: lines of sight too, not only nearly.
     """
@@ -68,14 +71,17 @@ class KnownForm:
 
     If the ``form`` is curved, they give lines of sight that are near those of the rows. ``axis`` and ``sign`` are those
     of the component of lines of sight that has length 1 in the maps. ``rooted``: the maps of ranges give the root of
-    what is added to the squared distance, a known height above the stations.
+    what is added to the squared distance, a known height above the stations. ``fixed`` (F,) are the numbers that are
+    not estimated; ``held``: maps hold where these are as they were, else they take them as data.
     """
 
     form: Form
     maps: tuple[_Map, ...] | None
     axis: int
     sign: float
+    fixed: Indices
     rooted: bool = False
+    held: bool = True
 
     def of_rows(
         self, equations: Assembled, ruled: tuple[bool, ...], forms: Iterable[ClosedForm], *, exact: bool = False
@@ -104,24 +110,34 @@ class KnownForm:
             first += size
         return np.concatenate(found, axis=1).reshape(-1, self.form.width)
 
-    def tables(self, equations: Assembled, ruled: tuple[bool, ...]) -> tuple[tuple[int, ...], tuple[float, ...]]:
-        """The maps as `mbm.solver.known_rows` has them, of the types of units in ruled groups: places, numbers."""
+    def tables(
+        self, equations: Assembled, ruled: tuple[bool, ...], *, open_ones: bool
+    ) -> tuple[tuple[int, ...], tuple[float, ...]]:
+        """The maps as `mbm.solver.known_rows` has them, of the types of units in ruled groups: places, numbers.
+
+        ``open_ones``: with the coefficients of the fixed numbers, else for these as they are.
+        """
         places: list[int] = []
         numbers: list[float] = []
         for number, (group, mine) in enumerate(zip(equations.groups, ruled, strict=True)):
             for equation in range(len(group.whiteners) if mine else 0):
                 own = next((m for m in self.maps or () if (m.group, m.whitener) == (number, equation)), None)
                 places.append(-1 if own is None else len(numbers))
-                numbers += () if own is None else own.matrix.ravel().tolist()
+                if own is not None:
+                    p = group.parameters.shape[1]
+                    constant = own.matrix[-1:] + equations.numbers[None, self.fixed] @ own.matrix[p:-1]
+                    whole = own.matrix if open_ones else np.vstack([own.matrix[:p], constant])
+                    numbers += whole.ravel().tolist()
         return tuple(places), tuple(numbers)
 
     def _of_group(self, equations: Assembled, number: int, parameters: Floats) -> Floats:
         """What it knows of the units (units, width) of rows of a group that have the parameters (rows, p)."""
         units = np.full((len(parameters), len(equations.groups[number].whiteners), self.form.width), np.nan)
+        given = _beside(parameters, equations.numbers[self.fixed])
         for each in self.maps or ():
             if each.group == number:
                 # not as a product of matrices: for very many rows BLAS would start threads of its own
-                told = np.einsum("rp,pw->rw", parameters, each.matrix[:-1])
+                told = np.einsum("rp,pw->rw", given, each.matrix[:-1])
                 units[:, each.whitener] = told + each.matrix[-1]
         found = units.reshape(-1, self.form.width)
         if self.rooted:
@@ -144,21 +160,47 @@ def known_form(equations: Assembled, forms: Iterable[ClosedForm]) -> KnownForm |
         axis = int(np.argmax(np.abs(told[:, 3:]).min(axis=0)))
         sign = float(np.sign(told[0, 3 + axis]))
         if bool((np.sign(told[:, 3 + axis]) != sign).any()):
-            return KnownForm(form=form, maps=None, axis=axis, sign=sign)
-    maps = _maps(equations, solver, given, _as_told if form.kind == c.SPHERES else _along(axis))
-    rooted = maps is None and form.kind == c.SPHERES
-    if rooted:
-        maps = _maps(equations, solver, given, _rooted)
-    if maps is None:
-        return KnownForm(form=form, maps=None, axis=axis, sign=sign)
-    curved = any(not each.exact for each in maps)
-    found = KnownForm(form=replace(form, curved=curved), maps=maps, axis=axis, sign=sign, rooted=rooted)
+            return KnownForm(form=form, maps=None, axis=axis, sign=sign, fixed=_fixed(equations))
+    found = _learnt(
+        equations, solver, given, KnownForm(form=form, maps=None, axis=axis, sign=sign, fixed=_fixed(equations))
+    )
+    if found.maps is None:
+        return found
+    curved = any(not each.exact for each in found.maps)
+    found = replace(found, form=replace(form, curved=curved))
     ruled = tuple(True for _ in equations.groups)
     expected = _expanded(equations, ruled, solver, told, form.width)
     mine = found.of_rows(equations, ruled, given)
     if mine is None or not _agrees(mine, expected, curved=curved):
-        return KnownForm(form=form, maps=None, axis=axis, sign=sign)
+        return replace(found, form=form, maps=None)
     return found
+
+
+def _fixed(equations: Assembled) -> Indices:
+    """The numbers of unknowns of which some coordinate is not estimated."""
+    layout = equations.layout
+    ranges = [np.arange(e.range.start, e.range.stop) for e in layout.entries if bool(layout.fixed[e.coordinates].any())]
+    found = np.concatenate([*ranges, np.empty(0, dtype=np.int64)]).astype(np.int64)
+    return found[~equations.moving()[found]]
+
+
+def _beside(parameters: Floats, fixed: Floats) -> Floats:
+    """Parameters of rows (rows, p), and the fixed numbers (F,) in each row."""
+    return np.hstack([parameters, np.tile(fixed, (len(parameters), 1))]) if len(fixed) else parameters
+
+
+def _learnt(equations: Assembled, solver: MinimalSolver, forms: tuple[ClosedForm, ...], blank: KnownForm) -> KnownForm:
+    """The form with its maps, if what it tells is affine in the data and in fixed numbers, or in the data alone."""
+    spheres = blank.form.kind == c.SPHERES
+    for held in (False, True) if spheres and 0 < len(blank.fixed) <= MOST_FIXED else (True,):
+        for written, rooted in ((_as_told, False), (_rooted, True)) if spheres else ((_along(blank.axis), False),):
+            maps = _maps(equations, solver, forms, written, np.empty(0, dtype=np.int64) if held else blank.fixed)
+            if maps is not None:
+                none = np.zeros((len(blank.fixed), blank.form.width))
+                if held:
+                    maps = tuple(replace(m, matrix=np.vstack([m.matrix[:-1], none, m.matrix[-1:]])) for m in maps)
+                return replace(blank, maps=maps, rooted=rooted, held=held)
+    return blank
 
 
 def _agrees(mine: Floats, expected: Floats, *, curved: bool) -> bool:
@@ -246,21 +288,27 @@ def _maps(
     solver: MinimalSolver,
     forms: tuple[ClosedForm, ...],
     written: Callable[[Floats], Floats],
+    fixed: Indices,
 ) -> tuple[_Map, ...] | None:
-    """The affine dependence of what is told, as it is ``written``, on the data, learnt from random data; else None."""
+    """The affine dependence of what is told, as it is ``written``, on the data, learnt from random data; else None.
+
+    The ``fixed`` numbers (F,) are varied like data.
+    """
     generator = np.random.default_rng(0)
     pieces = solver.plan.rows.pieces
     seen: list[list[tuple[Floats, Floats]]] = [[] for _ in pieces]
-    for _ in range(DRAWS):
+    for _ in range(DRAWS + len(fixed)):
+        numbers = equations.numbers.copy()
+        numbers[fixed] += SPREAD * np.maximum(np.abs(numbers[fixed]), 1.0) * generator.uniform(-1.0, 1.0, len(fixed))
         probed = replace(equations, groups=tuple(_with_random_data(g, generator) for g in equations.groups))
-        other = minimal_solver(probed, probed.numbers, forms)
+        other = minimal_solver(probed, numbers, forms)
         if other is None or len(other.plan.rows) != len(solver.plan.rows) or _form(other) != _form(solver):
             return None
         told = written(_told(other))
         first = 0
         for number, piece in enumerate(other.plan.rows.pieces):
             mine = told[first : first + len(piece.lines)]
-            seen[number].append((piece.group.parameters[piece.lines], mine))
+            seen[number].append((_beside(piece.group.parameters[piece.lines], numbers[fixed]), mine))
             first += len(piece.lines)
     found = []
     for piece, parts in zip(pieces, seen, strict=True):

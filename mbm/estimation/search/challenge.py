@@ -73,9 +73,10 @@ class Challenge:
         """What a closed form leads to, where it spares a long way from the one start that is stated; else None.
 
         Of large sparse equations, if the closed form is the only one and costs less than the start, and what it leads
-        to fits as well as stated noise lets expect.
+        to fits as well as stated noise lets expect. Not beside errors in columns: most of these have no long way, but
+        another way to write the same fit (a line turned round), of which the start chooses one.
         """
-        if self._problem.estimates_noise or not sparse_suits(self._equations):
+        if self._problem.estimates_noise or not sparse_suits(self._equations) or self._equations.implicit is not None:
             return None
         if len(starts) != 1 or starts[0].origin != GIVEN or not uncompared(self._equations, self._settings, GIVEN):
             return None

@@ -21,7 +21,8 @@ class RangeMaps:
     ``dimension`` is 2 or 3, ``offset`` and ``even`` as `Ranges` has them, ``rooted`` as `RangeForm`; ``places`` (m,)
     are those of the numbers.
     ``map_places`` has for each unit of each group of residuals where its map begins in ``maps``, -1: nothing is known.
-    They hold where the numbers ``fixed`` have the ``values``. ``stated``: the noise is stated.
+    The numbers ``fixed`` (F,) are not estimated: maps take them as data, or hold (``held``) where they are ``values``.
+    ``stated``: the noise is stated.
     """
 
     dimension: int
@@ -33,12 +34,13 @@ class RangeMaps:
     maps: Floats
     fixed: Indices
     values: Floats
+    held: bool
     stated: bool
 
     @property
     def whole(self) -> bool:
-        """Whether nothing but ranges is measured: what else there is may lead elsewhere."""
-        return bool((self.map_places >= 0).all())
+        """Whether nothing but ranges is measured, which might lead elsewhere, and the maps hold for all data."""
+        return bool((self.map_places >= 0).all()) and not (self.held and len(self.fixed))
 
     def hand(self, form: Any, numbers: int, rows: int) -> tuple[NDArray[Any], ...]:
         """Let a `RangeForm` have it, with scratch for so many numbers and rows; what is to be kept alive."""
@@ -66,6 +68,7 @@ class RangeMaps:
             fixed_count=len(self.fixed),
             fixed=self.fixed,
             values=self.values,
+            held=int(self.held),
             found=found,
             point=points[0],
             other=points[1],
