@@ -178,11 +178,10 @@ class Assembled:
 
     def plain_residuals(self, x: Floats) -> Floats:
         """Whitened residuals without losses (m,)."""
+        parts = [(group, group.whitened(group.values(x))) for group in self.groups if not self._eliminated(group)]
         result = np.zeros(self.whole)
-        for group in self.groups:
-            if self._eliminated(group):
-                continue
-            result[group.first : group.first + group.count] = group.whitened(group.values(x)).ravel()
+        for group, part in parts:
+            result[group.first : group.first + group.count] = part.ravel()
         if self.implicit is not None:
             self.implicit.add_residuals(x, result)
         if self.factors is not None:

@@ -181,7 +181,7 @@ class Binder:
             layout=self.layout,
             kernel=kernel,
             index=index,
-            columns=columns,
+            columns=index if np.array_equal(index, columns) else columns,  # so it is where nothing is curved
             shared=tuple(not _differs(slot) for slot in kernel.variables),
             shared_columns=tuple(not _differs(slot) for slot in kernel.tangents),
         )

@@ -25,6 +25,9 @@ INPUTS_AT_A_TIME = 32_768
 """Numbers that a kernel takes for many points at a time: 256 kB stay in the cache, which more than halves the time of
 39 unknowns at 78 points (measured)."""
 
+ROWS_IN_PARTS = 50_000
+"""Rows that take their inputs a part at a time: from here on kernels are fast, however few they are called with."""
+
 DENSE_PART = 20_000_000
 """Numbers in a dense Jacobian of some rows that is made at once: 160 MB."""
 
@@ -181,30 +184,34 @@ class Group:
         return np.asarray(np.logical_and.reduce(inside)) if inside else np.ones(self.rows, dtype=bool)
 
     def values(self, numbers: Floats) -> Floats:
-        """Outputs (rows, outputs), not whitened."""
+        """Outputs (rows, outputs), not whitened; of very many rows without memory for all their inputs."""
+        if self.rows >= ROWS_IN_PARTS:
+            return np.asarray(self.values_at(numbers[None])[0])
         self.fill(numbers)
         return self.evaluation.values()
 
     def values_at(self, points: Floats) -> Floats:
-        """The same at points (P, N), many of them in one call of the kernel: (P, rows, outputs)."""
+        """The same at points (P, N), many of them or a part of the rows in one call: (P, rows, outputs)."""
         stream, width = self.cache.stream(self.number, self.kernel), self.index.shape[1] + self.parameters.shape[1]
         result = np.empty((len(points), self.rows, self.kernel.outputs))
         step = max(INPUTS_AT_A_TIME // max(self.rows * width, 1), 1)
+        height = max(INPUTS_AT_A_TIME // max(width, 1), 1)
         for first in range(0, len(points), step):
-            some = slice(first, first + step)
-            result[some] = stream.values(self.inputs_at(points[some])).reshape(result[some].shape)
+            for rows in (slice(top, top + height) for top in range(0, self.rows, height)):
+                part = result[first : first + step, rows]
+                part[...] = stream.values(self.inputs_at(points[first : first + step], rows)).reshape(part.shape)
         return result
 
-    def inputs_at(self, points: Floats) -> Floats:
-        """What the kernel is called with for that (P·rows, variables + parameters), all rows of a point together."""
-        count, variables = len(points), self.index.shape[1]
-        inputs = np.empty((count, self.rows, variables + self.parameters.shape[1]))
-        inputs[:, :, :variables] = points[:, self.places]
-        inputs[:, :, variables:] = self.parameters
+    def inputs_at(self, points: Floats, rows: slice) -> Floats:
+        """What the kernel is called with for some rows (P·some, variables + parameters), those of a point together."""
+        parameters, variables = self.parameters[rows], self.index.shape[1]
+        inputs = np.empty((len(points), len(parameters), variables + parameters.shape[1]))
+        inputs[:, :, :variables] = points[:, self.places if all(self.shared) else self.index[rows]]
+        inputs[:, :, variables:] = parameters
         for each in self.sampled:
             for part, point in zip(inputs, points, strict=True):
-                each.fill(part[:, variables:], point.__getitem__, np.arange(self.rows))
-        return inputs.reshape(count * self.rows, inputs.shape[2])
+                each.fill(part[:, variables:], point.__getitem__, np.arange(self.rows)[rows])
+        return inputs.reshape(len(points) * len(parameters), inputs.shape[2])
 
     def whitened(self, values: Floats) -> Floats:
         """Outputs divided by their noise, shape (…, rows, outputs)."""

@@ -50,7 +50,8 @@ def _pulled_back(group: Group, points: Floats, weights: Floats, columns: Indices
     """The sum over a group's rows of weights (P, rows, outputs) times the whitened Jacobian: (P, ``width``)."""
     kernel, count = group.kernel, len(points)
     outer = np.concatenate([whitener.transposed(weights) for whitener in group.whiteners], axis=-1)
-    _, nonzeros = group.cache.stream(group.number, kernel).values_and_jacobian(group.inputs_at(points))
+    inputs = group.inputs_at(points, slice(group.rows))
+    _, nonzeros = group.cache.stream(group.number, kernel).values_and_jacobian(inputs)
     parts = nonzeros.reshape(count, group.rows, len(kernel.jacobian_rows)) * outer[:, :, kernel.jacobian_rows]
     places = columns[group.columns[:, kernel.jacobian_columns]]
     lines = np.arange(count)[:, None, None] * width + places

@@ -25,9 +25,6 @@ NARROW = 512
 TOGETHER = 2048
 """Rows whose derivatives are computed together: their inputs and nonzeros stay in the cache."""
 
-FEW = 20_000
-"""Numbers of all blocks of a pair up to which each part of the rows has sums of its own (160 kB, in the cache)."""
-
 SMALL = 600
 """Columns up to which NumPy solves with a triangle before SciPy is loaded: it takes them for full."""
 
@@ -47,30 +44,15 @@ class PieceBlocks:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Order:
-    """The order in which products are made: for target ``targets[t]`` those of ``rows[starts[t]:starts[t + 1]]``.
-
-    So that the rows are read as they stand in memory. ``apart``: a target comes more than once, so that what works on
-    other parts of this at the same time needs sums of its own.
-    """
-
-    targets: Indices
-    starts: Indices
-    rows: Indices
-    apart: bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Arithmetic:
     """The work for a pattern and an elimination, or for none.
 
-    ``pieces`` are those of the structure; ``orders`` are those of the contributions to each pair.
+    ``pieces`` are those of the structure.
     """
 
     routines: Routines
     gone: Elimination | None
     pieces: tuple[PieceBlocks, ...]
-    orders: Mapping[tuple[int, int], tuple[Order, ...]]
 
     def put_jacobian(
         self, group: Group, numbers: Floats, weights: Floats, places: Places, values: Floats, target: Floats
@@ -107,24 +89,22 @@ class Arithmetic:
         blocks: dict[tuple[int, int], Floats] = {}
         for key, pair in pattern.pairs.items():
             total = np.zeros((len(pair.i), *pair.shape))
-            for part, order in zip(pair.contributions, self.orders[key], strict=True):
-                self._add(values[part.piece], order, part.left.start, part.right.start, total)
+            for part in pair.contributions:
+                self._add(values[part.piece], part, part.left, part.right, total)
                 if part.mirrored:
-                    self._add(values[part.piece], order, part.right.start, part.left.start, total)
+                    self._add(values[part.piece], part, part.right, part.left, total)
             blocks[key] = total
         return blocks
 
-    def _add(self, values: Floats, order: Order, left: int, right: int, total: Floats) -> None:
+    def _add(self, values: Floats, part: Contribution, left: int, right: int, total: Floats) -> None:
         outputs, width = values.shape[1:]
         name = product_name(outputs, total.shape[2])
-        where = self.routines.filled(
-            Products, targets=order.targets, starts=order.starts, rows=order.rows, values=values
-        )
+        where = self.routines.filled(Products, targets=part.targets, starts=part.starts, rows=part.rows, values=values)
         put(where, Products, width=width, high=total.shape[1], left=left, right=right)
-        if order.apart:
-            total += self.routines.total(name, len(order.targets), total.shape, where)
+        if part.apart:
+            total += self.routines.total(name, len(part.targets), total.shape, where)
         else:
-            self.routines.run(name, len(order.targets), where, total)
+            self.routines.run(name, len(part.targets), where, total)
 
     def gradient(self, layout: Structure, values: Values, residuals: Floats) -> Floats:
         """``Jᵀ r``."""
@@ -297,31 +277,7 @@ def arithmetic(
         )
     threads = (processors() if workers is None else workers) if making.numbers >= HEAVY else 1
     made = making.routines(sizes, None if gone is None else gone.size, threads)
-    orders = {
-        key: tuple(_order(part, len(pair.i) * pair.shape[0] * pair.shape[1]) for part in pair.contributions)
-        for key, pair in pattern.pairs.items()
-    }
-    return Arithmetic(routines=made, gone=gone, pieces=tuple(pieces), orders=orders)
-
-
-def _order(part: Contribution, numbers: int) -> Order:
-    """The order for a contribution to blocks of so many ``numbers``.
-
-    Where they are few, row by row. Else by the first row of each target, if targets have few rows: blocks that are
-    written here and there are waited for less than rows that are read here and there.
-    """
-    counts = np.diff(part.starts)
-    if numbers <= FEW and len(part.rows) > len(counts):
-        order = np.argsort(part.rows, kind="stable")
-        targets = np.repeat(part.targets, counts)[order]
-        return Order(targets=targets, starts=np.arange(len(order) + 1), rows=part.rows[order], apart=True)
-    order = np.argsort(part.rows[part.starts[:-1]], kind="stable")
-    if bool((order[1:] > order[:-1]).all()):
-        return Order(targets=part.targets, starts=part.starts, rows=part.rows, apart=False)
-    sizes = counts[order]
-    starts = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(sizes)])
-    places = np.arange(len(part.rows)) + np.repeat(part.starts[:-1][order] - starts[:-1], sizes)
-    return Order(targets=part.targets[order], starts=starts, rows=part.rows[places], apart=False)
+    return Arithmetic(routines=made, gone=gone, pieces=tuple(pieces))
 
 
 def _coupling(right: Floats) -> tuple[str, list[int]]:

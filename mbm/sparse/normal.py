@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import prod
 
 import numpy as np
 
@@ -10,20 +11,27 @@ from mbm.equations.types import Floats, Indices
 from mbm.sparse.structure import Piece, Structure
 from mbm.values import dataclass
 
+FEW = 20_000
+"""Numbers of all blocks of a pair up to which each part of the rows has sums of its own (160 kB, in the cache)."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Contribution:
-    """Products ``J_leftᵀ J_right`` of rows of one piece: those for target t are ``rows[starts[t]:starts[t + 1]]``.
+    """Products ``J_leftᵀ J_right`` of rows of one piece, from their columns ``left …`` and ``right …`` on.
 
-    ``mirrored`` adds the transpose as well: two different local blocks that are the same member.
+    They are in the order in which they are made, so that the rows are read as they stand in memory: those for target
+    ``targets[t]`` are ``rows[starts[t]:starts[t + 1]]``. ``apart``: a target comes more than once, so that what works
+    on other parts of this at the same time needs sums of its own. ``mirrored`` adds the transpose as well: two
+    different local blocks that are the same member.
     """
 
     piece: int
-    left: slice
-    right: slice
+    left: int
+    right: int
     rows: Indices
     starts: Indices
     targets: Indices
+    apart: bool
     mirrored: bool
 
 
@@ -129,31 +137,46 @@ def _pair(found: Structure, key: tuple[int, int], meetings: list[_Meeting]) -> P
         codes.append(np.arange(left.members) * (right.members + 1))
     every = np.sort(np.concatenate(codes), kind="stable")
     unique = every[_firsts(every)]
+    shape = (left.size, right.size)
     contributions = []
     for meeting, code in zip(meetings, codes, strict=False):
         if not code.size:
             continue
-        order = np.argsort(code, kind="stable")
-        ascending = code[order]
-        firsts = _firsts(ascending)
         piece = found.pieces[meeting.piece]
-        a, b = piece.starts[meeting.left], piece.starts[meeting.right]
+        rows, starts, targets, apart = _ordered(meeting.rows, np.searchsorted(unique, code), len(unique) * prod(shape))
         contributions.append(
             Contribution(
                 piece=meeting.piece,
-                left=slice(a, a + left.size),
-                right=slice(b, b + right.size),
-                rows=meeting.rows[order],
-                starts=np.append(firsts, len(order)),
-                targets=np.asarray(np.searchsorted(unique, ascending[firsts])),
+                left=piece.starts[meeting.left],
+                right=piece.starts[meeting.right],
+                rows=rows,
+                starts=starts,
+                targets=targets,
+                apart=apart,
                 mirrored=meeting.mirrored,
             )
         )
     i, j = np.divmod(unique, left.members)[::-1] if _turned(members) else np.divmod(unique, right.members)
-    shape = (left.size, right.size)
     return PairPattern(
         left=key[0], right=key[1], i=i, j=j, members=members, shape=shape, contributions=tuple(contributions)
     )
+
+
+def _ordered(rows: Indices, targets: Indices, numbers: int) -> tuple[Indices, Indices, Indices, bool]:
+    """``rows``, ``starts``, ``targets`` and ``apart`` of a contribution to blocks of so many ``numbers``.
+
+    Where they are few, row by row. Else by the first row of each target, if targets have few rows: blocks that are
+    written here and there are waited for less than rows that are read here and there.
+    """
+    order = np.argsort(targets, kind="stable")
+    firsts = _firsts(targets[order])
+    if numbers <= FEW and len(rows) > len(firsts):
+        return rows, np.arange(len(rows) + 1), targets, True
+    counts = np.diff(firsts, append=len(order))
+    sequence = np.argsort(rows[order[firsts]], kind="stable")
+    starts = np.append(0, np.cumsum(counts[sequence]))
+    places = np.arange(len(order)) + np.repeat(firsts[sequence] - starts[:-1], counts[sequence])
+    return rows[order[places]], starts, targets[order[firsts[sequence]]], False
 
 
 def _firsts(ascending: Indices) -> Indices:

@@ -197,7 +197,7 @@ class Factorised:
         if self.plan.width:
             remaining = self._rest(remaining - work.carried(self.y, inner))
             x[self.plan.columns] = remaining
-            inner = inner - work.returned(self.y, remaining)
+            inner -= work.returned(self.y, remaining)
         x[own] = work.rooted(self.roots, inner, transposed=True)
         return x
 

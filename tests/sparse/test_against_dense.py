@@ -104,15 +104,15 @@ def test_same_answer(blockwise, variant):
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_routines_with_many_parts_and_threads_give_the_same_answer(blockwise, variant, monkeypatch):
     pytest.importorskip("llvmlite", reason="llvmlite is not installed")
-    from mbm.sparse import arithmetic, routines
+    from mbm.sparse import arithmetic, normal, routines
 
     plain = blockwise(**VARIANTS[variant])
     monkeypatch.setattr(routines, "WORTH", 0)
     monkeypatch.setattr(arithmetic, "HEAVY", 0)
     monkeypatch.setattr(arithmetic, "processors", lambda: 3)
     monkeypatch.setattr(arithmetic, "TOGETHER", 16)  # five parts, the last one short
-    for few in (arithmetic.FEW, 0):  # sums for each part, or target by target
-        monkeypatch.setattr(arithmetic, "FEW", few)
+    for few in (normal.FEW, 0):  # sums for each part, or target by target
+        monkeypatch.setattr(normal, "FEW", few)
         found = blockwise(**VARIANTS[variant])
         assert found.first.method == "dogleg-sparse"
         assert found.first.cost == pytest.approx(plain.first.cost, rel=SAME)

@@ -18,19 +18,17 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.metric import first_bad
 from mbm.equations.pushing import pushed
 from mbm.equations.types import Equations, Floats, Minimum, Reason
+from mbm.estimation.minimise.sparse_steps import CLOSE, Known, State, offset_at, proposed, recalled
 from mbm.estimation.settings import Settings
 from mbm.problem.types import Method
-from mbm.solver.decisions import LEAST_GAIN_RATIO, OFFSET_DECREASE, REACH, SLOW_OFFSET, UNDECIDED
-from mbm.solver.step_control import damping_factor, radius_after, relative_offset, remaining
+from mbm.solver.decisions import LEAST_GAIN_RATIO, OFFSET_DECREASE, SLOW_OFFSET, UNDECIDED
+from mbm.solver.step_control import damping_factor, radius_after, remaining
 from mbm.sparse.deferred import DeferredMatrix
 from mbm.sparse.equations import blocked
-from mbm.sparse.limited import RULES, length_of, limited
-from mbm.sparse.newton import newton_step
-from mbm.sparse.normal import Normal
-from mbm.sparse.place import BlockEquations, Place, inside, moved, normal_at, place_at
+from mbm.sparse.limited import RULES
+from mbm.sparse.place import BlockEquations, Place, inside, moved, place_at
 from mbm.sparse.structure import Structure, Values
-from mbm.sparse.system import BlockJacobian, Factorised, Plan, factorised, plan
-from mbm.values import dataclass
+from mbm.sparse.system import BlockJacobian, Plan, plan
 
 FIRST = 1e-4
 """Damping of the first step, relative to the diagonal."""
@@ -48,65 +46,11 @@ LEAST = 1e-10
 MOST = 1e16
 """Damping at which no step is left."""
 
-DIAGONAL = (1e-6, 1e32)
-"""Range of the metric's squares."""
-
-CLOSE = 1e-2
-"""At an offset below this the Jacobian hardly changes any more: the factors of the place before are tried again …"""
-
-QUICK = 0.25
-"""… and kept as long as each step brings the offset below this share."""
-
 TRIALS = 60
 """Trial points in one iteration."""
 
 MANY = 15.0
 """Steps from which on one of Newton's is worth the derivatives at as many points that it takes."""
-
-BOX_ROUNDS = 20
-"""Times that a step is solved for again because it would leave the box."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Known:
-    """What need not be computed again: ``normal`` of the place; ``factors``, those of the place if its ``normal`` is
-    there, else of the place before; the ``step`` from the place, and the decrease that it promises; the ``whole`` one,
-    undamped and not limited, likewise.
-    """
-
-    normal: Normal | None = None
-    factors: Factorised | None = None
-    step: tuple[Floats, float] | None = None
-    whole: tuple[Floats, float] | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class State:
-    """An immutable value; ``reason`` is None while there is something left to do. ``growth`` is Nielsen's ν.
-
-    ``rule`` says how steps are limited: by ``damping``, or to a ``radius``; then ``length`` is that of the last step,
-    and ``limited`` whether it was. ``slow``: Gauss-Newton's steps converge so slowly that Newton's pay.
-    """
-
-    equations: BlockEquations
-    plan: Plan
-    place: Place | None
-    known: Known
-    point: Floats
-    residuals: Floats
-    tolerance: float
-    rule: Method
-    damping: float
-    growth: float
-    radius: float
-    length: float
-    limited: bool
-    slow: bool
-    offset: float
-    iterations: int
-    evaluations: int
-    reason: Reason | None
-    bad_row: int | None
 
 
 @np.errstate(all="ignore")
@@ -121,13 +65,18 @@ def sparse_minimum(equations: Equations, start: Floats, settings: Settings, made
         message = "equations without blocks"
         raise TypeError(message)
     state = _begun(own, start, settings, made)
-    while state.reason is None and state.iterations < settings.max_iterations and state.place is not None:
-        if settings.stopped():
-            return _answer(state, Reason.INTERRUPTED)
+    while state.reason is None:
+        # What is large lives as long as the state that holds it: each stage gives up what the next makes anew.
         here = state.place
-        exact = here.cost <= here.rounding
-        state = replace(state, reason=Reason.EXACT_FIT, offset=0.0) if exact else _stepped(own, state, here)
-    return _answer(state, state.reason or Reason.MAX_ITERATIONS)
+        if here is None:
+            state = _arrived(own, state)
+        elif state.back is None and (reason := _limit(state, here, settings)) is not None:
+            state = replace(state, reason=reason)
+        else:
+            state = recalled(own, state, here)
+            state = proposed(own, state, here)
+            state = _tried(own, state, here) if state.back is None else _confirmed(own, state, here)
+    return _answer(_arrived(own, state) if state.place is None and state.bad_row is None else state)
 
 
 def _blocks(equations: Equations) -> BlockEquations | None:
@@ -141,17 +90,13 @@ def _begun(equations: BlockEquations, start: Floats, settings: Settings, made: P
     rule = Method.DOGLEG if settings.method in (Method.AUTO, Method.DIRECT_SEARCH) else settings.method
     point = inside(equations, start)
     residuals = equations.residuals(point)
-    row, reason, place = first_bad(residuals), Reason.NOT_FINITE_AT_START, None
+    row = first_bad(residuals)
     if row is None and not isfinite(float(residuals @ residuals)):
         row = int(np.argmax(np.abs(residuals)))
-    if row is None:
-        values = equations.block_jacobian(point, found.arithmetic)
-        place, reason = place_at(equations, found, point, residuals, values), Reason.JACOBIAN_NOT_FINITE_AT_START
-        row = None if place is not None else _bad_derivative(found.structure, values)
     return State(
         equations=equations,
         plan=found,
-        place=place,
+        place=None,
         known=Known(),
         point=point,
         residuals=residuals,
@@ -164,62 +109,83 @@ def _begun(equations: BlockEquations, start: Floats, settings: Settings, made: P
         limited=False,
         slow=False,
         offset=inf,
+        before=inf,
+        trials=0,
+        back=None,
         iterations=0,
         evaluations=1,
-        reason=None if place is not None else reason,
+        reason=None if row is None else Reason.NOT_FINITE_AT_START,
         bad_row=row,
     )
 
 
-def _stepped(equations: BlockEquations, state: State, here: Place) -> State:
-    last = state
-    for _ in range(TRIALS):
-        state, found = _next(state, here)
-        if found is None:
-            state = _shortened(state)
-            continue
-        step, promise = found
-        if promise <= 0.0 and state.damping < MOST and bool(step.any()):
-            state = _shortened(state)
-            continue
-        point = moved(equations, here, state.plan, step)
-        offset = _offset(equations, here, promise if state.known.whole is None else state.known.whole[1])
-        if offset <= state.tolerance and (state.damping > LEAST or state.known.normal is None):
-            state = replace(state, damping=LEAST, known=Known(normal=state.known.normal))
-            continue
-        if not state.slow and _creeps(last, offset):
-            state = replace(state, slow=True, known=Known(normal=state.known.normal))
-            continue
-        state = replace(state, offset=offset)
-        if offset > CLOSE:  # these factors are of no use elsewhere, and make room for the next Jacobian
-            state = replace(state, known=replace(state.known, factors=None))
-        if offset <= state.tolerance:
-            return _ended(state, Reason.SMALL_OFFSET)
-        undecided = promise <= UNDECIDED * here.rounding
-        residuals = equations.residuals(point)
-        cost = float(residuals @ residuals)
-        state = replace(state, evaluations=state.evaluations + 1)
-        share = (here.cost - cost) / promise if isfinite(cost) else -inf
-        good = here.cost - cost >= -here.rounding if undecided else share > LEAST_GAIN_RATIO
-        there = None
-        if good:
-            values = equations.block_jacobian(point, state.plan.arithmetic)
-            there = place_at(equations, state.plan, point, residuals, values)
-        if there is not None:
-            moved_on = _accepted(state, there, 1.0 if undecided else share)
-            if not undecided:
-                return moved_on
-            better = _better(equations, moved_on, there)
-            return _ended(state, Reason.ROUNDING) if better is None else better
-        if undecided and isfinite(cost):
-            return _ended(state, Reason.ROUNDING)
-        if state.damping >= MOST:
-            return _ended(state, Reason.FLAT if isfinite(cost) else Reason.NO_FINITE_STEP)
-        state = _shortened(state)
-    return _ended(state, Reason.FLAT)
+def _limit(state: State, here: Place, settings: Settings) -> Reason | None:
+    """Why there is nothing left to do, whatever the next step may be."""
+    if settings.stopped():
+        return Reason.INTERRUPTED
+    if state.iterations >= settings.max_iterations:
+        return Reason.MAX_ITERATIONS
+    return Reason.EXACT_FIT if here.cost <= here.rounding else None
 
 
-def _answer(state: State, reason: Reason) -> Minimum:
+def _arrived(equations: BlockEquations, state: State) -> State:
+    """The state with everything at its point, or the one to go back to; from the start there is none."""
+    values = equations.block_jacobian(state.point, state.plan.arithmetic)
+    place = place_at(equations, state.plan, state.point, state.residuals, values)
+    if place is not None:
+        doubtful = state.back is not None and state.back.reason is Reason.ROUNDING
+        return replace(state, place=place, back=state.back if doubtful else None)
+    row = _bad_derivative(state.plan.structure, values)
+    return state.back or replace(state, reason=Reason.JACOBIAN_NOT_FINITE_AT_START, bad_row=row)
+
+
+def _tried(equations: BlockEquations, state: State, here: Place) -> State:
+    """The state after the step was tried: at the point where it leads, or where it was, with another step to find."""
+    state = replace(state, trials=state.trials + 1)
+    if state.trials > TRIALS:
+        return _ended(state, Reason.FLAT)
+    known = state.known
+    if known.step is None:
+        return _shortened(state)
+    step, promise = known.step
+    if promise <= 0.0 and state.damping < MOST and bool(step.any()):
+        return _shortened(state)
+    offset = offset_at(equations, here, promise if known.whole is None else known.whole[1])
+    if offset <= state.tolerance and (state.damping > LEAST or known.normal is None):
+        return replace(state, damping=LEAST, known=Known(normal=known.normal))
+    if not state.slow and _creeps(state, offset):
+        return replace(state, slow=True, known=Known(normal=known.normal))
+    state = replace(state, offset=offset)
+    if offset <= state.tolerance:
+        return _ended(state, Reason.SMALL_OFFSET)
+    undecided = promise <= UNDECIDED * here.rounding
+    point = moved(equations, here, state.plan, step)
+    residuals = equations.residuals(point)
+    cost = float(residuals @ residuals)
+    state = replace(state, evaluations=state.evaluations + 1)
+    share = (here.cost - cost) / promise if isfinite(cost) else -inf
+    rejected = _rejected(state, finite=isfinite(cost), undecided=undecided)
+    good = here.cost - cost >= -here.rounding if undecided else share > LEAST_GAIN_RATIO
+    return _accepted(state, point, residuals, 1.0 if undecided else share, rejected) if good else rejected
+
+
+def _rejected(state: State, *, finite: bool, undecided: bool) -> State:
+    """The state if the point where the step leads is no good; ``finite`` says whether its cost is."""
+    if undecided and finite:
+        return _ended(state, Reason.ROUNDING)
+    if state.damping >= MOST:
+        return _ended(state, Reason.FLAT if finite else Reason.NO_FINITE_STEP)
+    return _shortened(state)
+
+
+def _confirmed(equations: BlockEquations, state: State, here: Place) -> State:
+    """The state at a point that the cost cannot judge, if the offset there is clearly smaller; else the one before."""
+    step = state.known.step
+    better = step is not None and offset_at(equations, here, step[1]) <= OFFSET_DECREASE * state.offset
+    return replace(state, back=None) if better or state.back is None else state.back
+
+
+def _answer(state: State) -> Minimum:
     layout, place, residuals = state.plan.structure, state.place, state.residuals
     free = layout.free
     sides = np.zeros(len(free), dtype=np.int8)
@@ -238,124 +204,19 @@ def _answer(state: State, reason: Reason) -> Minimum:
         jacobian=jacobian,
         blocks=BlockJacobian(plan=state.plan, values=values),
         cost=float(residuals @ residuals),
-        reason=reason,
+        reason=state.reason or Reason.MAX_ITERATIONS,
         iterations=state.iterations,
         evaluations=state.evaluations,
-        offset=state.offset,
+        offset=0.0 if state.reason is Reason.EXACT_FIT else state.offset,
         at_bound=sides,
         bad_row=state.bad_row,
     )
 
 
-def _next(state: State, here: Place) -> tuple[State, tuple[Floats, float] | None]:
-    """The step from a place over the padded columns, what it promises, and the state that knows how it was found.
-
-    None: the equations cannot be factorised with this damping.
-    """
-    known = state.known
-    if known.step is not None:
-        return replace(state, known=replace(known, step=None)), known.step
-    if known.whole is not None:
-        return _within(state, here, known.whole)
-    if known.normal is None and known.factors is not None and state.offset <= CLOSE and not state.slow:
-        step = _along(known.factors, here)
-        promise = 0.0 if step is None else _promise(state.plan, here, step)
-        if step is not None and promise > 0.0 and _offset(state.equations, here, promise) <= QUICK * state.offset:
-            return (state, (step, promise)) if state.rule not in RULES else _within(state, here, (step, promise))
-    normal = normal_at(state.plan, here) if known.normal is None else known.normal
-    step, factors = _solved(state, here, normal)
-    found = None if step is None else (step, _promise(state.plan, here, step))
-    state = replace(state, known=Known(normal=normal, factors=factors))
-    if found is not None and factors is not None and state.slow:
-        state, found = _newton(state, here, factors, found)
-    return (state, found) if found is None or state.rule not in RULES else _within(state, here, found)
-
-
-def _newton(
-    state: State, here: Place, factors: Factorised, found: tuple[Floats, float]
-) -> tuple[State, tuple[Floats, float]]:
-    """Newton's step in place of the one ``found``, with a radius for it; not where it leaves the box."""
-    step, promise = newton_step(state.equations, state.plan, here, factors)
-    low, high = (-inf, inf) if here.gaps is None else here.gaps
-    if not (promise > 0.0 and bool((np.isfinite(step) & (step >= low) & (step <= high)).all())):
-        return state, found
-    length = length_of(step, np.clip(here.squares, *DIAGONAL))
-    return replace(state, radius=max(state.radius, min(length, REACH * state.radius))), (step, promise)
-
-
-def _creeps(last: State, offset: float) -> bool:
+def _creeps(state: State, offset: float) -> bool:
     """Whether steps near the minimum need many more at the rate of the last one, which was whole."""
-    whole = last.damping <= LEAST and not last.limited
-    slow = SLOW_OFFSET * last.offset < offset <= CLOSE
-    return whole and slow and remaining(offset, last.offset, last.tolerance) > MANY
-
-
-def _within(state: State, here: Place, whole: tuple[Floats, float]) -> tuple[State, tuple[Floats, float]]:
-    """The ``whole`` step and what it promises, limited to the radius, and the state that knows both."""
-    squares = np.clip(here.squares, *DIAGONAL)
-    step = limited(state.rule, state.plan, here, whole[0], squares, state.radius)
-    shorter = step is not whole[0]
-    promise = _promise(state.plan, here, step) if shorter else whole[1]
-    known = replace(state.known, whole=whole)
-    return replace(state, known=known, length=length_of(step, squares), limited=shorter), (step, promise)
-
-
-def _along(factors: Factorised, here: Place) -> Floats | None:
-    """The step by factors of another place; None with bounds, or if it is not finite."""
-    if here.gaps is not None or here.held.any():
-        return None
-    step = factors.solve(-here.gradient[:, None])[:, 0]
-    return step if bool(np.isfinite(step).all()) else None
-
-
-def _solved(state: State, here: Place, normal: Normal) -> tuple[Floats | None, Factorised | None]:
-    """The damped step over the padded columns, with the factors; None where the equations cannot be factorised.
-
-    With bounds: what would leave the box is put on its bound, and the rest solved again, without factors that stay.
-    """
-    layout = state.plan.structure
-    gradient, still = here.gradient, layout.dead | here.held
-    step = np.zeros(layout.columns)
-    for solves in range(BOX_ROUNDS):
-        added = state.damping * np.clip(here.squares, *DIAGONAL)
-        added[still] = 1.0
-        factors = factorised(state.plan, normal, added)
-        if factors is None:
-            return None, None
-        found = factors.solve(-np.where(still, 0.0, gradient)[:, None])[:, 0]
-        step = np.where(still, step, found)
-        if not bool(np.isfinite(step).all()):
-            return None, None
-        if here.gaps is None:
-            return step, factors
-        crossing = ((step < here.gaps[0]) | (step > here.gaps[1])) & ~still
-        step = np.clip(step, *here.gaps)
-        if not crossing.any():
-            return step, factors if solves == 0 else None
-        still = still | crossing
-        normal = state.plan.accumulate(layout.weighted(here.values, np.where(still, 0.0, 1.0)))
-        step = np.where(still, step, 0.0)
-        gradient = here.gradient + state.plan.gradient(here.values, state.plan.image(here.values, step))
-    return step, None
-
-
-def _promise(found: Plan, here: Place, step: Floats) -> float:
-    """The decrease of the cost if the residuals were linear."""
-    image = found.image(here.values, step)
-    return -float(2.0 * (here.gradient @ step) + image @ image)
-
-
-def _offset(equations: Equations, here: Place, promise: float) -> float:
-    moving = equations.dimension - int(here.held.sum())
-    return relative_offset(promise, max(here.cost - promise, 0.0), moving, equations.count - moving)
-
-
-def _better(equations: BlockEquations, state: State, there: Place) -> State | None:
-    """The state at a point that the cost cannot judge, with the step from it, if the offset is clearly smaller."""
-    found, onward = _next(state, there)
-    if onward is None or not _offset(equations, there, onward[1]) <= OFFSET_DECREASE * state.offset:
-        return None
-    return replace(found, known=replace(found.known, step=onward))
+    slow = SLOW_OFFSET * state.before < offset <= CLOSE
+    return slow and remaining(offset, state.before, state.tolerance) > MANY
 
 
 def _shortened(state: State) -> State:
@@ -372,17 +233,21 @@ def _shortened(state: State) -> State:
     )
 
 
-def _accepted(state: State, there: Place, share: float) -> State:
+def _accepted(state: State, point: Floats, residuals: Floats, share: float, rejected: State) -> State:
+    """The state at a ``point``; factors go with it where they may be of use there."""
     damping = max(state.damping * (RELIEF if share > GOOD else damping_factor(share)), LEAST)
     return replace(
         state,
-        place=there,
-        known=Known(factors=state.known.factors),
-        point=there.point,
-        residuals=there.residuals,
+        place=None,
+        known=Known(factors=state.known.factors if state.offset <= CLOSE else None),
+        point=point,
+        residuals=residuals,
         damping=damping,
         growth=2.0,
         radius=radius_after(share, state.radius, state.length, int(not state.limited)),
+        before=state.offset if damping <= LEAST and not state.limited else inf,
+        trials=0,
+        back=replace(rejected, place=None, known=Known(whole=rejected.known.whole)),
         iterations=state.iterations + 1,
     )
 
