@@ -180,7 +180,7 @@ class Assembled:
         """Whitened residuals without losses (m,)."""
         result = np.zeros(self.whole)
         for group in self.groups:
-            if self._eliminated(group):
+            if self.eliminated(group):
                 continue
             result[group.first : group.first + group.count] = group.whitened(group.values(x)).ravel()
         if self.implicit is not None:
@@ -195,7 +195,7 @@ class Assembled:
         result = np.zeros((self.whole, width))
         scatters = self._scatters or tuple(group.scatter(self._columns()) for group in self.groups)
         for group, places in zip(self.groups, scatters, strict=True):
-            if self._eliminated(group):
+            if self.eliminated(group):
                 continue
             lines = result[group.first : group.first + group.count]
             part = lines.reshape(group.rows, group.kernel.outputs, width)
@@ -212,7 +212,8 @@ class Assembled:
             result /= self.factors[:, None]
         return result if self.rows is None else result[self.rows]
 
-    def _eliminated(self, group: Group) -> bool:
+    def eliminated(self, group: Group) -> bool:
+        """Whether the corrections of measured values in a group's equations are eliminated."""
         return self.implicit is not None and group.kernel.corrections is not None
 
     def residuals(self, x: Floats) -> Floats:

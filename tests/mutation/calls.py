@@ -1,4 +1,7 @@
-"""A plugin of pytest that writes down which functions of mbm each test calls, and how long the test takes."""
+"""A plugin of pytest that writes down which functions of mbm each test calls, and how long the test takes.
+
+Each worker writes a file of its own, with its name behind that of the file.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,9 @@ from typing import Any
 import pytest
 
 VARIABLE = "MBM_CALLS"
-"""Environment variable with the file to write."""
+"""Environment variable with the beginning of the names of the files to write."""
+WORKER = "PYTEST_XDIST_WORKER"
+"""That of pytest-xdist with the name of a worker."""
 ROOT = Path(__file__).parents[2]
 
 
@@ -49,5 +54,5 @@ class Calls:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    if VARIABLE in os.environ:
-        config.pluginmanager.register(Calls(Path(os.environ[VARIABLE])))
+    if VARIABLE in os.environ and (WORKER in os.environ or not config.getoption("numprocesses", None)):
+        config.pluginmanager.register(Calls(Path(f"{os.environ[VARIABLE]}.{os.environ.get(WORKER, 'alone')}")))

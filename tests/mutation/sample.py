@@ -1,8 +1,8 @@
 """A sample of mutants of mbm, each run with the tests that call it: those that no test notices are listed.
 
 ``python -m tests.mutation.sample --count 1000 --seed 1 --of 4 --parts 1-2`` tries the first half of a thousand. Works
-on a copy of the tree. Which test calls what is learnt from one run of the default tests (half an hour) and kept below
-`build`, as long as neither sources nor tests change.
+on copies of the tree, one for each of ``--jobs``. Which test calls what is learnt from one run of the default tests
+(a quarter of an hour) and kept below `build`, as long as neither sources nor tests change.
 """
 
 from __future__ import annotations
@@ -16,8 +16,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from queue import SimpleQueue
 
 from tests.mutation.calls import VARIABLE
 from tests.mutation.mutants import Mutant, functions_of, mutants_of
@@ -43,18 +45,23 @@ class Tree:
     folder: Path
 
     def pytest(self, arguments: list[str], variables: dict[str, str], seconds: float | None) -> int:
-        """The exit status of a run; 1 if it took too long."""
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *arguments]
+        """The exit status of a run up to the first failure; 1 if it took too long."""
+        return self.run(["-x", *arguments], variables, seconds)[0]
+
+    def run(self, arguments: list[str], variables: dict[str, str], seconds: float | None) -> tuple[int, str]:
+        """The exit status of a run, and what it says last."""
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
         environment = {**os.environ, "PYTHONPATH": str(self.folder), **variables}
         try:
             done = subprocess.run(
                 command, cwd=self.folder, env=environment, timeout=seconds, capture_output=True, check=False
             )
         except subprocess.TimeoutExpired:
-            return 1
+            return 1, ""
+        last = done.stdout.decode()[-2000:] + done.stderr.decode()[-2000:]
         if done.returncode not in (0, 1, 2, 4):  # passed, failed, could not be collected or begun
-            raise RuntimeError(done.stdout.decode()[-2000:] + done.stderr.decode()[-2000:])
-        return done.returncode
+            raise RuntimeError(last)
+        return done.returncode, last
 
 
 def copied(folder: Path) -> Tree:
@@ -74,18 +81,20 @@ class Called:
     numerical: dict[str, float]
 
 
-def calls_of(tree: Tree) -> Called:
+def calls_of(tree: Tree, jobs: int) -> Called:
     """Which of the default tests calls what; from the file of these sources and tests, if there is one."""
     path = ROOT / "build" / f"calls-{digest_of('mbm', 'grammar', 'tests')}.json"
     if not path.exists():
-        heard = tree.folder / path.name
-        status = tree.pytest(["-p", "tests.mutation.calls", "tests"], {VARIABLE: str(heard)}, None)
+        heard = tree.folder / "calls"
+        several = ["--numprocesses", str(jobs), "--dist", "worksteal"]
+        status, last = tree.run([*several, "-p", "tests.mutation.calls", "tests"], {VARIABLE: str(heard)}, None)
         if status != 0:
-            message = "the tests fail without any mutation"
+            message = f"the tests fail without any mutation: {last}"
             raise RuntimeError(message)
         path.parent.mkdir(exist_ok=True)
         part = path.with_suffix(f".{os.getpid()}")  # another run may look for it at the same time
-        shutil.copy(heard, part)
+        every = [json.loads(each.read_text(encoding="utf-8")) for each in tree.folder.glob("calls.*")]
+        part.write_text(json.dumps({name: entry for each in every for name, entry in each.items()}), encoding="utf-8")
         part.replace(path)
     found: dict[str, dict[str, float]] = {}
     numerical = {}
@@ -145,23 +154,31 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--of", type=int, default=1, help="number of parts")
     parser.add_argument("--parts", help="those to be tried, as 1-3,7 (all)")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="mutants tried side by side")
     given = parser.parse_args()
     parts = numbers(given.parts or f"1-{given.of}")
+    mine = [m for place, m in enumerate(sampled(given.count, given.seed)) if place % given.of + 1 in parts]
     with tempfile.TemporaryDirectory(prefix="mbm-mutants-") as folder:
-        tree = copied(Path(folder))
-        called = calls_of(tree)
-        total = killed = 0
-        for place, mutant in enumerate(sampled(given.count, given.seed)):
-            if place % given.of + 1 not in parts:
-                continue
-            begin = time.perf_counter()
+        trees: SimpleQueue[Tree] = SimpleQueue()
+        for job in range(given.jobs):
+            trees.put(copied(Path(folder) / str(job)))
+        first = trees.get()
+        called = calls_of(first, given.jobs)
+        trees.put(first)
+
+        def noticed(mutant: Mutant) -> bool:
+            begin, tree = time.perf_counter(), trees.get()
             text = (ROOT / mutant.file).read_text(encoding="utf-8")
             chosen, seconds = tests_for(mutant, text, called)
             alive = not chosen or survives(tree, mutant, chosen, seconds)
-            total, killed = total + 1, killed + (not alive)
+            trees.put(tree)
             words = ("alive" if chosen else "not tested") if alive else "killed"
             print(f"{words:10} {mutant} ({len(chosen)} tests, {time.perf_counter() - begin:.0f} s)", flush=True)
-        print(f"{killed} of {total} mutants were noticed")
+            return not alive
+
+        with ThreadPoolExecutor(given.jobs) as pool:
+            killed = sum(pool.map(noticed, mine))
+        print(f"{killed} of {len(mine)} mutants were noticed")
     return 0
 
 
