@@ -28,6 +28,9 @@ TOGETHER = 2048
 FEW = 20_000
 """Numbers of all blocks of a pair up to which each part of the rows has sums of its own (160 kB, in the cache)."""
 
+SHARED = 500_000
+"""Products of numbers from which threads share them: what takes half a millisecond."""
+
 SMALL = 600
 """Columns up to which NumPy solves with a triangle before SciPy is loaded: it takes them for full."""
 
@@ -121,7 +124,9 @@ class Arithmetic:
             Products, targets=order.targets, starts=order.starts, rows=order.rows, values=values
         )
         put(where, Products, width=width, high=total.shape[1], left=left, right=right)
-        if order.apart:
+        if len(order.rows) * outputs * total[0].size < SHARED:
+            self.routines.call(name, 0, len(order.targets), where, total)
+        elif order.apart:
             total += self.routines.total(name, len(order.targets), total.shape, where)
         else:
             self.routines.run(name, len(order.targets), where, total)

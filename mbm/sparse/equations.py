@@ -101,7 +101,7 @@ class Blocked(Forwarding):
         return result
 
     def _of_system(self, place: SystemPlace, x: Floats, arithmetic: Arithmetic, *, plain: bool) -> Floats:
-        """The Jacobian of what corrections have left, for each component of a system (R, k, width)."""
+        """The Jacobian of what corrections have left of a system, as the values of its piece."""
         if self.equations.implicit is None:
             raise TypeError(place.number)
         system, width = place.system, place.piece.width
@@ -114,14 +114,12 @@ class Blocked(Forwarding):
         if self.equations.factors is not None:
             factors = self.equations.factors[system.residuals]
             result, residuals = result / factors[:, :, None], residuals / factors
-        if plain:
-            return result
         flat = result.reshape(-1, width)
-        for part in place.parts:
+        for part in () if plain else place.parts:
             lines, group = part.equations, part.place.group
             if group.losses:
                 flat[lines] = _with_losses(group, residuals.reshape(-1)[lines], flat[lines])
-        return result
+        return place.in_rows(result)
 
 
 def _with_losses(group: Group, residuals: Floats, slopes: Floats) -> Floats:
@@ -168,13 +166,14 @@ def blocked(equations: Assembled) -> Blocked:
     found = tuple(_places(equations, unknowns))
     places = tuple(place for _, place in found if place is not None)
     order = np.concatenate([np.zeros(0, dtype=np.int64), *(residuals for residuals, _ in found)])
+    counted = np.flatnonzero(order >= 0)
     limits = tuple(
         place
         for group in equations.constraints
         if group.rows and (place := group_place(equations, group, len(order) + group.first, unknowns)) is not None
     )
     rows = np.full(equations.whole, -1, dtype=np.int64)
-    rows[order] = np.arange(len(order))
+    rows[order[counted]] = counted
     rows = rows if equations.rows is None else rows[equations.rows]
     whole = not limits and np.array_equal(rows, np.arange(len(order)))
     layout_of = structure(
@@ -188,12 +187,17 @@ def blocked(equations: Assembled) -> Blocked:
 
 
 def _places(equations: Assembled, unknowns: Unknowns) -> Iterator[tuple[Indices, GroupPlace | SystemPlace | None]]:
-    """Which residuals stand next, of a group or of a system, and their piece; None where nothing free is touched."""
+    """Which residuals stand next (-1: none), of a group or of a system, and their piece.
+
+    The piece is None where nothing free is touched.
+    """
     first = 0
     for group in equations.groups:
         if group.rows and not equations.eliminated(group):
             yield np.arange(group.first, group.first + group.count), group_place(equations, group, first, unknowns)
             first += group.count
     for number, system in enumerate(() if equations.implicit is None else equations.implicit.systems):
-        yield system.residuals.reshape(-1), system_place(equations, number, system, first, unknowns)
-        first += system.residuals.size
+        place = system_place(equations, number, system, first, unknowns)
+        order = system.residuals.reshape(-1) if place is None else place.order
+        yield order, place
+        first += len(order)

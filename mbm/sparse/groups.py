@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.binding import Group
@@ -15,8 +17,14 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.sparse.structure import BlockFamily, Piece
 from mbm.values import dataclass
 
+Number = TypeVar("Number", np.float64, np.int64)
+
 WIDEST = 12
 """Coordinates of an unknown that stay together in one block; those of longer vectors and arrays are blocks of one."""
+
+TOGETHER = 6
+"""Equations of a component that stand in one row of its piece; more of them take several rows. Products of rows are
+compiled for their number of equations, and the sizes of components are as various as data are."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,15 +78,32 @@ class PartPlace:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SystemPlace:
-    """System ``number``, which has a piece: the rows of the piece are the components of the system.
+    """System ``number``, which has a piece: each of its components takes ``lines`` rows of that, one after the other.
 
-    Parts that touch nothing free are left out.
+    The last of them may have more equations than the component has left; those are zero. Parts that touch nothing free
+    are left out.
     """
 
     number: int
     system: System
     piece: Piece
+    lines: int
     parts: tuple[PartPlace, ...]
+
+    @property
+    def order(self) -> Indices:
+        """Which of all residuals stands at each of the piece's; -1: none."""
+        return self._filled_up(self.system.residuals, -1).reshape(-1)
+
+    def in_rows(self, slopes: Floats) -> Floats:
+        """The Jacobian of all components (R, k, width) as the values of the piece."""
+        return self._filled_up(slopes, 0).reshape(self.piece.rows, self.piece.outputs, self.piece.width)
+
+    def _filled_up(self, of_components: NDArray[Number], value: int) -> NDArray[Number]:
+        missing = self.lines * self.piece.outputs - of_components.shape[1]
+        if not missing:
+            return of_components
+        return np.pad(of_components, ((0, 0), (0, missing), (0, 0))[: of_components.ndim], constant_values=value)
 
 
 def block_size(entry: Entry) -> int:
@@ -177,6 +202,7 @@ def system_place(
     first of them is repeated, with zeros.
     """
     count, k = system.noisy.shape
+    lines = -(-k // TOGETHER)
     losses = {group.first: group.losses for group in equations.groups if group.rows}
     groups = [replace(part.group, losses=losses[part.group.first]) for part in system.parts]
     found = [(i, group_place(equations, group, 0, unknowns)) for i, group in enumerate(groups)]
@@ -207,12 +233,13 @@ def system_place(
         system=system,
         piece=Piece(
             first=first,
-            outputs=k,
+            outputs=-(-k // lines),
             families=tuple(families.tolist()),
-            members=members,
+            members=np.repeat(members, lines, axis=1),
             starts=tuple(starts.tolist()),
             width=int(sizes.sum()),
         ),
+        lines=lines,
         parts=tuple(
             PartPlace(
                 number=i,

@@ -238,8 +238,8 @@ def _by_kind(found: Iterator[tuple[int, Rows]]) -> list[tuple[Rows, ...]]:
 def _most_touched(parts: tuple[Part, ...], k: int) -> int:
     """The most coordinates that one component of k equations touches."""
     if all(part.alone for part in parts):
-        return max(part.group.columns.shape[1] for part in parts)
+        return max(int(part.group.columns.shape[1]) for part in parts)
     width = 1 + max(int(part.group.columns.max(initial=0)) for part in parts)
     codes = [(part.equations[:, :1] // k * width + part.group.columns).ravel() for part in parts]
-    owners = np.unique(np.concatenate(codes)) // width
-    return int(np.bincount(np.asarray(owners, dtype=np.int64), minlength=1).max())
+    owners: Indices = np.unique(np.concatenate(codes)) // width
+    return int(np.bincount(owners, minlength=1).max())

@@ -27,8 +27,7 @@ from mbm.sparse.equations import blocked
 from mbm.sparse.limited import RULES, length_of, limited
 from mbm.sparse.newton import newton_step
 from mbm.sparse.normal import Normal
-from mbm.sparse.place import BlockEquations, Place, inside, moved, normal_at, place_at
-from mbm.sparse.structure import Structure, Values
+from mbm.sparse.place import BlockEquations, Place, counted_as, first_bad_slope, inside, moved, normal_at, place_at
 from mbm.sparse.system import BlockJacobian, Factorised, Plan, factorised, plan
 from mbm.values import dataclass
 
@@ -147,7 +146,7 @@ def _begun(equations: BlockEquations, start: Floats, settings: Settings, made: P
     if row is None:
         values = equations.block_jacobian(point, found.arithmetic)
         place, reason = place_at(equations, found, point, residuals, values), Reason.JACOBIAN_NOT_FINITE_AT_START
-        row = None if place is not None else _bad_derivative(found.structure, values)
+        row = None if place is not None else first_bad_slope(found.structure, values)
     return State(
         equations=equations,
         plan=found,
@@ -167,7 +166,7 @@ def _begun(equations: BlockEquations, start: Floats, settings: Settings, made: P
         iterations=0,
         evaluations=1,
         reason=None if place is not None else reason,
-        bad_row=row,
+        bad_row=None if row is None else counted_as(equations, found.structure, row),
     )
 
 
@@ -389,12 +388,3 @@ def _accepted(state: State, there: Place, share: float) -> State:
 
 def _ended(state: State, reason: Reason) -> State:
     return replace(state, reason=reason, iterations=state.iterations + 1)
-
-
-def _bad_derivative(found: Structure, values: Values) -> int:
-    """The first residual with a derivative that is not finite."""
-    for piece, part in zip(found.pieces, values, strict=True):
-        bad = ~np.isfinite(part).all(axis=2)
-        if bad.any():
-            return piece.first + int(np.argmax(bad.reshape(-1)))
-    return 0
