@@ -178,7 +178,7 @@ class Assembled:
 
     def plain_residuals(self, x: Floats) -> Floats:
         """Whitened residuals without losses (m,)."""
-        parts = [(group, group.whitened(group.values(x))) for group in self.groups if not self._eliminated(group)]
+        parts = [(group, group.whitened(group.values(x))) for group in self.groups if not self.eliminated(group)]
         result = np.zeros(self.whole)
         for group, part in parts:
             result[group.first : group.first + group.count] = part.ravel()
@@ -194,7 +194,7 @@ class Assembled:
         result = np.zeros((self.whole, width))
         scatters = self._scatters or tuple(group.scatter(self._columns()) for group in self.groups)
         for group, places in zip(self.groups, scatters, strict=True):
-            if self._eliminated(group):
+            if self.eliminated(group):
                 continue
             lines = result[group.first : group.first + group.count]
             part = lines.reshape(group.rows, group.kernel.outputs, width)
@@ -211,7 +211,8 @@ class Assembled:
             result /= self.factors[:, None]
         return result if self.rows is None else result[self.rows]
 
-    def _eliminated(self, group: Group) -> bool:
+    def eliminated(self, group: Group) -> bool:
+        """Whether the corrections of measured values in a group's equations are eliminated."""
         return self.implicit is not None and group.kernel.corrections is not None
 
     def residuals(self, x: Floats) -> Floats:

@@ -19,9 +19,9 @@ NO_UNKNOWNS = Code(
 )
 TOO_MANY_UNKNOWNS = Code(
     "too-many-unknowns",
-    "The Jacobian is held as a dense matrix where equations touch many of the unknowns, where rows share measured "
-    "values that have `:errors`, and with the methods `closed-form` and `ipopt`; this one would not fit in the memory "
-    "it may take.",
+    "The Jacobian is held as a dense matrix where equations, or rows that share measured values with `:errors`, touch "
+    "many of the unknowns, and with the methods `closed-form` and `ipopt`; this one would not fit in the memory it may "
+    "take.",
     "Use `:method auto`, solve in parts (`for-each`, `window`), or fix or drop unknowns.",
 )
 NO_CLOSED_FORM = Code(

@@ -25,6 +25,9 @@ NARROW = 512
 TOGETHER = 2048
 """Rows whose derivatives are computed together: their inputs and nonzeros stay in the cache."""
 
+SHARED = 500_000
+"""Products of numbers from which threads share them: what takes half a millisecond."""
+
 SMALL = 600
 """Columns up to which NumPy solves with a triangle before SciPy is loaded: it takes them for full."""
 
@@ -101,7 +104,9 @@ class Arithmetic:
         name = product_name(outputs, total.shape[2])
         where = self.routines.filled(Products, targets=part.targets, starts=part.starts, rows=part.rows, values=values)
         put(where, Products, width=width, high=total.shape[1], left=left, right=right)
-        if part.apart:
+        if len(part.rows) * outputs * total[0].size < SHARED:
+            self.routines.call(name, 0, len(part.targets), where, total)
+        elif part.apart:
             total += self.routines.total(name, len(part.targets), total.shape, where)
         else:
             self.routines.run(name, len(part.targets), where, total)

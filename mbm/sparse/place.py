@@ -127,3 +127,20 @@ def moved(equations: Equations, here: Place, found: Plan, step: Floats) -> Float
     kept = np.where((own <= down) & (kept <= lower + near), lower, kept)
     kept = np.where((own >= up) & (kept >= upper - near), upper, kept)
     return point if np.array_equal(reached, kept) else equations.placed(point, kept)
+
+
+def first_bad_slope(layout: Structure, values: Values) -> int:
+    """The first residual of the structure with a derivative that is not finite."""
+    for piece, part in zip(layout.pieces, values, strict=True):
+        bad = ~np.isfinite(part).all(axis=2)
+        if bad.any():
+            return piece.first + int(np.argmax(bad.reshape(-1)))
+    return 0
+
+
+def counted_as(equations: Equations, layout: Structure, residual: int) -> int:
+    """The number of a residual of the structure among those that count; constraints count on behind them."""
+    if layout.rows is None:
+        return residual
+    found = np.flatnonzero(layout.rows == residual)
+    return int(found[0]) if found.size else equations.count - layout.count + residual

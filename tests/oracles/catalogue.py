@@ -347,7 +347,8 @@ KINDS: dict[str, Kind] = {
         unknowns={"p": "(vector 2) :init [0.5 0.5]"}, start=(0.5, 0.5), draw=shared_stations,
         clauses="(observe d (= r (distance {p} [masts.x masts.y])) :sigma 0.05 :errors ((masts.x 0.1) (masts.y 0.2)))",
         residuals=from_stations, true=lambda t: np.concatenate([t["masts"]["x"], t["masts"]["y"]]),
-        options={"d": ":with (masts mast)", "masts": ":key id"}, given=("d.r",),
+        options={"d": ":with (masts mast)", "masts": ":key id"}, given=("d.r",), scatters=True,
+        keys={"d": "mast", "masts": "id"},
     ),
     "consensus": Kind(
         unknowns=NEAR, clauses=PLACE % "", solve=":robust lmeds", draw=some_wrong, residuals=right_ones,

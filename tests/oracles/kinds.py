@@ -55,7 +55,8 @@ class Kind:
     rows together. ``many``: there may be several minima; ``elsewhere`` are points that lead to others. ``moved``
     (points and steps) and ``apart`` (steps between points) are for what is no vector; ``true`` are measured values
     (k,) to start with, whose true values are further arguments of ``residuals``. ``options`` are those of data clauses;
-    what has a key is the same in all data sets.
+    what has a key is the same in all data sets. ``keys`` are the columns, by table, that give measured values with
+    errors to rows: members of a large problem have values of their own.
     ``given`` are the columns that change values only, neither noise nor members; None: data sets differ in more.
     ``told`` makes of an answer what is compared: where the data leave something free, what they do determine.
     ``solve`` are options of the solve clause that are part of the problem.
@@ -80,6 +81,7 @@ class Kind:
     apart: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.subtract
     true: Callable[[Tables], np.ndarray] | None = None
     options: Mapping[str, str] = field(default_factory=dict)
+    keys: Mapping[str, str] = field(default_factory=dict)
     given: tuple[str, ...] | None = ("d.x", "d.y")
     told: Callable[[Answer], Answer] = _as_it_is
     solve: str = ""

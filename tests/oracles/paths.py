@@ -20,6 +20,9 @@ from tests.oracles.kinds import Answer, Kind, Tables
 LARGE = 301
 """Unknowns from which on a problem is large and sparse."""
 
+KEYS = 1000.0
+"""Between the keys of two data sets: more than a data set has."""
+
 
 def flat(parts) -> np.ndarray:
     return np.concatenate([np.ravel(np.asarray(part, dtype=float)) for part in parts])
@@ -54,16 +57,23 @@ def compiled(kind: Kind, sets: Sequence[Tables], backend: str) -> list[Answer]:
     return [of_report(once.solve(data=tables).first) for tables in sets]
 
 
-def joined(kind: Kind, sets: Sequence[Tables]) -> Tables:
-    """All data sets one below the other, with their number; tables with keys, which all share, as they are."""
+def joined(kind: Kind, sets: Sequence[Tables], *, apart: bool = False) -> Tables:
+    """All data sets one below the other, with their number; tables with keys, which all share, as they are.
+
+    ``apart``: those with `Kind.keys` are no longer shared; keys count on from set to set.
+    """
     found = {}
     for name in sets[0]:
-        if ":key" in kind.options.get(name, ""):
+        key = kind.keys.get(name) if apart else None
+        if ":key" in kind.options.get(name, "") and key is None:
             found[name] = dict(sets[0][name])
             continue
         columns = {c: np.concatenate([each[name][c] for each in sets]) for c in sets[0][name]}
         sizes = [len(next(iter(each[name].values()))) for each in sets]
-        found[name] = {"set": np.repeat(np.arange(len(sets)), sizes), **columns}
+        number = np.repeat(np.arange(len(sets)), sizes)
+        if key is not None:
+            columns[key] = columns[key] + KEYS * number
+        found[name] = {"set": number, **columns}
     return found
 
 
@@ -93,7 +103,7 @@ def members(kind: Kind, sets: Sequence[Tables], least: int = 0, clause: str = ""
     """All data sets as one problem whose unknowns are families; repeated until there are ``least`` numbers."""
     times = -(-least // (len(sets) * len(kind.apart(np.array(kind.start), np.array(kind.start)))))
     many = list(sets) * max(times, 1)
-    tables = joined(kind, many)
+    tables = joined(kind, many, apart=True)
     if "{over}" in kind.clauses:
         tables["sets"] = {"set": np.arange(float(len(many)))}
     solved = mbm.loads(kind.text(clause, per="set")).solve(data=tables)

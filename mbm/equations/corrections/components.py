@@ -65,7 +65,7 @@ class Builder:
         self._kept = kept
 
     def systems(self) -> tuple[System, ...]:
-        """The systems: for each group one of the rows that share nothing, then the shared ones by their sizes.
+        """The systems: for each group one of the rows that share nothing, then the shared ones by their kinds.
 
         Raises:
             MbmError: more equations and values in one component than can be solved.
@@ -73,7 +73,7 @@ class Builder:
         """
         division = divided(self._measured, tuple((n, self._rows(n)) for n in self._measured.ids))
         alone = [self.alone(number, rows) for number, rows in division.alone]
-        return (*alone, *(self._system(parts) for parts in _by_size(self._connected(division.shared))))
+        return (*alone, *(self._system(parts) for parts in _by_kind(self._connected(division.shared))))
 
     def _rows(self, number: int) -> Indices:
         if self._kept is None:
@@ -167,10 +167,19 @@ class Builder:
         for part in parts:
             residuals[part.equations] = part.residuals
             noisy[part.equations] = np.hstack([w.noisy for w in part.group.whiteners])
-        return System(parts=parts, noisy=noisy.reshape(count, k), corrections=q, residuals=residuals.reshape(count, k))
+        return System(
+            parts=parts,
+            noisy=noisy.reshape(count, k),
+            corrections=q,
+            residuals=residuals.reshape(count, k),
+            touched=_most_touched(parts, k),
+        )
 
-    def _connected(self, shared: Some) -> Iterator[tuple[int, int, Rows]]:
-        """Rows by group, with the sizes (k, q) of their components; components are numbered within their size."""
+    def _connected(self, shared: Some) -> Iterator[tuple[int, Rows]]:
+        """Rows by group, with the number of their components' kind; components are numbered within their kind.
+
+        Of one kind are components of the same size (k, q) with rows of the same groups.
+        """
         if not shared:
             return
         groups = np.concatenate([np.full(len(rows), number) for number, rows in shared])
@@ -180,9 +189,11 @@ class Builder:
         equations, k = _running(component, outputs)
         values, of = values_of(self._measured, shared, component)
         inside, q = _running(of, np.ones(len(of), dtype=np.int64), len(k))
-        sizes = np.stack([k, q], axis=1)
-        for size in np.unique(sizes, axis=0):
-            chosen = (sizes == size).all(axis=1)
+        members_of = np.zeros((len(k), 1 + int(groups.max())), dtype=np.int64)
+        members_of[component, groups] = 1
+        kinds = np.unique(np.column_stack([k, q, members_of]), axis=0, return_inverse=True)[1]
+        for kind in range(1 + int(kinds.max())):
+            chosen = kinds == kind
             numbers = np.cumsum(chosen) - 1
             for number, _ in shared:
                 mine = (groups == number) & chosen[component]
@@ -195,8 +206,7 @@ class Builder:
                 where = np.searchsorted(values, ids[real] + owner[real] * len(self._measured.sigma))
                 corrections[real] = inside[where]
                 yield (
-                    int(size[0]),
-                    int(size[1]),
+                    kind,
                     Rows(
                         group=number,
                         rows=members[mine],
@@ -218,8 +228,18 @@ def _running(labels: Indices, amounts: Indices, count: int | None = None) -> tup
     return result, totals
 
 
-def _by_size(found: Iterator[tuple[int, int, Rows]]) -> list[tuple[Rows, ...]]:
-    sizes: dict[tuple[int, int], list[Rows]] = {}
-    for k, q, rows in found:
-        sizes.setdefault((k, q), []).append(rows)
-    return [tuple(parts) for parts in sizes.values()]
+def _by_kind(found: Iterator[tuple[int, Rows]]) -> list[tuple[Rows, ...]]:
+    kinds: dict[int, list[Rows]] = {}
+    for kind, rows in found:
+        kinds.setdefault(kind, []).append(rows)
+    return [tuple(parts) for parts in kinds.values()]
+
+
+def _most_touched(parts: tuple[Part, ...], k: int) -> int:
+    """The most coordinates that one component of k equations touches."""
+    if all(part.alone for part in parts):
+        return max(int(part.group.columns.shape[1]) for part in parts)
+    width = 1 + max(int(part.group.columns.max(initial=0)) for part in parts)
+    codes = [(part.equations[:, :1] // k * width + part.group.columns).ravel() for part in parts]
+    owners: Indices = np.unique(np.concatenate(codes)) // width
+    return int(np.bincount(owners, minlength=1).max())

@@ -42,15 +42,14 @@ class _Solved:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CorrectedRows:
-    """Rows of a group, each with corrections of its own, at one point.
+class Components:
+    """The components of a system at one point.
 
-    ``group`` holds the ``rows`` (R,) of it with their measured values corrected, ``residuals`` (R, k) are whitened; so
-    is a Jacobian (R, k, width) that is divided by the equations' own noise, once ``root`` is applied.
+    ``groups`` hold the rows of its parts with their measured values corrected, ``residuals`` (R, k) are whitened; so is
+    a Jacobian (R, k, width) that is divided by the equations' own noise, once ``root`` is applied.
     """
 
-    group: Group
-    rows: Indices
+    groups: tuple[Group, ...]
     root: Root
     residuals: Floats
 
@@ -120,21 +119,15 @@ class Elimination:
         return replace(self, rough=True, _whole=None, _memory=_Memory())
 
     @property
-    def separate(self) -> bool:
-        """Whether no two rows share a measured value: each system holds rows of one group."""
-        return all(len(system.parts) == 1 and system.parts[0].alone for system in self.systems)
+    def widest(self) -> int:
+        """Most coordinates that one component touches."""
+        return max((system.touched for system in self.systems), default=0)
 
-    def system_of(self, group: Group) -> int | None:
-        """The number of the system of a group whose rows are ``separate``; None where no row of it counts."""
-        firsts = [system.parts[0].group.first for system in self.systems]
-        return firsts.index(group.first) if group.first in firsts else None
-
-    def corrected_rows(self, number: int, numbers: Floats) -> CorrectedRows:
-        """The rows of system ``number``, which are ``separate``, where all unknowns are ``numbers`` (N,)."""
-        part, solved = self.systems[number].parts[0], self._solved(numbers)[number]
-        return CorrectedRows(
-            group=part.at(solved.feet.corrections),
-            rows=part.lines,
+    def components(self, number: int, numbers: Floats) -> Components:
+        """The components of system ``number`` where all unknowns are ``numbers`` (N,)."""
+        solved = self._solved(numbers)[number]
+        return Components(
+            groups=tuple(part.at(solved.feet.corrections) for part in self.systems[number].parts),
             root=solved.root,
             residuals=solved.residuals,
         )

@@ -38,11 +38,6 @@ class Part:
     places: Indices
     alone: bool
 
-    @property
-    def lines(self) -> Indices:
-        """Which rows of the whole group these are (rows,)."""
-        return (self.residuals[:, 0] - self.group.first) // self.group.kernel.outputs
-
     def corrected(self, corrections: Floats) -> Floats:
         """The measured values (rows, c) with corrections (R, q), which are in standard deviations."""
         if self.alone:
@@ -61,13 +56,15 @@ class Part:
 class System:
     """R components of k equations in q corrections each (protocol ``Conditions`` once the unknowns are put in).
 
-    ``residuals`` (R, k) places the equations in the vector of all residuals.
+    All have rows of the same groups. ``residuals`` (R, k) places the equations in the vector of all residuals;
+    ``touched`` are the most coordinates that one component touches.
     """
 
     parts: tuple[Part, ...]
     noisy: Mask
     corrections: int
     residuals: Indices
+    touched: int
 
     def at_numbers(self, numbers: Floats) -> Conditions:
         """The conditions on the corrections where all unknowns are ``numbers`` (N,)."""

@@ -55,7 +55,7 @@ def parts_of(equations: Assembled) -> tuple[Part, ...]:
 def _labels(equations: Assembled, touched: Sequence[Indices]) -> Indices:
     """The first coordinate that each (n,) is connected with, where groups have ``touched`` them row by row."""
     count, implicit = equations.dimension, equations.implicit
-    if implicit is None or implicit.separate:
+    if implicit is None:
         return connections(touched, count)
     with_values, measured = list(touched), implicit.measured
     for number, ids in measured.ids.items():

@@ -26,8 +26,7 @@ from mbm.solver.step_control import damping_factor, radius_after, remaining
 from mbm.sparse.deferred import DeferredMatrix
 from mbm.sparse.equations import blocked
 from mbm.sparse.limited import RULES
-from mbm.sparse.place import BlockEquations, Place, inside, moved, place_at
-from mbm.sparse.structure import Structure, Values
+from mbm.sparse.place import BlockEquations, Place, counted_as, first_bad_slope, inside, moved, place_at
 from mbm.sparse.system import BlockJacobian, Plan, plan
 
 FIRST = 1e-4
@@ -135,7 +134,7 @@ def _arrived(equations: BlockEquations, state: State) -> State:
     if place is not None:
         doubtful = state.back is not None and state.back.reason is Reason.ROUNDING
         return replace(state, place=place, back=state.back if doubtful else None)
-    row = _bad_derivative(state.plan.structure, values)
+    row = counted_as(equations, state.plan.structure, first_bad_slope(state.plan.structure, values))
     return state.back or replace(state, reason=Reason.JACOBIAN_NOT_FINITE_AT_START, bad_row=row)
 
 
@@ -254,12 +253,3 @@ def _accepted(state: State, point: Floats, residuals: Floats, share: float, reje
 
 def _ended(state: State, reason: Reason) -> State:
     return replace(state, reason=reason, iterations=state.iterations + 1)
-
-
-def _bad_derivative(found: Structure, values: Values) -> int:
-    """The first residual with a derivative that is not finite."""
-    for piece, part in zip(found.pieces, values, strict=True):
-        bad = ~np.isfinite(part).all(axis=2)
-        if bad.any():
-            return piece.first + int(np.argmax(bad.reshape(-1)))
-    return 0

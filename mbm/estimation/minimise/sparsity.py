@@ -7,19 +7,20 @@ from mbm.equations.types import Equations
 from mbm.solver.decisions import MOST_DENSE
 
 SPARSE = 0.1
-"""A row that touches more than this share of the unknowns makes the equations dense."""
+"""A row, or rows that share measured values with errors, that touch more than this share of the unknowns make the
+equations dense."""
 
 MOST_SLOPES = 50_000_000
 """Numbers in the dense Jacobian of the constraints: 400 MB."""
 
 
 def sparse_suits(equations: Equations) -> bool:
-    """Whether there are many unknowns of which each equation touches few, few constraints, no shared errors."""
+    """Whether there are many unknowns of which each equation touches few, few constraints."""
     if not isinstance(equations, Assembled) or equations.dimension <= MOST_DENSE:
         return False
     if len(equations.equality) * equations.dimension > MOST_SLOPES:
         return False
-    if equations.implicit is not None and not equations.implicit.separate:
+    if equations.implicit is not None and equations.implicit.widest > SPARSE * equations.dimension:
         return False
     groups = (*equations.groups, *equations.constraints)
     return all(group.columns.shape[1] <= SPARSE * equations.dimension for group in groups if group.rows)

@@ -205,6 +205,8 @@ def _at_start(
     groups, bad = equations.groups, minimum.bad_row
     if bad >= equations.count:
         groups, bad = equations.constraints, bad - equations.count
+    elif equations.rows is not None:
+        bad = int(equations.rows[bad])
     for group in groups:
         if group.first <= bad < group.first + group.count:
             row = (bad - group.first) // group.kernel.outputs

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -74,20 +76,20 @@ def solved(tables, **parts):
 
 
 @pytest.fixture
-def blockwise(monkeypatch):
-    def solve(tables, **parts):
-        with monkeypatch.context() as patched:
-            patched.setattr(sparsity, "MOST_DENSE", 0)
-            patched.setattr(sparsity, "SPARSE", 1.0)
-            return solved(tables, **parts)
+def everything_sparse(monkeypatch):
+    """A context in which small problems are for the sparse solver, too."""
 
-    return solve
+    @contextmanager
+    def patched():
+        with monkeypatch.context() as each:
+            each.setattr(sparsity, "MOST_DENSE", 0)
+            each.setattr(sparsity, "SPARSE", 1.0)
+            yield
+
+    return patched
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
-def test_blocks_give_the_dense_answer(blockwise, variant):
-    tables = far(circles(12, 9))
-    found, dense = blockwise(tables, **VARIANTS[variant]), solved(tables, **VARIANTS[variant])
+def same_answer(found, dense):
     assert found.first.method.endswith("sparse")
     assert not dense.first.method.endswith("sparse")
     assert found.first.status is dense.first.status
@@ -104,6 +106,14 @@ def test_blocks_give_the_dense_answer(blockwise, variant):
         assert (own.used, own.outliers) == (other.used, other.outliers)
     for own, other in zip(found.first.corrections, dense.first.corrections, strict=True):
         np.testing.assert_allclose(own.value / own.sigma, other.value / other.sigma, atol=SAME)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_blocks_give_the_dense_answer(everything_sparse, variant):
+    tables = far(circles(12, 9))
+    with everything_sparse():
+        found = solved(tables, **VARIANTS[variant])
+    same_answer(found, solved(tables, **VARIANTS[variant]))
 
 
 def rim(t, x, y, sx, sy):
@@ -181,3 +191,112 @@ def test_consensus_of_many_connected_unknowns_draws_no_subsets(monkeypatch):
     same = one_radius(clean, "")
     np.testing.assert_allclose(found["c"].value, same["c"].value, atol=SAME)
     np.testing.assert_allclose(found["r"].value, same["r"].value, atol=SAME)
+
+
+SIGHTS = """
+(problem sights
+  (data targets external :key k) (data stations external :key id) (data d external :with (stations s))
+  (unknowns (p (vector 2) :per targets :init [px py] {p}))
+  (observe far d (= r (distance (p k) [stations.x stations.y])) {far} :errors ({r} (stations.x 0.1) (stations.y 0.2)))
+  {more})
+"""
+SIGHTS_VARIANTS = {
+    "noise of the equations": {},
+    "no noise of the equations": {"far": "", "r": "(r 0.05)"},
+    "some rows": {"far": ":sigma 0.05 :when (> u -6)"},
+    "priors": {"p": ":sigma 0.3"},
+    "bounds": {"p": ":in ([-8 -8] [8 8])"},
+    "some fixed": {"p": ":fixed (> k 8)"},
+    "consensus": {"far": ":sigma 0.05", "more": "(solve :robust lmeds)"},
+    "a constraint": {"more": "(constraints (= (p 3 1) (p 4 2)))"},
+    "two blocks share": {
+        "more": "(observe aside d (= v (- (p k 2) stations.y)) :sigma 0.1 :errors ((stations.y 0.2)))",
+    },
+    "two components": {
+        "more": """(observe both d (= [u v] (- (p k) [stations.x stations.y]))
+          :errors ((stations.x 0.1) (stations.y 0.2)) :covariance [[0.01 0.002] [0.002 0.03]])""",
+    },
+    "rows that share nothing": {"more": "(observe level d (= u (- (p k 1) e)) :sigma 0.1 :errors ((e 0.2)))"},
+    "others of unknown noise": {"more": "(observe level d (= e (p k 1)) :sigma (unknown 0.5))"},
+    "several methods' rule": {"more": "(solve :method lm)"},
+}  # fmt: skip
+
+
+def sights(cells: int, rows: int = 4) -> dict[str, dict[str, np.ndarray]]:
+    """Cells of three targets and eight stations whose measured places several ranges share: two of each to ``rows``."""
+    random = np.random.default_rng(8)
+    targets, count = random.uniform(-6, 6, (3 * cells, 2)), 8 * cells
+    at = random.uniform(-8, 8, (count, 2))
+    true = at + [0.1, 0.2] * random.normal(size=(count, 2))
+    s = np.repeat(np.arange(count), 2 + np.arange(count) % (rows - 1))
+    k = 3 * (s // 8) + np.arange(len(s)) % 3
+    away = targets[k] - true[s]
+    u, v = (away + [0.1, 0.17] * random.normal(size=(len(s), 2))).T
+    r = np.hypot(*away.T) + 0.05 * random.normal(size=len(s))
+    near = targets + 0.3 * random.normal(size=targets.shape)
+    return {
+        "targets": {"k": np.arange(3.0 * cells), "px": near[:, 0], "py": near[:, 1]},
+        "stations": {"id": np.arange(float(count)), "x": at[:, 0], "y": at[:, 1]},
+        "d": {"s": s.astype(float), "k": k.astype(float), "r": r, "u": u, "v": v, "e": targets[k, 0] - u},
+    }
+
+
+def sighted(tables, **parts):
+    return mbm.loads(SIGHTS.format(**({"p": "", "far": ":sigma 0.05", "r": "", "more": ""} | parts))).solve(data=tables)
+
+
+@pytest.mark.parametrize("rows", [4, 9], ids=["few rows share", "many rows share"])
+@pytest.mark.parametrize("variant", SIGHTS_VARIANTS)
+def test_shared_values_in_blocks_give_the_dense_answer(everything_sparse, variant, rows):
+    tables = sights(4, rows)
+    if variant == "consensus":
+        tables["d"]["r"][::13] += 3.0
+    dense = sighted(tables, **SIGHTS_VARIANTS[variant])
+    with everything_sparse():
+        found = sighted(tables, **SIGHTS_VARIANTS[variant])
+    same_answer(found, dense)
+
+
+def joint_sights(near, tables, cell: int):
+    """A cell with the true places of its stations as further unknowns, solved by SciPy."""
+    d, stations = tables["d"], tables["stations"]
+    mine, own = d["s"] // 8 == cell, slice(8 * cell, 8 * cell + 8)
+    s, k = d["s"][mine].astype(int) % 8, d["k"][mine].astype(int) % 3
+    x, y, r = stations["x"][own], stations["y"][own], d["r"][mine]
+
+    def misfits(q):
+        p, at = q[:6].reshape(3, 2), q[6:].reshape(2, 8)
+        away = np.hypot(p[k, 0] - at[0][s], p[k, 1] - at[1][s])
+        return np.concatenate([(at[0] - x) / 0.1, (at[1] - y) / 0.2, (away - r) / 0.05])
+
+    start = np.concatenate([near.ravel(), x, y])
+    found = least_squares(misfits, start, xtol=1e-15, ftol=1e-15, gtol=1e-15, x_scale="jac", jac="3-point")
+    return found.x[:6].reshape(3, 2), 2 * found.cost
+
+
+def test_many_targets_are_those_of_the_joint_problem():
+    """306 unknowns, no patch: each cell is a problem of its own for SciPy, begun at the answer of mbm."""
+    tables, cost = sights(51), 0.0
+    found = sighted(tables)
+    assert found.first.method == "dogleg-sparse"
+    for cell in range(51):
+        own = slice(3 * cell, 3 * cell + 3)
+        p = found["p"]
+        values, least = joint_sights(p.value[own] + 0.1 * p.sigma[own], tables, cell)
+        np.testing.assert_allclose((p.value[own] - values) / p.sigma[own], 0.0, atol=NEAR)
+        cost += least
+    assert found.first.cost == pytest.approx(cost, rel=1e-10)
+
+
+def test_what_has_no_value_is_named_where_it_stands(everything_sparse):
+    """Systems stand behind other equations for the sparse solver: places in the data do not."""
+    tables = sights(4)
+    tables["d"]["u"] = np.abs(tables["d"]["u"])
+    tables["d"]["u"][[5, 17]] = -1.0
+    parts = {"more": "(observe level d (= (sqrt u) (* (p k 1) (sqrt u))) :sigma 0.1)"}
+    with everything_sparse():
+        found = sighted(tables, **parts)
+    dense = sighted(tables, **parts)
+    said = [str(each) for each in found.first.diagnostics]
+    assert said == [str(each) for each in dense.first.diagnostics]
+    assert "row=6" in said[0]
