@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mbm.text.suggest import closest
+from mbm.text.suggest import suggestion
 from mbm.text.types import Code, Diagnostic
 
 NO_SUCH_INPUT = Code(
@@ -41,8 +41,8 @@ def no_such_input(name: str, known: tuple[str, ...], *, several: bool) -> Diagno
     if several:
         message = f"`{name}` may mean several columns"
         return Diagnostic(code=NO_SUCH_INPUT, message=message, place=None, hint=f"write {_listed(known, ' or ')}")
-    near = closest(name, (*known, *(each.split(".", 1)[1] for each in known)))
-    hint = f"did you mean `{near}`?" if near else f"the equations use {_listed(known, ', ')}"
+    candidates = (*known, *(each.split(".", 1)[1] for each in known))
+    hint = suggestion(name, candidates, f"the equations use {_listed(known, ', ')}")
     return Diagnostic(code=NO_SUCH_INPUT, message=f"no equation uses a column `{name}`", place=None, hint=hint)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from mbm.language.faults import NOT_AVAILABLE_YET
-from mbm.text.suggest import closest
+from mbm.text.suggest import suggestion
 from mbm.text.types import Code, Diagnostic
 
 BAD_CALL = Code(
@@ -33,8 +33,7 @@ def bad_call(message: str, command: str) -> Diagnostic:
 
 def unknown_command(name: str, known: Iterable[str]) -> Diagnostic:
     """No command is called ``name``."""
-    near = closest(name, known)
-    hint = "`mbm --help` lists the commands" if near is None else f"did you mean `{near}`?"
+    hint = suggestion(name, known, "`mbm --help` lists the commands")
     return Diagnostic(code=BAD_CALL, message=f"`{name}` is no command", hint=hint)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from mbm.files import faults as file_faults
 from mbm.problem.tables import CellKey
 from mbm.text.faults import shown
-from mbm.text.suggest import closest
+from mbm.text.suggest import suggestion
 from mbm.text.types import Code, DataPlace, Diagnostic, Label, Place
 
 LONGEST_CELL_SHOWN = 40
@@ -129,11 +129,6 @@ DUPLICATE_KEY = Code(
 )
 
 
-def _did_you_mean(name: str, candidates: Iterable[str]) -> str | None:
-    similar = closest(name, tuple(candidates))
-    return None if similar is None else f"did you mean `{similar}`?"
-
-
 def _short(cell: str | None) -> str:
     return shown(cell or "", LONGEST_CELL_SHOWN)
 
@@ -198,7 +193,7 @@ def undeclared_table(table: str, declared: Iterable[str]) -> Diagnostic:
     names = tuple(declared)
     has = f"it has {_names(names)}" if names else "it has no data clause"
     message = f"a table `{table}` was given, but the problem has no data clause of that name; {has}"
-    return Diagnostic(code=UNDECLARED_TABLE, message=message, hint=_did_you_mean(table, names))
+    return Diagnostic(code=UNDECLARED_TABLE, message=message, hint=suggestion(table, names, None))
 
 
 def not_a_table(place: DataPlace, what: str) -> Diagnostic:
@@ -234,7 +229,7 @@ def missing_column(place: Place, column: str, path: str, present: Iterable[str])
     """The table read from ``path`` has the columns ``present``, ``column`` is not among them."""
     names = tuple(present)
     message = f"`{path}` has no column `{_short(column)}`; it has {_names(names)}"
-    return Diagnostic(code=MISSING_COLUMN, message=message, place=place, hint=_did_you_mean(column, names))
+    return Diagnostic(code=MISSING_COLUMN, message=message, place=place, hint=suggestion(column, names, None))
 
 
 def unequal_lengths(place: DataPlace, first: str, length: int, other: str, other_length: int) -> Diagnostic:

@@ -1,7 +1,8 @@
-"""Tables from the Python API: a data frame, a dict of arrays, a structured array or a list of dicts → RawTable.
+"""Tables from the Python API (a data frame, a dict of arrays, a structured array or a list of dicts), and the rows
+written in a problem → RawTable.
 
 Data frames (pandas, polars) are known by what they can do, neither library is imported. A frame's index is no column.
-Rows count from 1.
+Rows count from 1; those of a problem are numbered by their lines in its file.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.data import faults
-from mbm.data.cells import column_from_array, column_from_values
+from mbm.data.cells import column_from_array, column_from_values, mixed_column
 from mbm.data.columns import check_names, columns_of_records, counted_table
 from mbm.data.types import GivenColumns, RawTable
-from mbm.problem.tables import Column
-from mbm.text.types import DataPlace, MbmError
+from mbm.problem.tables import Column, InlineTable
+from mbm.text.types import DataPlace, MbmError, Span
 
 
 class Frame(Protocol):
@@ -85,3 +86,24 @@ def _column(name: str, cells: object, path: str) -> Column:
     if cells.dtype.kind == "O" and cells.ndim == 1:
         return column_from_values(name, cells.tolist(), path)
     return column_from_array(name, cells, path)
+
+
+def table_from_inline(inline: InlineTable, span: Span) -> RawTable:
+    """The table that the data clause at ``span`` holds; its path is the problem file's name.
+
+    Raises MbmError with the place in the problem: no-columns, bad-column-name, duplicate-column, and all rows with
+    short-row or long-row.
+    """
+    names = check_names(inline.columns, span)
+    found = []
+    for number, (row, place) in enumerate(zip(inline.rows, inline.spans, strict=True), start=1):
+        if len(row) < len(names):
+            found.append(faults.short_row(place, number, len(row), names))
+        elif len(row) > len(names):
+            found.append(faults.long_row(place, number, len(row), names))
+    if found:
+        raise MbmError(*found)
+    columns = tuple(mixed_column(name, [row[i] for row in inline.rows]) for i, name in enumerate(names))
+    lines = np.array([place.line for place in inline.spans], dtype=np.int64)
+    lines.setflags(write=False)
+    return RawTable(path=span.source.name, sha256=None, columns=columns, file_rows=lines)

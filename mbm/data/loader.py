@@ -15,8 +15,7 @@ import numpy as np
 
 from mbm.data import faults
 from mbm.data.content import COMPRESSED, PER_ROW
-from mbm.data.given import table_from_given
-from mbm.data.inline import table_from_inline
+from mbm.data.given import table_from_given, table_from_inline
 from mbm.data.shaping import shape
 from mbm.data.types import ManyReader, RawTable, Reader, asked
 from mbm.files.faults import too_many_files, unreadable_file

@@ -51,17 +51,18 @@ class Whitener:
 
     def apply(self, values: Floats) -> Floats:
         """Whitened values, shape (…, rows, k), from outputs of shape (…, rows, outputs)."""
-        part = values[..., self.first : self.last]
-        if self.weights.ndim == 2:
-            return np.asarray(part * self.weights)
-        return np.asarray(np.einsum("rij,...rj->...ri", self.weights, part), dtype=np.float64)
+        return self._product("rij,...rj->...ri", values)
 
     def transposed(self, values: Floats) -> Floats:
         """Its transpose applied to whitened values (…, rows, outputs): (…, rows, k)."""
+        return self._product("rij,...ri->...rj", values)
+
+    def _product(self, sum_of: str, values: Floats) -> Floats:
+        """The equation's part of ``values`` by the weights: each by its own, or by matrices as ``sum_of`` says."""
         part = values[..., self.first : self.last]
         if self.weights.ndim == 2:
             return np.asarray(part * self.weights)
-        return np.asarray(np.einsum("rij,...ri->...rj", self.weights, part), dtype=np.float64)
+        return np.asarray(np.einsum(sum_of, self.weights, part), dtype=np.float64)
 
 
 def whitener(

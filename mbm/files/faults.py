@@ -6,7 +6,7 @@ from itertools import islice
 from pathlib import Path
 
 from mbm.text.faults import shown
-from mbm.text.suggest import closest
+from mbm.text.suggest import closest, did_you_mean
 from mbm.text.types import Code, Diagnostic, Place
 
 MISSING_FILE = Code(
@@ -88,7 +88,7 @@ def missing_file(path: Path, place: Place) -> Diagnostic:
         message, near = f"the file `{name}` does not exist, nor does its folder", None
     else:
         message, near = f"the file `{name}` does not exist", closest(path.name, neighbours)
-    hint = "check the path" if near is None else f"did you mean `{shown(near)}`?"
+    hint = did_you_mean(near and shown(near), "check the path")
     return Diagnostic(code=MISSING_FILE, message=message, place=place, hint=hint)
 
 
@@ -112,11 +112,13 @@ def file_too_large(path: Path, size: int, largest: int, place: Place) -> Diagnos
     return Diagnostic(code=FILE_TOO_LARGE, message=message, place=place)
 
 
-def not_writable(
-    path: str | Path, reason: str, hint: str = "check the path, its permissions and the space on the disk"
-) -> Diagnostic:
+def not_writable(path: str | Path, reason: str) -> Diagnostic:
     """``reason`` is what speaks against it, often in the words of the system."""
-    return Diagnostic(code=NOT_WRITABLE, message=f"`{_named(path)}` cannot be written: {reason}", hint=hint)
+    return Diagnostic(
+        code=NOT_WRITABLE,
+        message=f"`{_named(path)}` cannot be written: {reason}",
+        hint="check the path, its permissions and the space on the disk",
+    )
 
 
 def output_not_writable(reason: str) -> Diagnostic:

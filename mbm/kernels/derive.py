@@ -1,4 +1,4 @@
-"""Blocks of equations → differentiated kernels."""
+"""Blocks of equations → differentiated kernels: by the unknowns, and by the measured columns that are uncertain."""
 
 from __future__ import annotations
 
@@ -9,14 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.files.memory import check_memory
-from mbm.kernels.charts import tangent_map
-from mbm.kernels.corrections import corrections_of
-from mbm.kernels.differentiation import differentiated
 from mbm.kernels.instructions import program_of
-from mbm.kernels.lowering import lower
-from mbm.kernels.types import Kernel, KernelSet
+from mbm.kernels.lowering import Lowered, lower
+from mbm.kernels.types import Corrections, Kernel, KernelSet
 from mbm.problem.manifold import Piece
-from mbm.symbolic.types import ResidualBlock, SymbolicModel
+from mbm.symbolic.types import ConstantInput, ResidualBlock, SymbolicModel
 
 PER_PLACE = 400
 """Bytes for one unknown number of an equation in one element of its Jacobian, where each depends on each."""
@@ -82,3 +79,113 @@ def _dependence(block: ResidualBlock, nonzeros: casadi.SX, unknowns: casadi.SX) 
         moved = each[columns]
         dependence[rows[moved >= 0], moved[moved >= 0]] = True
     return dependence
+
+
+def corrections_of(block: ResidualBlock) -> Corrections:
+    """The kernel of values, slopes and curvature with respect to the ``corrected`` parameters of ``block``.
+
+    The curvature is that of λᵀh, with one multiplier λ for each output behind the other inputs.
+    """
+    variables, parameters, outputs = len(block.variables), len(block.parameters), len(block.expressions)
+    inputs = casadi.SX.sym("z", variables + parameters + outputs)
+    scalars = casadi.vertsplit(inputs)
+    symbols = dict(zip((*block.variable_symbols, *block.parameter_symbols), scalars[:-outputs], strict=True))
+    measured = casadi.vertcat(*(scalars[variables + column] for column in block.corrected))
+    values, slopes = differentiated(lower(block.expressions, symbols), measured)
+    multipliers = casadi.vertcat(*scalars[variables + parameters :])
+    curvature = casadi.jacobian(casadi.mtimes(slopes.T, multipliers), measured)
+    slope_rows, slope_columns = slopes.sparsity().get_triplet()
+    curvature_rows, curvature_columns = curvature.sparsity().get_triplet()
+    nonzeros: list[Any] = [*slopes.nonzeros(), *curvature.nonzeros()]
+    everything = casadi.vertcat(values, *nonzeros)
+    kernel = Kernel(
+        name=block.name,
+        purpose=block.purpose,
+        owner=block.owner,
+        case=block.case,
+        variables=block.variables,
+        tangents=block.tangents,
+        charts=block.charts,
+        parameters=(*block.parameters, *(ConstantInput(f"multiplier {i + 1}") for i in range(outputs))),
+        outputs=outputs,
+        jacobian_rows=np.asarray([*slope_rows, *curvature_rows], dtype=np.int64),
+        jacobian_columns=np.asarray([*slope_columns, *curvature_columns], dtype=np.int64),
+        dependence=np.ones((len(nonzeros), len(block.tangents)), dtype=bool),
+        value_program=program_of(casadi.Function("values", [inputs], [casadi.cse(values)])),
+        jacobian_program=program_of(casadi.Function("values_and_slopes", [inputs], [casadi.cse(everything)])),
+        span=block.span,
+    )
+    return Corrections(
+        columns=block.corrected,
+        kernel=kernel,
+        slope_rows=np.asarray(slope_rows, dtype=np.int64),
+        slope_columns=np.asarray(slope_columns, dtype=np.int64),
+        curvature_rows=np.asarray(curvature_rows, dtype=np.int64),
+        curvature_columns=np.asarray(curvature_columns, dtype=np.int64),
+    )
+
+
+def tangent_map(block: ResidualBlock, scalars: list[casadi.SX]) -> casadi.SX:
+    """Derivative of the variables with respect to the tangents, at no step: sparse, (variables, tangents).
+
+    ``scalars`` are the inputs of the block, the variables first. Conventions as `mbm.problem.manifold`.
+    """
+    result = casadi.SX(len(block.variables), len(block.tangents))
+    for chart in block.charts:
+        numbers = [scalars[i] for i in chart.variables]
+        for i, row in zip(chart.variables, _slopes(chart.piece, numbers), strict=True):
+            for j, slope in zip(chart.tangents, row, strict=True):
+                result[i, j] = slope
+    return result
+
+
+def _slopes(piece: Piece, numbers: list[casadi.SX]) -> list[list[casadi.SX | float]]:
+    if piece is Piece.NUMBER:
+        return [[1.0]]
+    if piece is Piece.SCALE:
+        return [[numbers[0]]]
+    if piece is Piece.QUATERNION:
+        w, x, y, z = (0.5 * q for q in numbers)
+        return [[-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w]]
+    return _sphere(*numbers)
+
+
+def _sphere(x: casadi.SX, y: casadi.SX, z: casadi.SX) -> list[list[casadi.SX | float]]:
+    """Two orthonormal tangents as columns (Duff et al. 2017), as `mbm.equations.manifolds.tangent_axes` has them."""
+    sign = casadi.if_else(z < 0, -1.0, 1.0)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return [[1.0 + sign * x * x * a, b], [sign * b, sign + y * y * a], [-sign * x, -y]]
+
+
+def differentiated(lowered: Lowered, variables: casadi.SX) -> tuple[casadi.SX, casadi.SX]:
+    """Values and Jacobian. Piecewise values are differentiated branch by branch and then chosen from.
+
+    Automatic differentiation of a choice multiplies the derivative of the branch not taken by zero, which makes NaN of
+    the infinite slope of ``sqrt`` at zero that the condition was there to avoid.
+    """
+    values = casadi.densify(casadi.vertcat(*lowered.expressions))
+    if not lowered.choices:
+        return values, casadi.jacobian(values, variables)
+    count = int(variables.numel())
+    slopes: dict[int, casadi.SX] = {}
+    known: list[casadi.SX] = []
+    chosen: list[casadi.SX] = []
+
+    def total(expression: casadi.SX) -> casadi.SX:
+        """The Jacobian with those of the choices that ``expression`` uses, by the chain rule."""
+        result = casadi.jacobian(expression, variables)
+        used = [symbol for symbol in casadi.symvar(expression) if symbol.element_hash() in slopes]
+        if used:  # all at once: one after the other, each would go through the whole expression
+            by_choice = casadi.jacobian(expression, casadi.vertcat(*used))
+            result = result + casadi.mtimes(by_choice, casadi.vertcat(*(slopes[s.element_hash()] for s in used)))
+        return result
+
+    for choice in lowered.choices:
+        then, other = casadi.densify(total(choice.then)), casadi.densify(total(choice.other))
+        pairs = [casadi.if_else(choice.test, then[j], other[j]) for j in range(count)]
+        slopes[choice.symbol.element_hash()] = casadi.sparsify(casadi.horzcat(*pairs)) if pairs else casadi.SX(1, 0)
+        known.append(choice.symbol)
+        chosen.append(casadi.if_else(choice.test, choice.then, choice.other))
+    _, (values, jacobian) = casadi.substitute_inplace(known, chosen, [values, total(values)])
+    return values, jacobian

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mbm.text.faults import shown
-from mbm.text.suggest import closest
+from mbm.text.suggest import did_you_mean, suggestion
 from mbm.text.types import Code, Diagnostic, Label, Place, Severity, Span
 
 UNKNOWN_NAME = Code(
@@ -142,11 +142,10 @@ def infix(span: Span, name: str, operator: str, operands: tuple[str, ...]) -> Di
     )  # fmt: skip
 
 
-def unknown_name(span: Span, name: str, suggestion: str | None, *, is_head: bool = False) -> Diagnostic:
+def unknown_name(span: Span, name: str, near: str | None, *, is_head: bool = False) -> Diagnostic:
     """A name nobody knows, with the nearest one that is known."""
     what = "a function, a model or a variable here" if is_head else "a variable or a function here"
-    hint = f"did you mean `{suggestion}`?" if suggestion else None
-    return Diagnostic(code=UNKNOWN_NAME, message=f"`{name}` is not {what}", place=span, hint=hint)
+    return Diagnostic(code=UNKNOWN_NAME, message=f"`{name}` is not {what}", place=span, hint=did_you_mean(near, None))
 
 
 def not_available_yet(span: Span | None, what: str, topic: str) -> Diagnostic:
@@ -371,11 +370,9 @@ def bad_top_level(span: Span, head: str | None = None, reserved: tuple[str, ...]
     )
     if head is None:
         return bad_form(span, "only definitions and problems may stand at top level", usage)
-    near = closest(head, reserved)
     message = f"`({head} …)` at top level is neither a definition nor a model (whose second element is a list)"
-    if near:
-        return Diagnostic(code=BAD_FORM, message=message, place=span, hint=f"did you mean `{near}`?")
-    return bad_form(span, message, usage)
+    hint = suggestion(head, reserved, f"usage: {usage}")
+    return Diagnostic(code=BAD_FORM, message=message, place=span, hint=hint)
 
 
 def outside_sandbox(span: Span, path: str) -> Diagnostic:

@@ -6,7 +6,7 @@ from mbm.expression.nodes import Column, Number, Opaque, nearest
 from mbm.language import faults
 from mbm.language.coerce import integer, opaque_element, scalar
 from mbm.language.values import Array, FamilyValue, ListValue, TextColumn, Value, describe
-from mbm.text.suggest import closest
+from mbm.text.suggest import suggestion
 from mbm.text.types import Form, MbmError, Sequence, Span
 
 
@@ -64,8 +64,7 @@ def family_key(family: FamilyValue, value: Value, span: Span) -> str | float | C
             )
         key = nearest(number.value)
     if key not in family.keys:
-        near = closest(str(key), sorted(str(k) for k in family.keys))
         shown = f"`{key}`" if isinstance(key, str) else f"{key:g}"
-        hint = f"did you mean `{near}`?" if near else None
+        hint = suggestion(str(key), sorted(str(k) for k in family.keys), None)
         raise MbmError(faults.bad_index(span, f"`{family.name}` has no member {shown}", hint))
     return key

@@ -317,10 +317,3 @@ def put(memory: Any, kind: type, /, **values: Any) -> None:
 def inside(memory: Any, kind: type, name: str) -> Any:
     """The record that lies inside of another one, as `put` takes it."""
     return memory[slot(kind, name) :] if isinstance(memory, np.ndarray) else getattr(memory, name)
-
-
-def filled(kind: type, /, **values: NDArray[Any] | int) -> NDArray[np.int64]:
-    """A record in memory, with such fields; the arrays stay with the caller, who keeps them alive."""
-    found = blank(kind)
-    put(found, kind, **values)
-    return found

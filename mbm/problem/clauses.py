@@ -43,7 +43,7 @@ def select_problem(program: Program, name: str | None) -> ProblemDefinition:
     names = tuple(program.problems)
     if name is not None:
         if name not in program.problems:
-            raise MbmError(faults.unknown_problem(name, names, closest(name, names)))
+            raise MbmError(faults.unknown_problem(name, names))
         return program.problems[name]
     if not names:
         raise MbmError(faults.no_problem(program.source))

@@ -14,9 +14,20 @@ from mbm.problem.elaborated import Elaborated
 from mbm.problem.kinds import ConstraintKind
 from mbm.problem.naming import PRIOR
 from mbm.problem.tables import Table
-from mbm.problem.types import Block, BlockRole, Equation, NoiseKind, Problem, UncertainColumn, Unknown, UnknownKind
+from mbm.problem.types import (
+    Block,
+    BlockRole,
+    Consensus,
+    ConsensusKind,
+    Equation,
+    Loss,
+    NoiseKind,
+    Problem,
+    UncertainColumn,
+    Unknown,
+    UnknownKind,
+)
 from mbm.report.columns import wrapped
-from mbm.report.robust import consensus_text, loss_text
 from mbm.symbolic.printing import latex_name, printed
 from mbm.symbolic.types import ColumnInput, Parameter, Purpose, ResidualBlock, Slot, SymbolicModel
 from mbm.text.shown import joined
@@ -32,6 +43,14 @@ _SOLVERS = {
     "exact": "sequential quadratic programming with an active set",
 }
 _NOT_BELOW = {False: "≥", True: r"\ge"}
+
+
+_METHODS = {
+    ConsensusKind.LMEDS: "least median of squares",
+    ConsensusKind.RANSAC: "RANSAC: as many measurements as possible",
+    ConsensusKind.MSAC: "MSAC: as many measurements as possible, and those close",
+    ConsensusKind.GNC: "graduated non-convexity",
+}
 
 
 def explanation(
@@ -228,3 +247,17 @@ def _parameter(parameter: Parameter) -> str:
     if isinstance(parameter, ColumnInput):
         return f"{parameter.table}.{parameter.name}"
     return parameter.name
+
+
+def loss_text(loss: Loss) -> str:
+    """The loss with its parameters."""
+    shape = "" if loss.shape is None else f" with exponent {loss.shape:g}"
+    scale = "its parameter for 95 % efficiency" if loss.scale is None else f"beyond {loss.scale:g} standard deviations"
+    return f"{loss.kind.value}{shape}, {scale}"
+
+
+def consensus_text(consensus: Consensus) -> str:
+    """How the measurements that agree are found."""
+    trials = "" if consensus.trials is None else f", {consensus.trials} trials"
+    limit = "" if consensus.threshold is None else f", within {consensus.threshold:g} standard deviations"
+    return f"{_METHODS[consensus.kind]}{trials}{limit}; then a fit to the measurements that agree"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from mbm.text.suggest import did_you_mean
 from mbm.text.types import Code, DataPlace, Diagnostic, Label, Severity, Span
 
 PLOT_FORMAT = Code(
@@ -67,7 +68,7 @@ def unknown_member(name: str, key: str, near: str | None) -> Diagnostic:
     return Diagnostic(
         code=BAD_INITIAL_VALUES,
         message=f"the initial value of `{name}` is for a member {key}, which it does not have",
-        hint=f"did you mean `{near}`?" if near is not None else "give the keys that the table has",
+        hint=did_you_mean(near, "give the keys that the table has"),
     )
 
 

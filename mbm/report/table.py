@@ -1,4 +1,4 @@
-"""Result → the table a person reads: one solve in full, or one line for each of many."""
+"""Result → the table a person reads: one solve with what its search found beside, or a line for each of many."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from math import pi
 from mbm.report.columns import aligned, fitting, left, wrapped
 from mbm.report.digits import Measured, measured, plain
 from mbm.report.elements import Scalar, scalars, unit_text
-from mbm.report.others import search_sentences
 from mbm.report.sentences import (
     constraint_sentences,
     diagnostic_sentence,
@@ -19,7 +18,7 @@ from mbm.report.sentences import (
     prior_sentences,
     residual_sentences,
 )
-from mbm.report.types import DerivedValue, Estimate, Kind, Result, SolveReport, SolveStatus
+from mbm.report.types import Alternative, DerivedValue, Estimate, Kind, Result, SolveReport, SolveStatus
 from mbm.text.shown import Paint, Style, cell_width, joined
 
 MOST_SCALARS = 24
@@ -29,6 +28,14 @@ LEAST_DOC = 40
 """Columns of a ``:doc`` that are shown in any case."""
 
 _FIRST_SCALARS = 20
+
+
+MOST_SOLUTIONS = 4
+"""Other solutions that are shown; the document has all."""
+MOST_NUMBERS = 4
+"""Numbers of another solution that are shown: those that differ most from the best one."""
+NOTHING = 1e-9
+"""Numbers that differ by less, relatively, are the same."""
 
 
 def table(result: Result, *, width: int = 80, color: bool = False, full: bool = False) -> str:
@@ -155,3 +162,43 @@ def _in_degrees(scalar: Scalar) -> str:
         scalar.value * 180 / pi, scalar.sigma * 180 / pi, exact=scalar.fixed or scalar.at_bound or not scalar.sigma >= 0
     )
     return f"{text} deg"
+
+
+def search_sentences(solve: SolveReport) -> Iterator[str]:
+    """How many starts led where, and the other solutions that fit best."""
+    tally = solve.starts
+    if tally is not None:
+        text = f"{tally.tried} starts: {tally.converged} converged, {tally.best_found} to the best fit"
+        others = len(solve.alternatives)
+        yield f"{text}; {others} other solution{'' if others == 1 else 's'}" if others else text
+    for other in solve.alternatives[:MOST_SOLUTIONS]:
+        yield _other(solve, other)
+    left = len(solve.alternatives) - MOST_SOLUTIONS
+    if left > 0:
+        yield f"… and {left} more with larger costs, which the document lists"
+
+
+def _other(solve: SolveReport, other: Alternative) -> str:
+    found = f"cost {plain(other.cost, 5)} from {other.starts} start{'' if other.starts == 1 else 's'}"
+    remark = f" ({other.remark})" if other.remark else ""
+    apart = sorted(_differences(solve.estimates, other.estimates), key=lambda pair: -pair[0])
+    if not apart:
+        return f"another solution, {found}{remark}"
+    texts = (f"{s.name} = {plain(s.value, 5)} {unit_text(s.quantity)}".rstrip() for _, s in apart[:MOST_NUMBERS])
+    more = len(apart) - MOST_NUMBERS
+    what = "one more number that differs" if more == 1 else f"{more} more numbers that differ"
+    rest = f" and {what}" if more > 0 else ""
+    return f"another solution, {found}, with {', '.join(texts)}{rest}{remark}"
+
+
+def _differences(best: Iterable[Estimate], other: Iterable[Estimate]) -> Iterator[tuple[float, Scalar]]:
+    """The numbers of ``other`` that are not those of ``best``, each with its relative difference."""
+    ours, theirs = (list(chain.from_iterable(map(scalars, items))) for items in (best, other))
+    for mine, its in zip(ours, theirs, strict=True):
+        apart = abs(its.value - mine.value)
+        if its.quantity.kind is Kind.ANGLE:
+            turn = 2 * pi / its.quantity.factor
+            apart = min(apart % turn, turn - apart % turn)
+        size = max(abs(its.value), abs(mine.value))
+        if size > 0 and apart > NOTHING * size:
+            yield apart / size, its

@@ -26,10 +26,10 @@ from mbm.language.values import (
 from mbm.language.vocabulary.frames import rotation_transform, scale_transform, translation_transform
 from mbm.language.vocabulary.rigid import pose
 from mbm.shapes import faults
+from mbm.shapes.features import pose_transform
 from mbm.shapes.heads import FORMS_NOT_YET, LIBRARY_NOT_YET, are_values, fits, is_users
 from mbm.shapes.repetition import repetitions
 from mbm.shapes.surface import clause, surface
-from mbm.shapes.transforms import pose_transform
 from mbm.shapes.truth import truth
 from mbm.shapes.types import (
     Group,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from mbm.text.suggest import closest
+from mbm.text.suggest import closest, did_you_mean, suggestion
 from mbm.text.types import Code, Diagnostic, Label, Span
 
 NOT_A_SHAPE = Code(
@@ -104,13 +104,9 @@ def unknown_vertex(span: Span, number: int, known: Iterable[int]) -> Diagnostic:
     )  # fmt: skip
 
 
-def bad_constraint(span: Span, message: str, suggestion: str | None = None) -> Diagnostic:
+def bad_constraint(span: Span, message: str, near: str | None = None) -> Diagnostic:
     """A constraint of a model that is not built as it should."""
-    hint = (
-        f"did you mean `{suggestion}`?"
-        if suggestion
-        else "write `(type form…)`, type one of = > < >= <= normal uniform"
-    )
+    hint = did_you_mean(near, "write `(type form…)`, type one of = > < >= <= normal uniform")
     return Diagnostic(code=BAD_CONSTRAINT, message=message, place=span, hint=hint)
 
 
@@ -123,8 +119,7 @@ def unknown_part(span: Span, name: str, owner: str, parts: tuple[str, ...]) -> D
 
 def unknown_feature(span: Span, name: str, owner: str, features: tuple[str, ...], names: tuple[str, ...]) -> Diagnostic:
     """A name at the end of a path that is neither a kind nor a point nor a part."""
-    near = closest(name, names)
-    hint = f"did you mean `{near}`?" if near else f"it has {', '.join(features)}"
+    hint = suggestion(name, names, f"it has {', '.join(features)}")
     return Diagnostic(code=UNKNOWN_FEATURE, message=f"{owner} has no feature `{name}`", place=span, hint=hint)
 
 
@@ -176,8 +171,6 @@ def numbers(values: Iterable[int]) -> str:
 
 
 def _choices(name: str, known: tuple[str, ...], what: str) -> str:
-    near = closest(name, known)
-    if near is not None:
-        return f"did you mean `{near}`?"
     shown = ", ".join(f"`{k}`" for k in known[:12])
-    return f"its {what}: {shown}{', …' if len(known) > 12 else ''}" if known else f"it has no {what}"
+    every = f"its {what}: {shown}{', …' if len(known) > 12 else ''}" if known else f"it has no {what}"
+    return suggestion(name, known, every)

@@ -1,15 +1,18 @@
-"""Walking a path through a shape to the feature it names (LANGUAGE §3)."""
+"""Walking a path through a shape to the feature it names (LANGUAGE §3), and carrying points into the shape's frame."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+from mbm.expression.algebra import multiply
 from mbm.expression.nodes import Number
 from mbm.language import faults as language_faults
-from mbm.language.values import Array, Call, Transform, Value
+from mbm.language.coerce import vector
+from mbm.language.values import Array, Call, PoseValue, Transform, Value
+from mbm.language.vocabulary.cameras import project_point
+from mbm.language.vocabulary.frames import move_point
 from mbm.shapes import faults
 from mbm.shapes.paths import KINDS, KINDS_NOT_YET, NUMBERED, ElementName, Segment
-from mbm.shapes.transforms import carried
 from mbm.shapes.types import Group, Line, ModelCall, Moved, NamedPoint, Node, Part, Plane, Shape, Step, Surface
 from mbm.text.types import Diagnostic, MbmError, Span, Symbol
 from mbm.values import dataclass
@@ -226,3 +229,22 @@ def _contents(call: Call, place: Place) -> Iterator[tuple[Node, tuple[Step, ...]
             stack.extend((child, (*steps, node.step)) for child in reversed(node.children))
         elif isinstance(node, Group | ModelCall):
             stack.extend((child, steps) for child in reversed(node.children))
+
+
+def pose_transform(p: PoseValue, span: Span) -> Transform:
+    """The transform ``c R x + t``."""
+    matrix = p.rotation.matrix
+    if p.scale is not None:
+        matrix = Array(matrix.shape, tuple(multiply(p.scale, e, span) for e in matrix.elements))
+    return Transform(matrix, p.translation, "transform", p)
+
+
+def carried(point: Array, steps: tuple[Step, ...], call: Call) -> Array:
+    """``point`` seen from outside of ``steps``, which stand outermost first."""
+    for step in reversed(steps):
+        if isinstance(step, Transform):
+            point = move_point(step, point, call.span)
+        else:
+            projection = Call(call.evaluator, step.form, call.scope, (point,), (step.form,))
+            point = project_point(projection, None, vector(point, step.form.span, 3).elements)
+    return point

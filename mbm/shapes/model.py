@@ -1,20 +1,42 @@
-"""Calling a model: arguments bound, declarations evaluated, shapes described."""
+"""Calling a model: arguments bound, declarations evaluated, shapes described; equal arguments give one shape."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
+from dataclasses import field
 
+from mbm.expression.nodes import Apply, Column, Component, Constant, Expression, Leaf, Number, Opaque
 from mbm.language import faults as language_faults
 from mbm.language.parameters import Parameters, bind
 from mbm.language.program import MODEL_USAGE, ModelDefinition
 from mbm.language.scope import LocalScope
-from mbm.language.values import Call, Callable_, Evaluator, Scope, Value
+from mbm.language.values import (
+    FORMS,
+    SCALARS,
+    Array,
+    Call,
+    Callable_,
+    CameraValue,
+    Evaluator,
+    FamilyValue,
+    ListValue,
+    PoseValue,
+    RotationValue,
+    Scope,
+    TextColumn,
+    Value,
+)
+from mbm.shapes import faults
 from mbm.shapes.description import Site, describe_shapes
-from mbm.shapes.identity import Identities
 from mbm.shapes.opaque import is_opaque
-from mbm.shapes.preamble import read_preamble
-from mbm.shapes.types import ModelCall, ModelFunction, Shape
-from mbm.text.types import Form, MbmError, Span
+from mbm.shapes.types import ModelCall, ModelConstraint, ModelFunction, Shape
+from mbm.text.suggest import closest
+from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
+from mbm.values import dataclass
+
+CONSTRAINT_TYPES = ("=", ">", "<", ">=", "<=", "normal", "uniform")
+_DECLARE_USAGE = "(declare (name form)… (array name (element…))…)"
+_FEWEST_FORMS = {"normal": 3, "uniform": 3}
 
 
 class ModelLog:
@@ -113,3 +135,143 @@ def make_model(definition: ModelDefinition, scope: Scope) -> Callable_:
 def model_maker(log: ModelLog) -> Callable[[ModelDefinition, Scope], Callable_]:
     """``make_model`` that notes in ``log`` which models are used."""
     return lambda definition, scope: Model(definition, scope, log)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Preamble:
+    """The scope that the shapes are read in, the arrays declared, the constraints, and the shapes' forms."""
+
+    scope: Scope = field(repr=False)
+    arrays: dict[str, ListValue]
+    constraints: tuple[ModelConstraint, ...]
+    shapes: tuple[Form, ...]
+
+
+def read_preamble(evaluator: Evaluator, body: tuple[Form, ...], scope: Scope) -> Preamble:
+    """Evaluate ``declare``, where later names see earlier ones, and keep ``constraints`` as forms."""
+    arrays: dict[str, ListValue] = {}
+    blocks: list[Sequence] = []
+    position = 0
+    for form in body:
+        head = form.head if isinstance(form, Sequence) else None
+        if not isinstance(form, Sequence) or head not in ("declare", "constraints"):
+            break
+        if head == "declare":
+            for item in form.items[1:]:
+                scope = _declared(evaluator, item, scope, arrays)
+        else:
+            blocks.append(form)
+        position += 1
+    for form in body[position:]:
+        if isinstance(form, Sequence) and form.head in ("declare", "constraints"):
+            raise MbmError(
+                language_faults.bad_form(
+                    form.span, f"`{form.head}` stands before the shapes", "(name (argument…) (declare …) shape…)"
+                )
+            )
+    constraints = tuple(_constraint(item, scope) for block in blocks for item in block.items[1:])
+    return Preamble(scope=scope, arrays=arrays, constraints=constraints, shapes=body[position:])
+
+
+def _declared(evaluator: Evaluator, item: Form, scope: Scope, arrays: dict[str, ListValue]) -> Scope:
+    items = item.items if isinstance(item, Sequence) else ()
+    if len(items) == 2 and isinstance(items[0], Symbol):
+        arrays.pop(items[0].name, None)
+        return LocalScope({items[0].name: evaluator.wanted(items[1], scope)}, scope)
+    if len(items) == 3 and isinstance(item, Sequence) and item.head == "array":
+        name, elements = items[1], items[2]
+        if isinstance(name, Symbol) and isinstance(elements, Sequence):
+            evaluator.budget.check_length(len(elements.items), elements)
+            array = ListValue(tuple([_element(evaluator, e, scope) for e in elements.items]))
+            arrays[name.name] = array
+            return LocalScope({name.name: array}, scope)
+    raise MbmError(language_faults.bad_form(item.span, "a declaration is (name form) or (array …)", _DECLARE_USAGE))
+
+
+def _element(evaluator: Evaluator, form: Form, scope: Scope) -> Value:
+    """An element of an array; a name that is no variable stands for itself: it names a part."""
+    if isinstance(form, Symbol) and form.name != "pi" and scope.lookup(form.name, form.span) is None:
+        return form
+    return evaluator.wanted(form, scope)
+
+
+def _constraint(form: Form, scope: Scope) -> ModelConstraint:
+    kind = form.head if isinstance(form, Sequence) else None
+    if not isinstance(form, Sequence) or kind is None:
+        raise MbmError(faults.bad_constraint(form.span, "a constraint is a list with its type in front"))
+    if kind not in CONSTRAINT_TYPES:
+        message = f"`{kind}` is no type of constraint"
+        raise MbmError(faults.bad_constraint(form.items[0].span, message, closest(kind, CONSTRAINT_TYPES)))
+    fewest = _FEWEST_FORMS.get(kind, 2)
+    if len(form.items) - 1 < fewest:
+        raise MbmError(faults.bad_constraint(form.span, f"`{kind}` wants at least {fewest} forms"))
+    return ModelConstraint(kind=kind, forms=form.items[1:], scope=scope, span=form.span)
+
+
+class Identities:
+    """Gives equal values equal keys. Subexpressions are numbered as they are met, so that shared ones cost once."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[Hashable, int] = {}
+        self._known: dict[int, tuple[int, Expression]] = {}
+        """The number of each node by its address, which it keeps as long as it is held here."""
+
+    def key(self, value: Value) -> Hashable:
+        """A key that two values share if and only if they are the same value.
+
+        Functions and shapes are the same only if they are one object; their keys hold while they live.
+        """
+        if isinstance(value, SCALARS):
+            return self._expression(value)
+        match value:
+            case Array():
+                return ("array", value.shape, tuple(self._expression(e) for e in value.elements))
+            case ListValue():
+                return ("list", tuple(self.key(item) for item in value.items))
+            case RotationValue():
+                return ("rotation", self.key(value.matrix))
+            case PoseValue():
+                scale = None if value.scale is None else self._expression(value.scale)
+                translation = tuple(self._expression(e) for e in value.translation)
+                return ("pose", self.key(value.rotation), translation, scale)
+            case TextColumn():
+                return ("texts", value.identity)
+            case FamilyValue():
+                return ("family", type(value), value.name)
+            case CameraValue():
+                numbers = (*value.focal, *value.center, *value.distortion)
+                return ("camera", value.name, tuple(self._expression(e) for e in numbers), value.axes)
+            case bool() | str():
+                return (type(value), value)
+        return ("form", value) if isinstance(value, FORMS) else ("object", id(value))
+
+    def _expression(self, root: Expression) -> int:
+        known = self._known
+        waiting = [root]
+        while waiting:
+            node = waiting[-1]
+            arguments = node.arguments if isinstance(node, Apply) else ()
+            missing = [a for a in arguments if id(a) not in known]
+            if missing and id(node) not in known:
+                waiting += missing
+                continue
+            waiting.pop()
+            if id(node) not in known:
+                own = tuple(known[id(a)][0] for a in arguments)
+                key = (node.operation, own) if isinstance(node, Apply) else _leaf(node)
+                known[id(node)] = (self._numbers.setdefault(key, len(self._numbers)), node)
+        return known[id(root)][0]
+
+
+def _leaf(node: Leaf) -> Hashable:
+    match node:
+        case Number():
+            return ("number", type(node.value), node.value, node.dimension, node.angle)
+        case Constant():
+            return ("constant", node.name, node.value)
+        case Column():
+            return ("column", node.identity)
+        case Component():
+            return ("unknown", node.identity)
+        case Opaque():
+            return ("opaque", node.form)

@@ -18,14 +18,13 @@ from mbm.problem.tables import Column as TableColumn
 from mbm.problem.tables import Table
 from mbm.problem.types import BlockRole, Problem, RowValues, UncertainColumn
 from mbm.simulation import faults
-from mbm.simulation.demands import violated
 from mbm.simulation.measured import Measured, measured_equations
 from mbm.simulation.noise import outliers, root, stream
 from mbm.simulation.places import Rows
 from mbm.simulation.priors import drawn_from_priors
 from mbm.simulation.roles import refuse_other_uses
 from mbm.simulation.rows import solved_rows, spread_of
-from mbm.simulation.stated import refuse_lost_noise
+from mbm.simulation.stated import refuse_lost_noise, violated
 from mbm.simulation.types import Cells, FactorsFinder, Simulating, Simulation, Truth, ValuesFinder
 from mbm.text.types import Diagnostic, MbmError
 from mbm.values import dataclass

@@ -5,17 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from fractions import Fraction
 
-from mbm.text.types import Bracket, Form, Keyword, Numeral, Sequence, Span, Symbol, Text
+from mbm.text.types import Bracket, Form, Numeral, Sequence, Span, Symbol, Text
 
 
 def symbol(name: str, span: Span) -> Symbol:
     """The name ``name``, blamed on ``span``."""
     return Symbol(name=name, span=span)
-
-
-def keyword(name: str, span: Span) -> Keyword:
-    """``:name``; ``name`` is given without the colon."""
-    return Keyword(name=name, span=span)
 
 
 def text(value: str, span: Span) -> Text:

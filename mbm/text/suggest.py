@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from typing import TypeVar
+
+Otherwise = TypeVar("Otherwise", bound=str | None)
 
 _SIGNED = r"([-+])([A-Za-z][\w.]*)"
 _BETWEEN = r"([A-Za-z][\w.]*|\d[\w.]*)([-+*/^])([A-Za-z][\w.]*|\d+(?:\.\d+)?)"
@@ -40,6 +43,16 @@ def closest(name: str, candidates: Iterable[str]) -> str | None:
         if best is None or found < best:
             best = found
     return None if best is None else best[3]
+
+
+def did_you_mean(near: str | None, otherwise: Otherwise) -> str | Otherwise:
+    """The hint that asks whether ``near`` was meant; ``otherwise`` where nothing is near."""
+    return f"did you mean `{near}`?" if near else otherwise
+
+
+def suggestion(name: str, candidates: Iterable[str], otherwise: Otherwise) -> str | Otherwise:
+    """`did_you_mean` of the candidate that is `closest` to ``name``."""
+    return did_you_mean(closest(name, candidates), otherwise)
 
 
 def edit_distance(a: str, b: str, limit: int) -> int:

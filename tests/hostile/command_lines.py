@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from mbm.problem.reading.starts import MAXIMUM_STARTS
+from mbm.problem.reading.request import MAXIMUM_STARTS
 from tests.hostile.sizes import digits, size
 from tests.hostile.texts import word
 from tests.trials.choices import Choices

@@ -9,7 +9,7 @@ import mbm
 from mbm import compiler
 from mbm.kernels.backends import casadi_map, numpy_stream
 from mbm.kernels.backends.native import NativeBackend
-from mbm.kernels.corrections import corrections_of
+from mbm.kernels.derive import corrections_of
 from mbm.kernels.types import Backend
 from mbm.symbolic.types import ResidualBlock
 from tests.symbolic.derivatives import smooth

@@ -8,7 +8,7 @@ import pytest
 
 import mbm
 from mbm.files.memory import VARIABLE
-from mbm.kernels import differentiation
+from mbm.kernels import derive
 from mbm.text.types import MbmError
 
 TERMS = 12
@@ -34,7 +34,7 @@ def test_a_sum_is_gone_through_once_however_many_choices_it_holds(monkeypatch):
         sizes.append(given[0].numel())
         return real(*given)
 
-    monkeypatch.setattr(differentiation.casadi, "jacobian", counted)
+    monkeypatch.setattr(derive.casadi, "jacobian", counted)
     counts = []
     for terms in (10, 40):
         sizes.clear()

@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbm.equations.efficiency import tuned
-from mbm.equations.losses import LossFunction
+from mbm.equations.losses import LossFunction, tuned
 from mbm.estimation.consensus import units
 from mbm.estimation.trust import nonlinearity
 from mbm.problem.kinds import LossKind

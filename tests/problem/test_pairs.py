@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation, Slerp
 
 import mbm
-from mbm.problem.association import associated, usual_tolerance
+from mbm.problem.pairing import associated, usual_tolerance
 
 EXACT = 1e-12
 """Linear problems are solved in one step; a dozen roundings remain."""

@@ -9,8 +9,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import chi
 
-from mbm.equations.efficiency import efficiency, tuned
-from mbm.equations.losses import LossFunction, loss_function, rooted, rooted_jacobian
+from mbm.equations.losses import LossFunction, efficiency, loss_function, rooted, rooted_jacobian, tuned
 from mbm.problem.kinds import LossKind
 from mbm.problem.types import Loss
 from mbm.solver.losses import LOSSES as TRAITS

@@ -6,8 +6,8 @@ import pytest
 
 from mbm.expression.algebra import subtract
 from mbm.expression.nodes import Component, Number
-from mbm.shapes import identity
-from mbm.shapes.identity import Identities
+from mbm.shapes import model
+from mbm.shapes.model import Identities
 
 
 def chain(length):
@@ -27,8 +27,8 @@ def test_equal_expressions_have_one_key_and_others_another():
 
 def test_a_subexpression_is_looked_at_once(monkeypatch):
     looked = []
-    plain = identity._leaf
-    monkeypatch.setattr(identity, "_leaf", lambda node: (looked.append(node), plain(node))[1])
+    plain = model._leaf
+    monkeypatch.setattr(model, "_leaf", lambda node: (looked.append(node), plain(node))[1])
     keys = Identities()
     for each in chain(300):
         keys.key(each)

@@ -7,7 +7,7 @@ import pytest
 from mbm.text import build
 from mbm.text.printer import print_form
 from mbm.text.reader import read
-from mbm.text.types import Bracket, Source, Span
+from mbm.text.types import Bracket, Keyword, Source, Span
 
 NOWHERE = Span(source=Source("t", ""), start=0, end=0)
 
@@ -72,5 +72,5 @@ def test_built_forms_of_any_depth_print():
 
 
 def test_built_atoms():
-    form = build.sequence([build.keyword("k", NOWHERE), build.text('a"b', NOWHERE)], NOWHERE)
+    form = build.sequence([Keyword(name="k", span=NOWHERE), build.text('a"b', NOWHERE)], NOWHERE)
     assert print_form(form) == '(:k "a\\"b")'

@@ -2,15 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from mbm.emit.c.dialect import DIALECT
 from mbm.emit.c.layout import wrapped
-from mbm.emit.c.text import comment, remark
+from mbm.emit.c.text import bare, comment, remark
 from mbm.emit.foreign import Foreign, Word, told
-from mbm.emit.statements import statements
+from mbm.emit.reserved import RESERVED
+from mbm.emit.statements import ARITHMETIC, Dialect, called, statements
 from mbm.emit.types import BlockCase
-from mbm.machine.program import Program
+from mbm.machine.c import number
+from mbm.machine.program import Operator, Program
+
+HELPERS: Mapping[str, str] = {
+    "kernel_sign": "(double a) { return a > 0.0 ? 1.0 : a < 0.0 ? -1.0 : a; }",
+    "kernel_square": "(double a) { return a * a; }",
+    "kernel_not": "(double a) { return a == 0.0 ? 1.0 : 0.0; }",
+    "kernel_less": "(double a, double b) { return a < b ? 1.0 : 0.0; }",
+    "kernel_less_equal": "(double a, double b) { return a <= b ? 1.0 : 0.0; }",
+    "kernel_equal": "(double a, double b) { return a == b ? 1.0 : 0.0; }",
+    "kernel_not_equal": "(double a, double b) { return a != b ? 1.0 : 0.0; }",
+    "kernel_and": "(double a, double b) { return a != 0.0 && b != 0.0 ? 1.0 : 0.0; }",
+    "kernel_or": "(double a, double b) { return a != 0.0 || b != 0.0 ? 1.0 : 0.0; }",
+    "kernel_select": "(double test, double value) { return test != 0.0 ? value : 0.0; }",
+}
+"""Functions that C does not have; a file holds those that it uses."""
+_NAMES = {o: helper if (helper := f"kernel_{o.name.lower()}") in HELPERS else o.value for o in Operator}
+DIALECT = Dialect(
+    shapes={**{o: called(name, o) for o, name in _NAMES.items()}, **ARITHMETIC},
+    number=number,
+    reserved=RESERVED.union(name for o, name in _NAMES.items() if o not in ARITHMETIC),
+)
 
 
 def kernel_functions(case: BlockCase) -> str:
@@ -48,3 +69,9 @@ def function(name: str, program: Program, names: Sequence[Foreign], doc: Iterabl
         lines.append("    (void)outputs;")
     lines += wrapped(f"    outputs[{i}] = {text};" for i, text in enumerate(made.outputs))
     return "\n".join([*lines, "}", ""])
+
+
+def helpers(text: str) -> str:
+    """The definitions of the helpers that ``text`` calls."""
+    code = bare(text)
+    return "".join(f"static double {name}{body}\n" for name, body in HELPERS.items() if f"{name}(" in code)

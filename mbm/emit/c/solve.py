@@ -68,7 +68,7 @@ def solve_functions(blueprint: Blueprint, static: StaticSystem) -> str:
     parts = [
         *_prepare(blueprint, static, cells),
         *(() if agreement is None else (agreement_function(blueprint, agreement, len(static.prefix)),)),
-        *_answer(blueprint, static, cells),
+        *_answer(blueprint, cells),
         *_public(blueprint, static, cells),
     ]
     return "\n".join(parts)
@@ -134,7 +134,7 @@ def _prepare(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterat
     yield ""
 
 
-def _answer(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator[str]:
+def _answer(blueprint: Blueprint, cells: Cells) -> Iterator[str]:
     name = blueprint.identifier
     yield "/* Where the answer stands; `sigma` of what is not determined is negative, of what stays 0. */"
     yield f"static void answer(struct frame *f, {name}_result *result)"
@@ -221,7 +221,7 @@ def _public(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterato
     yield "}"
     yield ""
     yield from _solve(blueprint, static, cells)
-    yield from _begin(name, cells)
+    yield from _begin(name)
     yield from _functions(name)
     yield f"const char *{name}_status_text(int status)"
     yield "{"
@@ -297,7 +297,7 @@ def _solve(blueprint: Blueprint, static: StaticSystem, cells: Cells) -> Iterator
     yield ""
 
 
-def _begin(name: str, cells: Cells) -> Iterator[str]:
+def _begin(name: str) -> Iterator[str]:
     yield f"int {name}_begin(const {name}_data *data, {name}_result *result, {name}_workspace *workspace)"
     yield "{"
     yield "    struct frame frame, *f = &frame;"

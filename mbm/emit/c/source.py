@@ -6,9 +6,8 @@ from mbm.emit.c.agreement import agreement_constants
 from mbm.emit.c.cells import input_name, program_name
 from mbm.emit.c.clauses import clause_functions
 from mbm.emit.c.derived import derived_functions, derived_kernels
-from mbm.emit.c.dialect import helpers
 from mbm.emit.c.frame import frame_text
-from mbm.emit.c.kernels import function, kernel_functions
+from mbm.emit.c.kernels import function, helpers, kernel_functions
 from mbm.emit.c.layout import doubles, longs
 from mbm.emit.c.ranges import range_constants
 from mbm.emit.c.solve import call_kernel, solve_functions

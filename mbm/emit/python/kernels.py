@@ -2,17 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from textwrap import wrap
 
 from mbm.emit.c.cells import input_name
 from mbm.emit.foreign import Foreign, Word, told
 from mbm.emit.python.cells import Cells, key
-from mbm.emit.python.dialect import DIALECT
 from mbm.emit.python.text import WIDTH, docstring, remark
-from mbm.emit.statements import statements
+from mbm.emit.reserved import RESERVED
+from mbm.emit.statements import ARITHMETIC, Dialect, Shape, called, statements
 from mbm.emit.types import BlockCase, Blueprint, RowPrograms
-from mbm.machine.program import Program
+from mbm.machine.program import Operator, Program
+
+_COMPARED: Mapping[Operator, str] = {
+    Operator.LESS: "<",
+    Operator.LESS_EQUAL: "<=",
+    Operator.EQUAL: "==",
+    Operator.NOT_EQUAL: "!=",
+}
+_SHAPES: Mapping[Operator, Shape] = {
+    **{o: called(f"np.{o.numpy}", o) for o in Operator},
+    **ARITHMETIC,
+    **{o: Shape(f"1.0 * ({{0}} {sign} {{1}})", 6, (5, 5)) for o, sign in _COMPARED.items()},
+    Operator.NOT: Shape("1.0 * ({0} == 0.0)", 6, (5,)),
+    Operator.AND: Shape("1.0 * (({0} != 0.0) & ({1} != 0.0))", 6, (5, 5)),
+    Operator.OR: Shape("1.0 * (({0} != 0.0) | ({1} != 0.0))", 6, (5, 5)),
+    Operator.SELECT: Shape("np.where({0} != 0.0, {1}, 0.0)", 9, (5, 0)),
+    Operator.ERF: called("error_function", Operator.ERF),
+    Operator.REMAINDER: Shape("{0} - {1} * np.rint({0} / {1})", 5, (7, 9)),
+}
 
 
 def function(name: str, program: Program, names: Sequence[Foreign], doc: Iterable[Word]) -> str:
@@ -76,3 +94,13 @@ def rows_function(blueprint: Blueprint, programs: RowPrograms, words: Word) -> s
         lines.append(f"        {name}([{inputs}], part)")
         lines.append("    outputs[:, chosen] = part")
     return "\n\n\n".join([*parts, "\n".join([*lines, "    return outputs"])])
+
+
+def number(value: float) -> str:
+    """A number with all its digits."""
+    if value - value == 0.0:
+        return repr(float(value))
+    return "np.nan" if value != value else ("np.inf" if value > 0.0 else "-np.inf")
+
+
+DIALECT = Dialect(shapes=_SHAPES, number=number, reserved=RESERVED | {"error_function"})

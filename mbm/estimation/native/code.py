@@ -45,7 +45,6 @@ class Routine:
     """
 
     function: Any
-    kinds: tuple[bool, ...]
 
     def __call__(self, *arguments: NDArray[Any] | int) -> int:
         """Call it; arrays are of 64-bit numbers, contiguous, and stay with the caller."""
@@ -102,10 +101,9 @@ class SolverCode:
         known = self._known
         found = known.get(name)
         if found is None:
-            plain = tuple(kind is int for kind in kinds)
-            types = [ctypes.c_int64 if whole else ctypes.c_void_p for whole in plain]
+            types = [ctypes.c_int64 if kind is int else ctypes.c_void_p for kind in kinds]
             signature = ctypes.CFUNCTYPE(ctypes.c_int64, *types)
-            found = known[name] = Routine(signature(self._libraries[-1].address(name)), plain)
+            found = known[name] = Routine(signature(self._libraries[-1].address(name)))
         return found
 
 

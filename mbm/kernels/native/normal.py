@@ -49,7 +49,7 @@ def normal_rows(kernel: Kernel, units: tuple[Unit, ...]) -> NormalRows:
 
 
 def normal_kernels(
-    kernels: Mapping[int, Kernel], units: Mapping[int, tuple[Unit, ...]], store: Store | None, rows: int = 0
+    kernels: Mapping[int, Kernel], units: Mapping[int, tuple[Unit, ...]], store: Store | None
 ) -> NormalKernels:
     """Kernels by number, as machine code that sums their normal equations.
 
@@ -57,14 +57,13 @@ def normal_kernels(
         kernels: the kernels; the tangents of each are taken to be the same coordinates in all rows.
         units: the outputs of each kernel that belong together, with their losses.
         store: where object code is kept; None: nowhere.
-        rows: about how many rows a solve has.
     """
     text = Text(vector_library())
     for k, kernel in kernels.items():
         function(f"normal{k}", normal_rows(kernel, units[k]), text)
     if any(unit.loss != NO_LOSS for of_kernel in units.values() for unit in of_kernel):
         _add_losses(text)
-    level = max((level_for(kernel, rows) for kernel in kernels.values()), default=0)
+    level = max((level_for(kernel, rows=0) for kernel in kernels.values()), default=0)
     return NormalKernels(_library=compiled(text.module(), store, level))
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from mbm.language.limits import more_work
 from mbm.solver.description import RULES
-from mbm.text.suggest import closest
-from mbm.text.types import Code, Diagnostic, Source, Span
+from mbm.solver.losses import LOSSES
+from mbm.text.suggest import did_you_mean, suggestion
+from mbm.text.types import Code, Diagnostic, Label, Place, Source, Span
 
 NO_PROBLEM = Code(
     "no-problem", "The file defines no problem, so there is nothing to solve.", "Add `(problem name clause…)`."
@@ -96,6 +97,24 @@ NATIVE_UNAVAILABLE = Code(
 )
 
 
+_LOSSES = [f"`({kind} a c)`" if traits.shaped else f"`{kind}`" for kind, traits in LOSSES.items()]
+UNKNOWN_LOSS = Code(
+    "unknown-loss",
+    "`:loss` names no robust loss.",
+    f"Use `none`, {', '.join(_LOSSES[:-1])} or {_LOSSES[-1]}.",
+)
+UNKNOWN_CONSENSUS = Code(
+    "unknown-consensus",
+    "`:robust` names no way to find the measurements that agree.",
+    "Use `none`, `lmeds`, `ransac`, `msac` or `gnc`.",
+)
+CONTRADICTION = Code(
+    "contradiction",
+    "A constraint holds no unknown, so it is decided before the solve; and it does not hold.",
+    "Correct its numbers or the cells that it uses, or remove it.",
+)
+
+
 def unknown_backend(name: str, known: tuple[str, ...]) -> Diagnostic:
     """A backend that is not there."""
     return Diagnostic(
@@ -128,60 +147,82 @@ def several_problems(names: tuple[str, ...]) -> Diagnostic:
     )  # fmt: skip
 
 
-def unknown_problem(name: str, names: tuple[str, ...], near: str | None) -> Diagnostic:
+def unknown_problem(name: str, names: tuple[str, ...]) -> Diagnostic:
     """A choice that is none."""
-    hint = f"did you mean `{near}`?" if near else f"the file holds {_listed(names)}" if names else None
-    return Diagnostic(code=UNKNOWN_PROBLEM, message=f"there is no problem `{name}` in this file", hint=hint)
+    return Diagnostic(
+        code=UNKNOWN_PROBLEM,
+        message=f"there is no problem `{name}` in this file",
+        hint=suggestion(name, names, f"the file holds {_listed(names)}" if names else None),
+    )
 
 
 def unknown_clause(span: Span, head: str, near: str | None, known: tuple[str, ...]) -> Diagnostic:
     """A clause nobody knows."""
-    hint = f"did you mean `{near}`?" if near else f"the clauses are {_listed(known)}"
-    return Diagnostic(code=UNKNOWN_CLAUSE, message=f"`{head}` is no clause of a problem", place=span, hint=hint)
+    return Diagnostic(
+        code=UNKNOWN_CLAUSE,
+        message=f"`{head}` is no clause of a problem",
+        place=span,
+        hint=did_you_mean(near, f"the clauses are {_listed(known)}"),
+    )
 
 
 def unknown_table(span: Span, name: str, known: tuple[str, ...]) -> Diagnostic:
     """A table nobody declared."""
-    near = closest(name, known)
-    hint = f"did you mean `{near}`?" if near else f"the tables are {_listed(known)}" if known else "add a `data` clause"
-    return Diagnostic(code=UNKNOWN_TABLE, message=f"`{name}` is no table of this problem", place=span, hint=hint)
+    return Diagnostic(
+        code=UNKNOWN_TABLE,
+        message=f"`{name}` is no table of this problem",
+        place=span,
+        hint=suggestion(name, known, f"the tables are {_listed(known)}" if known else "add a `data` clause"),
+    )
 
 
 def unknown_column(span: Span, name: str, table: str, known: tuple[str, ...]) -> Diagnostic:
     """A column that is not there."""
-    near = closest(name, known)
-    hint = f"did you mean `{near}`?" if near else f"its columns are {_listed(known)}"
-    return Diagnostic(code=UNKNOWN_COLUMN, message=f"`{name}` is no column of {_quoted(table)}", place=span, hint=hint)
+    return Diagnostic(
+        code=UNKNOWN_COLUMN,
+        message=f"`{name}` is no column of {table if ' ' in table else f'`{table}`'}",
+        place=span,
+        hint=suggestion(name, known, f"its columns are {_listed(known)}"),
+    )
 
 
-def _quoted(table: str) -> str:
-    return table if " " in table else f"`{table}`"
-
-
-def unknown_source(span: Span, name: str, near: str | None) -> Diagnostic:
+def unknown_source(span: Span, name: str, known: tuple[str, ...]) -> Diagnostic:
     """A kind of data nobody reads."""
-    hint = f"did you mean `{near}`?" if near else 'for example `(csv "path")`'
-    return Diagnostic(code=UNKNOWN_SOURCE, message=f"`{name}` is no source of data", place=span, hint=hint)
+    return Diagnostic(
+        code=UNKNOWN_SOURCE,
+        message=f"`{name}` is no source of data",
+        place=span,
+        hint=suggestion(name, known, 'for example `(csv "path")`'),
+    )
 
 
-def unknown_type(span: Span, name: str, near: str | None, known: tuple[str, ...]) -> Diagnostic:
+def unknown_type(span: Span, name: str, known: tuple[str, ...]) -> Diagnostic:
     """A type nobody knows."""
-    hint = f"did you mean `{near}`?" if near else f"the types are {_listed(known)}"
-    return Diagnostic(code=UNKNOWN_TYPE, message=f"`{name}` is no type of unknown", place=span, hint=hint)
+    return Diagnostic(
+        code=UNKNOWN_TYPE,
+        message=f"`{name}` is no type of unknown",
+        place=span,
+        hint=suggestion(name, known, f"the types are {_listed(known)}"),
+    )
 
 
-def unknown_method(span: Span | None, name: str, near: str | None, known: tuple[str, ...]) -> Diagnostic:
+def unknown_method(span: Span | None, name: str, known: tuple[str, ...]) -> Diagnostic:
     """A solver nobody knows."""
-    hint = f"did you mean `{near}`?" if near else f"the solvers are {_listed(known)}"
-    return Diagnostic(code=UNKNOWN_METHOD, message=f"`{name}` is no solver", place=span, hint=hint)
+    return Diagnostic(
+        code=UNKNOWN_METHOD,
+        message=f"`{name}` is no solver",
+        place=span,
+        hint=suggestion(name, known, f"the solvers are {_listed(known)}"),
+    )
 
 
 def unknown_override(name: str, known: tuple[str, ...], span: Span | None = None) -> Diagnostic:
     """A value for a name that takes none."""
-    near = closest(name, known)
-    hint = f"did you mean `{near}`?" if near else f"values can be given for {_listed(known)}" if known else None
     return Diagnostic(
-        code=UNKNOWN_OVERRIDE, message=f"the problem has no constant or unknown `{name}` to set", place=span, hint=hint
+        code=UNKNOWN_OVERRIDE,
+        message=f"the problem has no constant or unknown `{name}` to set",
+        place=span,
+        hint=suggestion(name, known, f"values can be given for {_listed(known)}" if known else None),
     )
 
 
@@ -297,3 +338,34 @@ def two_tables(span: Span, model: str, tables: tuple[str, ...]) -> Diagnostic:
 def _listed(names: tuple[str, ...]) -> str:
     shown = [f"`{n}`" for n in names[:8]]
     return ", ".join(shown) + (" …" if len(names) > 8 else "")
+
+
+def unknown_loss(span: Span, name: str, known: tuple[str, ...]) -> Diagnostic:
+    """A loss nobody knows."""
+    return Diagnostic(
+        code=UNKNOWN_LOSS,
+        message=f"`{name}` is no loss",
+        place=span,
+        hint=suggestion(name, known, f"the losses are {_listed(known)}"),
+    )
+
+
+def unknown_consensus(span: Span, name: str, known: tuple[str, ...]) -> Diagnostic:
+    """A consensus estimator nobody knows."""
+    return Diagnostic(
+        code=UNKNOWN_CONSENSUS,
+        message=f"`{name}` is no consensus estimator",
+        place=span,
+        hint=suggestion(name, known, f"they are {_listed(known)}"),
+    )
+
+
+def contradiction(span: Span, left: float, right: float, sign: str, place: Place | None) -> Diagnostic:
+    """A constraint between known numbers that is false; ``place`` is the row of data that makes it so."""
+    return Diagnostic(
+        code=CONTRADICTION,
+        message=f"this constraint never holds: {left:g} {sign} {right:g} is false",
+        place=span,
+        labels=(Label(place, "for this row"),) if place is not None else (),
+        hint="correct the numbers, or remove it",
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mbm.problem.naming import plain_number
+from mbm.text.suggest import did_you_mean
 from mbm.text.types import Code, Diagnostic, Label, Place, Severity, Span
 
 UNIT_CLASH = Code(
@@ -150,7 +151,7 @@ def dangling_key(place: Place | None, cell: str | float, where: str, near: str |
     shown = f"`{cell}`" if isinstance(cell, str) else f"{plain_number(cell)}"
     return Diagnostic(
         code=DANGLING_KEY, message=f"{shown} is no key of {where}", place=place,
-        hint=f"did you mean `{near}`?" if near else None,
+        hint=did_you_mean(near, None),
         labels=(Label(used, "used as a key here"),) if used is not None else (),
     )  # fmt: skip
 

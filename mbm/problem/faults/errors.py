@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbm.text.suggest import did_you_mean
 from mbm.text.types import Code, Diagnostic, Label, Place, Severity, Span
 
 ERRORS_WITHOUT_COLUMN = Code(
@@ -44,7 +45,7 @@ ERRORS_WITH_LOSS = Code(
 
 def errors_without_column(span: Span, name: str, why: str, near: str | None) -> Diagnostic:
     """Errors of something that has none; ``why`` says what it is instead."""
-    hint = f"did you mean `{near}`?" if near else "`:errors ((column sigma)…)` names measured columns of numbers"
+    hint = did_you_mean(near, "`:errors ((column sigma)…)` names measured columns of numbers")
     return Diagnostic(code=ERRORS_WITHOUT_COLUMN, message=f"`{name}` {why}", place=span, hint=hint)
 
 

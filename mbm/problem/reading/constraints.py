@@ -23,7 +23,7 @@ from mbm.shapes.constraints import calls_with_constraints
 from mbm.shapes.model import ModelLog
 from mbm.shapes.types import ModelCall, ModelConstraint, Shape
 from mbm.text.printer import print_beginning
-from mbm.text.suggest import closest
+from mbm.text.suggest import suggestion
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 from mbm.values import dataclass
 
@@ -116,8 +116,7 @@ def _read(work: Workspace, bound: _Bound, taken: TakenNames) -> Block | None:
     head = form.head or ""
     kind = _RELATIONS.get(head)
     if kind is None and head != "normal":
-        near = closest(head, (*_RELATIONS, "normal"))
-        hint = f"did you mean `{near}`?" if near else USAGE
+        hint = suggestion(head, (*_RELATIONS, "normal"), USAGE)
         raise MbmError(language_faults.bad_form(form.items[0].span, f"`{head}` is no constraint", hint))
     options = split_options(
         form.items[1:], form.span, owner="a constraint", known=("over", "name"), not_yet={"at": "sequences"}

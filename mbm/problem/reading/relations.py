@@ -3,6 +3,9 @@
 An inequality asks for ``left − right ≤ 0``. What must hold of an angle depends on what it is compared with. Between two
 limits without unknowns, it is the representative nearest their middle, so that ``(<= 170deg a 190deg)`` means what it
 says; beside one such limit, the representative in (−π, π]; of two angles with unknowns, the wrapped difference counts.
+
+Norms, absolute values and powers have no slope where they are zero: ``(= (distance p q) 0)`` takes away as many
+dimensions as the points have coordinates; its derivative there takes none. So what makes them zero is demanded instead.
 """
 
 from __future__ import annotations
@@ -12,16 +15,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from mbm.expression.algebra import add, divide, number, subtract, wrap
+from mbm.expression.algebra import add, constant_value, divide, number, subtract, wrap
 from mbm.expression.evaluate import evaluate
-from mbm.expression.nodes import Component, Expression, Number, leaves
+from mbm.expression.nodes import Apply, Component, Expression, Number, Operation, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, scalar, vector
 from mbm.language.values import SCALARS, Array, ListValue, Value, describe
 from mbm.language.vocabulary.rigid import geometric_difference
 from mbm.problem import faults
 from mbm.problem.kinds import ConstraintKind
-from mbm.problem.reading.vanishing import vanishing
 from mbm.problem.rows import Positions, lookup
 from mbm.problem.tables import Table
 from mbm.text.types import MbmError, Span
@@ -31,6 +33,10 @@ SIGNS = {"<": "<", "<=": "≤", ">": "<", ">=": "≤", "uniform": "≤", "=": "=
 
 EQUAL_NUMBERS = 1e-12
 """Known numbers that differ by less than this share of them are equal."""
+
+
+THROUGH = frozenset({Operation.ABS, Operation.SQRT, Operation.NEGATE, Operation.HYPOT})
+"""Operations that are zero where their argument is, and nowhere else."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,3 +182,54 @@ def refuse_contradictions(
             place = table.place(int(positions[row]), None)
         sign = SIGNS[kind.value]
         raise MbmError(faults.contradiction(span, float(left[row]), float(right[row]), sign, place))
+
+
+def vanishing(node: Expression) -> tuple[Expression, ...]:
+    """The expressions that are zero together where ``node`` is zero; the node itself where nothing better is known."""
+    found: list[Expression] = []
+    left = [node]
+    while left:
+        each = left.pop()
+        inner = _inner(each)
+        if inner is None:
+            found.append(each)
+        else:
+            left.extend(reversed(inner))
+    return tuple(found)
+
+
+def _inner(node: Expression) -> tuple[Expression, ...] | None:
+    """What is zero where ``node`` is, and nowhere else; None where that is the node itself."""
+    if not isinstance(node, Apply):
+        return None
+    if node.operation in THROUGH:
+        return node.arguments
+    if node.operation is Operation.POWER:
+        exponent = constant_value(node.arguments[1])
+        return node.arguments[:1] if exponent is not None and exponent > 0 else None
+    if node.operation in (Operation.ADD, Operation.MULTIPLY):
+        return _roots(node)
+    return None
+
+
+def _roots(node: Expression) -> tuple[Expression, ...] | None:
+    """The numbers whose squares ``node`` sums up; None where it is no sum of squares."""
+    found: list[Expression] = []
+    left = [node]
+    while left:
+        each = left.pop()
+        if not isinstance(each, Apply):
+            return None
+        if each.operation is Operation.ADD:
+            left.extend(reversed(each.arguments))
+        elif _is_square(each):
+            found.append(each.arguments[0])
+        else:
+            return None
+    return tuple(found)
+
+
+def _is_square(node: Apply) -> bool:
+    if node.operation is Operation.MULTIPLY:
+        return node.arguments[0] is node.arguments[1]
+    return node.operation is Operation.POWER and constant_value(node.arguments[1]) == 2

@@ -1,9 +1,11 @@
-"""``(solve option…)`` and ``(for-each COLUMN…)``: how to solve, and which problems to make of the data."""
+"""``(solve option…)`` and ``(for-each COLUMN…)``: how to solve, from where, and which problems to make of the data."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import replace
+from types import MappingProxyType
 
 from mbm.expression.nodes import nearest
 from mbm.language import faults as language_faults
@@ -12,10 +14,8 @@ from mbm.problem import faults
 from mbm.problem.elaboration import Routines, Workspace
 from mbm.problem.options import split_options
 from mbm.problem.reading.robust import read_consensus
-from mbm.problem.reading.starts import LARGEST_SEED, MAXIMUM_STARTS, read_starts
-from mbm.problem.reading.unknowns import Declaration
-from mbm.problem.types import ConstraintMethod, Gauge, Method, Problem, RandomStarts, Request
-from mbm.text.suggest import closest
+from mbm.problem.reading.unknowns import Declaration, stated_numbers
+from mbm.problem.types import ConstraintMethod, Gauge, GivenStarts, Method, Problem, RandomStarts, Request
 from mbm.text.types import Form, MbmError, Sequence, Span, Symbol
 
 USAGE = "(solve [:method lm] [:max-iterations 100] [:tolerance 1e-10] [:seed 1])"
@@ -28,6 +28,11 @@ _METHODS_LATER = (
     "batch",
 )
 MAXIMUM_ITERATIONS = 1_000_000
+
+
+STARTS_USAGE = ":starts (random 100 [:seed 1]) | (given ((name value)…)…)"
+MAXIMUM_STARTS = 100_000
+LARGEST_SEED = 2**63 - 1
 
 
 def read_request(
@@ -133,7 +138,7 @@ def _named_method(name: str, span: Span | None, routines: Routines) -> tuple[Met
     if name in registered:
         return Method.CLOSED_FORM, name
     known = (*(m.value for m in Method if m.value not in _METHODS_LATER), *registered)
-    raise MbmError(faults.unknown_method(span, name, closest(name, known), known))
+    raise MbmError(faults.unknown_method(span, name, known))
 
 
 def _constraint_method(form: Form | None) -> ConstraintMethod:
@@ -178,3 +183,61 @@ def _tolerance(work: Workspace, form: Form | None) -> float:
     if not 0 < value < 1:
         raise MbmError(language_faults.bad_form(form.span, "`:tolerance` should lie between 0 and 1", USAGE))
     return value
+
+
+def read_starts(
+    work: Workspace, form: Form | None, declarations: Iterable[Declaration]
+) -> RandomStarts | GivenStarts | None:
+    """The starts that ``:starts`` asks for; None where it is left out.
+
+    Raises:
+        MbmError: it asks for none, for too many, or for values of what is no unknown.
+
+    """
+    if form is None:
+        return None
+    if isinstance(form, Sequence) and form.head == "random":
+        return _random(work, form)
+    if isinstance(form, Sequence) and form.head == "given":
+        return _given(work, form, {d.name.name: d for d in declarations})
+    message = f"`{form.span.text}` says nothing about where to start"
+    raise MbmError(language_faults.bad_form(form.span, message, STARTS_USAGE))
+
+
+def _random(work: Workspace, form: Sequence) -> RandomStarts:
+    options = split_options(form.items[1:], form.span, owner="`random`", known=("seed",))
+    if len(options.positional) != 1:
+        raise MbmError(language_faults.bad_form(form.span, "`random` takes the number of starts", STARTS_USAGE))
+    count = _whole(work, options.positional[0], 1, MAXIMUM_STARTS, "the number of starts")
+    seed = options.get("seed")
+    return RandomStarts(count=count, seed=None if seed is None else _whole(work, seed, 0, LARGEST_SEED, "`:seed`"))
+
+
+def _whole(work: Workspace, form: Form, low: int, high: int, name: str) -> int:
+    value = integer(work.evaluator.wanted(form, work.scope), form.span, f"{name} (a whole number)")
+    if not low <= value <= high:
+        raise MbmError(language_faults.bad_form(form.span, f"{name} should lie in {low} … {high}", STARTS_USAGE))
+    return value
+
+
+def _given(work: Workspace, form: Sequence, declarations: Mapping[str, Declaration]) -> GivenStarts:
+    if len(form.items) == 1:
+        raise MbmError(language_faults.bad_form(form.span, "`given` lists no start", STARTS_USAGE))
+    return GivenStarts(starts=tuple(_start(work, start, declarations) for start in form.items[1:]))
+
+
+def _start(work: Workspace, form: Form, declarations: Mapping[str, Declaration]) -> Mapping[str, tuple[float, ...]]:
+    """The values of one start by name, one number for each component in SI."""
+    if not isinstance(form, Sequence) or not form.items:
+        raise MbmError(language_faults.bad_form(form.span, "a start is a list of (name value)", STARTS_USAGE))
+    found: dict[str, tuple[float, ...]] = {}
+    for entry in form.items:
+        if not isinstance(entry, Sequence) or len(entry.items) != 2 or not isinstance(entry.items[0], Symbol):
+            raise MbmError(language_faults.bad_form(entry.span, "a start is a list of (name value)", STARTS_USAGE))
+        name, given = entry.items[0].name, entry.items[1]
+        declaration = declarations.get(name)
+        if declaration is None:
+            raise MbmError(faults.unknown_override(name, tuple(declarations), entry.items[0].span))
+        value = work.evaluator.wanted(given, work.scope)
+        found[name] = tuple(float(n.value) for n in stated_numbers(declaration, value, given.span))
+    return MappingProxyType(found)

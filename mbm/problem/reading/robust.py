@@ -14,7 +14,6 @@ from mbm.problem.kinds import LossKind
 from mbm.problem.options import split_options
 from mbm.problem.types import Consensus, ConsensusKind, Loss
 from mbm.solver.losses import LOSSES
-from mbm.text.suggest import closest
 from mbm.text.types import Form, MbmError, Sequence, Symbol
 
 _NAMES = [f"({kind.value} a [c])" if LOSSES[kind].shaped else kind.value for kind in LossKind]
@@ -38,7 +37,7 @@ def read_loss(work: Workspace, form: Form | None) -> Loss | None:
     kind = next((k for k in LossKind if k.value == name), None)
     if kind is None:
         known = (NONE, *(k.value for k in LossKind))
-        raise MbmError(faults.unknown_loss(form.span, name, closest(name, known), known))
+        raise MbmError(faults.unknown_loss(form.span, name, known))
     shape = None
     if LOSSES[kind].shaped:
         if not parameters:
@@ -67,7 +66,7 @@ def read_consensus(work: Workspace, form: Form | None) -> Consensus | None:
     kind = next((k for k in ConsensusKind if k.value == name), None)
     if kind is None:
         known = (NONE, *(k.value for k in ConsensusKind))
-        raise MbmError(faults.unknown_consensus(form.span, name, closest(name, known), known))
+        raise MbmError(faults.unknown_consensus(form.span, name, known))
     allowed = {ConsensusKind.LMEDS: ("trials",), ConsensusKind.GNC: ("threshold",)}
     options = split_options(
         items, form.span, owner=f"`{name}`", known=allowed.get(kind, ("threshold", "trials"))

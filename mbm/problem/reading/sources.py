@@ -147,7 +147,7 @@ def _source(evaluator: Evaluator, scope: Scope, form: Form, formats: Formats) ->
         return _Source(format="table", inline=_inline(evaluator, scope, form))
     shown = head or form.span.text
     known = (*formats, "table", "external", *LATER)
-    raise MbmError(faults.unknown_source(form.span, shown, closest(shown, known)))
+    raise MbmError(faults.unknown_source(form.span, shown, known))
 
 
 def _file(form: Sequence, head: str, parts: tuple[str, ...]) -> _Source:

@@ -57,7 +57,6 @@ from mbm.problem.types import (
     Unknown,
     UnknownKind,
 )
-from mbm.text.suggest import closest
 from mbm.text.types import Form, MbmError, Numeral, Sequence, Span, Symbol, Text
 from mbm.values import dataclass
 
@@ -131,7 +130,7 @@ def _type(work: Workspace, form: Form | None) -> tuple[UnknownKind, tuple[int, .
         return UnknownKind(head), tuple(extents), 0
     known = (*_SCALARS, "vector", "array", "direction", *_SPATIAL)
     shown = head or form.span.text
-    raise MbmError(faults.unknown_type(form.span, shown, closest(shown, known), known))
+    raise MbmError(faults.unknown_type(form.span, shown, known))
 
 
 def _spatial(work: Workspace, form: Form, head: str) -> tuple[UnknownKind, tuple[int, ...], int]:

@@ -100,24 +100,22 @@ def _is_minimum_of_its_own(cost: float, best: float) -> bool:
     return cost <= 100 * best + 1e-2
 
 
-def plane_poses_from_bearings(points: Floats, bearings: Floats, weights: Floats | None = None) -> tuple[Floats, Floats]:
+def plane_poses_from_bearings(points: Floats, bearings: Floats) -> tuple[Floats, Floats]:
     """Poses of the plane R (…, 2, 2, 2), t (…, 2, 2) that see points (…, n, 2) along unit bearings (…, n, 2); n ≥ 3.
 
-    Minimises ``Σ w (n · (R x + t))²`` with n across the bearing: a quadratic form in (cos, sin) once t is eliminated.
+    Minimises ``Σ (n · (R x + t))²`` with n across the bearing: a quadratic form in (cos, sin) once t is eliminated.
     The solution with more points in front comes first, the other one is NaN unless as many are in front there.
     """
-    w = np.ones(points.shape[:-1]) if weights is None else weights
     across = np.stack([-bearings[..., 1], bearings[..., 0]], axis=-1)
     x, y = points[..., 0], points[..., 1]
     n0, n1 = across[..., 0], across[..., 1]
     turning = np.stack([n0 * x + n1 * y, n1 * x - n0 * y], axis=-1)  # n · R x = turning · (cos, sin)
-    weighted = w[..., None] * across
-    normal = np.einsum("...ni,...nj->...ij", weighted, across)
+    normal = np.einsum("...ni,...nj->...ij", across, across)
     usable = np.linalg.cond(np.where(np.isfinite(normal), normal, 0.0)) < 1e12
     normal = np.where(usable[..., None, None], normal, np.eye(2))
-    elimination = -np.linalg.solve(normal, np.einsum("...ni,...nj->...ij", weighted, turning))
+    elimination = -np.linalg.solve(normal, np.einsum("...ni,...nj->...ij", across, turning))
     moved = turning + across @ elimination
-    form = np.einsum("...n,...ni,...nj->...ij", w, moved, moved)
+    form = np.einsum("...ni,...nj->...ij", moved, moved)
     smallest = np.linalg.eigh(np.nan_to_num(form))[1][..., 0]
     found = np.stack([smallest, -smallest], axis=-2)
     R = np.stack(
