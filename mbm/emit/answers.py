@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.emit.foreign import Foreign
+from mbm.solver.range_maps import RangeMaps
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
@@ -92,28 +93,6 @@ class Agreement:
     map_places: tuple[int, ...]
     maps: tuple[float, ...]
     sign: float
-    startless: frozenset[int]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RangeMaps:
-    """Ranges that give all numbers which are estimated, and what of the data tells them, as `mbm.solver.range_form` has
-    it.
-
-    ``startless`` are the unknowns (positions) for which they give a start where the caller states none.
-    """
-
-    dimension: int
-    offset: bool
-    even: bool
-    rooted: bool
-    places: tuple[int, ...]
-    map_places: tuple[int, ...]
-    maps: tuple[float, ...]
-    fixed: tuple[int, ...]
-    values: tuple[float, ...]
-    held: bool
-    stated: bool
     startless: frozenset[int]
 
 

@@ -10,11 +10,12 @@ from dataclasses import field
 from enum import StrEnum
 from typing import TypeAlias
 
-from mbm.emit.answers import Agreement, Floats, RangeMaps, Reference, Whole
+from mbm.emit.answers import Agreement, Floats, Reference, Whole
 from mbm.emit.foreign import Foreign
 from mbm.kernels.types import Kernel
 from mbm.machine.program import Program
 from mbm.problem.types import BlockRole, ConstraintMethod, Loss, Method, NoiseKind, UnknownKind
+from mbm.solver.range_maps import RangeMaps
 from mbm.values import dataclass
 
 Key: TypeAlias = Foreign | float

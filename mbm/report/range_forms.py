@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from mbm.emit.answers import RangeMaps
 from mbm.equations.assembly import Assembled
 from mbm.estimation.batches.forms import recognised
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.types import Method
+from mbm.solver.range_maps import RangeMaps
 
 
 def ranges_of(found: Elaborated, equations: Assembled, settings: Settings) -> RangeMaps | None:
@@ -31,17 +33,5 @@ def ranges_of(found: Elaborated, equations: Assembled, settings: Settings) -> Ra
         return None
     layout = equations.layout
     missing = (np.isnan(layout.start) | layout.guessed) & equations.moving()
-    return RangeMaps(
-        dimension=maps.dimension,
-        offset=maps.offset,
-        even=maps.even,
-        rooted=maps.rooted,
-        places=tuple(maps.places.tolist()),
-        map_places=tuple(maps.map_places.tolist()),
-        maps=tuple(maps.maps.tolist()),
-        fixed=tuple(maps.fixed.tolist()),
-        values=tuple(maps.values.tolist()),
-        held=maps.held,
-        stated=maps.stated,
-        startless=frozenset(i for i, entry in enumerate(layout.entries) if bool(missing[entry.range].any())),
-    )
+    startless = frozenset(i for i, entry in enumerate(layout.entries) if bool(missing[entry.range].any()))
+    return replace(maps, startless=startless)

@@ -7,7 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from mbm.emit.answers import FAILED, Agreement, Answers, DerivedRows, RangeMaps, Reference, Whole
+from mbm.emit.answers import FAILED, Agreement, Answers, DerivedRows, Reference, Whole
 from mbm.emit.foreign import Foreign
 from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
@@ -31,6 +31,7 @@ from mbm.problem.elaborated import Elaborated
 from mbm.problem.types import Loss
 from mbm.report.agreements import BY_MEDIAN, agreement_of, beginning_of
 from mbm.report.range_forms import ranges_of
+from mbm.solver.range_maps import RangeMaps
 from mbm.text.types import MbmError
 
 MOST_REFERENCES = 200

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mbm.emit.answers import RangeMaps
 from mbm.emit.c.cells import Cells
 from mbm.emit.c.layout import doubles, longs
 from mbm.emit.types import Blueprint
 from mbm.problem.types import BlockRole
+from mbm.solver.range_maps import RangeMaps
 from mbm.solver.spheres import MOST_PLACES, SCRATCH
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mbm.emit.answers import RangeMaps
 from mbm.emit.python.text import literal
 from mbm.emit.types import Blueprint
+from mbm.solver.range_maps import RangeMaps
 from mbm.solver.spheres import MOST_PLACES, SCRATCH
 
 PLAIN = '''def solve_first(p: Prepared) -> None:

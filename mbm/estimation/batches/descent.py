@@ -15,8 +15,8 @@ from mbm.estimation.batches.types import REASONS, Ends, Kept, Solver, Which
 from mbm.estimation.settings import Settings
 
 if TYPE_CHECKING:
-    from mbm.estimation.minimise.native.range_maps import RangeMaps
     from mbm.estimation.minimise.native.system import NativeEnds, NativeSystem
+    from mbm.solver.range_maps import RangeMaps
 
 
 def solver_of(stack: Stack, settings: Settings, ranges: RangeMaps | None = None) -> Solver | None:

@@ -17,7 +17,6 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.stack import Portion, Stack
 from mbm.estimation.batches.types import Which
 from mbm.estimation.consensus.forms import KnownForm, known_form
-from mbm.estimation.minimise.native.range_maps import RangeMaps
 from mbm.estimation.settings import Settings
 from mbm.estimation.starts.closed_forms.completion import plans
 from mbm.estimation.starts.closed_forms.minimal import minimal_solver
@@ -27,6 +26,7 @@ from mbm.estimation.starts.closed_forms.situation import Situation
 from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 from mbm.estimation.starts.closed_forms.types import Plan
 from mbm.solver.decisions import plausible
+from mbm.solver.range_maps import RangeMaps
 from mbm.values import dataclass
 
 
@@ -174,11 +174,11 @@ class Recognised:
             offset=data.offset is not None,
             even=data.even,
             rooted=self.form.rooted,
-            places=np.array(self.form.form.about[3:], dtype=np.int64),
-            map_places=np.array(places, dtype=np.int64),
-            maps=np.array(maps),
-            fixed=self.form.fixed,
-            values=self.first.numbers[self.form.fixed],
+            places=self.form.form.about[3:],
+            map_places=places,
+            maps=maps,
+            fixed=tuple(self.form.fixed.tolist()),
+            values=tuple(self.first.numbers[self.form.fixed].tolist()),
             held=self.form.held,
             stated=stated,
         )

@@ -13,7 +13,6 @@ import numpy as np
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Indices
 from mbm.estimation.batches.stream_ends import NO_CODE, Rules, StreamEnds
-from mbm.estimation.minimise.native.range_maps import RangeMaps
 from mbm.estimation.minimise.native.system import NativeEnds, NativeSystem, system_of
 from mbm.estimation.minimise.sparsity import sparse_suits
 from mbm.estimation.native.code import Routine, SolverCode
@@ -25,6 +24,7 @@ from mbm.problem.types import Problem, UnknownKind
 from mbm.solver import description as of
 from mbm.solver.batch import Solves
 from mbm.solver.decisions import usual_cost
+from mbm.solver.range_maps import RangeMaps
 from mbm.values import dataclass
 
 if TYPE_CHECKING:

@@ -34,7 +34,7 @@ from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.estimation.batches.forms import Formed, Recognised
-    from mbm.estimation.minimise.native.range_maps import RangeMaps
+    from mbm.solver.range_maps import RangeMaps
 
 FEW_SOLVES = 8
 """Solves up to which binding them together does not pay."""

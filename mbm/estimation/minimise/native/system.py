@@ -22,7 +22,7 @@ from mbm.estimation.minimise.native.packing import (
     system_arrays,
     triangle_kind,
 )
-from mbm.estimation.minimise.native.range_maps import RangeMaps
+from mbm.estimation.minimise.native.range_maps import hand
 from mbm.estimation.minimise.native.summing import sum_addresses, summable
 from mbm.estimation.native.code import AnyCode, Described, NativeCode, native_code
 from mbm.estimation.settings import Settings
@@ -31,6 +31,7 @@ from mbm.problem.types import ConstraintMethod, Method
 from mbm.solver import description as of
 from mbm.solver import workspace as workspace
 from mbm.solver.batch import Solves
+from mbm.solver.range_maps import RangeMaps
 from mbm.solver.workspace import Answer, Work, work_integers, work_reals
 from mbm.values import dataclass
 
@@ -233,8 +234,7 @@ class NativeSystem:
         if self.ranges is None:
             return ()
         rows = self.rows.data[:, of.DATA_HEAD + of.DataBlock.rows :: of.DATA_BLOCK].max(axis=0)
-        numbers = int(self.system[of.Problem.numbers])
-        return self.ranges.hand(inside(solves, Solves, "form"), numbers, int(rows.sum()))
+        return hand(self.ranges, inside(solves, Solves, "form"), int(self.system[of.Problem.numbers]), int(rows.sum()))
 
     def one(
         self, start: Floats, *, which: int = 0, stopped: Callable[[], bool] | None = None, end: str = "finish_solve"
