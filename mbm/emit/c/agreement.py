@@ -50,7 +50,7 @@ def agreement_room(blueprint: Blueprint, agreement: Agreement, prefix: int) -> I
     constraints = sum(block.role is BlockRole.CONSTRAINT for block, _ in blueprint.cases)
     yield "    {    /* consensus: all rows side by side */"
     yield "        struct problem wide = header;"
-    yield "        struct rules room = {0};"
+    yield "        struct rules room = *(const struct rules *)RULES;"
     yield "        long units = 1, rows = 1;"
     yield f"        wide.residual_blocks = {len(cases) - constraints};"
     yield f"        wide.constraint_blocks = {constraints};"
@@ -66,8 +66,6 @@ def agreement_room(blueprint: Blueprint, agreement: Agreement, prefix: int) -> I
         if block.role is not BlockRole.CONSTRAINT and own:
             yield from _rows(cells, block, own, agreement)
     yield "        take_sizes(&wide, &room);"
-    for name in ("starts", "most_points"):
-        yield f"        room.{name} = {agreement.rules[slot(c.Rules, name)]};"
     yield "        room.most_units = units;"
     yield "        room.most_rows = rows;"
     yield f"        f->rules = (struct rules *)integers_of(a, {len(agreement.rules)});"
