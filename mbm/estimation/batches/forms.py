@@ -184,6 +184,7 @@ class Recognised:
         )
 
 
+@np.errstate(all="ignore")
 def recognised(first: Assembled, settings: Settings) -> Recognised | None:
     """The closed form that gives all numbers of the equations of one solve; None if it is not known from the rows."""
     forms = settings.closed_forms

@@ -114,7 +114,7 @@ def _begun(equations: BlockEquations, start: Floats, settings: Settings, made: P
         iterations=0,
         evaluations=1,
         reason=None if row is None else Reason.NOT_FINITE_AT_START,
-        bad_row=row,
+        bad_row=None if row is None else counted_as(equations, found.structure, row),
     )
 
 
