@@ -12,7 +12,7 @@ from math import fabs, sqrt
 from mbm.machine.words import Integer, Reals
 from mbm.solver.beginning import constraint_count
 from mbm.solver.covariance import set_reduced, set_scales
-from mbm.solver.decisions import EPSILON, ROUNDING_ERRORS
+from mbm.solver.decisions import rounding_of_norm
 from mbm.solver.description import Problem
 from mbm.solver.linear_algebra import cholesky, dot, filled, solve_transposed, solve_upper
 from mbm.solver.null_space import REPEATED, from_null_space, reflect_constraints, to_null_space
@@ -218,4 +218,4 @@ def set_step(
     place.length = sqrt(dot(count, along, along))
     place.predicted = inside
     place.offset = relative_offset(inside, outside if outside > 0.0 else 0.0, width, work.rows.data.count - width)
-    place.rounding = ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(place.cost))
+    place.rounding = rounding_of_norm(terms, place.cost)

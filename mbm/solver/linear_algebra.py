@@ -5,7 +5,7 @@ Triangles are stored row by row. All arrays that a function is given are apart f
 
 from __future__ import annotations
 
-from math import fabs, sqrt
+from math import sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Real, Reals, distinct_arrays
 
@@ -179,13 +179,3 @@ def inverted_upper(n: Integer, factor: ConstantReals, inverse: Reals) -> None:
             for k in range(i + 1, j + 1):
                 total += factor[i * n + k] * inverse[k * n + j]
             inverse[i * n + j] = -total / factor[i * n + i]
-
-
-@distinct_arrays
-def largest(n: Integer, a: ConstantReals) -> Real:
-    """The largest magnitude; 0 of none."""
-    found = 0.0
-    for i in range(n):
-        if fabs(a[i]) > found:
-            found = fabs(a[i])
-    return found

@@ -9,7 +9,17 @@ from __future__ import annotations
 from math import fabs, inf, sqrt
 
 from mbm.machine.words import ConstantReals, Integer, Real, Reals, distinct_arrays
-from mbm.solver.decisions import CAP, EPSILON, FLOOR, HUGE, ROUNDED_ROTATION, ROUNDING_ERRORS, TINY, ZERO_COST
+from mbm.solver.decisions import (
+    CAP,
+    EPSILON,
+    FLOOR,
+    HUGE,
+    ROUNDED_ROTATION,
+    ROUNDING_ERRORS,
+    TINY,
+    ZERO_COST,
+    rounding_of_norm,
+)
 from mbm.solver.description import BOUNDS_AT, EXACT_FIT, ROUNDING, RUNNING, SMALL_OFFSET, Problem
 from mbm.solver.linear_algebra import filled, times_transposed
 from mbm.solver.manifolds import coordinates_of
@@ -82,7 +92,7 @@ def set_cost_rounding(problem: Problem, place: Linearisation) -> None:
     for j in range(problem.n):
         size = fabs(place.x[j]) if problem.number_of[j] >= 0 else 1.0
         terms += place.norms[j] * size * place.norms[j] * size
-    noise = ROUNDING_ERRORS * EPSILON * (sqrt(terms) + sqrt(place.cost))
+    noise = rounding_of_norm(terms, place.cost)
     place.rounding = noise
     place.cost_rounding = 2.0 * noise * sqrt(place.cost) + noise * noise
 

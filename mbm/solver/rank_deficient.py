@@ -15,9 +15,6 @@ from mbm.solver.linear_algebra import copied, dot, filled, rotate
 from mbm.solver.null_space import from_null_space
 from mbm.solver.workspace import Work
 
-SIZES = 10
-"""Vector of scratch: one over the scales of the coordinates (n,)."""
-
 SWEEPS = 40
 NEGLIGIBLE = 1e-28
 """A product of two columns below this share of the largest square turns nothing that could be seen."""
