@@ -17,8 +17,6 @@ from mbm.values import dataclass
 
 _TRIANGLES: Mapping[NoiseKind, int] = {NoiseKind.SIGMA: 0, NoiseKind.COVARIANCE: 1, NoiseKind.INFORMATION: 2}
 """What the weights are: factors, a lower or an upper triangular matrix."""
-SMALLEST_CHUNK = 32
-"""Residuals that are triangularised at a time, at least: the matrices stay in the cache, the loop's share is small."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,8 +56,8 @@ def varies(blueprint: Blueprint, case: BlockCase) -> bool:
     return any(blueprint.links[number].table is not None for number in links)
 
 
-def static_system(blueprint: Blueprint) -> StaticSystem:
-    """What is known of the arrays when the problem is compiled."""
+def static_system(blueprint: Blueprint, chunk: int) -> StaticSystem:
+    """What is known of the arrays when a problem is compiled; ``chunk``: residuals to be triangularised at a time."""
     cases = blueprint.cases
     measured = [(b, c) for b, c in cases if b.role is not BlockRole.CONSTRAINT]
     unknown = [b.name for b in blueprint.blocks if b.unknown_factor and b.loss is None]
@@ -79,7 +77,7 @@ def static_system(blueprint: Blueprint) -> StaticSystem:
     prefix[at.Problem.linear] = int(linear)
     prefix[at.Problem.direct] = int(linear and len(measured) == len(cases))
     largest = max(c.kernel.outputs for _, c in cases)
-    prefix[at.Problem.chunk] = max(SMALLEST_CHUNK, 4 * (-(-largest // 4)))
+    prefix[at.Problem.chunk] = max(chunk, 4 * (-(-largest // 4)))
     losses: list[float] = []
     for number, (block, case) in enumerate(cases):
         _block(prefix, number, block, case, varies(blueprint, case), losses)

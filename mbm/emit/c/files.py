@@ -15,6 +15,8 @@ from mbm.emit.system import static_system
 from mbm.emit.types import Blueprint, OutputFile
 from mbm.emit.words import described
 
+CHUNK = 32
+"""Residuals that are triangularised at a time, at least: the matrices stay in the cache, the loop's share is small."""
 MAKEFILE = """# Builds the solver {name}: `make` the program and its test, `make test` the comparison with
 # the reference numbers.
 
@@ -66,7 +68,7 @@ add_test(NAME reference COMMAND {name}_test WORKING_DIRECTORY ${{CMAKE_CURRENT_S
 def c_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:
     """Header, source, program, test, build files, README, data."""
     name = blueprint.identifier
-    static = static_system(blueprint)
+    static = static_system(blueprint, CHUNK)
     source = source_file(blueprint, static)
     texts = {
         f"{name}.h": header(blueprint),

@@ -16,6 +16,8 @@ from mbm.emit.words import described
 
 RESERVED_MODULES = frozenset({"numpy", "pytest"})
 """What the module must not be mistaken for, besides those of the standard library."""
+CHUNK = 512
+"""Residuals that are triangularised at a time, at least: NumPy's calls cost more than a few rows that are not used."""
 
 
 TEST = '''"""The numbers of `mbm solve` for the data of `data/` must come again: `python test_{name}.py`, or pytest."""
@@ -82,7 +84,7 @@ def python_files(blueprint: Blueprint) -> tuple[OutputFile, ...]:
     name = module_name(blueprint)
     files = [f"{table.identifier}.csv" for table in blueprint.tables]
     texts = {
-        f"{name}.py": module(blueprint, static_system(blueprint)),
+        f"{name}.py": module(blueprint, static_system(blueprint, CHUNK)),
         f"test_{name}.py": TEST.format(name=name, files=files),
         "README.md": "\n".join([*_readme(blueprint), *described(blueprint)]) + "\n",
     }

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from math import fabs
 
-from mbm.emit.routines.rows import evaluate_row, row_scratch, takes_part
+from mbm.emit.routines.rows import evaluate_row, residuals_of_row, row_scratch, takes_part
 from mbm.machine.words import ConstantReals, Integer, Real, Reals
 from mbm.solver.batch import solve_alone
 from mbm.solver.decisions import NOISE_ROUNDS, SETTLED_FACTORS, noise_ratio
 from mbm.solver.description import NOT_FINITE_AT_START, REASON, Problem
+from mbm.solver.linear_algebra import dot, filled
 from mbm.solver.workspace import Rows, Work
 
 SCATTER = 0
@@ -30,11 +31,11 @@ def rescale(problem: Problem, rows: Rows, group: Integer, ratio: Reals) -> None:
 
 
 def quadratic_form(n: Integer, matrix: ConstantReals, vector: ConstantReals) -> Real:
-    """``vᵀ M v``."""
+    """``vᵀ M v``; rows of equations are 0 in most of their coordinates."""
     total = 0.0
     for j in range(n):
-        for k in range(n):
-            total += vector[j] * matrix[j * n + k] * vector[k]
+        if vector[j] != 0.0:
+            total += vector[j] * dot(n, matrix[j * n :], vector)
     return total
 
 
@@ -45,33 +46,37 @@ def share_of_group(
     covariance: ConstantReals,
     kappa: ConstantReals,
     group: Integer,
-    scratch: Reals,
+    redundancy: Integer,
     found: Reals,
 ) -> None:
-    """What the whitened residuals of a group say of its noise: ``found`` `SCATTER`, `REDUNDANCY` and `SQUARES`.
+    """What the whitened residuals of a group say of its noise: ``found`` `SCATTER`, `SQUARES`, with scratch behind.
 
-    ``kappa`` is the share of its variance that a unit of each kind has left, where limits cut its tails off. The
-    redundancy is that of Förstner (1979).
+    With ``redundancy`` 1 `REDUNDANCY`, too, which is that of Förstner (1979) and wants the derivatives. ``kappa`` is
+    the share of its variance that a unit of each kind has left, where limits cut its tails off.
     """
     n = problem.n
+    scratch = found[FOUND:]
     line = scratch[row_scratch(problem) :]
-    for i in range(FOUND):
-        found[i] = 0.0
+    filled(FOUND, 0.0, found)
     kinds = 0
     for b in range(problem.residual_blocks):
         block = problem.blocks[b]
         lines = block.outputs
         if block.noise == group:
             for row in range(rows.data.blocks[b].rows):
-                evaluate_row(problem, rows, point, b, row, scratch, line, line[lines:])
+                if redundancy == 1:
+                    evaluate_row(problem, rows, point, b, row, scratch, line, line[lines:])
+                else:
+                    residuals_of_row(problem, rows, point, b, row, scratch, line)
                 for u in range(block.unit_count):
                     unit = block.units[u]
                     if takes_part(problem, rows, b, row, unit) == 1:
                         for i in range(unit.first, unit.last):
-                            leverage = quadratic_form(n, covariance, line[lines + i * n :])
                             found[SCATTER] += line[i] * line[i] / kappa[kinds + u]
-                            found[REDUNDANCY] += max(0.0, min(1.0, 1.0 - leverage))
                             found[SQUARES] += line[i] * line[i]
+                            if redundancy == 1:
+                                leverage = quadratic_form(n, covariance, line[lines + i * n :])
+                                found[REDUNDANCY] += max(0.0, min(1.0, 1.0 - leverage))
         kinds += block.unit_count
 
 
@@ -88,7 +93,7 @@ def factors_left(
     found = spare[groups:]
     change = 0.0
     for g in range(groups):
-        share_of_group(problem, rows, numbers, covariance, kappa, g, spare[groups + FOUND :], found)
+        share_of_group(problem, rows, numbers, covariance, kappa, g, 1, found)
         spare[g] = noise_ratio(found[SCATTER], found[REDUNDANCY])
         change = max(change, fabs(spare[g] - 1.0))
     return change
@@ -129,5 +134,5 @@ def spread_of_group(
     spare: Reals,
 ) -> Real:
     """`SCATTER` or `SQUARES` of a group (-1: of all that has none), at the end of a solve."""
-    share_of_group(problem, rows, numbers, covariance, kappa, group, spare[FOUND:], spare)
+    share_of_group(problem, rows, numbers, covariance, kappa, group, 0, spare)
     return fabs(spare[what])  # it is not negative

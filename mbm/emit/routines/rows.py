@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from mbm.machine.words import ConstantReals, Integer, Reals, call_kernel
-from mbm.solver.description import Block, Problem, Unit
+from mbm.solver.description import Block, DataBlock, Problem, Unit
+from mbm.solver.linear_algebra import filled
 from mbm.solver.workspace import Rows
 
 
@@ -50,6 +51,30 @@ def row_scratch(problem: Problem) -> Integer:
     return found
 
 
+def set_inputs(block: Block, part: DataBlock, rows: Rows, point: ConstantReals, row: Integer, inputs: Reals) -> None:
+    """What the kernel of a block is given for a row: numbers of the point, then parameters."""
+    variables = block.variables
+    wide = block.parameters
+    own = rows.index[part.index + row * block.index :]
+    for v in range(variables):
+        inputs[v] = point[own[v]]
+    given = rows.parameters[part.parameters + row * wide :]
+    for p in range(wide):
+        inputs[variables + p] = given[p]
+
+
+def residuals_of_row(
+    problem: Problem, rows: Rows, point: ConstantReals, b: Integer, row: Integer, scratch: Reals, residuals: Reals
+) -> None:
+    """Row ``row`` of block ``b``: whitened residuals (outputs,)."""
+    block = problem.blocks[b]
+    part = rows.data.blocks[b]
+    set_inputs(block, part, rows, point, row, scratch)
+    outputs = scratch[block.variables + block.parameters :]
+    call_kernel(block.values, scratch, outputs, 1)
+    whiten_row(block, rows.whitening[part.weights + row * block.weights :], 1, outputs, residuals)
+
+
 def evaluate_row(
     problem: Problem,
     rows: Rows,
@@ -64,31 +89,24 @@ def evaluate_row(
     n = problem.n
     block = problem.blocks[b]
     part = rows.data.blocks[b]
-    variables = block.variables
-    wide = block.parameters
     lines = block.outputs
-    outputs = scratch[variables + wide :]
-    plain = scratch[variables + wide + lines + block.nonzero_count :]
-    own = rows.index[part.index + row * block.index :]
-    for v in range(variables):
-        scratch[v] = point[own[v]]
-    given = rows.parameters[part.parameters + row * wide :]
-    for p in range(wide):
-        scratch[variables + p] = given[p]
+    outputs = scratch[block.variables + block.parameters :]
+    plain = outputs[lines + block.nonzero_count :]
+    set_inputs(block, part, rows, point, row, scratch)
     call_kernel(block.jacobian, scratch, outputs, 1)
     heavy = rows.whitening[part.weights + row * block.weights :]
     whiten_row(block, heavy, 1, outputs, residuals)
-    for i in range(lines * n):
-        plain[i] = 0.0
-        jacobian[i] = 0.0
+    filled(lines * n, 0.0, plain)
+    filled(lines * n, 0.0, jacobian)
     places = rows.columns[part.columns + row * block.columns :]
     for k in range(block.nonzero_count):
         nonzero = block.nonzeros[k]
         column = places[nonzero.tangent]
         if column >= 0:
             plain[nonzero.output * n + column] += outputs[lines + k]
-    for j in range(n):
-        whiten_row(block, heavy, n, plain[j:], jacobian[j:])
+    for k in range(block.tangents):
+        if places[k] >= 0:
+            whiten_row(block, heavy, n, plain[places[k] :], jacobian[places[k] :])
 
 
 def all_rows(
@@ -106,11 +124,8 @@ def all_rows(
     for b in range(problem.residual_blocks):
         lines = problem.blocks[b].outputs
         for row in range(rows.data.blocks[b].rows):
-            evaluate_row(problem, rows, point, b, row, scratch, line, line[lines:])
-            for i in range(lines):
-                if slopes == 0:
-                    target[first + i] = line[i]
-                else:
-                    for j in range(n):
-                        target[(first + i) * n + j] = line[lines + i * n + j]
+            if slopes == 0:
+                residuals_of_row(problem, rows, point, b, row, scratch, target[first:])
+            else:
+                evaluate_row(problem, rows, point, b, row, scratch, line, target[first * n :])
             first += lines
