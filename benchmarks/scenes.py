@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 RANGE = """
 (problem range-rows
@@ -27,6 +28,20 @@ EPOCHS = """
   (unknowns (p (vector 3) :init [1.75m 1.75m 1m]))
   (observe ranges (= range (distance p [receivers.x receivers.y receivers.z])) :sigma 10mm)
   (for-each epoch))
+"""
+BOARDS = """
+(problem boards
+  (data photos (csv "photos.csv") :key photo)
+  (data corners (csv "corners.csv"))
+  (camera cam :focal (fx fy) :center (cx cy) :distortion (k1 k2 p1 p2 k3))
+  (unknowns
+    (fx :init 600) (fy :init 600) (cx :init 320) (cy :init 240)
+    (k1 :init 0) (k2 :init 0) (p1 :init 0) (p2 :init 0) (k3 :init 0)
+    (r (vector 3) :per photos :init [rx ry rz])
+    (t (vector 3) :per photos :init [tx ty tz] :unit m))
+  (observe corners
+    (= [u v] (project cam (trans (t photo) (rotate (axis-angle (r photo)) [x y 0]))))
+    :sigma unknown))
 """
 Columns = dict[str, np.ndarray]
 
@@ -75,3 +90,27 @@ def epoch_tables(epochs: int) -> dict[str, Columns]:
         "range": distances.ravel(),
     }
     return {"receivers": receivers, "ranges": ranges}
+
+
+def board_photographs(photographs: int = 13) -> dict[str, str]:
+    """CSV texts: rough poses of a board (rad, m), and the images of its 54 corners with 0.2 pixels of noise."""
+    generator = np.random.default_rng(3)
+    corners = 0.03 * np.stack(np.meshgrid(np.arange(9), np.arange(6), [0]), axis=-1).reshape(-1, 3)
+    photos, images = ["photo,rx,ry,rz,tx,ty,tz"], ["photo,x,y,u,v"]
+    for photo in range(1, photographs + 1):
+        turned = generator.normal(0, 0.3, 3)
+        moved = np.array([-0.12, -0.08, 0.45]) + generator.normal(0, 0.03, 3)
+        rough = np.r_[turned + generator.normal(0, 0.05, 3), moved + generator.normal(0, 0.01, 3)]
+        photos.append(",".join([str(photo), *(f"{value:.3f}" for value in rough)]))
+        x, y, z = (Rotation.from_rotvec(turned).apply(corners) + moved).T
+        x, y = x / z, y / z
+        square = x * x + y * y
+        bent = 1 - 0.27 * square + 0.05 * square**2 + 0.02 * square**3
+        u = 536.0 * (x * bent + 0.002 * x * y - 0.0005 * (square + 2 * x * x)) + 342.0
+        v = 536.5 * (y * bent + 0.001 * (square + 2 * y * y) - 0.001 * x * y) + 235.0
+        noisy = np.column_stack([u, v]) + generator.normal(0, 0.2, (len(u), 2))
+        images += [
+            f"{photo},{corner[0]:g},{corner[1]:g},{image[0]:.4f},{image[1]:.4f}"
+            for corner, image in zip(corners, noisy, strict=True)
+        ]
+    return {"photos": "\n".join([*photos, ""]), "corners": "\n".join([*images, ""])}

@@ -1,7 +1,7 @@
 """The tree as Python text on NumPy arrays: what it computes is what C computes, infinities and NaN included.
 
 Reals are NumPy's, which divide by zero without raising; the text is to be run under ``numpy.errstate(all="ignore")``.
-Arrays from an element on are views.
+Whole numbers that get a name are Python's, which count faster than NumPy's. Arrays from an element on are views.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def _statement(node: Statement, depth: int) -> Iterator[str]:
     pad = "    " * depth
     match node:
         case Assign():
-            yield f"{pad}{_at(node.target)} = {_number(node.value)}"
+            yield f"{pad}{_assignment(node.target, node.value)}"
         case For():
             start = "" if node.start == Literal(0) else f"{_at(node.start)}, "
             yield f"{pad}for {node.variable.name} in range({start}{_at(node.stop)}):"
@@ -137,6 +137,14 @@ def _statement(node: Statement, depth: int) -> Iterator[str]:
             yield f"{pad}{_at(node.call)}"
         case Comment():
             yield f"{pad}# {node.text}"
+
+
+def _assignment(target: Expression, value: Expression) -> str:
+    """An element is found once where its value changes by something; a whole number that gets a name is Python's."""
+    if isinstance(value, Binary) and value.left == target and value.operator in ("+", "-", "*"):
+        return f"{_at(target)} {value.operator}= {_at(value.right)}"
+    kept = isinstance(target, Name) and isinstance(value, Element | Field) and value.type is Type.INTEGER
+    return f"{_at(target)} = {f'int({_at(value)})' if kept else _number(value)}"
 
 
 def _number(node: Expression) -> str:

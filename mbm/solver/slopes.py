@@ -56,32 +56,36 @@ def scatter(
     lines = block.outputs
     width = (lines + block.nonzero_count) * LANES
     heavy = block.weights * LANES
+    step = block.columns
+    stride = problem.chunk
     for k in range(block.nonzero_count):
         nonzero = block.nonzeros[k]
         line = nonzero.output * LANES
         weight = nonzero.weight * LANES
+        tangent = nonzero.tangent
         values = outputs[(lines + k) * LANES :]
-        if block.columns == 0:
-            column = columns[nonzero.tangent]
+        if step == 0:
+            column = columns[tangent]
             if column >= 0:
-                place = column * problem.chunk + line
+                place = column * stride + line
                 if weight >= 0:
                     add_to_column(groups, lines * LANES, width, heavy, values, whitening[weight:], chunk[place:])
                 else:
                     add_plain_to_column(groups, lines * LANES, width, values, chunk[place:])
         else:
+            count = part.rows
             for group in range(groups):
                 for lane in range(LANES):
                     row = (first + group) * LANES + lane
                     column = -1
-                    if row < part.rows:
-                        column = columns[row * block.columns + nonzero.tangent]
+                    if row < count:
+                        column = columns[row * step + tangent]
                     if column >= 0:
                         value = values[group * width + lane]
                         if weight >= 0:
                             factor = whitening[group * heavy + weight + lane]
                             value = factor * value if factor != 0.0 else 0.0
-                        chunk[column * problem.chunk + group * lines * LANES + line + lane] += value
+                        chunk[column * stride + group * lines * LANES + line + lane] += value
 
 
 @distinct_arrays

@@ -207,7 +207,7 @@ def test_the_printed_text_reads_as_written():
 
     text = python.text(MODULE)
     assert "def put(where, value):" in text
-    assert "            total = total - a[j * n + k] * a[j * n + k]\n" in text
+    assert "            total -= a[j * n + k] * a[j * n + k]\n" in text
     assert "        if not total > 0.0 or not isfinite(total):\n" in text
     assert "total = float64(0.0)" in text
     assert "out[k] = -x[k] * (total - (x[k] - 1.0) / (x[k] + 300.0))" in text
