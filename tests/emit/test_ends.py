@@ -69,6 +69,34 @@ def test_both_languages_print_keys_alike(tmp_path):
     assert rows == [wanted, wanted]
 
 
+SPREADS = """(problem spreads
+  (data d (table (day y s c) (1 4 0.1 1) (2 6 0.2 1) (3 5 0.1 1)))
+  (unknowns (m :init 0))
+  (observe d (= y (+ m (log c))) :sigma s)
+  (for-each day))"""
+FAULTY = {
+    "6,0,1": "error: a standard deviation is not above zero",
+    "6,0.1,-1": "error: an equation has no finite value at the start",
+}
+"""What a second row may hold, and what is said of it."""
+
+
+@pytest.mark.parametrize("row", FAULTY)
+@pytest.mark.parametrize("target", [pytest.param("c", marks=needs_compiler), "python"])
+def test_a_faulty_data_set_does_not_stop_the_others(target, row, tmp_path):
+    folder = written(of_text(SPREADS, target), tmp_path)
+    (folder / "data" / "d.csv").write_text(f"day,y,s,c\n1,4,0.1,1\n2,{row}\n3,5,0.1,1\n", encoding="utf-8")
+    if target == "c":
+        assert make(folder, "all").returncode == 0
+        found = run("./spreads", "data/d.csv", folder=folder)
+    else:
+        found = run(sys.executable, "spreads.py", "data/d.csv", folder=folder)
+    rows = list(csv.DictReader(found.stdout.splitlines()))
+    assert [(row["day"], float(row["value"])) for row in rows] == [("1", 4.0), ("3", 5.0)]
+    assert FAULTY[row] in found.stderr
+    assert found.returncode == 2
+
+
 ELSEWHERE = """(problem elsewhere
   (data d (table (day y) (1 4) (2 6)))
   (data e (table (day) (2) (3)))

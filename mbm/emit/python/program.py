@@ -97,24 +97,37 @@ def main(paths: Sequence[str]) -> int:
     worst = 0
     owner = next(name for name, columns in COLUMNS.items() if set(KEYS) <= set(columns)) if KEYS else ""
     try:
+        tables = read_tables(paths)
         print(",".join([*map(field, KEYS), "name", "value", "sigma", "unit"]))
-        for key, result in solve_each(read_tables(paths)):
-            for line in lines_of(result):
-                print(",".join([*(key_field(value, owner, column) for column, value in key.items()), line]))
-            print(
-                f"{result['status']}: chi2 {result['cost']:.9g}, {result['freedom']} degrees of freedom, "
-                f"sigma0 {result['sigma0']:.6g}, {result['iterations']} iterations",
-                file=sys.stderr,
-            )
-            if result["agreement"] is not None:
-                agreed = result["agreement"]
-                doubt = ", but as many may agree elsewhere" if agreed["ambiguous"] else ""
-                print(f"{agreed['inliers']} of {agreed['units']} measurements agree{doubt}", file=sys.stderr)
-            worst = max(worst, 0 if result["status"] == "converged" else 1)
+        for key, chosen in data_sets(tables):
+            worst = max(worst, show([key_field(value, owner, column) for column, value in key.items()], chosen))
     except DataError as error:
         print(one_line(f"error: {error}"), file=sys.stderr)
         return 2
     return worst
+
+
+def show(keys: Sequence[str], tables: Tables) -> int:
+    """Solve one data set and print what was found; the exit status of `main` for it."""
+    try:
+        result = solve(tables)
+        if result["status"] == "not-finite":
+            raise DataError("an equation has no finite value at the start")
+    except DataError as error:
+        print(one_line(f"error: {error}"), file=sys.stderr)
+        return 2
+    for line in lines_of(result):
+        print(",".join([*keys, line]))
+    print(
+        f"{result['status']}: chi2 {result['cost']:.9g}, {result['freedom']} degrees of freedom, "
+        f"sigma0 {result['sigma0']:.6g}, {result['iterations']} iterations",
+        file=sys.stderr,
+    )
+    if result["agreement"] is not None:
+        agreed = result["agreement"]
+        doubt = ", but as many may agree elsewhere" if agreed["ambiguous"] else ""
+        print(f"{agreed['inliers']} of {agreed['units']} measurements agree{doubt}", file=sys.stderr)
+    return 0 if result["status"] == "converged" else 1
 
 
 if __name__ == "__main__":
