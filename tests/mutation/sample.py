@@ -27,14 +27,18 @@ from tests.trials.campaign import numbers
 from tests.trials.seeds import digest_of
 
 ROOT = Path(__file__).parents[2]
-COMPILED = ("mbm/solver/", "mbm/sparse/blocks/", "mbm/emit/routines/")
-"""Texts that become machine code or C, so that hardly anybody is seen to call them …"""
-NUMERICAL = ("tests/solver/", "tests/machine/", "tests/oracles/", "tests/estimation/", "tests/sparse/", "tests/emit/")
-"""… and the tests that hold them."""
+COMPILED = ("mbm/solver/", "mbm/sparse/blocks/")
+"""Texts that become machine code, so that hardly anybody is seen to call them …"""
+NUMERICAL = tuple(f"tests/{room}/" for room in ("solver", "oracles", "estimation", "robust", "sparse", "noise", "api"))
+"""… and the tests that hold them, in an order of chance."""
+PRINTED, PRINTING = "mbm/emit/routines/", "tests/emit/"
+"""The same of what becomes C and Python."""
 NOT_COPIED = (".git", ".venv", "build", "dist")
 NOT_MUTATED = ("faults.py", "vocabulary.py")
 MOST_TESTS, MOST_SECONDS = 300, 20.0
 """Tests that a mutant is run with, those of its own room first, the quickest of these first, and their seconds."""
+LONG = 2.0
+"""Seconds from which on a test is left out where there are plenty."""
 LONGEST = 300
 """Seconds that the tests of one mutant may take, at least; a mutant that hangs has been noticed."""
 
@@ -78,10 +82,10 @@ def copied(folder: Path) -> Tree:
 
 @dataclass(frozen=True, kw_only=True)
 class Called:
-    """Function (``file:line``) → the tests that call it, with their seconds; the ``numerical`` tests with theirs."""
+    """Function (``file:line``) → the tests that call it, with their seconds; all tests with theirs."""
 
     by_place: dict[str, dict[str, float]]
-    numerical: dict[str, float]
+    every: dict[str, float]
 
 
 def calls_of(tree: Tree, jobs: int) -> Called:
@@ -101,27 +105,32 @@ def calls_of(tree: Tree, jobs: int) -> Called:
         part.write_text(json.dumps({name: entry for each in every for name, entry in each.items()}), encoding="utf-8")
         part.replace(path)
     found: dict[str, dict[str, float]] = {}
-    numerical = {}
+    every = {}
     for test, entry in json.loads(path.read_text(encoding="utf-8")).items():
         for place in entry["calls"]:
             found.setdefault(place, {})[test] = entry["seconds"]
-        if test.startswith(NUMERICAL):
-            numerical[test] = entry["seconds"]
-    return Called(by_place=found, numerical=numerical)
+        every[test] = entry["seconds"]
+    return Called(by_place=found, every=every)
 
 
 def tests_for(mutant: Mutant, text: str, called: Called) -> tuple[list[str], float]:
     """Tests that call the function of a mutant, or for a constant those of its file, and their seconds together."""
     first, last = next((lines for lines in functions_of(text) if lines[0] == mutant.function), (None, None))
-    tests: dict[str, float] = dict(called.numerical) if mutant.file.startswith(COMPILED) else {}
+    compiled = mutant.file.startswith(COMPILED)
+    room = "/".join(("tests", *mutant.file.split("/")[1:2], ""))
+    hidden = NUMERICAL if compiled else PRINTING if mutant.file.startswith(PRINTED) else room if first is None else ()
+    tests = {test: seconds for test, seconds in called.every.items() if hidden and test.startswith(hidden)}
     for place, callers in called.by_place.items():
         file, line = place.rsplit(":", 1)
         # Inner functions, comprehensions and decorators begin at lines of their own.
         if file == mutant.file and (first is None or last is None or first - 5 <= int(line) <= last):
             tests.update(callers)
     chosen, seconds = [], 0.0
-    room = "/".join(("tests", *mutant.file.split("/")[1:2], ""))
-    for name in sorted(tests, key=lambda each: (not each.startswith(room), tests[each]))[:MOST_TESTS]:
+    order = sorted(tests, key=lambda each: (not each.startswith(room), tests[each]))
+    if compiled:
+        order = [test for test in order if tests[test] < LONG]
+        random.Random(0).shuffle(order)  # noqa: S311 - a sample, no secret
+    for name in order[:MOST_TESTS]:
         if chosen and seconds + tests[name] > MOST_SECONDS:
             break
         chosen.append(name)
