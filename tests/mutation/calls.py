@@ -85,8 +85,12 @@ class Calls:
         self._path.write_text(json.dumps(kept), encoding="utf-8")
 
 
+if VARIABLE in os.environ:  # before any module of mbm is read, which `conftest.py` begins with
+    sys.pycache_prefix = os.environ[VARIABLE] + ".compiled"
+    SourceFileLoader.source_to_code = compiled  # type: ignore[method-assign]
+    setattr(builtins, HEARD, lambda _place: None)
+
+
 def pytest_configure(config: pytest.Config) -> None:
     if VARIABLE in os.environ and (WORKER in os.environ or not config.getoption("numprocesses", None)):
-        sys.pycache_prefix = os.environ[VARIABLE] + ".compiled"
-        SourceFileLoader.source_to_code = compiled  # type: ignore[method-assign]
         config.pluginmanager.register(Calls(Path(f"{os.environ[VARIABLE]}.{os.environ.get(WORKER, 'alone')}")))

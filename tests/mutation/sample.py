@@ -28,9 +28,16 @@ from tests.trials.seeds import digest_of
 
 ROOT = Path(__file__).parents[2]
 COMPILED = ("mbm/solver/", "mbm/sparse/blocks/")
-"""Texts that become machine code, so that hardly anybody is seen to call them …"""
-NUMERICAL = tuple(f"tests/{room}/" for room in ("solver", "oracles", "estimation", "robust", "sparse", "noise", "api"))
-"""… and the tests that hold them, in an order of chance."""
+"""Texts that become machine code, so that hardly anybody is seen to call them."""
+CALLERS = {
+    "consensus minimal": ("consensus/agreeing.py", "consensus/native.py", "batches/consensus.py"),
+    "kkt sequential quadratic polyhedron constraint active_set": ("minimise/constrained/solve.py",),
+    "spheres range known_rows": ("minimise/native/range_maps.py",),
+    "loss": ("uncertainty/robust.py", "uncertainty/pools.py"),
+    "blocks/": ("minimise/sparse.py",),
+    "": ("minimise/native/minimum.py", "batches/descent.py"),
+}
+"""Parts of the names of such texts, and the files of `mbm.estimation` that call what they become."""
 PRINTED, PRINTING = "mbm/emit/routines/", "tests/emit/"
 """The same of what becomes C and Python."""
 NOT_COPIED = (".git", ".venv", "build", "dist")
@@ -116,9 +123,8 @@ def calls_of(tree: Tree, jobs: int) -> Called:
 def tests_for(mutant: Mutant, text: str, called: Called) -> tuple[list[str], float]:
     """Tests that call the function of a mutant, or for a constant those of its file, and their seconds together."""
     first, last = next((lines for lines in functions_of(text) if lines[0] == mutant.function), (None, None))
-    compiled = mutant.file.startswith(COMPILED)
     room = "/".join(("tests", *mutant.file.split("/")[1:2], ""))
-    hidden = NUMERICAL if compiled else PRINTING if mutant.file.startswith(PRINTED) else room if first is None else ()
+    hidden = PRINTING if mutant.file.startswith(PRINTED) else room if first is None else None
     tests = {test: seconds for test, seconds in called.every.items() if hidden and test.startswith(hidden)}
     for place, callers in called.by_place.items():
         file, line = place.rsplit(":", 1)
@@ -127,9 +133,13 @@ def tests_for(mutant: Mutant, text: str, called: Called) -> tuple[list[str], flo
             tests.update(callers)
     chosen, seconds = [], 0.0
     order = sorted(tests, key=lambda each: (not each.startswith(room), tests[each]))
-    if compiled:
-        order = [test for test in order if tests[test] < LONG]
-        random.Random(0).shuffle(order)  # noqa: S311 - a sample, no secret
+    if mutant.file.startswith(COMPILED):
+        known = next(f for parts, f in CALLERS.items() if not parts or any(p in mutant.file for p in parts.split()))
+        files = tuple(f"mbm/estimation/{each}:" for each in known)
+        more = {t: s for place, each in called.by_place.items() if place.startswith(files) for t, s in each.items()}
+        further = sorted(test for test in more if more[test] < LONG and test not in tests)
+        random.Random(0).shuffle(further)  # noqa: S311 - a sample, no secret
+        tests, order = {**tests, **more}, order + further
     for name in order[:MOST_TESTS]:
         if chosen and seconds + tests[name] > MOST_SECONDS:
             break
