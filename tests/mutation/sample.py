@@ -42,10 +42,8 @@ PRINTED, PRINTING = "mbm/emit/routines/", "tests/emit/"
 """The same of what becomes C and Python."""
 NOT_COPIED = (".git", ".venv", "build", "dist")
 NOT_MUTATED = ("faults.py", "vocabulary.py")
-MOST_TESTS, MOST_SECONDS = 300, 20.0
-"""Tests that a mutant is run with, those of its own room first, the quickest of these first, and their seconds."""
-LONG = 2.0
-"""Seconds from which on a test is left out where there are plenty."""
+MOST_TESTS = 500
+"""Tests that a mutant is run with, besides the seconds that they may take together."""
 LONGEST = 300
 """Seconds that the tests of one mutant may take, at least; a mutant that hangs has been noticed."""
 
@@ -89,10 +87,22 @@ def copied(folder: Path) -> Tree:
 
 @dataclass(frozen=True, kw_only=True)
 class Called:
-    """Function (``file:line``) → the tests that call it, with their seconds; all tests with theirs."""
+    """Function (``file:line``) → the tests that call it; the seconds of each test, and how many functions it calls."""
 
-    by_place: dict[str, dict[str, float]]
-    every: dict[str, float]
+    by_place: dict[str, set[str]]
+    seconds: dict[str, float]
+    width: dict[str, int]
+
+    def within(self, files: tuple[str, ...], first: int = 0, last: int = sys.maxsize) -> set[str]:
+        """The tests that call a function of these files that begins between two lines."""
+        places = ((place.rsplit(":", 1), tests) for place, tests in self.by_place.items() if place.startswith(files))
+        return {test for (_, line), tests in places if first <= int(line) <= last for test in tests}
+
+    def ordered(self, tests: set[str]) -> list[str]:
+        """By turns the test that calls the fewest functions and one by chance: that one is close, this one different."""
+        close = sorted(tests, key=lambda test: (self.width[test], test))
+        others = random.Random(0).sample(close, len(close))  # noqa: S311 - a sample, no secret
+        return list(dict.fromkeys(test for pair in zip(close, others, strict=True) for test in pair))
 
 
 def calls_of(tree: Tree, jobs: int) -> Called:
@@ -111,41 +121,34 @@ def calls_of(tree: Tree, jobs: int) -> Called:
         every = [json.loads(each.read_text(encoding="utf-8")) for each in tree.folder.glob("calls.*") if each.is_file()]
         part.write_text(json.dumps({name: entry for each in every for name, entry in each.items()}), encoding="utf-8")
         part.replace(path)
-    found: dict[str, dict[str, float]] = {}
-    every = {}
-    for test, entry in json.loads(path.read_text(encoding="utf-8")).items():
+    entries = json.loads(path.read_text(encoding="utf-8"))
+    by_place: dict[str, set[str]] = {}
+    for test, entry in entries.items():
         for place in entry["calls"]:
-            found.setdefault(place, {})[test] = entry["seconds"]
-        every[test] = entry["seconds"]
-    return Called(by_place=found, every=every)
+            by_place.setdefault(place, set()).add(test)
+    seconds = {test: entry["seconds"] for test, entry in entries.items()}
+    return Called(by_place=by_place, seconds=seconds, width={test: len(e["calls"]) for test, e in entries.items()})
 
 
-def tests_for(mutant: Mutant, text: str, called: Called) -> tuple[list[str], float]:
-    """Tests that call the function of a mutant, or for a constant those of its file, and their seconds together."""
-    first, last = next((lines for lines in functions_of(text) if lines[0] == mutant.function), (None, None))
-    room = "/".join(("tests", *mutant.file.split("/")[1:2], ""))
-    hidden = PRINTING if mutant.file.startswith(PRINTED) else room if first is None else None
-    tests = {test: seconds for test, seconds in called.every.items() if hidden and test.startswith(hidden)}
-    for place, callers in called.by_place.items():
-        file, line = place.rsplit(":", 1)
-        # Inner functions, comprehensions and decorators begin at lines of their own.
-        if file == mutant.file and (first is None or last is None or first - 5 <= int(line) <= last):
-            tests.update(callers)
-    chosen, seconds = [], 0.0
-    order = sorted(tests, key=lambda each: (not each.startswith(room), tests[each]))
+def tests_for(mutant: Mutant, text: str, called: Called, most: float) -> tuple[list[str], float]:
+    """Tests that call the function of a mutant, or for a constant those of its file and room, of ``most`` seconds."""
+    lines = next((lines for lines in functions_of(text) if lines[0] == mutant.function), None)
+    own, room = (f"{mutant.file}:",), "/".join(("tests", *mutant.file.split("/")[1:2], ""))
+    # Inner functions, comprehensions and decorators begin at lines of their own.
+    heard = called.within(own) if lines is None else called.within(own, lines[0] - 5, lines[1])
+    further: set[str] = set()
     if mutant.file.startswith(COMPILED):
         known = next(f for parts, f in CALLERS.items() if not parts or any(p in mutant.file for p in parts.split()))
-        files = tuple(f"mbm/estimation/{each}:" for each in known)
-        more = {t: s for place, each in called.by_place.items() if place.startswith(files) for t, s in each.items()}
-        further = sorted(test for test in more if more[test] < LONG and test not in tests)
-        random.Random(0).shuffle(further)  # noqa: S311 - a sample, no secret
-        tests, order = {**tests, **more}, order + further
-    for name in order[:MOST_TESTS]:
-        if chosen and seconds + tests[name] > MOST_SECONDS:
-            break
-        chosen.append(name)
-        seconds += tests[name]
-    return chosen, seconds
+        further = called.within(tuple(f"mbm/estimation/{each}:" for each in known))
+    elif mutant.file.startswith(PRINTED) or lines is None:
+        further = {t for t in called.seconds if t.startswith(PRINTING if mutant.file.startswith(PRINTED) else room)}
+    chosen: list[str] = []
+    total = 0.0
+    for test in (called.ordered(heard) + called.ordered(further - heard))[:MOST_TESTS]:
+        if not chosen or total + called.seconds[test] <= most:
+            chosen.append(test)
+            total += called.seconds[test]
+    return chosen, total
 
 
 def sampled(count: int, seed: int) -> list[Mutant]:
@@ -178,6 +181,7 @@ def main() -> int:
     parser.add_argument("--of", type=int, default=1, help="number of parts")
     parser.add_argument("--parts", help="those to be tried, as 1-3,7 (all)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="mutants tried side by side")
+    parser.add_argument("--seconds", type=float, default=20.0, help="that the tests of a mutant may take together")
     parser.add_argument("--again", type=Path, help="only those that stand in this text: survivors that were printed")
     given = parser.parse_args()
     parts = numbers(given.parts or f"1-{given.of}")
@@ -196,7 +200,7 @@ def main() -> int:
         def noticed(mutant: Mutant) -> bool:
             begin, tree = time.perf_counter(), trees.get()
             text = (ROOT / mutant.file).read_text(encoding="utf-8")
-            chosen, seconds = tests_for(mutant, text, called)
+            chosen, seconds = tests_for(mutant, text, called, given.seconds)
             alive = not chosen or survives(tree, mutant, chosen, seconds)
             trees.put(tree)
             words = ("alive" if chosen else "not tested") if alive else "killed"
