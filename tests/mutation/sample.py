@@ -99,7 +99,7 @@ class Called:
         return {test for (_, line), tests in places if first <= int(line) <= last for test in tests}
 
     def ordered(self, tests: set[str]) -> list[str]:
-        """By turns the test that calls the fewest functions and one by chance: that one is close, this one different."""
+        """By turns the test that calls the fewest functions and one by chance: that one is close, this one another."""
         close = sorted(tests, key=lambda test: (self.width[test], test))
         others = random.Random(0).sample(close, len(close))  # noqa: S311 - a sample, no secret
         return list(dict.fromkeys(test for pair in zip(close, others, strict=True) for test in pair))
