@@ -1,7 +1,7 @@
 """A plugin of pytest that writes down which functions of mbm each test calls, and how long the test takes.
 
 Functions say by themselves that they are called: a statement is put before their first one when a module is read. That
-costs a tenth of what the tests take, where a profile function more than doubles it. Each worker writes a file of its
+costs a fifth of what the tests take, where a profile function more than doubles it. Each worker writes a file of its
 own, with its name behind that of the file. Calls in other processes are not heard.
 """
 

@@ -81,7 +81,9 @@ class _Finder(ast.NodeVisitor):
         return self._offset(node.lineno, node.col_offset), self._offset(line, column)
 
     def _add(self, line: int, start: int, old: str, new: str) -> None:
-        self.mutants.append(Mutant(file=self._file, line=line, start=start, old=old, new=new, function=self._function))
+        if new != old:  # `return None` has nothing to be replaced by
+            mutant = Mutant(file=self._file, line=line, start=start, old=old, new=new, function=self._function)
+            self.mutants.append(mutant)
 
     def _between(self, left: ast.expr, right: ast.expr, new: str) -> None:
         """The operator between two operands; brackets around these stay where they are."""

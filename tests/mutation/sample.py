@@ -40,7 +40,7 @@ CALLERS = {
 """Parts of the names of such texts, and the files of `mbm.estimation` that call what they become."""
 PRINTED, PRINTING = "mbm/emit/routines/", "tests/emit/"
 """The same of what becomes C and Python."""
-NOT_COPIED = (".git", ".venv", "build", "dist")
+NOT_COPIED = ("build", "dist")
 NOT_MUTATED = ("faults.py", "vocabulary.py")
 MOST_TESTS = 500
 """Tests that a mutant is run with, besides the seconds that they may take together."""
@@ -80,7 +80,7 @@ def copied(folder: Path) -> Tree:
     for each in ROOT.iterdir():
         if each.is_file():
             shutil.copy(each, folder)
-        elif each.name not in NOT_COPIED:
+        elif each.name == ".ci" or not each.name.startswith((".", *NOT_COPIED)):
             shutil.copytree(each, folder / each.name, ignore=shutil.ignore_patterns("__pycache__"))
     return Tree(folder=folder)
 

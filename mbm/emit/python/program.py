@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from inspect import getsource
 
+from mbm.emit.c.header import STATUSES
 from mbm.text.shown import one_line
 
 SHOWING = f'''{getsource(one_line)}
@@ -112,7 +113,7 @@ def show(keys: Sequence[str], tables: Tables) -> int:
     try:
         result = solve(tables)
         if result["status"] == "not-finite":
-            raise DataError("an equation has no finite value at the start")
+            raise DataError("@NOT_FINITE@")
     except DataError as error:
         print(one_line(f"error: {error}"), file=sys.stderr)
         return 2
@@ -140,4 +141,5 @@ if __name__ == "__main__":
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 1
     sys.exit(status)
-'''
+'''.replace("@NOT_FINITE@", STATUSES["NOT_FINITE"])
+"""The program itself; it says of a start what the one in C says."""
