@@ -13,7 +13,8 @@ from mbm.estimation.batches.derived import derived_columns
 from mbm.estimation.batches.doubts import doubtful, stationary
 from mbm.estimation.batches.factor import Factors, Spread, factors
 from mbm.estimation.batches.losses import counted, informed, outlying, rooted_slopes, sandwiches
-from mbm.estimation.batches.stack import Portion, Stack, stated
+from mbm.estimation.batches.portion import Portion, stated
+from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import REASONS, Columns, Descent, Ends, Limits, Rows
 from mbm.estimation.minimise.native.tails import chi_square_tails, solver_code
 from mbm.estimation.trust.plausibility import IMPROBABLE

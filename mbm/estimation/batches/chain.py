@@ -16,7 +16,8 @@ import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.losses import rooted_residuals
-from mbm.estimation.batches.stack import Portion, Stack
+from mbm.estimation.batches.portion import Portion
+from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import Ends, Solver
 from mbm.estimation.search.carrying import DEVIATIONS
 from mbm.estimation.settings import Settings

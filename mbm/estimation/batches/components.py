@@ -13,7 +13,8 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.descent import native_sets, plain_ends, weighted
 from mbm.estimation.batches.factor import factors
 from mbm.estimation.batches.losses import rooted_slopes
-from mbm.estimation.batches.stack import Portion, Stack
+from mbm.estimation.batches.portion import Portion
+from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import REASONS, Ends, Kept, Solver, Which
 from mbm.estimation.settings import Settings
 from mbm.estimation.solve.weighing import REWEIGHTED_SEARCHES

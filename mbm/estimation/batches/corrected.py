@@ -25,7 +25,8 @@ from mbm.equations.types import Floats, Indices, Mask
 from mbm.estimation.batches.components import components_solver, several_noises
 from mbm.estimation.batches.descent import solver_of
 from mbm.estimation.batches.losses import rooted_residuals
-from mbm.estimation.batches.stack import Portion, Stack
+from mbm.estimation.batches.portion import Portion
+from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import Corrections, Ends, Errors, Solver, Which
 from mbm.estimation.minimise.minimise import ROUGH, ROUGHLY
 from mbm.estimation.settings import Settings

@@ -7,7 +7,8 @@ import numpy as np
 from mbm.equations.binding import Group
 from mbm.equations.manifolds import numbers_of_stated, tangent_slopes
 from mbm.equations.types import Floats
-from mbm.estimation.batches.stack import Stack, stated, stated_slopes
+from mbm.estimation.batches.portion import stated, stated_slopes
+from mbm.estimation.batches.stack import Stack
 from mbm.estimation.uncertainty.derived import cannot_vary, reported
 from mbm.problem.types import Derived
 from mbm.values import dataclass

@@ -13,7 +13,7 @@ from mbm.equations.types import Floats, Mask
 from mbm.estimation.batches.derived import DerivedColumns
 from mbm.estimation.batches.factor import Factors, Spread
 from mbm.estimation.batches.losses import rooted_residuals, rooted_slopes
-from mbm.estimation.batches.stack import Portion, stated
+from mbm.estimation.batches.portion import Portion, stated
 from mbm.estimation.batches.types import Ends
 from mbm.estimation.trust.nonlinearity import (
     DETERMINED,

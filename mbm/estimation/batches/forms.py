@@ -14,15 +14,14 @@ import numpy as np
 
 from mbm.equations.assembly import Assembled
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.batches.stack import Portion, Stack
+from mbm.estimation.batches.portion import Portion
+from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.types import Which
-from mbm.estimation.consensus.forms import KnownForm, known_form
+from mbm.estimation.consensus.forms import KnownForm, form_of
 from mbm.estimation.settings import Settings
-from mbm.estimation.starts.closed_forms.completion import plans
 from mbm.estimation.starts.closed_forms.minimal import minimal_solver
 from mbm.estimation.starts.closed_forms.multilateration import Spheres
 from mbm.estimation.starts.closed_forms.pose_from_points import Sights
-from mbm.estimation.starts.closed_forms.situation import Situation
 from mbm.estimation.starts.closed_forms.thinning import ENOUGH
 from mbm.estimation.starts.closed_forms.types import Plan
 from mbm.solver.decisions import plausible
@@ -188,14 +187,12 @@ class Recognised:
 def recognised(first: Assembled, settings: Settings) -> Recognised | None:
     """The closed form that gives all numbers of the equations of one solve; None if it is not known from the rows."""
     forms = settings.closed_forms
-    known = known_form(first, forms)
-    solver = None if known is None or known.maps is None else minimal_solver(first, first.numbers, forms)
-    if known is None or solver is None:
-        return None
-    numbers = np.where(first.sought(), np.nan, first.numbers)
-    foremost = next(plans(Situation(layout=first.layout, groups=first.groups, numbers=numbers), forms), None)
-    if foremost is None or foremost.description != solver.plan.description:
+    solver = minimal_solver(first, first.numbers, forms)
+    if solver is None or not solver.foremost:
         return None  # others come first, and leave numbers to it
+    known = form_of(first, solver, forms)
+    if known is None or known.maps is None:
+        return None
     candidate = solver.plan.candidate
     if candidate.flat and bool((candidate.angles & np.isfinite(first.layout.lower[candidate.coordinates[0]])).any()):
         return None  # which turn of an angle lies within its bounds is found out one by one

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.batches.stack import Portion, Stack
+from mbm.estimation.batches.portion import Portion
+from mbm.estimation.batches.stack import Stack
 from mbm.estimation.batches.surface import Held, Tangents
 from mbm.estimation.batches.types import Limits, Rows
 from mbm.problem.kinds import ConstraintKind

@@ -7,7 +7,7 @@ import numpy as np
 from mbm.equations.losses import rooted, rooted_jacobian
 from mbm.equations.types import Floats, Mask
 from mbm.estimation.batches.factor import filled, inverse_root
-from mbm.estimation.batches.stack import Portion
+from mbm.estimation.batches.portion import Portion
 from mbm.estimation.consensus.scores import STATED_CUT
 from mbm.estimation.consensus.units import limits
 from mbm.estimation.trust.nonlinearity import ORTHONORMAL

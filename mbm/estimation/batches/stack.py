@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,19 +13,13 @@ from mbm.equations.assembly import Assembled
 from mbm.equations.binder import Binder
 from mbm.equations.binding import EvaluationCache, Group
 from mbm.equations.layout import Layout
-from mbm.equations.scatter import Scatter, scatter
-from mbm.equations.types import Floats, Indices, Mask
-from mbm.equations.whitening import Whitener
+from mbm.equations.types import Indices
 from mbm.estimation.batches.arranged import Arranged
-from mbm.estimation.batches.types import Errors, Kept, Which
+from mbm.estimation.batches.types import Errors, Which
 from mbm.kernels.types import KernelSet
 from mbm.problem.tables import Table
 from mbm.problem.types import Problem
 from mbm.values import dataclass
-
-if TYPE_CHECKING:
-    from mbm.equations.losses import LossFunction
-
 
 ROWS_AT_ONCE = 30_000
 """Rows of a slice: what is worked on stays in the processor's cache, and there are enough slices for all threads."""
@@ -147,254 +140,6 @@ def stack(
     return Stack(equations=equations, first=first, rows=rows, derived=derived, arranged=tables)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Lines:
-    """The rows of one group that K solves have.
-
-    ``counts`` (K,) of each solve, ``solve`` (R,) of each row, ``slots`` (R, outputs) among the residuals of its solve,
-    of which ``kept`` (R, outputs) count, ``whiteners`` and ``inputs`` of these rows: what is data in them stays, the
-    numbers of the unknowns are put there, from the places ``index`` (R, variables), or (1, variables) for all rows.
-    ``scatter`` says where derivatives go.
-    """
-
-    group: Group
-    counts: Indices
-    solve: Indices
-    slots: Indices
-    kept: Mask
-    whiteners: tuple[Whitener, ...]
-    index: Indices
-    scatter: Scatter
-    inputs: Floats
-
-
-class Portion:
-    """The equations of some solves, at one point for each: arrays (K, …) over the solves.
-
-    ``most`` m is the largest number of residuals of a solve, ``most_limits`` of constraints; what a solve has less is
-    0. ``kept`` and ``factors`` as `Ends` has them: the latter divide residuals.
-    """
-
-    def __init__(self, stack: Stack, which: Which, kept: Kept | None = None, factors: Floats | None = None) -> None:
-        self.count = len(which)
-        self.most = int(stack.residuals[places_of(which)].max(initial=0))
-        self.equations = stack.equations
-        columns = _columns(stack.equations)
-        self._lines = []
-        taken = np.zeros(self.count, dtype=np.int64)
-        for number, group in enumerate(stack.equations.groups):
-            counts = stack.rows[number, places_of(which)]
-            lines = stack.lines(number, which)
-            outputs = None if kept is None else kept.outputs[number]
-            weight = None if factors is None else 1.0 / factors[:, group.kernel.owner][lines[0]]
-            self._lines.append(_lines(group, counts, lines, taken, outputs, weight, columns))
-            taken += counts * group.kernel.outputs
-        self._limits = []
-        taken = np.zeros(self.count, dtype=np.int64)
-        for number, group in enumerate(stack.equations.constraints, len(stack.equations.groups)):
-            counts = stack.rows[number, places_of(which)]
-            self._limits.append(_lines(group, counts, stack.lines(number, which), taken, None, None, columns))
-            taken += counts * group.kernel.outputs
-        self.most_limits = int(taken.max(initial=0))
-
-    def block_slots(self, owner: int) -> tuple[Indices, Indices]:
-        """Solve (P,) and place (P,) of the residuals of a block that count."""
-        mine = [each for each in self._lines if each.group.kernel.owner == owner]
-        solves = [np.repeat(each.solve, each.slots.shape[1])[each.kept.ravel()] for each in mine]
-        slots = [each.slots[each.kept] for each in mine]
-        none = np.zeros(0, dtype=np.int64)
-        return np.concatenate([none, *solves]), np.concatenate([none, *slots])
-
-    def groups(self) -> Iterator[tuple[int, Indices, Indices]]:
-        """Block, solve (R,) and places (R, outputs) of the rows of each group."""
-        return ((each.group.kernel.owner, each.solve, each.slots) for each in self._lines)
-
-    def kept(self) -> Mask:
-        """Which residuals (K, m) are there, and were not left out."""
-        result = np.zeros((self.count, self.most), dtype=bool)
-        for each in self._lines:
-            result[each.solve[:, None], each.slots] = each.kept
-        return result
-
-    def by_slot(self, values: Sequence[Floats | None]) -> Floats:
-        """Numbers (K, m) of the residuals, from those (R, outputs) of the rows of each group (None: all 1)."""
-        result = np.ones((self.count, self.most))
-        for each, own in zip(self._lines, values, strict=True):
-            if own is not None:
-                result[each.solve[:, None], each.slots] = own
-        return result
-
-    def losses(self, number: int | None = None) -> Iterator[tuple[LossFunction, Indices, Indices]]:
-        """Each loss (of one group, or all), with solve (U,) and places (U, k) of the residuals of its units."""
-        for each in self._lines if number is None else self._lines[number : number + 1]:
-            for whitener, loss in zip(each.whiteners, each.group.losses, strict=False):
-                yield loss, each.solve, each.slots[:, whitener.first : whitener.last]
-
-    def as_many_rows(self, number: int) -> bool:
-        """Whether all solves have as many rows of a group."""
-        counts = self._lines[number].counts
-        return bool((counts == counts[:1]).all())
-
-    def values(self, number: int, points: Floats) -> Floats:
-        """What a group says (R, outputs) at points (K, N), not whitened."""
-        each = self._lines[number]
-        return each.group.cache.stream(each.group.number, each.group.kernel).values(_inputs(each, points))
-
-    def residuals(self, points: Floats) -> Floats:
-        """Whitened residuals (K, m) at points (K, N), without losses."""
-        result = np.zeros((self.count, self.most))
-        for each in self._lines:
-            values = each.group.cache.stream(each.group.number, each.group.kernel).values(_inputs(each, points))
-            result[each.solve[:, None], each.slots] = _whitened(each, values)
-        return result
-
-    def linearised(self, points: Floats) -> tuple[Floats, Floats]:
-        """Whitened residuals (K, m), and their derivatives by a step (K, m, n), without losses."""
-        width = self.equations.dimension
-        result, slopes = np.zeros((self.count, self.most)), np.zeros((self.count, self.most, width))
-        for each in self._lines:
-            values, dense = self._sloped(each, points)
-            for whitener in each.whiteners:
-                part = dense[:, whitener.first : whitener.last]
-                weights = whitener.weights
-                if weights.ndim == 2:
-                    part *= weights[:, :, None]
-                else:
-                    part[...] = np.einsum("rij,rjn->rin", weights, part)
-            place = each.solve[:, None]
-            result[place, each.slots], slopes[place, each.slots] = _whitened(each, values), dense
-        return result, slopes
-
-    def limits(self) -> Iterator[tuple[Group, Indices, Indices]]:
-        """Each group of constraints, with solve (R,) and places (R, outputs) of its rows."""
-        return ((each.group, each.solve, each.slots) for each in self._limits)
-
-    def constrained(self, points: Floats) -> tuple[Floats, Floats]:
-        """Values (K, c) of the constraints at points (K, N), and their derivatives by a step (K, c, n)."""
-        values = np.zeros((self.count, self.most_limits))
-        slopes = np.zeros((self.count, self.most_limits, self.equations.dimension))
-        for each in self._limits:
-            place = each.solve[:, None]
-            values[place, each.slots], slopes[place, each.slots] = self._sloped(each, points)
-        return values, slopes
-
-    def _sloped(self, each: _Lines, points: Floats) -> tuple[Floats, Floats]:
-        """What a group says (R, outputs) at points (K, N), and its derivatives by a step (R, outputs, n)."""
-        group = each.group
-        found = group.cache.stream(group.number, group.kernel)
-        values, nonzeros = found.values_and_jacobian(_inputs(each, points))
-        dense = np.zeros((len(values), group.kernel.outputs, self.equations.dimension))
-        each.scatter.add(nonzeros, dense)
-        return values, dense
-
-
 def places_of(which: Which) -> Indices | slice:
     """What picks some solves from arrays over all."""
     return slice(which.start, which.stop) if isinstance(which, range) else which
-
-
-def _lines(
-    group: Group,
-    counts: Indices,
-    lines: tuple[Indices, Indices | slice],
-    taken: Indices,
-    kept: Mask | None,
-    weight: Floats | None,
-    columns: Indices,
-) -> _Lines:
-    """The rows of some solves, ``counts`` (K,) of each; ``taken`` (K,) residuals stand before those of this group.
-
-    ``lines`` as `Stack.lines` has them; ``kept`` (R, outputs) says which outputs count (None: all), ``weight`` (R,)
-    multiplies the rows (None: 1); ``columns`` (M,) is the column of each coordinate, -1 where it is not free.
-    """
-    solve, places = lines
-    own = np.arange(len(solve)) - (np.cumsum(counts) - counts)[solve]
-    outputs = group.kernel.outputs
-    slots = (taken[solve] + own * outputs)[:, None] + np.arange(outputs)
-    return _Lines(
-        group=group,
-        counts=counts,
-        solve=solve,
-        slots=slots,
-        kept=np.ones(slots.shape, dtype=bool) if kept is None else kept,
-        whiteners=tuple(_taken(each, places, kept, weight) for each in group.whiteners),
-        index=group.places if all(group.shared) else group.index[places],
-        scatter=_scatter(group, group.touched if all(group.shared_columns) else group.columns[places], columns),
-        inputs=_blank(group, group.parameters[places]),
-    )
-
-
-def _taken(whitener: Whitener, places: Indices | slice, kept: Mask | None, weight: Floats | None) -> Whitener:
-    """The whitener of some rows; what does not count weighs nothing."""
-    weights = whitener.weights[places]
-    if kept is not None:
-        counted = kept[:, whitener.first : whitener.last]
-        weights = weights * (counted if weights.ndim == 2 else counted[:, :, None])
-    if weight is not None:
-        weights = weights * weight.reshape(-1, *([1] * (weights.ndim - 1)))
-    return replace(whitener, weights=weights, exact=None)
-
-
-def _scatter(group: Group, touched: Indices, columns: Indices) -> Scatter:
-    """Where derivatives of rows go that depend on the coordinates ``touched`` (R or 1, tangents)."""
-    kernel = group.kernel
-    return scatter(kernel.jacobian_rows, kernel.jacobian_columns, touched, group.shared_columns, columns)
-
-
-def _blank(group: Group, parameters: Floats) -> Floats:
-    """Inputs of the kernel, the numbers of the unknowns still to be put there."""
-    return np.hstack([np.zeros((len(parameters), group.index.shape[1])), parameters])
-
-
-def _inputs(lines: _Lines, points: Floats) -> Floats:
-    """Inputs of the kernel, each row with the numbers of its solve; valid until the next call."""
-    index = lines.index
-    if len(index):
-        same = all(lines.group.shared)
-        numbers = np.repeat(points[:, index[0]], lines.counts, axis=0) if same else points[lines.solve[:, None], index]
-        lines.inputs[:, : index.shape[1]] = numbers
-    return lines.inputs
-
-
-def _whitened(lines: _Lines, values: Floats) -> Floats:
-    parts = []
-    for whitener in lines.whiteners:
-        part, weights = values[:, whitener.first : whitener.last], whitener.weights
-        parts.append(part * weights if weights.ndim == 2 else np.einsum("rij,rj->ri", weights, part))
-    return parts[0] if len(parts) == 1 else np.hstack(parts)
-
-
-def stated(group: Group, points: Floats) -> Floats:
-    """The outputs (K, outputs) of a group of one row at points (K, N)."""
-    return group.cache.stream(group.number, group.kernel).values(_inputs(_once(group, len(points)), points))
-
-
-def stated_slopes(group: Group, points: Floats, equations: Assembled) -> Floats:
-    """Their derivatives (K, outputs, n) by a step of the free coordinates."""
-    lines = _once(group, len(points))
-    nonzeros = group.cache.stream(group.number, group.kernel).values_and_jacobian(_inputs(lines, points))[1]
-    result = np.zeros((len(points), group.kernel.outputs, equations.dimension))
-    group.scatter(_columns(equations)).add(nonzeros, result)
-    return result
-
-
-def _columns(equations: Assembled) -> Indices:
-    """The column of each coordinate (M,) in Jacobians, -1 where it is not free."""
-    columns = np.full(len(equations.layout.number), -1, dtype=np.int64)
-    columns[equations.free] = np.arange(equations.dimension)
-    return columns
-
-
-def _once(group: Group, solves: int) -> _Lines:
-    """A group of one row as that of each solve."""
-    return _Lines(
-        group=group,
-        counts=np.ones(solves, dtype=np.int64),
-        solve=np.arange(solves),
-        slots=np.zeros((solves, 1), dtype=np.int64),
-        kept=np.ones((solves, 1), dtype=bool),
-        whiteners=(),
-        index=group.places,
-        scatter=Scatter(fixed=(), varying=()),
-        inputs=_blank(group, np.repeat(group.parameters, solves, axis=0)),
-    )

@@ -43,9 +43,11 @@ class Stations:
     def sure(self, numbers: Floats, cost: Floats, covariance: Floats) -> Mask:
         """Where no other point costs less than T minima with numbers (T, N) and covariances (T, d, d)."""
         p = numbers[:, self.places]
-        squares = self.squares - 2 * (p @ self.stations.T)
+        squares = self.stations @ p.T
+        squares *= -2.0
+        squares += self.squares[:, None]
         own = np.square(p).sum(axis=1)
-        far, near = squares.max(axis=1) + own, squares.min(axis=1) + own
+        far, near = squares.max(axis=0) + own, squares.min(axis=0) + own
         height = np.abs((p - self.centre) @ self.normal)
         with np.errstate(all="ignore"):
             return np.asarray(self._alone(far, near, height, cost, np.square(covariance).sum(axis=(1, 2))))

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbm.equations.metric import scale_of
 from mbm.equations.types import Floats, Indices, Mask
-from mbm.estimation.batches.stack import Portion
+from mbm.estimation.batches.portion import Portion
 from mbm.estimation.minimise.constrained.linearise import violations
 from mbm.solver.decisions import CERTAIN, EPSILON, MET, PUSHED, ROUNDING_ERRORS
 from mbm.values import dataclass

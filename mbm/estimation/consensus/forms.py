@@ -27,7 +27,10 @@ from mbm.symbolic.types import ConstantInput
 from mbm.values import dataclass
 
 DRAWS = 6
-"""Sets of random data at most that the dependence is learnt from."""
+"""Sets of random data at most that the dependence is learnt from …"""
+
+ENOUGH = 4
+"""… where two do not have so many rows for each coefficient."""
 
 MOST_FIXED = 12
 """Fixed numbers up to which these are taken as data: each costs a set of random data."""
@@ -151,8 +154,13 @@ def known_form(equations: Assembled, forms: Iterable[ClosedForm]) -> KnownForm |
     """The closed form that fits subsets of these equations, if there is one that consensus has in native code."""
     given = tuple(forms)
     solver = minimal_solver(equations, equations.numbers, given)
-    form = NO_FORM if solver is None else _form(solver)
-    if solver is None or form is NO_FORM:
+    return None if solver is None else form_of(equations, solver, given)
+
+
+def form_of(equations: Assembled, solver: MinimalSolver, forms: tuple[ClosedForm, ...]) -> KnownForm | None:
+    """The same where the ``solver`` of the equations is known already."""
+    form = _form(solver)
+    if form is NO_FORM:
         return None
     told = _told(solver)
     axis, sign = 0, 1.0
@@ -162,7 +170,7 @@ def known_form(equations: Assembled, forms: Iterable[ClosedForm]) -> KnownForm |
         if bool((np.sign(told[:, 3 + axis]) != sign).any()):
             return KnownForm(form=form, maps=None, axis=axis, sign=sign, fixed=_fixed(equations))
     found = _learnt(
-        equations, solver, given, KnownForm(form=form, maps=None, axis=axis, sign=sign, fixed=_fixed(equations))
+        equations, solver, forms, KnownForm(form=form, maps=None, axis=axis, sign=sign, fixed=_fixed(equations))
     )
     if found.maps is None:
         return found
@@ -170,7 +178,7 @@ def known_form(equations: Assembled, forms: Iterable[ClosedForm]) -> KnownForm |
     found = replace(found, form=replace(form, curved=curved))
     ruled = tuple(True for _ in equations.groups)
     expected = _expanded(equations, ruled, solver, told, form.width)
-    mine = found.of_rows(equations, ruled, given)
+    mine = found.of_rows(equations, ruled, forms)
     if mine is None or not _agrees(mine, expected, curved=curved):
         return replace(found, form=form, maps=None)
     return found
@@ -297,7 +305,7 @@ def _maps(
     generator = np.random.default_rng(0)
     pieces = solver.plan.rows.pieces
     seen: list[list[tuple[Floats, Floats]]] = [[] for _ in pieces]
-    for _ in range(DRAWS + len(fixed)):
+    for _ in range(_draws(solver) + len(fixed)):
         numbers = equations.numbers.copy()
         numbers[fixed] += SPREAD * np.maximum(np.abs(numbers[fixed]), 1.0) * generator.uniform(-1.0, 1.0, len(fixed))
         probed = replace(equations, groups=tuple(_with_random_data(g, generator) for g in equations.groups))
@@ -319,6 +327,15 @@ def _maps(
             return None
         found.append(_Map(group=group, whitener=whitener, matrix=matrix, exact=bool(exact.all())))
     return tuple(found)
+
+
+def _draws(solver: MinimalSolver) -> int:
+    """Sets of random data from which each coefficient follows with many rows to check it."""
+    pieces = solver.plan.rows.pieces
+    each: Iterable[int] = (
+        -(-ENOUGH * (piece.group.parameters.shape[1] + 1) // max(len(piece.lines), 1)) for piece in pieces
+    )
+    return min(DRAWS, max(2, *each))
 
 
 def _with_random_data(group: Group, generator: np.random.Generator) -> Group:

@@ -17,9 +17,13 @@ from mbm.values import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MinimalSolver:
-    """A closed form that gives all estimated numbers from a few units; the other numbers are those of ``base`` (N,)."""
+    """A closed form that gives all estimated numbers from a few units; the other numbers are those of ``base`` (N,).
+
+    ``foremost``: no closed form for some of the numbers comes before it.
+    """
 
     plan: Plan
+    foremost: bool
     base: Floats = field(repr=False)
     row_of: Indices = field(repr=False)
 
@@ -48,9 +52,9 @@ def minimal_solver(equations: Assembled, base: Floats, forms: Iterable[ClosedFor
     numbers = np.where(equations.sought(), np.nan, base)
     situation = Situation(layout=equations.layout, groups=equations.groups, numbers=numbers)
     wanted = int(np.isnan(numbers).sum())
-    for plan in plans(situation, forms):
+    for rank, plan in enumerate(plans(situation, forms)):
         if plan.candidate.places.size == wanted and plan.candidate.members == 1 and not plan.form.joint:
             row_of = np.full(int(plan.rows.unit.max()) + 1, -1, dtype=np.int64)
             row_of[plan.rows.unit] = np.arange(len(plan.rows))
-            return MinimalSolver(plan=plan, base=base, row_of=row_of)
+            return MinimalSolver(plan=plan, foremost=rank == 0, base=base, row_of=row_of)
     return None

@@ -87,10 +87,11 @@ class Multilateration:
         put(ranges, Ranges, spheres=told, weights=weights, scratch=scratch)
         places = np.empty((sets, MOST_PLACES, d + offset))
         code.routine("places_of_many", object, int, object, object)(ranges, sets, places, counts)
-        result = np.full(places.shape, np.nan)
-        there = np.arange(MOST_PLACES) < counts[:, None]
+        most = max(int(counts.max(initial=0)), 1)
+        result = np.full((sets, most, d + offset), np.nan)
+        there = np.arange(most) < counts[:, None]
         columns = [*found.point, *([] if found.offset is None else [found.offset])]
-        result[np.ix_(range(sets), range(MOST_PLACES), columns)] = np.where(there[..., None], places, np.nan)
+        result[..., columns] = np.where(there[..., None], places[:, :most], np.nan)
         return result
 
 
