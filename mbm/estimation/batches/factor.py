@@ -49,7 +49,8 @@ def factors(jacobian: Floats, along: Tangents | None = None) -> Factors:
         length, root = along.scale, along.basis
         good = along.clear & np.isfinite(jacobian).all(axis=(1, 2))
     scale = np.where(good[:, None], length, 1.0)
-    basis = np.where(good[:, None, None], jacobian / scale[:, None, :], 0.0)
+    basis = jacobian / scale[:, None, :]
+    basis[~good] = 0.0
     if along is not None:
         basis = np.matmul(basis, root)
     for _ in range(2):

@@ -42,15 +42,19 @@ class Stations:
 
     def sure(self, numbers: Floats, cost: Floats, covariance: Floats) -> Mask:
         """Where no other point costs less than T minima with numbers (T, N) and covariances (T, d, d)."""
-        p = numbers[:, self.places]
-        squares = self.stations @ p.T
-        squares *= -2.0
-        squares += self.squares[:, None]
-        own = np.square(p).sum(axis=1)
-        far, near = squares.max(axis=0) + own, squares.min(axis=0) + own
+        p, size = numbers[:, self.places], np.square(covariance).sum(axis=(1, 2))
         height = np.abs((p - self.centre) @ self.normal)
         with np.errstate(all="ignore"):
-            return np.asarray(self._alone(far, near, height, cost, np.square(covariance).sum(axis=(1, 2))))
+            found = np.asarray(self._alone(*self._boxed(p), height, cost, size))
+            rest = np.flatnonzero(~found)
+            if len(rest):
+                squares = self.stations @ p[rest].T
+                squares *= -2.0
+                squares += self.squares[:, None]
+                own = np.square(p[rest]).sum(axis=1)
+                far, near = squares.max(axis=0) + own, squares.min(axis=0) + own
+                found[rest] = self._alone(far, near, height[rest], cost[rest], size[rest])
+        return found
 
     def sure_one(self, numbers: Floats, cost: float, covariance: Floats) -> bool:
         """The same for one of them, in a tenth of the time."""
@@ -64,10 +68,18 @@ class Stations:
         except ZeroDivisionError:
             return False
 
+    def _boxed(self, p: Floats) -> tuple[Floats, Floats]:
+        """Limits (T,) of the squared distances of points (T, d): to a box about all stations, which is soon told."""
+        below, above = p - self.stations.min(axis=0), self.stations.max(axis=0) - p
+        return (
+            np.square(np.maximum(below, above)).sum(axis=1),
+            np.square(np.minimum(np.minimum(below, above), 0.0)).sum(axis=1),
+        )
+
     def _alone(self, far: Any, near: Any, height: Any, cost: Any, size: Any) -> Any:
         """Whether no other point costs less than p; numbers of one minimum, or arrays of all.
 
-        ``far`` and ``near`` are the largest and least squared distance, ``size`` is the squared norm of the covariance.
+        ``far`` and ``near`` are limits of the squared distances, ``size`` is the squared norm of the covariance.
         If q costs no more, ``‖d(q) − d(p)‖ ≤ 2√cost`` for the weighted distances d: q lies within a radius. J changes
         by so little there that ``cost(q) ≥ cost + |q − p|² ((s − radius slope / 2)² − slope √cost)``, where s is the
         least singular value of J at p. Where the stations lie in a plane, the other side of it is the same fit.
