@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from mbm.expression.algebra import number
 from mbm.expression.nodes import Column, ColumnMember, Component, Expression, RowChoice, leaves
 from mbm.language import faults as language_faults
@@ -116,8 +118,8 @@ def _read(work: Workspace, bound: _Bound, taken: TakenNames) -> Block | None:
     head = form.head or ""
     kind = _RELATIONS.get(head)
     if kind is None and head != "normal":
-        hint = suggestion(head, (*_RELATIONS, "normal"), USAGE)
-        raise MbmError(language_faults.bad_form(form.items[0].span, f"`{head}` is no constraint", hint))
+        wrong = language_faults.bad_form(form.items[0].span, f"`{head}` is no constraint", USAGE)
+        raise MbmError(replace(wrong, hint=suggestion(head, (*_RELATIONS, "normal"), wrong.hint)))
     options = split_options(
         form.items[1:], form.span, owner="a constraint", known=("over", "name"), not_yet={"at": "sequences"}
     )
