@@ -23,6 +23,7 @@ from mbm.language.vocabulary import (
     arithmetic,
     comparison,
     directions,
+    external,
     frames,
     lines,
     lists,
@@ -52,6 +53,7 @@ ROOMS: tuple[tuple[str, ModuleType], ...] = (
     ("Cameras, image lines, distances", lines),
     ("Directions", directions),
     ("Lists", lists),
+    ("Functions in Python", external),
 )
 SPECIAL = {
     "quote": ("'form", "The form itself, not evaluated."),

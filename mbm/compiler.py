@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from mbm.emit.types import OutputFile
     from mbm.equations.binding import EvaluationCache
     from mbm.equations.interruption import Interruption
+    from mbm.kernels.python_functions import PythonFunctions
     from mbm.kernels.types import KernelSet
     from mbm.language.program import Program
     from mbm.problem.checks import Mentioned
@@ -37,17 +38,21 @@ if TYPE_CHECKING:
     from mbm.report.simulated import Simulator
     from mbm.report.types import Result
     from mbm.symbolic.types import SymbolicModel
-    from mbm.text.types import Source
+    from mbm.text.types import Diagnostic, Source
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inputs:
-    """What comes from outside the file: tables by value or path, constants and starts, and where reading may go."""
+    """What comes from outside the file: tables by value or path, constants and starts, and where reading may go.
+
+    ``allow_external``: functions in Python that the problem names may be imported and called.
+    """
 
     tables: Mapping[str, object] = field(default_factory=lambda: MappingProxyType({}))
     paths: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     overrides: Mapping[str, Override] = field(default_factory=lambda: MappingProxyType({}))
     sandbox: Path | None = None
+    allow_external: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,6 +178,18 @@ def checked(found: Elaborated, known: tuple[Mentioned, ...] | None = None) -> El
     return replace(found, problem=replace(found.problem, warnings=(*found.lasting, *warnings)))
 
 
+def python_functions(kernels: KernelSet, inputs: Inputs, base: Path) -> PythonFunctions | None:
+    """The functions in Python that kernels call; None: they call none. ``base`` is the folder of the problem file.
+
+    Nothing is imported before the first call.
+    """
+    if not any(kernel.calls for kernel in kernels.kernels):
+        return None
+    from mbm.kernels.python_functions import PythonFunctions
+
+    return PythonFunctions(base, allowed=inputs.allow_external)
+
+
 def symbolic(found: Elaborated) -> SymbolicModel:
     """Typed equations → SymPy."""
     from mbm.symbolic.model import symbolic_model
@@ -206,7 +223,7 @@ def solved(
         from mbm.report.given_starts import given_starts
 
         starts = given_starts(found.problem, found.tables, settings.init)
-    return result_of(
+    result = result_of(
         found.problem,
         found.raw,
         solutions(
@@ -223,6 +240,21 @@ def solved(
         covariance_full=settings.covariance_full,
         progress=settings.progress,
     )
+    if not any(call.external.jacobian is not None for kernel in kernels.kernels for call in kernel.calls):
+        return result
+    return replace(result, diagnostics=(*result.diagnostics, *jacobian_doubts(found, kernels, cache)))
+
+
+def jacobian_doubts(found: Elaborated, kernels: KernelSet, cache: EvaluationCache) -> tuple[Diagnostic, ...]:
+    """Warnings about the Jacobians of functions in Python, which are called at the start of the first solve.
+
+    Raises:
+        MbmError: a function fails there.
+
+    """
+    from mbm.estimation.solve import called_jacobians
+
+    return called_jacobians.jacobian_doubts(found, kernels, cache)
 
 
 def _requested(found: Elaborated, settings: SolveSettings, registry: Registry) -> Elaborated:
@@ -269,7 +301,7 @@ def emitted(
     refuse(found, made)
     model = symbolic(found)
     kernels = derive(model)
-    cache = EvaluationCache(registry.suited(registry.backend("auto"), kernels))
+    cache = EvaluationCache(registry.suited(registry.backend("auto"), kernels, None))
     known = answered(found, kernels, cache, registry.closed_forms, solving=made.solves)
     drafted = blueprint(found, model, kernels, known, loss_scale, __version__)
     refuse_startless(found, made, drafted.startless)
@@ -280,16 +312,20 @@ def emitted(
 def simulator(found: Elaborated, program: Program, inputs: Inputs, registry: Registry, file: str | None) -> Simulator:
     """Typed equations + tables → what makes measurements, as the model predicts them, from true values."""
     from mbm.equations.binding import EvaluationCache
+    from mbm.kernels.python_functions import PythonFunctions
     from mbm.report.simulated import Simulator
+
+    functions = PythonFunctions(program.base, allowed=inputs.allow_external)
 
     def made() -> tuple[KernelSet, EvaluationCache]:
         kernels = derived(found)
-        return kernels, EvaluationCache(registry.suited(registry.backend("auto"), kernels))
+        return kernels, EvaluationCache(registry.suited(registry.backend("auto"), kernels, functions))
 
     as_read = (replace(p.declaration, columns=(), key=None, skip_missing=False) for p in found.problem.plans)
     return Simulator(
         found=found,
         origins=loaded(as_read, program.base, inputs, registry),
         kernels=made_once(made),
+        calls=functions.outputs,
         file=file,
     )

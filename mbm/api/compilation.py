@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import field
 from typing import TYPE_CHECKING
 
+from mbm import compiler
 from mbm.compiler import Inputs
+from mbm.files.journal import noting
 from mbm.problem.elaborated import Elaborated
 from mbm.text.types import MbmError
 from mbm.values import dataclass
@@ -41,7 +43,8 @@ def compilation_of(origin: Origin, inputs: Inputs, backend: str) -> Compilation:
     """The compilation for ``inputs``.
 
     Raises:
-        MbmError: the problem, its data or the name of the backend are wrong.
+        MbmError: the problem, its data or the name of the backend are wrong, or it calls functions in Python that are
+            not allowed, or cannot be loaded.
 
     """
     from mbm.equations.binding import EvaluationCache
@@ -58,9 +61,13 @@ def compilation_of(origin: Origin, inputs: Inputs, backend: str) -> Compilation:
 
         raise MbmError(faults.native_unavailable(str(error))) from None
     found = origin.reading.compiled(origin.name, inputs)
+    functions = compiler.python_functions(found.kernels, inputs, origin.reading.base)
+    if functions is not None:
+        with noting(origin.reading.journal):
+            functions.load(found.kernels)
     return Compilation(
         elaborated=found.elaborated,
         kernels=found.kernels,
-        cache=EvaluationCache(origin.registry.suited(evaluating, found.kernels), found.without_closed_form),
+        cache=EvaluationCache(origin.registry.suited(evaluating, found.kernels, functions), found.without_closed_form),
         key=found.key,
     )

@@ -172,11 +172,18 @@ class CompiledProblem:
         """The CasADi function (inputs → values and Jacobian nonzeros) of each kernel, by name and case: ``ranges/1``.
 
         A derived quantity that is called as an observation is ``derived NAME/1``.
+
+        Raises:
+            MbmError: an equation calls a function in Python, which no such function holds.
+
         """
+        from mbm.emit import faults
         from mbm.kernels.functions import function_of
 
         found: dict[str, Any] = {}
         for kernel in self._latest().kernels.kernels:
+            if kernel.calls:
+                raise MbmError(faults.calls_python(kernel.calls[0].external))
             name = f"{kernel.name}/{kernel.case + 1}"
             found[f"{kernel.purpose.value} {name}" if name in found else name] = function_of(
                 "values_and_jacobian", kernel.jacobian_program

@@ -72,6 +72,7 @@ def _inputs(options: SolveOptions) -> Inputs:
         paths={name: str(given) for name, given in options.data.items()},
         overrides={name: Override(name=name, text=text) for name, text in options.set},
         sandbox=options.sandbox,
+        allow_external=options.allow_external,
     )
 
 
@@ -82,10 +83,12 @@ def check(
     strict_units: bool = False,
     data: Mapping[str, Path] | None = None,
     sandbox: Path | None = None,
+    allow_external: bool = False,
 ) -> tuple[Diagnostic, ...]:
     """Diagnostics of one problem of a file, or of all of them."""
     loaded = opened(path, sandbox=sandbox)
-    inputs = Inputs(paths={k: str(v) for k, v in (data or {}).items()}, sandbox=sandbox)
+    paths = {k: str(v) for k, v in (data or {}).items()}
+    inputs = Inputs(paths=paths, sandbox=sandbox, allow_external=allow_external)
     program = loaded.program
     if problem is None and not loaded.names and (program.models or program.functions or program.constants):
         return ()  # a file of definitions, for others to use
@@ -103,6 +106,7 @@ def explain(
     latex: bool = False,
     stage: str | None = None,
     sandbox: Path | None = None,
+    allow_external: bool = False,
 ) -> str:
     """The derived observation model as text, or what a stage made: ``forms problem symbolic kernels``."""
     from mbm.equations.binding import EvaluationCache
@@ -114,7 +118,8 @@ def explain(
 
         return joined(print_form(form) for form in read(read_file(Path(path), str(path)))) + "\n"
     loaded = opened(path, sandbox=sandbox)
-    found = compiler.elaborated(loaded.program, problem, Inputs(sandbox=sandbox), loaded.registry)
+    inputs = Inputs(sandbox=sandbox, allow_external=allow_external)
+    found = compiler.elaborated(loaded.program, problem, inputs, loaded.registry)
     if stage == "problem":
         return explaining.problem_stage(found.problem, found.tables)
     if stage == "symbolic":
@@ -122,7 +127,8 @@ def explain(
     kernels = compiler.derived(found)
     if stage == "kernels":
         return explaining.kernel_stage(kernels)
-    cache = EvaluationCache(loaded.registry.suited(loaded.registry.backend("auto"), kernels))
+    functions = compiler.python_functions(kernels, inputs, loaded.reading.base)
+    cache = EvaluationCache(loaded.registry.suited(loaded.registry.backend("auto"), kernels, functions))
     return explaining.explanation(
         found, compiler.symbolic(found), kernels, cache, loaded.registry.closed_forms(), latex=latex
     )

@@ -20,12 +20,13 @@ from mbm.files.journal import THE_PROBLEM, Journal, note, noting
 from mbm.files.source import read_file
 from mbm.problem.types import Override
 from mbm.registry.standard import Registry, standard_registry
-from mbm.text.types import Diagnostic, MbmError, Source
+from mbm.text.types import Diagnostic, MbmError, Severity, Source
 from mbm.values import dataclass
 
 if TYPE_CHECKING:
     from mbm.estimation.starts.closed_forms.types import ClosedForm
     from mbm.language.program import Program
+    from mbm.problem.elaborated import Elaborated
     from mbm.report.answer import Solved
     from mbm.report.options import SimulationSettings
     from mbm.report.simulated import Simulated, Simulator
@@ -128,18 +129,23 @@ class Problem:
                 left to ``CompiledProblem.solve``.
             constants: values of constants by name: numbers in SI, or texts such as ``"70cm"``.
             backend: ``auto``, ``casadi`` or ``numpy``.
-            allow_external: let the problem run Python functions; not available yet.
+            allow_external: let the problem import and call the functions in Python that it names.
 
         Raises:
             MbmError: the problem or the data are wrong.
 
         """
-        if allow_external:
-            from mbm.language import faults
+        return self.compiled(self._inputs(data, constants, allow_external), backend)
 
-            raise MbmError(faults.not_available_yet(None, "`allow_external`", "external functions"))
-        inputs = Inputs(tables=by_name("data", data), overrides=_overrides(constants), sandbox=self.sandbox)
-        return self.compiled(inputs, backend)
+    def _inputs(
+        self, data: Mapping[str, object] | None, constants: Mapping[str, object] | None, allow_external: bool
+    ) -> Inputs:
+        return Inputs(
+            tables=by_name("data", data),
+            overrides=_overrides(constants),
+            sandbox=self.sandbox,
+            allow_external=allow_external,
+        )
 
     def compiled(self, inputs: Inputs, backend: str) -> CompiledProblem:
         """As ``compile``, for everything that may come from outside."""
@@ -195,6 +201,7 @@ class Problem:
         measured: Mapping[str, Sequence[str]] | None = None,
         outliers: tuple[float, float] | None = None,
         draw_priors: bool = False,
+        allow_external: bool = False,
     ) -> Simulated:
         """The measurements that the model predicts at known values, with noise: tables for ``solve(data=…)``.
 
@@ -209,6 +216,7 @@ class Problem:
             measured: columns that an observation measures, where its equation does not say so.
             outliers: the fraction of rows with a gross error, and its size in standard deviations.
             draw_priors: draw what has a prior from it, about its mean.
+            allow_external: see ``compile``.
 
         Raises:
             MbmError: the problem or the data are wrong, or an equation does not say what it measures.
@@ -216,7 +224,6 @@ class Problem:
         """
         from mbm.report.options import SimulationSettings
 
-        inputs = Inputs(tables=by_name("data", data), overrides=_overrides(constants), sandbox=self.sandbox)
         asked = {name: tuple(columns) for name, columns in (measured or {}).items()}
         values = {name: as_json(value) for name, value in by_name("at", at).items()}
         settings = SimulationSettings(
@@ -227,7 +234,7 @@ class Problem:
             outliers=outliers,
             draw_priors=draw_priors,
         )
-        return self.simulated(inputs, settings)
+        return self.simulated(self._inputs(data, constants, allow_external), settings)
 
     def simulated(self, inputs: Inputs, settings: SimulationSettings) -> Simulated:
         """As ``simulate``, for everything that may come from outside."""
@@ -249,12 +256,19 @@ class Problem:
         return found
 
     def casadi(self, *, data: Mapping[str, object] | None = None) -> Mapping[str, Any]:
-        """The ``casadi.Function`` of each kernel by name and case: inputs of a row → values and Jacobian nonzeros."""
+        """The ``casadi.Function`` of each kernel by name and case: inputs of a row → values and Jacobian nonzeros.
+
+        Raises:
+            MbmError: the problem or the data are wrong, or an equation calls a function in Python.
+
+        """
         return self.compile(data=data).casadi()
 
-    def check(self, *, data: Mapping[str, object] | None = None) -> tuple[Diagnostic, ...]:
-        """What is wrong or doubtful, without solving."""
-        return self.diagnostics(Inputs(tables=by_name("data", data), sandbox=self.sandbox))
+    def check(
+        self, *, data: Mapping[str, object] | None = None, allow_external: bool = False
+    ) -> tuple[Diagnostic, ...]:
+        """What is wrong or doubtful, without solving; ``allow_external`` see ``compile``."""
+        return self.diagnostics(self._inputs(data, None, allow_external))
 
     def diagnostics(self, inputs: Inputs, *, strict_units: bool = False) -> tuple[Diagnostic, ...]:
         """As ``check``, for everything that may come from outside; ``strict_units`` names what has no unit, too."""
@@ -268,7 +282,29 @@ class Problem:
             return error.diagnostics
         problem, tables = found.problem, found.tables
         lacking = missing_units(problem.unknowns, problem.blocks, tables) if strict_units else ()
-        return (*refusals(problem, tables), *problem.warnings, *structural_warnings(problem, tables), *lacking)
+        wrong = refusals(problem, tables)
+        calls = () if wrong else self._called(found, inputs)
+        return (*wrong, *problem.warnings, *structural_warnings(problem, tables), *lacking, *calls)
+
+    def _called(self, found: Elaborated, inputs: Inputs) -> tuple[Diagnostic, ...]:
+        """What is wrong with the functions in Python that the equations call; that they are not called if they may not.
+
+        They are called at the start only.
+        """
+        from mbm.problem.structure import called_functions
+
+        called = called_functions(found.problem)
+        if not called:
+            return ()
+        if not inputs.allow_external:
+            from mbm.kernels import faults
+
+            return tuple(faults.external_not_allowed(e.span, e.function, Severity.WARNING) for e in called)
+        try:
+            made = self.compiled(inputs, "auto")
+            return compiler.jacobian_doubts(made.elaborated, made.kernels, made.cache)
+        except MbmError as error:
+            return error.diagnostics
 
 
 def build(name: str, *clauses: object) -> Problem:

@@ -48,6 +48,12 @@ def verbosity_options(function: _Function) -> _Function:
     return function
 
 
+def allow_external_option(function: _Function) -> _Function:
+    """``--allow-external``, of the commands that may call what a problem names."""
+    text = "Let FILE import and call the functions in Python that it names."
+    return click.option("--allow-external", is_flag=True, help=text)(function)
+
+
 def terminal() -> Terminal:
     """The settings of the command that runs."""
     asked = click.get_current_context().meta

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from mbm.expression.nodes import External
+from mbm.text.faults import shown
 from mbm.text.types import Code, Diagnostic, Place
 
 NOT_EMITTED = Code(
@@ -19,3 +21,12 @@ STATE_ONE = "state a start with `:init`, or compile with `--init`"
 def not_emitted(place: Place | None, what: str, why: str, instead: str = "use `mbm solve`") -> Diagnostic:
     """``what`` the problem has, ``why`` a generated solver cannot, and what to do ``instead``."""
     return Diagnostic(code=NOT_EMITTED, message=f"{what} cannot be compiled: {why}", place=place, hint=instead)
+
+
+def calls_python(external: External) -> Diagnostic:
+    """A function in Python, which no generated code brings along."""
+    what = f"the function `{shown(external.function)}` in Python"
+    why = "generated code holds its mathematics itself, to be built, read and trusted without that module"
+    return not_emitted(
+        external.span, what, why, "write the formula in the problem, or use `mbm solve --allow-external`"
+    )

@@ -9,7 +9,7 @@ import numpy as np
 from mbm.emit import faults
 from mbm.emit.foreign import Foreign
 from mbm.emit.types import GivenTable, Target
-from mbm.expression.nodes import Column, Expression, leaves
+from mbm.expression.nodes import Column, Expression, externals, leaves
 from mbm.problem.elaborated import Elaborated
 from mbm.problem.tables import Column as TableColumn
 from mbm.problem.types import BlockRole, Gauge, Method, Problem, TablePlan, Unknown
@@ -165,6 +165,7 @@ def _keys(found: Elaborated) -> Iterator[Diagnostic]:
 def _blocks(problem: Problem) -> Iterator[Diagnostic]:
     for block in problem.blocks:
         nodes = [n for case in block.cases for e in case.equations for n in (*e.components, *e.noise)]
+        yield from _called(nodes)
         if _sampled(nodes):
             yield faults.not_emitted(block.span, "`sample`", "generated solvers do not interpolate tables", INTERPOLATE)
 
@@ -191,8 +192,17 @@ def _derived(problem: Problem, target: Target) -> Iterator[Diagnostic]:
         if derived.table in families:
             why = "it is derived for each distinct value of a column"
             yield faults.not_emitted(derived.span, what, why, "derive it over a table with one row for each value")
-        if _sampled([n for case in derived.cases for n in case.values]):
+        nodes = [n for case in derived.cases for n in case.values]
+        yield from _called(nodes)
+        if _sampled(nodes):
             yield faults.not_emitted(derived.span, what, "generated solvers do not interpolate tables", INTERPOLATE)
+
+
+def _called(nodes: Sequence[Expression]) -> Iterator[Diagnostic]:
+    """The first function in Python that is called."""
+    external = next(externals(tuple(nodes)), None)
+    if external is not None:
+        yield faults.calls_python(external)
 
 
 def _sampled(nodes: Sequence[Expression]) -> bool:

@@ -325,8 +325,8 @@ def _power(a: int | Fraction | float, b: int | Fraction | float) -> int | Fracti
     return math.pow(float(a), float(b))
 
 
-_CHOICES = CONDITIONS | {Operation.IF}
-"""Operations whose value is no number, or that choose one."""
+_UNFOLDED = CONDITIONS | {Operation.IF, Operation.EXTERNAL}
+"""Operations whose value is no number, or that choose one, or that only a solve computes."""
 
 
 def constant_value(node: Expression) -> int | Fraction | float | None:
@@ -343,7 +343,7 @@ def constant_value(node: Expression) -> int | Fraction | float | None:
     values: dict[int, int | Fraction | float] = {}
     order = postorder((node,))
     for each in order:
-        known = isinstance(each, Number | Constant) or (isinstance(each, Apply) and each.operation not in _CHOICES)
+        known = isinstance(each, Number | Constant) or (isinstance(each, Apply) and each.operation not in _UNFOLDED)
         if not known:
             return None
     for each in order:

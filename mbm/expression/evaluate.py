@@ -8,11 +8,13 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from mbm.expression.nodes import Apply, Expression, Leaf, Number, Operation, nearest, postorder
+from mbm.expression.nodes import Apply, Expression, External, Leaf, Number, Operation, nearest, postorder
 from mbm.machine.numpy_functions import function_of
 
 Values: TypeAlias = NDArray[np.float64] | float
 Lookup: TypeAlias = Callable[[Leaf], Values]
+Calls: TypeAlias = Callable[[External, tuple[Values, ...]], tuple[Values, ...]]
+"""What calls functions in Python: the numbers of one, each (rows,) or one for all, from those of its arguments."""
 
 _TWO_PI = 2 * np.pi
 
@@ -64,17 +66,25 @@ _FUNCTIONS: Mapping[Operation, Callable[..., Values]] = {
 """A missing number counts otherwise in comparisons and choices than it does in straight-line programs."""
 
 
-def evaluate(roots: tuple[Expression, ...], lookup: Lookup) -> tuple[Values, ...]:
+def evaluate(roots: tuple[Expression, ...], lookup: Lookup, calls: Calls | None = None) -> tuple[Values, ...]:
     """The values of ``roots``; ``lookup`` gives a number or an array of shape (rows,) for each leaf.
 
-    Numbers are in SI; conditions are 0.0 or 1.0, or NaN where a missing
-    number leaves them undecided. Values outside a domain are NaN or infinite, as IEEE 754 has it: the
-    caller says where they may not stand.
+    Forms without unknowns call no functions in Python and need no ``calls``. Numbers are in SI; conditions are 0.0 or
+    1.0, or NaN where a missing number leaves them undecided. Values outside a domain are NaN or infinite, as IEEE 754
+    has it: the caller says where they may not stand.
     """
     values: dict[int, Values] = {}
+    called: dict[tuple[External, tuple[int, ...]], tuple[Values, ...]] = {}
     with np.errstate(all="ignore"):
         for node in postorder(roots):
-            if isinstance(node, Apply):
+            if isinstance(node, Apply) and node.output is not None:
+                if calls is None:
+                    raise TypeError(node.output.external.function)
+                key = (node.output.external, tuple(id(a) for a in node.arguments))
+                if key not in called:
+                    called[key] = calls(node.output.external, tuple(values[id(a)] for a in node.arguments))
+                values[id(node)] = called[key][node.output.index]
+            elif isinstance(node, Apply):
                 values[id(node)] = _FUNCTIONS[node.operation](*(values[id(a)] for a in node.arguments))
             elif isinstance(node, Number):
                 values[id(node)] = nearest(node.value)

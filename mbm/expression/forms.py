@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from math import lcm
+from math import lcm, prod
 
 from mbm.expression.dimension import Dimension
 from mbm.expression.nodes import (
@@ -17,11 +17,12 @@ from mbm.expression.nodes import (
     Number,
     Opaque,
     Operation,
+    Output,
     nearest,
     postorder,
 )
-from mbm.text.build import numeral, sequence, symbol
-from mbm.text.types import Form, Span, Text
+from mbm.text.build import numeral, sequence, symbol, text
+from mbm.text.types import Bracket, Form, Keyword, Span, Text
 
 
 def to_form(node: Expression, span: Span) -> Form:
@@ -101,4 +102,25 @@ def _apply_form(node: Apply, forms: dict[int, Form], span: Span) -> Form:
         return sequence((symbol("-", span), *arguments), span)
     if node.operation is Operation.WRAP:
         return arguments[0]
+    if node.output is not None:
+        return _external_form(node.output, arguments, span)
     return sequence((symbol(node.operation.value, span), *arguments), span)
+
+
+def _external_form(output: Output, elements: tuple[Form, ...], span: Span) -> Form:
+    """``((external "module:function" a [b c] :size n) i)``; a function of one number without the index."""
+    external = output.external
+    left = list(elements)
+    items: list[Form] = [symbol(Operation.EXTERNAL.value, span), text(external.function, span)]
+    for shape in external.shapes:
+        own = [left.pop(0) for _ in range(prod(shape))]
+        if len(shape) == 2:
+            own = [sequence(own[i : i + shape[1]], span, Bracket.SQUARE) for i in range(0, len(own), shape[1])]
+        items.append(sequence(own, span, Bracket.SQUARE) if shape else own[0])
+    items += [Keyword(name="size", span=span), numeral(external.size, span)]
+    if external.jacobian is not None:
+        items += [Keyword(name="jacobian", span=span), text(external.jacobian, span)]
+    if external.batch:
+        items += [Keyword(name="batch", span=span), symbol("true", span)]
+    call = sequence(items, span)
+    return call if external.size == 1 else sequence((call, numeral(output.index + 1, span)), span)

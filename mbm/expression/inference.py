@@ -148,6 +148,8 @@ class Inference:
             case Dimensions.PURE:
                 for argument in arguments:
                     self._pure(argument, node.span)
+            case Dimensions.OPEN:
+                return Term(NONE, {("external", id(node)): 1})
             case Dimensions.ANY:
                 pass
         return Term(NONE)

@@ -7,6 +7,7 @@ all said once, for numbers. Nodes compare by identity; equal subexpressions are 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import field
 from enum import Enum, StrEnum
 from fractions import Fraction
@@ -30,6 +31,7 @@ class Dimensions(Enum):
     QUOTIENT = "nothing; they are divided"
     ROOT = "nothing; half of each exponent"
     POWER = "the exponent is a pure number, and the base if that is not known"
+    OPEN = "nothing; the value takes the dimension that its uses ask for, as a number without a unit does"
 
 
 class Angles(Enum):
@@ -103,6 +105,7 @@ class Operation(StrEnum):
     AND = "and", Operator.AND, Dimensions.ANY
     OR = "or", Operator.OR, Dimensions.ANY
     FINITE = "finite", None, Dimensions.ANY
+    EXTERNAL = "external", None, Dimensions.OPEN
 
     # That of `Enum` is a function in Python; operations are looked up in tables all the time.
     __hash__ = str.__hash__
@@ -237,14 +240,42 @@ class Opaque:
     angle: bool = False
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class External:
+    """A function in Python that gives ``size`` numbers: texts that say where it is, nothing that runs.
+
+    ``function`` and ``jacobian`` are ``module:function``; ``shapes`` are those of the arguments, () for a number.
+    ``batch``: one call takes all rows, each argument with a leading axis for them; else one row is a call.
+    """
+
+    function: str
+    jacobian: str | None
+    size: int
+    shapes: tuple[tuple[int, ...], ...]
+    batch: bool
+    span: Span = field(repr=False, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """Number ``index`` (from 0) of those that a function in Python gives."""
+
+    external: External
+    index: int
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Apply:
-    """An operation on nodes. ``angle``: differences of this number wrap."""
+    """An operation on nodes. ``angle``: differences of this number wrap.
+
+    ``output`` says what an EXTERNAL one calls; its arguments are those of the call, element by element.
+    """
 
     operation: Operation
     arguments: tuple[Expression, ...]
     angle: bool = False
     span: Span | None = field(default=None, repr=False)
+    output: Output | None = None
 
     @property
     def is_condition(self) -> bool:
@@ -278,6 +309,13 @@ def postorder(roots: tuple[Expression, ...]) -> list[Expression]:
         else:
             order.append(node)
     return order
+
+
+def externals(roots: tuple[Expression, ...]) -> Iterator[External]:
+    """The functions in Python that are called below ``roots``; one may come again."""
+    for node in postorder(roots):
+        if isinstance(node, Apply) and node.output is not None:
+            yield node.output.external
 
 
 def leaves(roots: tuple[Expression, ...]) -> list[Leaf]:

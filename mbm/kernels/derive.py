@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbm.files.memory import check_memory
+from mbm.kernels.differentiation import differentiated
 from mbm.kernels.instructions import program_of
-from mbm.kernels.lowering import Lowered, lower
+from mbm.kernels.lowering import lower
 from mbm.kernels.types import Corrections, Kernel, KernelSet
 from mbm.problem.manifold import Piece
 from mbm.symbolic.types import ConstantInput, ResidualBlock, SymbolicModel
@@ -30,7 +31,8 @@ def kernel_of(block: ResidualBlock) -> Kernel:
     inputs = casadi.SX.sym("z", count + len(block.parameters))
     scalars = casadi.vertsplit(inputs) if inputs.numel() else []
     symbols = dict(zip((*block.variable_symbols, *block.parameter_symbols), scalars, strict=True))
-    values, jacobian = differentiated(lower(block.expressions, symbols), inputs[:count])
+    found = differentiated(lower(block.expressions, symbols), inputs[:count])
+    values, jacobian, whole = found.values, found.jacobian, found.with_results(inputs)
     if any(chart.piece is not Piece.NUMBER for chart in block.charts):
         jacobian = casadi.sparsify(casadi.mtimes(jacobian, tangent_map(block, scalars)))
     rows, columns = jacobian.sparsity().get_triplet()
@@ -49,10 +51,11 @@ def kernel_of(block: ResidualBlock) -> Kernel:
         outputs=len(block.expressions),
         jacobian_rows=np.asarray(rows, dtype=np.int64),
         jacobian_columns=np.asarray(columns, dtype=np.int64),
-        dependence=_dependence(block, nonzeros, inputs[:count]),
-        value_program=program_of(casadi.Function("values", [inputs], [casadi.cse(values)])),
-        jacobian_program=program_of(casadi.Function("values_and_jacobian", [inputs], [outputs])),
+        dependence=_dependence(block, found.with_stand_ins(nonzeros), inputs[:count]),
+        value_program=program_of(casadi.Function("values", [whole], [casadi.cse(values)])),
+        jacobian_program=program_of(casadi.Function("values_and_jacobian", [whole], [outputs])),
         corrections=corrections_of(block) if block.corrected else None,
+        calls=found.programs(inputs),
         span=block.span,
     )
 
@@ -91,9 +94,11 @@ def corrections_of(block: ResidualBlock) -> Corrections:
     scalars = casadi.vertsplit(inputs)
     symbols = dict(zip((*block.variable_symbols, *block.parameter_symbols), scalars[:-outputs], strict=True))
     measured = casadi.vertcat(*(scalars[variables + column] for column in block.corrected))
-    values, slopes = differentiated(lower(block.expressions, symbols), measured)
+    found = differentiated(lower(block.expressions, symbols), measured)
+    values, slopes = found.values, found.jacobian
     multipliers = casadi.vertcat(*scalars[variables + parameters :])
-    curvature = casadi.jacobian(casadi.mtimes(slopes.T, multipliers), measured)
+    found, curvature = found.derivative(casadi.mtimes(slopes.T, multipliers), measured)
+    whole = found.with_results(inputs)
     slope_rows, slope_columns = slopes.sparsity().get_triplet()
     curvature_rows, curvature_columns = curvature.sparsity().get_triplet()
     nonzeros: list[Any] = [*slopes.nonzeros(), *curvature.nonzeros()]
@@ -111,8 +116,9 @@ def corrections_of(block: ResidualBlock) -> Corrections:
         jacobian_rows=np.asarray([*slope_rows, *curvature_rows], dtype=np.int64),
         jacobian_columns=np.asarray([*slope_columns, *curvature_columns], dtype=np.int64),
         dependence=np.ones((len(nonzeros), len(block.tangents)), dtype=bool),
-        value_program=program_of(casadi.Function("values", [inputs], [casadi.cse(values)])),
-        jacobian_program=program_of(casadi.Function("values_and_slopes", [inputs], [casadi.cse(everything)])),
+        value_program=program_of(casadi.Function("values", [whole], [casadi.cse(values)])),
+        jacobian_program=program_of(casadi.Function("values_and_slopes", [whole], [casadi.cse(everything)])),
+        calls=found.programs(inputs),
         span=block.span,
     )
     return Corrections(
@@ -156,36 +162,3 @@ def _sphere(x: casadi.SX, y: casadi.SX, z: casadi.SX) -> list[list[casadi.SX | f
     a = -1.0 / (sign + z)
     b = x * y * a
     return [[1.0 + sign * x * x * a, b], [sign * b, sign + y * y * a], [-sign * x, -y]]
-
-
-def differentiated(lowered: Lowered, variables: casadi.SX) -> tuple[casadi.SX, casadi.SX]:
-    """Values and Jacobian. Piecewise values are differentiated branch by branch and then chosen from.
-
-    Automatic differentiation of a choice multiplies the derivative of the branch not taken by zero, which makes NaN of
-    the infinite slope of ``sqrt`` at zero that the condition was there to avoid.
-    """
-    values = casadi.densify(casadi.vertcat(*lowered.expressions))
-    if not lowered.choices:
-        return values, casadi.jacobian(values, variables)
-    count = int(variables.numel())
-    slopes: dict[int, casadi.SX] = {}
-    known: list[casadi.SX] = []
-    chosen: list[casadi.SX] = []
-
-    def total(expression: casadi.SX) -> casadi.SX:
-        """The Jacobian with those of the choices that ``expression`` uses, by the chain rule."""
-        result = casadi.jacobian(expression, variables)
-        used = [symbol for symbol in casadi.symvar(expression) if symbol.element_hash() in slopes]
-        if used:  # all at once: one after the other, each would go through the whole expression
-            by_choice = casadi.jacobian(expression, casadi.vertcat(*used))
-            result = result + casadi.mtimes(by_choice, casadi.vertcat(*(slopes[s.element_hash()] for s in used)))
-        return result
-
-    for choice in lowered.choices:
-        then, other = casadi.densify(total(choice.then)), casadi.densify(total(choice.other))
-        pairs = [casadi.if_else(choice.test, then[j], other[j]) for j in range(count)]
-        slopes[choice.symbol.element_hash()] = casadi.sparsify(casadi.horzcat(*pairs)) if pairs else casadi.SX(1, 0)
-        known.append(choice.symbol)
-        chosen.append(casadi.if_else(choice.test, choice.then, choice.other))
-    _, (values, jacobian) = casadi.substitute_inplace(known, chosen, [values, total(values)])
-    return values, jacobian

@@ -17,14 +17,15 @@ LARGEST = 20_000
 
 
 def eliminated_kernel(kernel: Kernel, noises: Sequence[tuple[int, int, bool]]) -> Kernel | None:
-    """The kernel of the residuals that `mbm.machine.elimination` leaves, of variance 1; None: it would be too large.
+    """The kernel of the residuals that `mbm.machine.elimination` leaves, of variance 1; None: it would be too large, or
+    calls functions in Python in the middle.
 
     Its parameters are those of ``kernel``, then the standard deviations of the uncertain ones, the weights of a row,
     and 1 for outputs with noise of their own, else 0. ``noises`` has for each equation the outputs ``first … last``
     and whether its weights are a matrix, row by row, or factors.
     """
     found = kernel.corrections
-    if found is None:
+    if found is None or kernel.calls:
         return None
     c, k = len(found.columns), kernel.outputs
     algebra = c**3 + 2 * k * c * (c + k) + k**3

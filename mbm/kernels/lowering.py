@@ -9,8 +9,9 @@ from typing import Any
 import casadi
 import sympy
 
+from mbm.expression.nodes import External
 from mbm.kernels.functions import applied
-from mbm.symbolic.conversion import ELEMENTARY, Finite
+from mbm.symbolic.conversion import ELEMENTARY, Called, Finite
 from mbm.values import dataclass
 
 
@@ -74,11 +75,20 @@ class Choice:
 
 
 @dataclass(frozen=True, slots=True)
+class Call:
+    """A call of a function in Python: ``symbols`` stand for the numbers that it gives for ``arguments``."""
+
+    external: External
+    arguments: tuple[casadi.SX, ...]
+    symbols: tuple[casadi.SX, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Lowered:
-    """Expressions in CasADi with a symbol for each piecewise value; a choice may use the symbols of earlier ones."""
+    """Expressions in CasADi with symbols for piecewise values and calls; a step may use the symbols of earlier ones."""
 
     expressions: tuple[casadi.SX, ...]
-    choices: tuple[Choice, ...]
+    steps: tuple[Choice | Call, ...]
 
 
 def lower(expressions: tuple[sympy.Expr, ...], symbols: Mapping[sympy.Symbol, casadi.SX]) -> Lowered:
@@ -88,22 +98,51 @@ def lower(expressions: tuple[sympy.Expr, ...], symbols: Mapping[sympy.Symbol, ca
         UnsupportedOperationError: a node nobody translates.
     """
     memo: dict[sympy.Basic, Any] = dict(symbols)
-    choices: list[Choice] = []
+    steps = _Steps()
     for expression in expressions:
         stack = [(expression, False)]
         while stack:
             node, ready = stack.pop()
             if node in memo:
                 continue
-            if not ready and node.args:
+            operands = node.args[3:] if isinstance(node, Called) else node.args
+            if not ready and operands:
                 stack.append((node, True))
-                stack.extend((argument, False) for argument in node.args if argument not in memo)
+                stack.extend((argument, False) for argument in operands if argument not in memo)
                 continue
-            memo[node] = _node(node, tuple(memo[a] for a in node.args), choices)
-    return Lowered(tuple(memo[e] for e in expressions), tuple(choices))
+            memo[node] = _node(node, tuple(memo[a] for a in operands), steps)
+    return Lowered(tuple(memo[e] for e in expressions), tuple(steps.every))
 
 
-def _node(node: sympy.Basic, arguments: tuple[Any, ...], choices: list[Choice]) -> Any:
+class _Steps:
+    """The choices and calls met so far; local to one lowering."""
+
+    def __init__(self) -> None:
+        self.every: list[Choice | Call] = []
+        self._calls: dict[tuple[External, tuple[sympy.Basic, ...]], Call] = {}
+
+    def called(self, node: Called, arguments: tuple[casadi.SX, ...]) -> casadi.SX:
+        """The symbol of one number that a call gives; the call is made once for all of them."""
+        external = node.output.external
+        key = (external, node.args[3:])
+        if key not in self._calls:
+            number = len(self.every)
+            symbols = tuple(casadi.SX.sym(f"call{number}_{i}") for i in range(external.size))
+            self._calls[key] = Call(external, arguments, symbols)
+            self.every.append(self._calls[key])
+        return self._calls[key].symbols[node.output.index]
+
+    def chosen(self, pairs: tuple[tuple[casadi.SX, casadi.SX], ...]) -> casadi.SX:
+        """A piecewise value."""
+        result = pairs[-1][0]
+        for value, test in reversed(pairs[:-1]):
+            choice = Choice(casadi.SX.sym(f"choice{len(self.every)}"), test, value, result)
+            self.every.append(choice)
+            result = choice.symbol
+        return result
+
+
+def _node(node: sympy.Basic, arguments: tuple[Any, ...], steps: _Steps) -> Any:
     if isinstance(node, sympy.functions.elementary.piecewise.ExprCondPair):
         return arguments
     if node is sympy.true or node is sympy.false:
@@ -111,17 +150,10 @@ def _node(node: sympy.Basic, arguments: tuple[Any, ...], choices: list[Choice]) 
     if isinstance(node, sympy.Number | sympy.NumberSymbol):
         return casadi.SX(float(node))
     if isinstance(node, sympy.Piecewise):
-        return _piecewise(arguments, choices)
+        return steps.chosen(arguments)
+    if isinstance(node, Called):
+        return steps.called(node, arguments)
     function = _FUNCTIONS.get(node.func)
     if function is None:
         raise UnsupportedOperationError(type(node).__name__)
     return function(*arguments)
-
-
-def _piecewise(pairs: tuple[tuple[casadi.SX, casadi.SX], ...], choices: list[Choice]) -> casadi.SX:
-    result = pairs[-1][0]
-    for value, test in reversed(pairs[:-1]):
-        choice = Choice(casadi.SX.sym(f"choice{len(choices)}"), test, value, result)
-        choices.append(choice)
-        result = choice.symbol
-    return result

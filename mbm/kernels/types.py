@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from mbm.expression.nodes import External
 from mbm.machine.program import Program
 from mbm.symbolic.types import Chart, Parameter, Purpose, Slot
 from mbm.text.types import Span
@@ -29,7 +30,8 @@ class Kernel:
     numbers the variables themselves): nonzero k stands in row ``jacobian_rows[k]`` and column ``jacobian_columns[k]``.
     ``dependence[k, j]`` says whether nonzero k varies with tangent j: the equations are affine in a set of tangents if
     no nonzero in its columns depends on any of them. ``value_program`` gives the values, ``jacobian_program``
-    the values and behind them the nonzeros. ``corrections`` are the derivatives by uncertain data, if any.
+    the values and behind them the nonzeros. ``corrections`` are the derivatives by uncertain data, if any. Where there
+    are ``calls``, the programs take what these give behind the inputs of the row.
     """
 
     name: str
@@ -47,12 +49,35 @@ class Kernel:
     value_program: Program = field(repr=False)
     jacobian_program: Program = field(repr=False)
     corrections: Corrections | None = None
+    calls: tuple[ExternalCall, ...] = ()
     span: Span = field(repr=False)
 
     def affine_in(self, tangents: NDArray[np.bool_]) -> bool:
         """Whether the outputs are affine in the tangents that the mask picks, whatever the others are."""
         columns = tangents[self.jacobian_columns]
         return not bool(self.dependence[np.ix_(columns, tangents)].any())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExternalCall:
+    """A call of a function in Python in each row of a kernel.
+
+    ``arguments`` gives those of the call, m of them, from the inputs of the row and the results of earlier calls. The
+    results stand at ``first …`` behind them: the n values; their derivatives (n, w) by the arguments at the positions
+    ``wanted``; and if ``bent``, the second ones (n, w, w).
+    """
+
+    external: External
+    arguments: Program = field(repr=False)
+    wanted: tuple[int, ...]
+    bent: bool
+    first: int
+
+    @property
+    def results(self) -> int:
+        """How many numbers there are."""
+        w = len(self.wanted)
+        return self.external.size * (1 + w + w * w * self.bent)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -84,9 +109,11 @@ class KernelSet:
         digest = sha256()
         for kernel in self.kernels:
             digest.update(repr((kernel.name, kernel.variables, kernel.parameters)).encode())
-            digest.update(repr(kernel.jacobian_program).encode())
-            if kernel.corrections is not None:
-                digest.update(repr(kernel.corrections.kernel.jacobian_program).encode())
+            for each in (kernel, *(() if kernel.corrections is None else (kernel.corrections.kernel,))):
+                digest.update(repr(each.jacobian_program).encode())
+                digest.update(
+                    repr(tuple((call, call.arguments) for call in each.calls)).encode() if each.calls else b""
+                )
         return digest.hexdigest()
 
 

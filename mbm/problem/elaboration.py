@@ -10,7 +10,7 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from mbm.expression.nodes import Apply, Component, Expression, Number, RowChoice, leaves
+from mbm.expression.nodes import Apply, Component, Expression, Number, RowChoice, externals, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, scalar, vector
 from mbm.language.values import SCALARS, Array, Evaluator, ListValue, Scope, StaticColumnNeeded, Value, describe
@@ -220,7 +220,10 @@ class Workspace:
         return value.items if isinstance(value, ListValue) else (value,) * count
 
     def refuse_unknowns(self, nodes: tuple[Expression, ...], span: Span, wanted: str) -> None:
-        """``wanted`` has to be known before the solve."""
+        """``wanted`` has to be known before the solve: no unknown, and nothing that only a solve computes."""
+        external = next(externals(nodes), None)
+        if external is not None:
+            raise MbmError(faults.external_misplaced(external.span, wanted))
         for leaf in leaves(nodes):
             if isinstance(leaf, Component):
                 raise MbmError(faults.depends_on_unknown(leaf.span or span, wanted, leaf.unknown))

@@ -14,6 +14,7 @@ from mbm.expression.nodes import (
     Expression,
     RowChoice,
     Sampling,
+    externals,
     leaves,
 )
 from mbm.language import faults as language_faults
@@ -45,6 +46,9 @@ def sample(evaluator: Evaluator, form: Sequence, scope: Scope) -> Value:
     table = tables[name.name]
     at = scalar(evaluator.wanted(at_form, scope), at_form.span)
     _refuse_nested((at,), at_form.span)
+    external = next(externals((at,)), None)
+    if external is not None:
+        raise MbmError(faults.external_misplaced(external.span, "the time of `sample`"))
     sampling = Sampling(table=table.name, by=_time_column(table, options.get("by"), name.span), at=at, span=form.span)
 
     def evaluated(row: RowChoice) -> Value:

@@ -11,7 +11,7 @@ from dataclasses import field
 
 import numpy as np
 
-from mbm.expression.nodes import ColumnMember, Component, LiteralMember, RowChoice, leaves
+from mbm.expression.nodes import ColumnMember, Component, External, LiteralMember, RowChoice, externals, leaves
 from mbm.problem import faults
 from mbm.problem.checks import used_rows
 from mbm.problem.kinds import Relation
@@ -27,6 +27,18 @@ MAXIMUM_EQUATIONS = 20_000
 
 Scalar = tuple[str, CellKey | None, tuple[int, ...]]
 """A number of an unknown: its name, its member's key, its index."""
+
+
+def called_functions(problem: Problem) -> tuple[External, ...]:
+    """The functions in Python that equations and derived quantities call, each once."""
+    found: dict[str, External] = {}
+    for block in problem.blocks:
+        for external in externals(tuple(n for case in block.cases for e in case.equations for n in e.components)):
+            found.setdefault(external.function, external)
+    for derived in problem.derived:
+        for external in externals(tuple(n for case in derived.cases for n in case.values)):
+            found.setdefault(external.function, external)
+    return tuple(found.values())
 
 
 def structural_warnings(problem: Problem, tables: Mapping[str, Table]) -> list[Diagnostic]:

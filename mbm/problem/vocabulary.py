@@ -38,7 +38,6 @@ NOT_YET: Mapping[str, str] = MappingProxyType(
         "next": "sequences",
         "dt": "sequences",
         "rate": "sequences",
-        "external": "functions in Python",
     }
 )
 """Names that belong to problems and come later."""

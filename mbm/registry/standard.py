@@ -14,6 +14,7 @@ from mbm.values import dataclass
 if TYPE_CHECKING:
     from mbm.data.types import ManyReader, Reader
     from mbm.estimation.starts.closed_forms.types import ClosedForm
+    from mbm.kernels.python_functions import PythonFunctions
     from mbm.kernels.store import Store
     from mbm.kernels.types import Backend, KernelSet
     from mbm.language.values import Vocabulary
@@ -132,11 +133,16 @@ class Registry:
         """The backend of a name, with the store to keep what it compiles in."""
         return self.backends[name](self.store())
 
-    def suited(self, backend: Backend, kernels: KernelSet) -> Backend:
-        """``backend``, or what stands in for it where these kernels are not for it."""
+    def suited(self, backend: Backend, kernels: KernelSet, functions: PythonFunctions | None) -> Backend:
+        """``backend``, or what stands in for it where these kernels are not for it, or call ``functions``."""
         from mbm.kernels.backends.automatic import suited
 
-        return suited(backend, kernels)
+        chosen = suited(backend, kernels)
+        if functions is None:
+            return chosen
+        from mbm.kernels.backends.calling import backend as calling
+
+        return calling(chosen, functions)
 
 
 def standard_registry(closed_forms: tuple[ClosedForm, ...] = ()) -> Registry:

@@ -34,10 +34,10 @@ class SolveOptions:
     ``set`` holds (name, text) pairs as typed (``("h", "70cm")``): constants or initial values, later ones win.
     ``data`` maps table names to paths, relative to the working directory. ``init`` is the parsed JSON document of
     ``--init``: name → value, or a whole result document (`mbm.report.initial.initial_values` reads it for one solve).
-    ``method`` is a name of LANGUAGE §7 as typed. ``sandbox`` confines reads and ``use`` to a folder. ``interruption``
-    ends the solve with the best point so far when it is requested. ``workers`` threads share many solves, or a large
-    one (None: one for each processor). ``loaded`` is called when all that the problem reads was read, and nothing was
-    solved yet; it may raise MbmError.
+    ``method`` is a name of LANGUAGE §7 as typed. ``sandbox`` confines reads and ``use`` to a folder,
+    ``allow_external`` lets the problem call functions in Python. ``interruption`` ends the solve with the best point so
+    far when it is requested. ``workers`` threads share many solves, or a large one (None: one for each processor).
+    ``loaded`` is called when all that the problem reads was read, and nothing was solved yet; it may raise MbmError.
     """
 
     problem: str | None = None
@@ -50,6 +50,7 @@ class SolveOptions:
     backend: Backend = Backend.AUTO
     workers: int | None = None
     sandbox: Path | None = None
+    allow_external: bool = False
     covariance_full: bool = False
     progress: Progress | None = None
     interruption: Interruption | None = None

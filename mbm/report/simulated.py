@@ -13,6 +13,7 @@ import numpy as np
 from mbm.data.types import GivenColumns
 from mbm.equations.binding import EvaluationCache
 from mbm.equations.layout import Entry
+from mbm.expression.evaluate import Calls
 from mbm.expression.units import parse_unit
 from mbm.kernels.types import KernelSet
 from mbm.problem.elaborated import Elaborated
@@ -99,12 +100,13 @@ class Simulator:
     """Makes measurements from true values, for many seeds.
 
     ``origins`` are the tables as read: no unit applied, no row left out. ``kernels`` derives the equations, which only
-    draws from priors need.
+    draws from priors need; ``calls`` calls functions in Python.
     """
 
     found: Elaborated
     origins: Mapping[str, Table]
     kernels: Callable[[], tuple[KernelSet, EvaluationCache]]
+    calls: Calls
     file: str | None
 
     def measurements(self, settings: SimulationSettings) -> Simulated:
@@ -115,7 +117,7 @@ class Simulator:
 
         """
         found, problem = self.found, self.found.problem
-        asked = replace(_asked(settings), kernels=self.kernels() if settings.draw_priors else None)
+        asked = replace(self._asked(settings), kernels=self.kernels() if settings.draw_priors else None)
         values = given_starts(problem, found.tables, settings.at)
         made = simulate(found, values, noise_factors(problem, settings.at, settings.noise), asked)
         truth = {
@@ -140,7 +142,7 @@ class Simulator:
         if measured is None or settings.draw_priors or any(self.origins[name].key for name in measured):
             return None
         values = given_starts(found.problem, found.tables, settings.at)
-        asked = replace(_asked(settings), seeds=tuple(seeds))
+        asked = replace(self._asked(settings), seeds=tuple(seeds))
         made = simulate(found, values, noise_factors(found.problem, settings.at, settings.noise), asked)
         data = {}
         for name in measured:
@@ -151,6 +153,15 @@ class Simulator:
             data[name] = cells
         truth = {"problem": found.problem.name, "solves": [_solve(found.problem, each) for each in made.truths]}
         return Repeated(data=data, truths=made.truths, truth=truth)
+
+    def _asked(self, settings: SimulationSettings) -> Simulating:
+        gross = settings.outliers
+        return Simulating(
+            seeds=(settings.seed,),
+            calls=self.calls,
+            outliers=None if gross is None else Outliers(fraction=gross[0], size=gross[1]),
+            measured=settings.measured,
+        )
 
     def _table(self, name: str, origin: Table, made: Simulation) -> SimulatedTable:
         """A table as it was read, with the simulated numbers in their units."""
@@ -167,15 +178,6 @@ class Simulator:
             columns[source] = replace(columns[source], numbers=numbers)
             changed.append(source)
         return SimulatedTable(name=name, columns=tuple(columns.values()), changed=tuple(changed), origin=origin)
-
-
-def _asked(settings: SimulationSettings) -> Simulating:
-    gross = settings.outliers
-    return Simulating(
-        seeds=(settings.seed,),
-        outliers=None if gross is None else Outliers(fraction=gross[0], size=gross[1]),
-        measured=settings.measured,
-    )
 
 
 def _solve(problem: Problem, truth: Truth) -> dict[str, Any]:

@@ -30,6 +30,7 @@ from mbm.language.vocabulary import (
     arithmetic,
     comparison,
     directions,
+    external,
     frames,
     lines,
     lists,
@@ -243,7 +244,7 @@ FEATURE_FUNCTIONS: tuple[FeatureFunction | Builtin, ...] = (
 
 def vocabulary() -> Vocabulary:
     """Special forms, functions, the library's models, and the names that come later."""
-    rooms = (arithmetic, comparison, directions, frames, lines, lists, rotations, vectors)
+    rooms = (arithmetic, comparison, directions, external, frames, lines, lists, rotations, vectors)
     functions: dict[str, Callable_] = {f.name: f for room in rooms for f in room.FUNCTIONS}
     functions.update((f.name, f) for f in FEATURE_FUNCTIONS)
     words = Vocabulary(

@@ -87,7 +87,7 @@ class _Run:
         assumed = [e.unknown.name for e in places.entries if e.unknown.name not in values]
         if assumed:
             notes.append(faults.assumed_value(assumed))
-        demands = violated(problem, self.selection.tables, places)
+        demands = violated(problem, self.selection.tables, places, self.asked.calls)
         notes.extend(faults.values_against_constraint(block.span, block.name) for block in demands)
         cells: list[Cells] = []
         hits: dict[str, set[int]] = {}
@@ -137,7 +137,7 @@ class _Run:
         def components(columns: Floats) -> Floats:
             replaced: dict[str, Values] = {name: columns[:, j] for j, name in enumerate(measured.columns)}
             result = np.empty((rows.count, size))
-            for k, each in enumerate(evaluate(equation.components, rows.lookup(replaced))):
+            for k, each in enumerate(evaluate(equation.components, rows.lookup(replaced), self.asked.calls)):
                 result[:, k] = each
             return result
 

@@ -10,7 +10,7 @@ from mbm.equations.corrections.measured import refuse_bad_sigma
 from mbm.equations.layout import Layout
 from mbm.equations.types import Mask
 from mbm.equations.whitening import whitener
-from mbm.expression.evaluate import evaluate
+from mbm.expression.evaluate import Calls, evaluate
 from mbm.expression.nodes import Column, Expression, leaves
 from mbm.problem.checks import used_rows
 from mbm.problem.kinds import Relation
@@ -74,14 +74,14 @@ def _reads(nodes: tuple[Expression, ...], drawn: frozenset[tuple[str, str]]) -> 
 
 
 @np.errstate(all="ignore")
-def violated(problem: Problem, tables: Mapping[str, Table], places: Layout) -> tuple[Block, ...]:
-    """The constraints that the values in ``places.start`` do not meet."""
+def violated(problem: Problem, tables: Mapping[str, Table], places: Layout, calls: Calls | None) -> tuple[Block, ...]:
+    """The constraints that the values in ``places.start`` do not meet; ``calls`` calls functions in Python."""
     limit = TOLERANCE * max(1.0, float(np.abs(places.start).max(initial=0.0)))
     demands = (block for block in problem.blocks if block.role is BlockRole.CONSTRAINT)
-    return tuple(block for block in demands if _worst(block, tables, places) > limit)
+    return tuple(block for block in demands if _worst(block, tables, places, calls) > limit)
 
 
-def _worst(block: Block, tables: Mapping[str, Table], places: Layout) -> float:
+def _worst(block: Block, tables: Mapping[str, Table], places: Layout, calls: Calls | None) -> float:
     """The largest violation of a constraint in any of its rows; infinite where it has no value."""
     table = tables[block.table] if block.table is not None else None
     mask = used_rows(block, tables)
@@ -95,7 +95,7 @@ def _worst(block: Block, tables: Mapping[str, Table], places: Layout) -> float:
                 continue
         rows = Rows(table=table, positions=positions, tables=tables, layout=places, numbers=places.start)
         for equation in case.equations:
-            for value in evaluate(equation.components, rows.lookup({})):
+            for value in evaluate(equation.components, rows.lookup({}), calls):
                 above = np.abs(value) if equation.relation is Relation.ZERO else np.asarray(value)
                 worst = max(worst, float(np.where(np.isnan(above), np.inf, above).max()))
     return worst

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from mbm.equations.binding import EvaluationCache
 from mbm.equations.layout import Layout
 from mbm.equations.types import Floats, Indices
+from mbm.expression.evaluate import Calls
 from mbm.kernels.types import KernelSet
 from mbm.problem.tables import CellKey
 from mbm.text.types import Diagnostic
@@ -38,13 +39,14 @@ class Simulating:
     """How to simulate: a data set for each of the ``seeds``, one below the other.
 
     ``measured`` names the columns of observations whose equations leave open what they measure. With ``kernels`` (and
-    their cache), what has a prior is drawn from it.
+    their cache), what has a prior is drawn from it. ``calls`` calls functions in Python.
     """
 
     seeds: tuple[int, ...]
     outliers: Outliers | None = None
     measured: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
     kernels: tuple[KernelSet, EvaluationCache] | None = None
+    calls: Calls | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

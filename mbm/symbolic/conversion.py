@@ -5,11 +5,12 @@ Equal subexpressions become one object on the way, so that later stages find the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from fractions import Fraction
 
 import sympy
+from sympy.core.symbol import Str
 from sympy.functions.elementary.piecewise import ExprCondPair
 from sympy.logic.boolalg import BooleanFunction
 
@@ -23,6 +24,7 @@ from mbm.expression.nodes import (
     Number,
     Opaque,
     Operation,
+    Output,
     postorder,
 )
 from mbm.problem.naming import scalar_name
@@ -30,6 +32,24 @@ from mbm.problem.naming import scalar_name
 
 class Finite(BooleanFunction):  # type: ignore[misc]
     """Whether a number is neither missing nor infinite."""
+
+
+class Called(sympy.Expr):  # type: ignore[misc]  # SymPy has no types
+    """One number that a function in Python gives: its name, its index (as it is shown), all of it, the arguments.
+
+    ``output`` is what the texts stand for; copies that SymPy makes for printing lack it.
+    """
+
+    is_commutative = True
+    output: Output
+
+
+def _called(output: Output, arguments: Iterable[sympy.Basic]) -> Called:
+    index = f"[{output.index + 1}]" if output.external.size > 1 else ""
+    texts = (Str(text) for text in (output.external.function, index, repr(output)))
+    made: Called = sympy.Basic.__new__(Called, *texts, *arguments)
+    made.output = output
+    return made
 
 
 def _wrap(a: sympy.Expr) -> sympy.Expr:
@@ -83,7 +103,7 @@ _OWN: Mapping[Operation, Callable[..., sympy.Basic]] = {
 ELEMENTARY: Mapping[Operation, type[sympy.Function]] = {
     operation: sympy.Abs if operation is Operation.ABS else getattr(sympy, operation.value)
     for operation in Operation
-    if operation not in _OWN
+    if operation not in _OWN and operation is not Operation.EXTERNAL
 }
 """The functions that SymPy has by their names."""
 
@@ -120,7 +140,9 @@ class Converter:
         return self._leaf(component)
 
     def _apply(self, node: Apply) -> sympy.Basic:
-        made = _OPERATIONS[node.operation](*(self._memo[id(a)] for a in node.arguments))
+        arguments = [self._memo[id(a)] for a in node.arguments]
+        output = node.output
+        made = _OPERATIONS[node.operation](*arguments) if output is None else _called(output, arguments)
         # SymPy asks for this from the root down and remembers the answer: asked here, nothing is left to recurse into.
         _ = made.is_commutative
         return made

@@ -8,7 +8,9 @@ from collections.abc import Sequence
 import sympy
 from sympy.functions.elementary.piecewise import ExprCondPair
 from sympy.printing.latex import LatexPrinter
+from sympy.printing.str import StrPrinter
 
+from mbm.symbolic.conversion import Called
 from mbm.symbolic.types import ResidualBlock
 from mbm.text.shown import one_line
 from mbm.values import dataclass
@@ -40,12 +42,18 @@ def printed(block: ResidualBlock, *, latex: bool) -> PrintedEquations:
 
 
 def _plain(node: sympy.Basic) -> str:
-    return str(sympy.sstr(node, order="none", full_prec=False))
+    return str(_PlainPrinter({"order": "none", "full_prec": False}).doprint(node))
 
 
 def _latex(node: sympy.Basic) -> str:
     named = {symbol: latex_name(symbol.name) for symbol in node.free_symbols}
     return str(_Printer({"order": "none", "symbol_names": named}).doprint(node))
+
+
+class _PlainPrinter(StrPrinter):  # type: ignore[misc]
+    def _print_Called(self, expr: Called) -> str:  # noqa: N802 - SymPy's name
+        function, index, _, *arguments = expr.args
+        return f"{one_line(function.name)}({', '.join(map(self.doprint, arguments))}){index.name}"
 
 
 class _Printer(LatexPrinter):  # type: ignore[misc]  # SymPy has no types
@@ -54,6 +62,11 @@ class _Printer(LatexPrinter):  # type: ignore[misc]  # SymPy has no types
     def _print_Piecewise(self, expr: sympy.Piecewise, exp: str | None = None) -> str:  # noqa: N802 - SymPy's name
         cases = str(super()._print_Piecewise(expr))
         return cases if exp is None else f"\\left({cases}\\right)^{{{exp}}}"
+
+    def _print_Called(self, expr: Called, exp: str | None = None) -> str:  # noqa: N802 - SymPy's name
+        function, index, _, *arguments = expr.args
+        call = f"{latex_name(function.name)}\\left({', '.join(map(self.doprint, arguments))}\\right){index.name}"
+        return call if exp is None else f"{{{call}}}^{{{exp}}}"
 
 
 def latex_name(name: str) -> str:

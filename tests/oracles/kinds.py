@@ -59,7 +59,8 @@ class Kind:
     errors to rows: members of a large problem have values of their own.
     ``given`` are the columns that change values only, neither noise nor members; None: data sets differ in more.
     ``told`` makes of an answer what is compared: where the data leave something free, what they do determine.
-    ``solve`` are options of the solve clause that are part of the problem.
+    ``solve`` are options of the solve clause that are part of the problem. ``calls``: the clauses call functions in
+    Python.
     """
 
     unknowns: Mapping[str, str]
@@ -85,6 +86,7 @@ class Kind:
     given: tuple[str, ...] | None = ("d.x", "d.y")
     told: Callable[[Answer], Answer] = _as_it_is
     solve: str = ""
+    calls: bool = False
 
     def text(self, more: str = "", *, per: str | None = None) -> str:
         """The problem; ``per``: with one member of each unknown for each value of that column of the first table."""

@@ -48,12 +48,12 @@ def of_report(report) -> Answer:
 def alone(kind: Kind, sets: Sequence[Tables], backend: str, clause: str = "") -> list[Answer]:
     """Each data set as a problem of its own."""
     problem = mbm.loads(kind.text(clause))
-    return [of_report(problem.solve(data=tables, backend=backend).first) for tables in sets]
+    return [of_report(problem.solve(data=tables, backend=backend, allow_external=kind.calls).first) for tables in sets]
 
 
 def compiled(kind: Kind, sets: Sequence[Tables], backend: str) -> list[Answer]:
     """One compiled problem for all data sets."""
-    once = mbm.loads(kind.text()).compile(data=sets[0], backend=backend)
+    once = mbm.loads(kind.text()).compile(data=sets[0], backend=backend, allow_external=kind.calls)
     return [of_report(once.solve(data=tables).first) for tables in sets]
 
 
@@ -79,14 +79,14 @@ def joined(kind: Kind, sets: Sequence[Tables], *, apart: bool = False) -> Tables
 
 def together(kind: Kind, sets: Sequence[Tables], clause: str) -> list[Answer]:
     """All data sets in one problem: ``clause`` tells them apart."""
-    solved = mbm.loads(kind.text(clause)).solve(data=joined(kind, sets))
+    solved = mbm.loads(kind.text(clause)).solve(data=joined(kind, sets), allow_external=kind.calls)
     assert len(solved.solves) == len(sets)
     return [of_report(report) for report in solved.solves]
 
 
 def estimator(kind: Kind, sets: Sequence[Tables], clause: str = "") -> list[Answer]:
     """Columns in, numbers out, all data sets at once; and the first by itself, which must be the same to the bit."""
-    function = mbm.loads(kind.text(clause)).compile(data=sets[0]).estimator(*kind.given)
+    function = mbm.loads(kind.text(clause)).compile(data=sets[0], allow_external=kind.calls).estimator(*kind.given)
     places = [each.split(".") for each in function.inputs]
     columns = [[each[table][column] for each in sets] for table, column in places]
     found = function.many(*(np.stack(each) for each in columns))
@@ -106,7 +106,7 @@ def members(kind: Kind, sets: Sequence[Tables], least: int = 0, clause: str = ""
     tables = joined(kind, many, apart=True)
     if "{over}" in kind.clauses:
         tables["sets"] = {"set": np.arange(float(len(many)))}
-    solved = mbm.loads(kind.text(clause, per="set")).solve(data=tables)
+    solved = mbm.loads(kind.text(clause, per="set")).solve(data=tables, allow_external=kind.calls)
     found = [solved[name] for name in kind.unknowns]
     report = solved.first
     return [

@@ -9,7 +9,7 @@ import click
 from mbm.cli.documents import STANDARD_OUTPUT, check_document
 from mbm.cli.failure import print_diagnostics, write_json
 from mbm.cli.inputs import named_paths
-from mbm.cli.options import reads_so_far, terminal, verbosity_options
+from mbm.cli.options import allow_external_option, reads_so_far, terminal, verbosity_options
 from mbm.cli.output import say
 from mbm.cli.statuses import OK, WRONG
 from mbm.text.shown import one_line
@@ -23,6 +23,7 @@ from mbm.text.types import Severity
 @click.option("--strict-units", is_flag=True, help="Require a unit for every column and unknown.")
 @click.option("--json", "json_path", metavar="PATH|-", help="Write the diagnostics as JSON.")
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
+@allow_external_option
 @verbosity_options
 def command(
     file: Path,
@@ -31,6 +32,7 @@ def command(
     strict_units: bool,
     json_path: str | None,
     sandbox: str | None,
+    allow_external: bool,
 ) -> int:
     """Parse and expand FILE, check names, shapes, units, data and what can be estimated, and print what is wrong.
 
@@ -45,6 +47,7 @@ def command(
         strict_units=strict_units,
         data=named_paths("--data", data),
         sandbox=None if sandbox is None else Path(sandbox),
+        allow_external=allow_external,
     )
     screen = terminal()
     errors = [diagnostic for diagnostic in found if diagnostic.severity is Severity.ERROR]

@@ -10,7 +10,7 @@ import click
 from mbm.cli import faults
 from mbm.cli.failure import print_diagnostics
 from mbm.cli.inputs import json_object, named_paths, named_texts
-from mbm.cli.options import problem_at, reads_so_far, terminal, verbosity_options
+from mbm.cli.options import allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
 from mbm.cli.output import say
 from mbm.files.folders import check_folder, write_folder
 from mbm.files.journal import note, option_role
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 @click.option("--draw-priors", is_flag=True, help="Draw unknowns with a prior from their prior.")
 @click.option("--force", is_flag=True, help="Write into a folder that holds other files.")
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
+@allow_external_option
 @verbosity_options
 def command(**given: Any) -> int:
     """Write a folder with the measurements that the model of FILE predicts at the given values, with noise, beside a
@@ -71,6 +72,7 @@ def _simulated(given: dict[str, Any]) -> tuple[Simulated, tuple[OutputFile, ...]
         set=named_texts("--set", given["settings"]),
         data=named_paths("--data", given["data"]),
         sandbox=None if given["sandbox"] is None else Path(given["sandbox"]),
+        allow_external=given["allow_external"],
     )
     measured = {
         name: tuple(part.strip() for part in text.split(",") if part.strip())

@@ -13,7 +13,7 @@ from mbm.cli.documents import STANDARD_OUTPUT
 from mbm.cli.failure import print_diagnostics
 from mbm.cli.inputs import initial_values, named_paths, named_texts
 from mbm.cli.interrupts import interruptible
-from mbm.cli.options import Terminal, problem_at, reads_so_far, terminal, verbosity_options
+from mbm.cli.options import Terminal, allow_external_option, problem_at, reads_so_far, terminal, verbosity_options
 from mbm.cli.output import say, write_bytes
 from mbm.cli.outputs import check_outputs, document_bytes, outputs_of, write_outputs
 from mbm.cli.progress import ProgressBar
@@ -23,7 +23,7 @@ from mbm.text.types import MbmError
 if TYPE_CHECKING:
     from mbm.report.types import Result
 
-NOT_YET = ("overlay", "scheduler", "allow_external")
+NOT_YET = ("overlay", "scheduler")
 BACKENDS = ("auto", "native", "casadi", "numpy")
 
 
@@ -45,10 +45,10 @@ BACKENDS = ("auto", "native", "casadi", "numpy")
     "--workers", type=click.IntRange(min=1), metavar="N", help="Threads for many or large solves; else all cores."
 )
 @click.option("--sandbox", metavar="DIR", help="Confine reads and `use` to a folder.")
+@allow_external_option
 @click.option("--covariance", type=click.Choice(("full",)), help="Write covariance matrices of any size.")
 @click.option("--overlay", metavar="PATH", hidden=True)
 @click.option("--scheduler", metavar="ADDRESS", hidden=True)
-@click.option("--allow-external", is_flag=True, hidden=True)
 @verbosity_options
 def command(**given: Any) -> int:
     """Solve FILE and print the estimates with their standard deviations, the fit, and what cannot be determined.
@@ -95,6 +95,7 @@ def _solve(given: dict[str, Any], screen: Terminal, loaded: Callable[[], None]) 
             backend=Backend(given["backend"]),
             workers=given["workers"],
             sandbox=None if given["sandbox"] is None else Path(given["sandbox"]),
+            allow_external=given["allow_external"],
             covariance_full=given["covariance"] == "full",
             progress=progress.advance,
             interruption=interruption,

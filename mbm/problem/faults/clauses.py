@@ -58,6 +58,11 @@ DEPENDS_ON_UNKNOWN = Code(
     "A weight, start, bound or filter has to be known before the solve, but its form holds an unknown.",
     "Use columns, constants and numbers only.",
 )
+EXTERNAL_MISPLACED = Code(
+    "external-misplaced",
+    "A function in Python stands in a weight, start, bound or filter, which has to be known before the solve.",
+    "Call it in an equation, a constraint or a derived quantity; give the table a column with what it gives here.",
+)
 PRIOR_WITHOUT_INIT = Code(
     "prior-without-init",
     "`:sigma` of an unknown is a prior about its `:init`, which is missing.",
@@ -278,6 +283,14 @@ def depends_on_unknown(span: Span, wanted: str, unknown: str) -> Diagnostic:
     return Diagnostic(
         code=DEPENDS_ON_UNKNOWN, message=f"{wanted} must be known before the solve, but holds the unknown `{unknown}`",
         place=span, hint="use columns, constants and numbers only",
+    )  # fmt: skip
+
+
+def external_misplaced(span: Span, wanted: str) -> Diagnostic:
+    """A function in Python where only a table may decide."""
+    return Diagnostic(
+        code=EXTERNAL_MISPLACED, message=f"{wanted} must be known before the solve, but calls a function in Python",
+        place=span, hint="give the table a column with its values; equations may call it",
     )  # fmt: skip
 
 

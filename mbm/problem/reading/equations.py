@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mbm.expression.algebra import apply, wrap
-from mbm.expression.nodes import Apply, Column, Component, Expression, Operation, RowChoice, leaves
+from mbm.expression.nodes import Apply, Column, Component, Expression, Operation, RowChoice, externals, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import condition, difference, is_form, scalar, vector
 from mbm.language.functions import UserMacro
@@ -44,8 +44,9 @@ class Residual:
 
 
 def data_only(nodes: tuple[Expression, ...]) -> tuple[Expression, ...] | None:
-    """``nodes`` if no unknown occurs in them."""
-    return None if any(isinstance(leaf, Component) for leaf in leaves(nodes)) else nodes
+    """``nodes`` if no unknown occurs in them, and no function in Python."""
+    unknown = any(isinstance(leaf, Component) for leaf in leaves(nodes))
+    return None if unknown or any(externals(nodes)) else nodes
 
 
 def residuals(evaluator: Evaluator, form: Form, scope: Scope) -> list[Residual]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from mbm.expression.algebra import add, constant_value, divide, number, subtract, wrap
 from mbm.expression.evaluate import evaluate
-from mbm.expression.nodes import Apply, Component, Expression, Number, Operation, leaves
+from mbm.expression.nodes import Apply, Component, Expression, Number, Operation, externals, leaves
 from mbm.language import faults as language_faults
 from mbm.language.coerce import difference, scalar, vector
 from mbm.language.values import SCALARS, Array, ListValue, Value, describe
@@ -159,12 +159,16 @@ def refuse_contradictions(
     """Decide the pairs that hold no unknown, for the rows at ``positions``.
 
     Raises:
-        MbmError: one does not hold (`contradiction`), or has no value (`not-finite-cell`, `undefined-value`).
+        MbmError: one does not hold (`contradiction`), or has no value (`not-finite-cell`, `undefined-value`), or a
+            function in Python would decide it.
 
     """
     for pair in found:
         if not pair.known or (positions is not None and len(positions) == 0):
             continue
+        external = next(externals((pair.component,)), None)
+        if external is not None:
+            raise MbmError(faults.external_misplaced(external.span, "a constraint without unknowns"))
         numbers = evaluate((pair.left, pair.right, pair.component), lookup(table, positions, tables))
         left, right, value = np.broadcast_arrays(*(np.atleast_1d(np.asarray(each, dtype=float)) for each in numbers))
         rounding = EQUAL_NUMBERS * (np.abs(left) + np.abs(right))
